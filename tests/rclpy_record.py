@@ -55,7 +55,7 @@ def _entry(thing: Any, module: str, package: str) -> dict[str, Any]:
     ):  # of C, and described nowhere else
         found |= _class_entry(thing)
     elif found["kind"] == "constant" and isinstance(thing, (str, int, float, bool, type(None))):
-        found["value"] = _plain(thing)
+        found["value"] = plain(thing)
     return found
 
 
@@ -68,8 +68,8 @@ def _class_entry(cls: type) -> dict[str, Any]:
         members[name] = {"kind": kind}
         if kind == "function":
             members[name]["parameters"] = parameters_of(thing)
-        elif isinstance(thing, cls) and isinstance(getattr(thing, "value", None), (str, int)):
-            members[name] = {"kind": "constant", "value": _plain(thing.value)}  # of an enumeration
+        elif type(thing) is cls and isinstance(getattr(thing, "value", None), (str, int)):
+            members[name] = {"kind": "constant", "value": plain(thing.value)}  # of an enumeration
     bases = [f"{base.__module__}.{base.__qualname__}" for base in cls.__bases__ if base is not object]
     return {"bases": bases, "members": members}
 
@@ -98,7 +98,7 @@ def parameters_of(function: Any) -> str | None:
     return re.sub(r" at 0x[0-9a-f]+", "", text[1:-1])
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Without the class of an enumeration."""
     for kind in (str, int, float):
         if isinstance(value, kind) and not isinstance(value, bool):

@@ -199,6 +199,21 @@ def metadata_text(
     return yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)
 
 
+def write_metadata(folder: Path, text: str) -> None:
+    """Write ``metadata.yaml``, or nothing at all.
+
+    Raises:
+        OSError: the disk is full; what was there before is still there.
+    """
+    partial = folder / f".{FILE}"
+    try:
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(folder / FILE)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
+
+
 def qos_text(profiles: Iterable[QoSProfile]) -> str:
     """QoS profiles as rosbag2 keeps them with a topic."""
     return yaml.safe_dump([_row(profile) for profile in profiles], sort_keys=False)

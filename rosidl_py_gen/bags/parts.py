@@ -6,15 +6,14 @@ MCAP files are compressed by themselves (`writer.py`).
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from zstandard import ZstdCompressor
 
 from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.bags.compressed import SUFFIX
-from rosidl_py_gen.bags.metadata import FILE, FileStatistics, metadata_text
+from rosidl_py_gen.bags.files.compressed import SUFFIX
+from rosidl_py_gen.bags.metadata import FileStatistics, metadata_text, write_metadata
 from rosidl_py_gen.base.stamps import NS_PER_S
 
 if TYPE_CHECKING:
@@ -131,9 +130,7 @@ class BagParts:
             OSError: the disk is full.
         """
         if self._is_folder:
-            partial = self._path / f".{FILE}"
-            partial.write_text(self._text(self._files, topics), encoding="utf-8")
-            shutil.move(partial, self._path / FILE)
+            write_metadata(self._path, self._text(self._files, topics))
 
     def _text(self, files: Iterable[FileStatistics], topics: Iterable[BagTopic]) -> str:
         mode = "" if self._packing == "none" else self._packing

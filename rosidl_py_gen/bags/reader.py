@@ -21,11 +21,11 @@ from rosidl_py_gen.bags.definitions import (
     is_empty,
     measuring,
 )
-from rosidl_py_gen.bags.files import cuts, open_files
-from rosidl_py_gen.bags.mcap_file import by_name, joined
+from rosidl_py_gen.bags.files.mcap_file import by_name, joined
+from rosidl_py_gen.bags.files.opened import cuts, open_files
+from rosidl_py_gen.bags.files.storage import MAX_UNPACKED_BYTES, Channel, Raw, Source, in_blocks, merged
 from rosidl_py_gen.bags.pacing import paced
 from rosidl_py_gen.bags.remote import place_of
-from rosidl_py_gen.bags.storage import MAX_UNPACKED_BYTES, Channel, Raw, Source, in_blocks, merged
 from rosidl_py_gen.bags.table import frame, table
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.errors import DecodeError, RosidlError

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.bags.compressed import SUFFIX, bag_files, compression_of
 from rosidl_py_gen.bags.definitions import has_definition
-from rosidl_py_gen.bags.mcap_file import by_name
-from rosidl_py_gen.bags.metadata import FILE, FileStatistics, metadata_text
+from rosidl_py_gen.bags.files.compressed import SUFFIX, bag_files, compression_of
+from rosidl_py_gen.bags.files.mcap_file import by_name
+from rosidl_py_gen.bags.metadata import FILE, FileStatistics, metadata_text, write_metadata
 from rosidl_py_gen.bags.reader import BagReader
 from rosidl_py_gen.bags.writer import BagWriter
 from rosidl_py_gen.errors import RosidlError
@@ -72,9 +72,7 @@ def reindex_folder(folder: Path) -> Reindexed:
                 without_index.append(file.name)
     topics = by_name(channels)
     text = metadata_text(storage, statistics, topics.values(), compression_mode=compression)
-    partial = folder / f".{FILE}"
-    partial.write_text(text, encoding="utf-8")
-    partial.replace(folder / FILE)
+    write_metadata(folder, text)
     count = sum(one.total for one in statistics)
     return Reindexed(folder / FILE, len(files), count, len(topics), tuple(without_index))
 

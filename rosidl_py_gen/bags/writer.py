@@ -11,9 +11,9 @@ from mcap.writer import CompressionType, Writer
 
 from rosidl_py_gen import __version__, encode, type_hash, type_name
 from rosidl_py_gen.bags.common import BagError, BagTopic, checked_time
+from rosidl_py_gen.bags.files.storage import MAX_UNPACKED_BYTES
 from rosidl_py_gen.bags.metadata import qos_text
 from rosidl_py_gen.bags.parts import BagParts
-from rosidl_py_gen.bags.storage import MAX_UNPACKED_BYTES
 from rosidl_py_gen.errors import EncodeError
 from rosidl_py_gen.types.from_description import definition_text
 

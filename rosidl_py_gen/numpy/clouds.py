@@ -8,7 +8,7 @@ import numpy as np
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.numpy.common import ConversionError, M, count, flat_bytes, message_class, native
+from rosidl_py_gen.numpy.common import ConversionError, M, count, flat_bytes, message_class, native, reads
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,6 +22,7 @@ _MAX_STEP = 2**31 - 1
 """Bytes of a point that numpy can describe."""
 
 
+@reads("a sensor_msgs/msg/PointCloud2")
 def pointcloud_dtype(cloud: Any) -> np.dtype[Any]:
     """The structured dtype of one point: names, offsets and byte order of `cloud`, itemsize `point_step`.
 
@@ -52,6 +53,7 @@ def pointcloud_dtype(cloud: Any) -> np.dtype[Any]:
     return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
 
 
+@reads("a sensor_msgs/msg/PointCloud2")
 def pointcloud_to_array(
     cloud: Any, fields: Sequence[str] | None = None, *, copy: bool = False, skip_nans: bool = False
 ) -> np.ndarray[Any, np.dtype[np.void]]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from functools import wraps
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -10,7 +11,12 @@ from rosidl_py_gen import get_message
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import RosidlError
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
 M = TypeVar("M", bound=Message)
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 MAX_UINT32 = 2**32 - 1
@@ -19,6 +25,23 @@ MAX_UINT32 = 2**32 - 1
 
 class ConversionError(RosidlError, ValueError):
     """The message and the array do not fit each other; names the field, what was found and what was expected."""
+
+
+def reads(expected: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Lets a function whose first argument is a message raise `ConversionError` where a field of that is not there."""
+
+    def decorated(function: Callable[P, R]) -> Callable[P, R]:
+        @wraps(function)
+        def read(*args: P.args, **kwargs: P.kwargs) -> R:
+            try:
+                return function(*args, **kwargs)
+            except AttributeError as error:
+                found = [*args, *kwargs.values()][0]
+                raise ConversionError(f"expected {expected}, got {type(found).__name__}: {error!s:.200}") from error
+
+        return read
+
+    return decorated
 
 
 def flat_bytes(data: Any, field: str) -> np.ndarray[Any, np.dtype[np.uint8]]:
@@ -30,6 +53,14 @@ def flat_bytes(data: Any, field: str) -> np.ndarray[Any, np.dtype[np.uint8]]:
         return row.reshape(-1).view(np.uint8) if row.dtype.itemsize == 1 else row.astype(np.uint8, casting="safe")
     except (TypeError, ValueError, OverflowError) as error:
         raise ConversionError(f"{field}: expected bytes, got {type(data).__name__}: {error}") from None
+
+
+def floats(value: Any, expected: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """An array of float64; raises `ConversionError` for what has no numbers."""
+    try:
+        return np.asarray(value, np.float64)
+    except (TypeError, ValueError) as error:
+        raise ConversionError(f"expected {expected}, got {type(value).__name__}: {error!s:.200}") from None
 
 
 def message_class(cls: type[M] | None, name: str) -> type[M]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from rosidl_py_gen.base.resources import extra_missing
 from rosidl_py_gen.numpy.colors import converted
-from rosidl_py_gen.numpy.common import ConversionError, M, flat_bytes, message_class
+from rosidl_py_gen.numpy.common import ConversionError, M, flat_bytes, message_class, reads
 from rosidl_py_gen.numpy.images import checked_encoding
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ MOST_PIXELS = 64_000_000
 """What a picture may unpack to when nobody says otherwise."""
 
 
+@reads("a sensor_msgs/msg/CompressedImage")
 def compressedimage_to_array(
     image: Any, *, to: str | None = None, max_pixels: int = MOST_PIXELS
 ) -> np.ndarray[Any, np.dtype[Any]]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.numpy.colors import converted
-from rosidl_py_gen.numpy.common import ConversionError, M, count, flat_bytes, message_class, native
+from rosidl_py_gen.numpy.common import ConversionError, M, count, flat_bytes, message_class, native, reads
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
@@ -48,6 +48,7 @@ def _layout(encoding: Any) -> _Layout:
     return _Layout(np.dtype(f"{_KINDS[match[1][-1]]}{int(match[1][:-1]) // 8}"), int(match[2] or 1), (1, 1))
 
 
+@reads("a sensor_msgs/msg/Image")
 def image_to_array(image: Any, *, to: str | None = None, copy: bool = False) -> np.ndarray[Any, Any]:
     """The pixels of a ``sensor_msgs/msg/Image``.
 

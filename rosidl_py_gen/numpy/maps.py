@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from rosidl_py_gen.numpy.common import ConversionError, M, count, flat_bytes, message_class
+from rosidl_py_gen.numpy.common import ConversionError, M, count, flat_bytes, message_class, reads
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
 
 
+@reads("a nav_msgs/msg/OccupancyGrid")
 def occupancygrid_to_array(grid: Any, *, copy: bool = False) -> np.ndarray[Any, np.dtype[np.int8]]:
     """The cells of a map: ``array[row, column]``, -1 unknown, 0 free to 100 occupied; row 0 is at the origin.
 

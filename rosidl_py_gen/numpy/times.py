@@ -35,9 +35,11 @@ def datetime_to_time(moment: datetime, *, cls: type[M] | None = None) -> Any:
     """A Time message of a moment.
 
     Raises:
-        ConversionError: `moment` has no time zone, so that it means another moment on another machine; or it is
-            outside of 1901 to 2038.
+        ConversionError: `moment` is none, or has no time zone, so that it means another moment on another machine; or
+            it is outside of 1901 to 2038.
     """
+    if not isinstance(moment, datetime):
+        raise ConversionError(f"expected a datetime, got {moment!r:.100}")
     if moment.tzinfo is None:
         raise ConversionError(f"{moment} has no time zone; local time is moment.astimezone()")
     return _split((moment - _EPOCH) // _MICROSECOND * 1000, cls, "builtin_interfaces/msg/Time")
@@ -53,7 +55,9 @@ def timedelta_to_duration(length: timedelta, *, cls: type[M]) -> M: ...
 @overload
 def timedelta_to_duration(length: timedelta, *, cls: None = None) -> Any: ...
 def timedelta_to_duration(length: timedelta, *, cls: type[M] | None = None) -> Any:
-    """A Duration message of a length of time; raises `ConversionError` beyond 68 years."""
+    """A Duration message of a length of time; raises `ConversionError` for what is none, or beyond 68 years."""
+    if not isinstance(length, timedelta):
+        raise ConversionError(f"expected a timedelta, got {length!r:.100}")
     return _split(length // _MICROSECOND * 1000, cls, "builtin_interfaces/msg/Duration")
 
 

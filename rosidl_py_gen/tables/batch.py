@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rosidl_py_gen.bags.storage import Block
+from rosidl_py_gen.bags.files.storage import Block
 from rosidl_py_gen.tables.rows import Cursor, cursor_at, joined
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from rosidl_py_gen.bags.storage import Raw
+    from rosidl_py_gen.bags.files.storage import Raw
 
     Times = NDArray[np.uint64]
 

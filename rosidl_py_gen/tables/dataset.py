@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.bags.storage import Block
+from rosidl_py_gen.bags.files.storage import Block
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.cdr.typesupport import referenced_classes
 from rosidl_py_gen.errors import RosidlError
@@ -128,7 +128,7 @@ def _chosen(
             left_out[channel.name] = str(error).removeprefix(f"{channel.name}: ")
             continue
         if topics is None and not include_large and is_large(cls):
-            left_out[channel.name] = f"{channel.type_name} is large"
+            left_out[channel.name] = f"{channel.type_name} is large: --include-large (include_large=True) writes it"
             continue
         found.append(channel)
     return found

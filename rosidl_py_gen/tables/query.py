@@ -7,6 +7,7 @@ DuckDB reads what a query needs of that, several times if it has to, in bounded 
 
 from __future__ import annotations
 
+import os
 import re
 from functools import partial
 from tempfile import TemporaryDirectory
@@ -34,6 +35,8 @@ except ModuleNotFoundError as missing:
 
 _QUOTED = re.compile(r'"((?:[^"]|"")*)"')
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+MEMORY_LIMIT = "1GB"
+"""Of DuckDB, which would take four fifths of the memory of the machine."""
 _RESULT = "result of the query"
 _ROWS = 1000
 
@@ -59,14 +62,24 @@ def named(query: str, topics: Sequence[str]) -> list[str]:
 class Database:
     """Topics of bags and datasets as tables of DuckDB. Use it with ``with``.
 
+    Args:
+        memory_limit: of DuckDB, as it writes sizes; sorting, joining and grouping more than that goes through the
+            temporary folder.
+
     Raises:
-        BagError: names of topics differ in case only, which SQL does not tell apart.
+        BagError: no size, or the names of topics differ in case only, which SQL does not tell apart.
     """
 
-    def __init__(self) -> None:
-        self._folder = TemporaryDirectory(prefix="rosidl-py-gen-tables-")
+    def __init__(self, memory_limit: str = MEMORY_LIMIT) -> None:
         self._base: Any = duckdb.connect(config={"autoinstall_known_extensions": "false"})
+        self._folder = TemporaryDirectory(prefix="rosidl-py-gen-tables-")
         self._base.execute("set enable_progress_bar = false")
+        self._execute(f"set temp_directory = {_text(os.path.join(self._folder.name, 'spilled'))}")
+        try:
+            self._execute(f"set memory_limit = {_text(memory_limit)}")
+        except BagError:
+            self.close()
+            raise BagError(f'expected a memory limit such as 500MB or 8GiB, found "{memory_limit}"') from None
         self._files: dict[str, list[str]] = {}
         self._known: list[str] = []
 
@@ -199,6 +212,8 @@ def _asked(call: Callable[[], Any], topics: Sequence[str] = ()) -> Any:
         return call()
     except (duckdb.Error, RuntimeError) as error:
         said = str(error)
+        if isinstance(error, duckdb.OutOfMemoryException):
+            said = f"{said.splitlines()[0]}\n--memory-limit is what it may take"
     # Raised here, without the error of DuckDB as its context: that has references to all it was about.
     missing = re.search(r"Table with name (.+?) does not exist", said) if topics else None
     if missing and any(missing[1] in (one, one.removeprefix("/")) for one in topics):

@@ -14,7 +14,7 @@ import numpy as np
 
 from rosidl_py_gen.bags.common import BagError
 from rosidl_py_gen.bags.definitions import described
-from rosidl_py_gen.bags.storage import Block
+from rosidl_py_gen.bags.files.storage import Block
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables import build
 from rosidl_py_gen.tables.arrow import from_numpy, pa
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.bags.common import BagMessage, BagTopic
     from rosidl_py_gen.bags.definitions import TopicDefinition
-    from rosidl_py_gen.bags.storage import Channel, Raw, Source
+    from rosidl_py_gen.bags.files.storage import Channel, Raw, Source
     from rosidl_py_gen.tables.columns import Node
     from rosidl_py_gen.tables.rows import Cursor
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen import get_message
+from rosidl_py_gen import encode, get_message
 from rosidl_py_gen.runtime import Durability, QoSProfile
 from rosidl_py_gen.tf.buffer import DEPTH
 from rosidl_py_gen.tf.transform import Transform
@@ -46,9 +46,11 @@ class StaticTransformBroadcaster:
         Raises:
             EncodeError: something else than TransformStamped messages or `Transform` objects.
         """
-        new = {without_slash(message.child_frame_id): message for message in messages(transforms)}
-        self._publisher.publish(self._cls(transforms=list({**self._sent, **new}.values())))
-        self._sent.update(new)
+        given = messages(transforms)
+        encode(self._cls(transforms=given))  # says what is no transform
+        sent = {**self._sent, **{without_slash(message.child_frame_id): message for message in given}}
+        self._publisher.publish(self._cls(transforms=list(sent.values())))
+        self._sent = sent
 
 
 def messages(transforms: Any) -> list[Any]:

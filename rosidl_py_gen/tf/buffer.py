@@ -82,8 +82,8 @@ class TransformBuffer:
         """Take in a ``geometry_msgs/msg/TransformStamped``, or a `Transform`.
 
         Raises:
-            InvalidTransformError: frames are empty or equal, values are not finite, the quaternion's length is not 1,
-                or the transform is older than what is kept.
+            InvalidTransformError: something else, frames are empty or equal, values are not finite, the quaternion's
+                length is not 1, or the transform is older than what is kept.
         """
         self._insert(transform.to_message() if isinstance(transform, Transform) else transform, static)
         answer = self._tell()
@@ -93,11 +93,15 @@ class TransformBuffer:
             task.add_done_callback(self._tasks.discard)
 
     def _insert(self, message: Any, is_static: bool) -> None:
-        stamp = message.header.stamp
-        move, turn = message.transform.translation, message.transform.rotation
-        link = Link(message.header.frame_id, (move.x, move.y, move.z), (turn.x, turn.y, turn.z, turn.w))
+        try:
+            child, stamp = message.child_frame_id, nanoseconds(message.header.stamp)
+            move, turn = message.transform.translation, message.transform.rotation
+            link = Link(message.header.frame_id, (move.x, move.y, move.z), (turn.x, turn.y, turn.z, turn.w))
+        except (AttributeError, TypeError) as error:
+            expected = "a geometry_msgs/msg/TransformStamped or a Transform"
+            raise InvalidTransformError(f"expected {expected}, got {type(message).__name__}: {error!s:.200}") from error
         with self._lock:
-            self._tree.insert(message.child_frame_id, nanoseconds(stamp), link, is_static=is_static)
+            self._tree.insert(child, stamp, link, is_static=is_static)
 
     def register_callback(self, callback: Callable[[], Coroutine[Any, Any, None] | None]) -> Registration:
         """Call it behind each arrival of transforms, on the thread where they come, until the answer is closed."""

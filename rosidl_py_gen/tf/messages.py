@@ -44,7 +44,7 @@ def transformed(transform: Transform, message: T) -> T:
     if name not in _MOVES:
         raise ConversionError(f"cannot transform {type(message).__name__}; expected one of {', '.join(_MOVES)}")
     given: Any = message
-    frame = without_slash(given.header.frame_id)
+    frame, _ = frame_and_stamp(message)
     if frame != transform.source:
         raise ConversionError(f'header.frame_id: "{frame}", but the transform is from "{transform.source}"')
     moved = copy(given)

@@ -35,6 +35,29 @@ def timeout(what: str, default_s: float = 5) -> Callable[[F], F]:
     )
 
 
+def drawn(picture: str) -> Callable[[F], F]:
+    """As what a command shows what it found: text, Mermaid, JSON or a `picture` of this format; and ``--output``."""
+
+    def add(command: F) -> F:
+        for option in (
+            click.option(
+                "-o",
+                "--output",
+                metavar="FILE",
+                type=click.Path(dir_okay=False),
+                help=f"Write a file; its ending says what: .{picture}, .mmd, .md (Mermaid for Markdown), .json, .txt.",
+            ),
+            click.option("--json", "as_json", is_flag=True, help="Print JSON for programs; the same as --format json."),
+            click.option(
+                "--format", "kind", type=click.Choice(["text", "mermaid", picture, "json"]), help="Default: text."
+            ),
+        ):
+            command = option(command)
+        return command
+
+    return add
+
+
 def node_options(command: F) -> F:
     """Options of every command that looks at the network; a command hands them on to `session.Session` as `network`."""
     for option in reversed(_NODE_OPTIONS):

@@ -11,6 +11,7 @@ import os
 import sys
 import threading
 import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
@@ -22,6 +23,7 @@ from typing import TYPE_CHECKING, Literal
 from rosidl_py_gen.base.names import KINDS, RosName
 from rosidl_py_gen.base.ownership import owns
 from rosidl_py_gen.base.registration import Registration
+from rosidl_py_gen.errors import DefinitionError, Problem
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -87,7 +89,8 @@ def install_import_hook(
         `close`, or the end of a ``with`` block, takes the hook away, and the modules it made out of `sys.modules`.
 
     Raises:
-        DefinitionError: a folder of `path` holds no package, or two of one name.
+        DefinitionError: a folder of `path` holds no package, or two of one name; `around` is not there, or one of them
+            is no path.
         RuntimeError: a hook with other settings is installed; the same settings again give that hook.
         ValueError: an unknown flavour.
     """
@@ -95,7 +98,10 @@ def install_import_hook(
     if flavour not in ("native", "rclpy"):
         raise ValueError(f'expected the flavour "native" or "rclpy", found {flavour!r:.100}')
     entries = [path] if isinstance(path, (str, os.PathLike)) else path
-    settings = (flavour, tuple(str(entry) for entry in entries), None if around is None else str(around), shadow)
+    if not isinstance(entries, Iterable):
+        raise _wrong("path", "a folder or several", path)
+    folders = tuple(_path_text("path", entry) for entry in entries)
+    settings = (flavour, folders, None if around is None else _path_text("around", around), shadow)
     with _lock:
         if _installed is None:
             _installed = _Finder(*settings)
@@ -115,6 +121,17 @@ def found_packages() -> dict[str, FoundPackage]:
     """
     finder = _installed
     return {} if finder is None else finder.found()
+
+
+def _path_text(name: str, path: object) -> str:
+    try:
+        return os.fsdecode(os.fspath(path))  # type: ignore[call-overload]
+    except TypeError:
+        raise _wrong(name, "a path", path) from None
+
+
+def _wrong(name: str, expected: str, found: object) -> DefinitionError:
+    return DefinitionError(Problem("<install_import_hook>", 0, 0, f"{name}: expected {expected}, found {found!r:.200}"))
 
 
 def _remove(finder: _Finder) -> None:
@@ -167,6 +184,8 @@ class _Finder(MetaPathFinder, Loader):
         self._is_rclpy, self._shadow = flavour == "rclpy", shadow
         folders = [*path]
         self._sources = [Path(entry).resolve() for entry in path]
+        if around is not None and not os.path.exists(around):
+            raise _wrong("around", "a script or a folder", around)
         self._workspace = None if around is None else workspace_around(Path(around).resolve())
         if self._workspace is not None:
             given = [*self._sources]

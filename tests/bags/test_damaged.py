@@ -19,7 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, SqliteWriter
 from rosidl_py_gen.bags.common import BagTopic
-from rosidl_py_gen.bags.mcap_file import McapFile
+from rosidl_py_gen.bags.files.mcap_file import McapFile
 from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.errors import RosidlError
 

@@ -69,7 +69,7 @@ def test_what_works_on_zenoh_is_tested_there() -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_other_pages_name_no_tests(page: Path) -> None:
-    is_for_developers = page.name in ("r2r.md", "interop.md") or page.parent.name == "internals"
+    is_for_developers = page.name in ("r2r.md", "interop.md", "rclpy.md") or page.parent.name == "internals"
     assert is_for_developers or named_tests(prose(page)) == []
 
 

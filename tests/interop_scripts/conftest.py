@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import sys
 from pathlib import Path
 
@@ -13,6 +14,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(1, str(Path(__file__).parents[1] / "interop_rclpy"))
 
 from rclpy_peer import REQUIREMENTS
+from side_by_side import Both, Observed, Setting, run_all
+from two_rclpys import Case
 
 __all__ = ["dds", "only_loopback", "pytest_pyfunc_call"]
 
@@ -21,6 +24,28 @@ __all__ = ["dds", "only_loopback", "pytest_pyfunc_call"]
 def real_python() -> Path:
     """A Python that has rclpy of Jazzy."""
     return environment("rclpy-jazzy", REQUIREMENTS["jazzy"])
+
+
+_seen: dict[Path, dict[int, Both | BaseException]] = {}
+
+
+@pytest.fixture
+def observed(request: pytest.FixtureRequest, only_loopback: None, real_python: Path, code_cache: Path) -> Observed:
+    """What was seen of a case. The first test of a file that asks runs all of its cases that are to be tested."""
+    if request.path not in _seen:
+        here = [item for item in request.session.items if item.path == request.path]
+        given = [item.callspec.params.get("case") for item in here if hasattr(item, "callspec")]
+        cases = [case for case in given if isinstance(case, Case)]
+        found = asyncio.run(run_all(cases, Setting(real_python, code_cache)))
+        _seen[request.path] = dict(zip(map(id, cases), found, strict=True))
+
+    def look(case: Case) -> Both:
+        seen = _seen[request.path][id(case)]
+        if isinstance(seen, BaseException):
+            raise seen
+        return seen
+
+    return look
 
 
 @pytest.fixture(scope="session")

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import itertools
-import json
-import os
 import random
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,6 +11,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from system_python import Oracle, running
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import set_stamp
@@ -21,7 +19,6 @@ from rosidl_py_gen.sync import ApproximateTimeSynchronizer, Cache, MessageFilter
 
 PointStamped: Any = get_message("geometry_msgs/msg/PointStamped")
 ORACLE = Path(__file__).parent / "message_filters_oracle.py"
-PYTHON = "/usr/bin/python3"
 MS = 10**6
 
 
@@ -37,26 +34,9 @@ def names(messages: Any) -> list[int]:
 
 
 @pytest.fixture(scope="module")
-def message_filters() -> Iterator[subprocess.Popen[str]]:
-    found = subprocess.run([PYTHON, "-c", "import message_filters"], capture_output=True, check=False)
-    if found.returncode:
-        message = "needs message_filters for the system's Python: apt-get install python3-message-filters"
-        if os.environ.get("ROSIDL_TEST_REQUIRE_PEERS"):
-            pytest.fail(message)
-        pytest.skip(message)
-    process = subprocess.Popen(
-        [PYTHON, str(ORACLE)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-    )
-    yield process
-    process.kill()
-    process.communicate()
-
-
-def ask(process: subprocess.Popen[str], *request: Any) -> Any:
-    assert process.stdin is not None and process.stdout is not None
-    process.stdin.write(json.dumps(request) + "\n")
-    process.stdin.flush()
-    return json.loads(process.stdout.readline())
+def message_filters() -> Iterator[Oracle]:
+    with running(ORACLE, "message_filters", "python3-message-filters") as oracle:
+        yield oracle
 
 
 def sets(inputs: int, queue_size: int, slop_s: float | None, messages: list[tuple[int, int]]) -> list[list[list[int]]]:
@@ -91,13 +71,13 @@ def streams(draw: st.DrawFn) -> tuple[int, int, list[tuple[int, int]]]:
 @given(streams())
 def test_exact_sets_are_those_of_message_filters(message_filters: Any, stream: Any) -> None:
     inputs, size, messages = stream
-    assert sets(inputs, size, None, messages) == ask(message_filters, "sets", inputs, size, None, messages)
+    assert sets(inputs, size, None, messages) == message_filters.ask(["sets", inputs, size, None, messages])
 
 
 @given(streams(), st.sampled_from([0.0, 1e-9, 2e-9, 5e-9, 0.007, 0.014, 0.03, 0.1, 0.5, 10.0]))
 def test_approximate_sets_are_those_of_message_filters(message_filters: Any, stream: Any, slop_s: float) -> None:
     inputs, size, messages = stream
-    assert sets(inputs, size, slop_s, messages) == ask(message_filters, "sets", inputs, size, slop_s, messages)
+    assert sets(inputs, size, slop_s, messages) == message_filters.ask(["sets", inputs, size, slop_s, messages])
 
 
 def test_sensors_with_jitter_make_the_sets_of_message_filters(message_filters: Any) -> None:
@@ -111,7 +91,7 @@ def test_sensors_with_jitter_make_the_sets_of_message_filters(message_filters: A
                 arriving.append((stamp + rng.randrange(60 * MS), index, stamp))
     messages = [(index, stamp) for _, index, stamp in sorted(arriving)]
     for slop_s in (0.005, 0.02, 0.05):
-        wanted = ask(message_filters, "sets", 3, 10, slop_s, messages)
+        wanted = message_filters.ask(["sets", 3, 10, slop_s, messages])
         assert sets(3, 10, slop_s, messages) == wanted
         assert slop_s < 0.02 or sum(map(len, wanted)) > 60
 
@@ -132,7 +112,7 @@ def test_a_cache_answers_as_that_of_message_filters(
     for start, end in questions:
         around = cache.at_or_before(end), cache.at_or_after(start)
         answers.append([names(cache.interval(start, end)), *(one and names([one])[0] for one in around)])
-    wanted, last = ask(message_filters, "cached", size, stamps, questions)
+    wanted, last = message_filters.ask(["cached", size, stamps, questions])
     assert answers == wanted
     # Of several with the highest stamp, message_filters gives the first that it has, and this the last.
     latest = cache.latest()

@@ -15,7 +15,7 @@ from scale import examples
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagError, BagReader
-from rosidl_py_gen.bags.storage import Block, in_blocks
+from rosidl_py_gen.bags.files.storage import Block, in_blocks
 
 String: Any = get_message("std_msgs/msg/String")
 

@@ -20,7 +20,9 @@ from werkzeug.serving import make_server
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagReader, BagWriter
-from rosidl_py_gen.tables import cluster, many, write_datasets
+from rosidl_py_gen.tables import write_datasets
+from rosidl_py_gen.tables.many import cluster
+from rosidl_py_gen.tables.many import datasets as many
 
 Int64: Any = get_message("std_msgs/msg/Int64")
 Array: Any = get_message("std_msgs/msg/UInt8MultiArray")

@@ -17,11 +17,13 @@ from many_bags import bag_of, rows, said
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, writer
-from rosidl_py_gen.tables import many, tasks, write_dataset, write_datasets
-from rosidl_py_gen.tables.manifest import Manifest
+from rosidl_py_gen.tables import write_dataset, write_datasets
+from rosidl_py_gen.tables.many import datasets as many
+from rosidl_py_gen.tables.many import tasks
+from rosidl_py_gen.tables.many.manifest import Manifest
+from rosidl_py_gen.tables.many.sources import names_of
+from rosidl_py_gen.tables.many.tasks import attempt
 from rosidl_py_gen.tables.query import Database, is_dataset
-from rosidl_py_gen.tables.sources import names_of
-from rosidl_py_gen.tables.tasks import attempt
 
 Int64: Any = get_message("std_msgs/msg/Int64")
 String: Any = get_message("std_msgs/msg/String")

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from system_python import Oracle, running
 
 from rosidl_py_gen.tf import (
     ConnectivityError,
@@ -24,7 +22,6 @@ from rosidl_py_gen.tf import (
 )
 
 ORACLE = Path(__file__).parent / "tf2_oracle.py"
-PYTHON = "/usr/bin/python3"
 NAMES = {
     "LookupException": UnknownFrameError,
     "ConnectivityException": ConnectivityError,
@@ -68,26 +65,9 @@ FULL = st.tuples(st.just("full"), FRAMES, TIMES, FRAMES, TIMES, FRAMES)
 
 
 @pytest.fixture(scope="module")
-def tf2() -> Iterator[subprocess.Popen[str]]:
-    found = subprocess.run([PYTHON, "-c", "import tf2_py, rospy"], capture_output=True, check=False)
-    if found.returncode:
-        message = "needs tf2 for the system's Python: apt-get install python3-tf2"
-        if os.environ.get("ROSIDL_TEST_REQUIRE_PEERS"):
-            pytest.fail(message)
-        pytest.skip(message)
-    process = subprocess.Popen(
-        [PYTHON, str(ORACLE)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-    )
-    yield process
-    process.kill()
-    process.communicate()
-
-
-def ask(process: subprocess.Popen[str], requests: list[Any]) -> list[Any]:
-    assert process.stdin is not None and process.stdout is not None
-    process.stdin.write(json.dumps(requests) + "\n")
-    process.stdin.flush()
-    return list(json.loads(process.stdout.readline()))
+def tf2() -> Iterator[Oracle]:
+    with running(ORACLE, "tf2_py, rospy", "python3-tf2") as oracle:
+        yield oracle
 
 
 def answer(buffer: TransformBuffer, request: Any) -> Any:
@@ -107,7 +87,7 @@ def test_answers_and_errors_are_those_of_tf2(tf2: Any, history: list[Any], quest
     buffer = TransformBuffer()
     # tf2 keeps the names of frames even where it refuses a transform for its age.
     taken = [request for request in history if answer(buffer, request) is None]
-    for question, wanted in zip(questions, ask(tf2, [*taken, *questions])[len(taken) :], strict=True):
+    for question, wanted in zip(questions, tf2.ask([*taken, *questions])[len(taken) :], strict=True):
         ours = answer(buffer, question)
         if isinstance(wanted, str):
             assert ours is NAMES[wanted], question

@@ -11,7 +11,7 @@ import pytest
 from frames import LEVEL, QUARTER, S, filled, moved
 from worlds import World, run, until
 
-from rosidl_py_gen import get_message
+from rosidl_py_gen import EncodeError, get_message
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.tf import (
     ConnectivityError,
@@ -112,6 +112,24 @@ def test_what_is_no_transform_is_refused_and_changes_nothing(transform: Transfor
     with pytest.raises(InvalidTransformError, match=text):
         buffer.set_transform(transform)
     assert buffer.frames() == {}
+
+
+def test_a_message_that_is_none_of_a_transform_is_refused(memory: World) -> None:
+    half: Any = get_message("geometry_msgs/msg/TransformStamped")()
+    half.header.stamp = "now"
+    for wrong, text in ((get_message("sensor_msgs/msg/Imu")(), "got Imu"), (half, "'now'"), (None, "got NoneType")):
+        buffer = TransformBuffer()
+        with pytest.raises(InvalidTransformError, match=f"expected a geometry_msgs/msg/TransformStamped.*{text}"):
+            buffer.set_transform(wrong)
+        assert buffer.frames() == {}
+
+    async def main() -> None:
+        async with memory.node("robot") as robot:
+            for broadcaster in (TransformBroadcaster(robot), StaticTransformBroadcaster(robot)):
+                with pytest.raises(EncodeError, match=r"transforms\[1\]: expected geometry_msgs/msg/TransformStamped"):
+                    broadcaster.send([moved("base", "lidar"), get_message("sensor_msgs/msg/Imu")()])
+
+    run(main)
 
 
 def test_a_slash_before_a_frame_makes_no_other_frame() -> None:

@@ -160,6 +160,7 @@ def test_a_received_cloud_whose_bytes_are_read_only_is_copied() -> None:
         (message("PointStamped", "camera"), 'header.frame_id: "camera", but the transform is from "lidar"'),
         (get_message("geometry_msgs/msg/Pose")(), "cannot transform Pose; expected one of PointStamped, "),
         ({"header": {}}, "cannot transform dict; expected"),
+        (type("PoseStamped", (), {})(), "cannot transform PoseStamped: it has no header"),
         (
             cloud_of(np.zeros(3, [("x", "f4"), ("y", "f4")])),
             'fields: transforming needs "z" as FLOAT32 or FLOAT64, got none',

@@ -229,7 +229,7 @@ async def test_a_disk_of_four_megabytes_is_filled_with_messages_that_can_be_read
     path = tmp_path / "bag"
     script = (
         'mount -t tmpfs -o size=4m none "$1" || exit 77; shift\n'
-        '"$@"; echo "code $?"; "$1" -m rosidl_py_gen.tools bag info "$0"'
+        '"$@"; echo "code $?"; "$1" -m rosidl_py_gen.tools bag info "$0"; ls -A "$0"'
     )
     process = await tool.start(
         *("bag", "record", "/words", "-o", str(path), "--compression", "none", "--duration", "60", *split),
@@ -249,6 +249,7 @@ async def test_a_disk_of_four_megabytes_is_filled_with_messages_that_can_be_read
     assert "code 1\n" in ended.out
     found = re.search(r"/words\tstd_msgs/msg/String\t(\d+)", ended.out)
     assert found is not None and 100 < int(found[1]) <= 210, ended.out
+    assert ".metadata.yaml" not in ended.out.split()
 
 
 def test_wrong_words_for_recording_are_told(run_here: Any, tmp_path: Path) -> None:

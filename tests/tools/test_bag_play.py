@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ from rosidl_py_gen import compile_text, get_action, get_message, get_service, to
 from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage, SqliteWriter
 from rosidl_py_gen.bags.writer import topic_of
 from rosidl_py_gen.runtime import Durability, IntrospectionState, QoSProfile, Reliability
+from rosidl_py_gen.tools import printing
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -300,6 +302,32 @@ async def test_topics_and_services_get_other_names(node: Node, tool: Any, mixed:
         *("--remap", "/a:=/x", "/b:=/ns/y", "-m", "/add:=/sum"),
     )
     assert sorted(heard.data) == ["/a", "/b"] and len(asked) == 1
+
+
+# ----------------------------------------------------------------------------------------------------------- progress
+
+
+@pytest.mark.parametrize(
+    ("options", "times"),
+    [
+        ((), [number / 3 for number in range(27)]),
+        (("--progress-bar-update-rate", "1"), range(9)),
+        (("--progress-bar-update-rate", "0"), []),
+        (("--progress-bar-update-rate", "-1"), range(9)),  # for each message
+    ],
+)
+async def test_a_terminal_shows_how_far_it_is_as_often_as_is_asked_for(
+    memory: World, tool: Any, tmp_path: Path, options: tuple[str, ...], times: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = str(strings(tmp_path / "bag", {"/words": range(10)}, step_ns=S))
+    monkeypatch.setattr(printing, "is_terminal", lambda: True)
+    for name, value in (("FORCE_COLOR", "1"), ("TERM", "xterm"), ("COLUMNS", "200")):
+        monkeypatch.setenv(name, value)
+    ended = await played(tool, path, *options)
+    shown = re.findall(r"([0-9.]+) s of 9.000 s, (\d+) messages; Ctrl-C ends it", ended.err)
+    shown = [one for one in shown if float(one[0]) < 8.9]  # the end is at the same time as the last message
+    assert [float(at) for at, _ in shown] == pytest.approx(list(times), abs=0.002)
+    assert all(int(count) in (int(float(at)), int(float(at)) + 1) for at, count in shown)
 
 
 # -------------------------------------------------------------------------------------------------------------- clock

@@ -8,6 +8,7 @@ import pty
 import signal
 import sys
 import termios
+import tracemalloc
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -144,6 +145,16 @@ def publish_all(node: Node) -> None:
     node.create_subscription(String, "/unpublished")
 
 
+def followed(node: Node) -> set[str]:
+    """The topics that the recorder has subscribed to."""
+    return {
+        name
+        for name in PLAIN | HIDDEN | {ADD, SWITCH} | FIB | OTHER
+        for one in node.get_subscriptions_info_by_topic(name)
+        if one.node_name == RECORDER[1:]
+    }
+
+
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
@@ -182,6 +193,9 @@ async def test_what_is_asked_for_is_in_the_bag(
     async with recording(tool, path, *words) as process:
         await said(process, *(f"recording {name} [" for name in expected))
         await until(lambda: count_of(path) == len(expected))
+        # What else it listened to might only be written later.
+        await until(lambda: expected <= followed(node))
+        assert followed(node) == expected
     with BagReader(path) as reader:
         assert {name: topic.count for name, topic in reader.topics.items()} == dict.fromkeys(expected, 1)
         assert len(list(reader)) == len(expected)  # each is decoded with the definition that is in the bag
@@ -454,7 +468,7 @@ async def test_one_file_is_not_split_by_a_service(node: Node, tool: Any, tmp_pat
 async def test_a_snapshot_has_what_came_last(node: Node, tool: Any, tmp_path: Path, storage: str) -> None:
     publisher = node.create_publisher(String, "words", QoSProfile(depth=100))
     path = tmp_path / "bag"
-    options = ("--snapshot-mode", "--max-cache-size", "3500", "--node-name", "box", "-s", storage)
+    options = ("--snapshot-mode", "--max-cache-size", "4000", "--node-name", "box", "-s", storage)
     process = await tool.start("bag", "record", "/words", "-o", str(path), *options)
     await said(process, "recording /words")
     for numbers, there in (((0, 10), 3), ((10, 12), 5), ((12, 12), 5)):
@@ -499,7 +513,7 @@ def test_what_waits_is_bounded_and_a_snapshot_waits_for_the_last_one(tmp_path: P
         bag = Slow(path, may_write)
         bag.add_topic("/words", String)
         data = String(data="x" * 990).encode()
-        writer = WriterThread(bag, lambda: None, max_bytes=3 * len(data), snapshots=snapshots)
+        writer = WriterThread(bag, lambda: None, max_bytes=3 * len(data) + 700, snapshots=snapshots)
         for number in range(10):
             writer.put("/words", data, number, number)
         if snapshots:
@@ -514,6 +528,20 @@ def test_what_waits_is_bounded_and_a_snapshot_waits_for_the_last_one(tmp_path: P
         writer.end()
         with BagReader(path) as reader:
             assert [item.log_time for item in reader] == ([7, 8, 9] if snapshots else [0, 1, 2, 3])
+
+
+def test_small_messages_take_no_more_memory_than_a_snapshot_may_have(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as bag:
+        writer = WriterThread(bag, lambda: None, max_bytes=1_000_000, snapshots=True)
+        tracemalloc.start()
+        before = tracemalloc.get_traced_memory()[0]
+        for number in range(20_000):
+            at = 10**18 + number
+            writer.put("/words", b"\0\1\0\0" + number.to_bytes(4, "little"), at, at + 1)
+        taken = tracemalloc.get_traced_memory()[0] - before
+        tracemalloc.stop()
+        writer.end()
+    assert 700_000 < taken < 1_100_000
 
 
 # ----------------------------------------------------------------------------------------------------- the command line

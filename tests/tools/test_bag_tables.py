@@ -14,8 +14,8 @@ from many_bags import bag_of, rows
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagWriter, writer
-from rosidl_py_gen.tables import many
-from rosidl_py_gen.tables.sources import names_of
+from rosidl_py_gen.tables.many import datasets as many
+from rosidl_py_gen.tables.many.sources import names_of
 
 Imu: Any = get_message("sensor_msgs/msg/Imu")
 Image: Any = get_message("sensor_msgs/msg/Image")
@@ -38,7 +38,8 @@ def test_bags_become_a_dataset_that_can_be_asked(run_here: Any, tmp_path: Path) 
     first, second, out = drive(tmp_path / "a.mcap"), drive(tmp_path / "b"), tmp_path / "out"
     code, said, err = run_here("bag", "table", first, second, "--out", str(out))
     assert (code, said) == (0, f"102 messages of 2 topics in {out}\n")
-    assert err == "".join(f"{one}: left out /image: sensor_msgs/msg/Image is large\n" for one in "ab")
+    large = "sensor_msgs/msg/Image is large: --include-large (include_large=True) writes it"
+    assert err == "".join(f"{one}: left out /image: {large}\n" for one in "ab")
     query = 'select bag, count(*), max(linear_acceleration.x) from "/imu" group by bag order by bag'
     assert run_here("bag", "sql", query, str(out)) == (0, "a\t50\t24.5\nb\t50\t24.5\n", "")
     assert run_here("bag", "sql", query, first, second) == (0, "a\t50\t24.5\nb\t50\t24.5\n", "")
@@ -90,6 +91,44 @@ def test_errors_name_bag_topic_and_message(run_here: Any, tmp_path: Path) -> Non
     assert code == 0 and said == f"50 messages of 1 topics in {out}\n" and "left out /s: " in err
     code, _, err = run_here("bag", "sql", "select * from nothing", bag)
     assert code == 1 and "no topic nothing; there are /image, /imu, /s" in err
+
+
+def test_patterns_in_quotes_mean_the_bags_that_are_called_so(run_here: Any, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        drive(tmp_path / f"{name}.mcap")
+    odd = drive(tmp_path / "run[1].mcap")
+    query = "select bag, count(*) from imu group by bag order by bag"
+    assert run_here("bag", "sql", query, str(tmp_path / "?.mcap")) == (0, "a\t50\nb\t50\n", "")
+    assert run_here("bag", "sql", query, odd) == (0, "run[1]\t50\n", "")  # there is one of just this name
+    pattern = str(tmp_path / "c*.mcap")
+    for command in (("sql", query, pattern), ("table", pattern, "-o", str(tmp_path / "none"))):
+        code, _, err = run_here("bag", *command)
+        assert (code, err) == (1, f"error: {pattern}: nothing is called so\n")
+    code, _, err = run_here("bag", "sql", query, str(tmp_path / "c.mcap"))
+    assert (code, err) == (1, f"error: {tmp_path / 'c.mcap'}: there is no such bag\n")
+    out = tmp_path / "out"
+    code, said, _ = run_here("bag", "table", str(tmp_path / "[ab].mcap"), "-o", str(out))
+    assert (code, said) == (0, f"102 messages of 2 topics in {out}\n")
+    assert run_here("bag", "sql", query, str(tmp_path / "ou*")) == (0, "a\t50\nb\t50\n", "")
+
+
+def test_a_query_has_so_much_memory_and_then_a_folder(
+    run_here: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    bag = drive(tmp_path / "a.mcap")
+    many = "select count(*) from (select i, count(*) from imu, range(20000) r(i) group by i, log_time)"
+    assert run_here("bag", "sql", many, bag, "--memory-limit", "40MB") == (0, "1000000\n", "")
+    whole = "select length(string_agg(repeat(header.frame_id, 500000), '')) from imu"
+    code, said, err = run_here("bag", "sql", whole, bag, "--memory-limit", "40MB")
+    assert (code, said) == (1, "") and err.startswith("error: DuckDB: Out of Memory Error: ")
+    assert err.endswith("; --memory-limit is what it may take\n")
+    assert run_here("bag", "sql", whole, bag)[0] == 0
+    limit = "select value from duckdb_settings() where name = 'memory_limit'"
+    assert run_here("bag", "sql", limit, bag)[1] == "953.6 MiB\n"
+    code, _, err = run_here("bag", "sql", limit, bag, "--memory-limit", "much")
+    assert (code, err) == (1, 'error: expected a memory limit such as 500MB or 8GiB, found "much"\n')
+    assert [one.name for one in tmp_path.iterdir()] == ["a.mcap"]
 
 
 def test_what_is_no_query_is_not_run(run_here: Any, tmp_path: Path) -> None:

@@ -110,7 +110,7 @@ def test_the_workspace_around_a_script(tmp_path: Path, src: str) -> None:
 
 def test_a_place_without_packages_is_no_error(tmp_path: Path) -> None:
     write(tmp_path, {"src/only_nodes/package.xml": PACKAGE_XML.format("only_nodes"), "src/only_nodes/a.py": ""})
-    for around in (tmp_path, tmp_path / "src" / "only_nodes" / "a.py", tmp_path / "nothing.py"):
+    for around in (tmp_path, tmp_path / "src" / "only_nodes" / "a.py"):
         with hooked(flavour="rclpy", around=around):
             assert import_module("std_msgs.msg").String(data="a").data == "a"
 
@@ -250,6 +250,15 @@ def test_wrong_settings_change_nothing(tmp_path: Path) -> None:
         install_import_hook(flavour="rcl")  # type: ignore[arg-type]
     with pytest.raises(DefinitionError, match="expected a folder"):
         install_import_hook(path=tmp_path / "nothing")
+    wrong: Any
+    for wrong, text in (
+        ({"around": 5}, "around: expected a path, found 5"),
+        ({"around": tmp_path / "nothing.py"}, "around: expected a script or a folder, found '.*nothing.py'"),
+        ({"path": 5}, "path: expected a folder or several, found 5"),
+        ({"path": [tmp_path, None]}, "path: expected a path, found None"),
+    ):
+        with pytest.raises(DefinitionError, match=text):
+            install_import_hook(**wrong)
     assert sys.meta_path == before
     install_import_hook().close()
 

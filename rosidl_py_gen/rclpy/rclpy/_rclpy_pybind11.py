@@ -46,7 +46,17 @@ class RMWError(RuntimeError):
     """The middleware refused an operation."""
 
 
-class QoSCompatibility(IntEnum):
+class EnumOfC(IntEnum):
+    """What is printed with its name, as C's enumerations are; those of Python are numbers there from 3.11 on."""
+
+    def __str__(self) -> str:
+        return f"{type(self).__name__}.{self.name}"
+
+    def __format__(self, spec: str) -> str:
+        return format(str(self), spec)
+
+
+class QoSCompatibility(EnumOfC):
     """The verdict of `rclpy.qos.qos_check_compatible`."""
 
     OK = 0
@@ -54,7 +64,7 @@ class QoSCompatibility(IntEnum):
     ERROR = 2
 
 
-class TransitionCallbackReturnType(IntEnum):
+class TransitionCallbackReturnType(EnumOfC):
     """What the callback of a lifecycle transition answers; numbers of lifecycle_msgs/Transition."""
 
     SUCCESS = 97

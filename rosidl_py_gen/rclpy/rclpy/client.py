@@ -77,17 +77,20 @@ class Client:
         return future.result()
 
     def call_async(self, request: Any) -> Future[Any]:
-        """Send a request, and answer a future of its response. Where no server is there, it is lost.
+        """Send a request, and answer a future of its response. Where no server is there, or the context is
+        shut down, it is lost.
 
         Raises:
-            TypeError: the request is of another class. InvalidHandle: the client was destroyed. RCLError: the context
-                is shut down.
+            TypeError: the request is of another class. InvalidHandle: the client was destroyed.
         """
         if not isinstance(request, self.srv_type.Request):
             raise TypeError(f"Expected {self.srv_type.Request}, got {type(request)}")
         future: Future[Any] = Future()
-        with self.handle.in_use() as client:
-            sent = client.send_request(request)
+        with self.handle as handle:
+            try:
+                sent = handle.entity.send_request(request)
+            except runtime.ClosedError:
+                return future
         with self._lock:
             number = next(self._numbers)
             self._pending_requests[number], self._sent[number] = future, sent
@@ -123,13 +126,16 @@ class Client:
         """Whether a server is connected.
 
         Raises `rosidl_py_gen.runtime.ForeignServiceError` where the only servers are such that this machine cannot talk
-        to them; it says why.
+        to them; it says why. RCLError after the context was shut down.
         """
-        with self.handle.in_use() as client:
+        with self.handle.active() as client:
             return client.service_is_available()
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
-        """Wait until a server is connected, or the time has passed; nobody has to spin."""
+        """Wait until a server is connected, or the time has passed; nobody has to spin.
+
+        Raises RCLError when the context is shut down, also meanwhile.
+        """
         with self.handle as handle:
             return handle.context.wait(
                 self.service_is_ready, timeout_sec if timeout_sec is None else max(0.0, timeout_sec)

@@ -11,6 +11,7 @@ from typing import Any, TypedDict
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
+from rclpy.destroyable import DestroyableType as DestroyableType
 from rclpy.duration import Duration
 from rclpy.exceptions import NotInitializedException
 from rclpy.handles import Destroyable

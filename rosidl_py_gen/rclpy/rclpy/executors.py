@@ -63,6 +63,8 @@ class ConditionReachedException(Exception):
 class TimeoutObject:
     """A time limit in seconds that may be changed while somebody waits again and again."""
 
+    timeout: float
+
     def __init__(self, timeout: float) -> None:
         self.timeout = timeout
 
@@ -97,6 +99,7 @@ class Executor:
         if not self._context.handle.ok():
             raise RCLError("failed to create executor: the context is shut down")
         self.__handle: ContextHandle = self._context.handle
+        self.__handle.require_ok()
         self._nodes: set[Node] = set()
         self._nodes_lock = threading.RLock()
         self._tasks: list[_Work] = []

@@ -116,6 +116,11 @@ class ContextHandle(Destroyable):
         """Whether it was not shut down."""
         return self._is_ok
 
+    def require_ok(self) -> None:
+        """Raises RCLError when it was shut down."""
+        if not self._is_ok:
+            raise RCLError("the context is shut down")
+
     def get_domain_id(self) -> int:
         """The number of the domain."""
         return self.runtime.domain_id
@@ -157,12 +162,12 @@ class ContextHandle(Destroyable):
 
     def wait(self, until: Callable[[], object], timeout_sec: float | None) -> bool:
         """Run the loop until something holds, the context is shut down, or the time has passed; None and negative
-        numbers mean for ever. True when it holds.
+        numbers mean for ever. What `until` answers, or raises, at the end.
         """
         limit = None if timeout_sec is None or timeout_sec < 0 or timeout_sec == float("inf") else float(timeout_sec)
         with contextlib.suppress(runtime.ClosedError):
             self.driver.wait(lambda: not self._is_ok or until(), limit)
-        return self._is_ok and bool(until())
+        return bool(until())
 
 
 class Handle(Destroyable, Generic[C]):
@@ -222,6 +227,13 @@ class Handle(Destroyable, Generic[C]):
                 yield self.entity
             except runtime.ClosedError as error:
                 raise RCLError(str(error)) from error
+
+    @contextlib.contextmanager
+    def active(self) -> Iterator[C]:
+        """As `in_use`; RCLError also when a signal has shut the context down."""
+        with self.in_use() as entity:
+            self.context.require_ok()
+            yield entity
 
 
 def _never() -> bool:

@@ -18,7 +18,8 @@ class Watched:
     Attributes:
         node: where the graph is asked.
         endpoint: the publisher or subscription.
-        queues: what a mismatch is put into, by the kind of `runtime.Mismatch`: ``"qos"``, ``"type"``.
+        queues: what a mismatch is put into, by the kind of `runtime.Mismatch`: ``"qos"``, ``"type"``; of kinds that are
+            missing the program hears by itself, or does not want to.
     """
 
     node: runtime.Node
@@ -27,23 +28,29 @@ class Watched:
     _seen: set[bytes] = field(default_factory=set)
     _totals: dict[str, int] = field(default_factory=dict)
 
-    def look(self) -> bool:
-        """Tell of those that are new; whether there are any."""
-        gid, before = self.endpoint.gid, len(self._seen)
+    @property
+    def has_any(self) -> bool:
+        """Whether it ever had one."""
+        return bool(self._seen)
+
+    def look(self) -> None:
+        """Tell of those that are new."""
+        gid = self.endpoint.gid
         for one in self.node.topic_mismatches(self.endpoint.topic):
             pair = one.writer.endpoint_gid, one.reader.endpoint_gid
             if gid not in pair:
                 continue
             other = pair[0] if pair[1] == gid else pair[1]
-            if one.kind not in self.queues or other in self._seen:
+            if other in self._seen:
                 continue
             self._seen.add(other)
+            if one.kind not in self.queues:
+                continue
             self._totals[one.kind] = total = self._totals.get(one.kind, 0) + 1
             policies = runtime.check_compatible(one.writer.qos_profile, one.reader.qos_profile).policies
             policy = next(iter(policies), runtime.QoSPolicyKind.INVALID) if one.kind == "qos" else None
             status = runtime.IncompatibleStatus(total, 1, one.reason, policy or runtime.QoSPolicyKind.INVALID)
             self.queues[one.kind].append(status)
-        return len(self._seen) > before
 
 
 class Mismatches:
@@ -65,12 +72,13 @@ class Mismatches:
         self._driver.loop.call_soon_threadsafe(self._look)
 
     def _look(self) -> None:
-        """On the loop. What no handler is told of is logged as it came: services, and definitions of one type."""
+        """On the loop. What is of no watched endpoint is logged as it came: services, and definitions of one type."""
         texts, self._texts = self._texts, []
         told = set()
         for one in list(self._watched):
             try:
-                if one.look():
+                one.look()
+                if one.has_any:  # be it before: the runtime may notice a mismatch from either end
                     told.add(f" on {one.endpoint.topic} from ")
             except runtime.ClosedError:
                 continue

@@ -36,6 +36,7 @@ from rclpy.exceptions import InvalidHandle as InvalidHandle
 from rclpy.exceptions import InvalidParameterTypeException as InvalidParameterTypeException
 from rclpy.exceptions import InvalidParameterValueException as InvalidParameterValueException
 from rclpy.exceptions import InvalidTopicNameException as InvalidTopicNameException
+from rclpy.exceptions import NameValidationException
 from rclpy.exceptions import NotInitializedException as NotInitializedException
 from rclpy.exceptions import ParameterAlreadyDeclaredException as ParameterAlreadyDeclaredException
 from rclpy.exceptions import ParameterImmutableException as ParameterImmutableException
@@ -218,14 +219,22 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
         return self.__logger
 
     def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
-        """The full name of a topic, after remapping unless `only_expand`. Raises InvalidTopicNameException."""
+        """The full name of a topic, after remapping unless `only_expand`. Raises RCLError for a name that is none."""
         return self.__resolved(topic, only_expand, is_service=False)
 
     def resolve_service_name(self, service: str, *, only_expand: bool = False) -> str:
-        """The full name of a service, after remapping unless `only_expand`. Raises InvalidServiceNameException."""
+        """The full name of a service, after remapping unless `only_expand`. Raises RCLError for a name that is none."""
         return self.__resolved(service, only_expand, is_service=True)
 
     def __resolved(self, name: str, only_expand: bool, *, is_service: bool) -> str:
+        with self.handle:
+            try:
+                return self._resolve_name(name, only_expand, is_service=is_service)
+            except NameValidationException as error:
+                raise RCLError(f"failed to resolve name: {error}") from error
+
+    def _resolve_name(self, name: str, only_expand: bool = False, *, is_service: bool) -> str:
+        """Raises InvalidTopicNameException or InvalidServiceNameException."""
         validate_topic_name(name, is_service=is_service)
         with self.handle as handle:
             node = handle.entity

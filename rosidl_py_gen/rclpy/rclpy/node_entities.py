@@ -43,8 +43,7 @@ class NodeEntities:
         @property
         def handle(self) -> Handle[runtime.Node]: ...
         def get_clock(self) -> Clock: ...
-        def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str: ...
-        def resolve_service_name(self, service: str, *, only_expand: bool = False) -> str: ...
+        def _resolve_name(self, name: str, only_expand: bool = False, *, is_service: bool) -> str: ...
 
     def _init_entities(self) -> None:
         """There are none yet."""
@@ -146,7 +145,7 @@ class NodeEntities:
         """
         profile = self._validate_qos_or_depth_parameter(qos_profile)
         group = callback_group or self.default_callback_group
-        full = self.resolve_topic_name(topic)
+        full = self._resolve_name(topic, is_service=False)
         options = QoSOverridingOptions([]) if qos_overriding_options is None else qos_overriding_options
         _declare_qos_parameters(Publisher, self, full, profile, options)  # type: ignore[arg-type]  # it is a Node
         check_is_valid_msg_type(msg_type)
@@ -201,7 +200,7 @@ class NodeEntities:
         """
         profile = self._validate_qos_or_depth_parameter(qos_profile)
         group = callback_group or self.default_callback_group
-        full = self.resolve_topic_name(topic)
+        full = self._resolve_name(topic, is_service=False)
         options = QoSOverridingOptions([]) if qos_overriding_options is None else qos_overriding_options
         _declare_qos_parameters(Subscription, self, full, profile, options)  # type: ignore[arg-type]  # it is a Node
         check_is_valid_msg_type(msg_type)
@@ -237,7 +236,7 @@ class NodeEntities:
         """Call a service. Raises InvalidServiceNameException, NoTypeSupportImportedException, RCLError."""
         group = self.default_callback_group if callback_group is None else callback_group
         check_is_valid_srv_type(srv_type)
-        self.resolve_service_name(srv_name)
+        self._resolve_name(srv_name, is_service=True)
         with self.handle:
             _, node = self.__open()
             handle = self.__handle_of(node.create_client(srv_type, srv_name, qos_profile.get_c_qos_profile()))
@@ -258,7 +257,7 @@ class NodeEntities:
         """
         group = self.default_callback_group if callback_group is None else callback_group
         check_is_valid_srv_type(srv_type)
-        self.resolve_service_name(srv_name)
+        self._resolve_name(srv_name, is_service=True)
         with self.handle:
             _, node = self.__open()
             handle = self.__handle_of(node.create_service(srv_type, srv_name, None, qos_profile.get_c_qos_profile()))

@@ -46,7 +46,7 @@ class NodeGraph:
 
     def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
         """Of all nodes."""
-        with self.handle.in_use() as node:
+        with self.handle.active() as node:
             return [(one.name, one.namespace, one.enclave) for one in node.get_nodes()]
 
     def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:
@@ -58,7 +58,7 @@ class NodeGraph:
     # ----------------------------------------------------------------------------------------------------- by node
 
     def _of_node(self, kind: str, node_name: str, node_namespace: str) -> NamesAndTypes:
-        with self.handle.in_use() as node:
+        with self.handle.active() as node:
             namespace = node_namespace if node_namespace.startswith("/") else f"/{node_namespace}"
             if not any((one.name, one.namespace) == (node_name, namespace) for one in node.get_nodes()):
                 raise NodeNameNonExistentError(
@@ -113,12 +113,12 @@ class NodeGraph:
 
     def get_topic_names_and_types(self, no_demangle: bool = False) -> NamesAndTypes:
         """All topics; with `no_demangle` those of services, too, by the names of DDS."""
-        with self.handle.in_use() as node:
+        with self.handle.active() as node:
             return node.get_topic_names_and_types(no_demangle=no_demangle)
 
     def get_service_names_and_types(self) -> NamesAndTypes:
         """All services."""
-        with self.handle.in_use() as node:
+        with self.handle.active() as node:
             return node.get_service_names_and_types()
 
     def _full_name(self, name: str, *, is_service: bool = False) -> str:
@@ -128,7 +128,7 @@ class NodeGraph:
 
     def _count(self, what: str, name: str) -> int:
         full = self._full_name(name, is_service=what in ("clients", "services"))
-        with self.handle.in_use() as node, self.handle.context.creating:
+        with self.handle.active() as node, self.handle.context.creating:
             count: int = getattr(node, f"count_{what}")(full)
             return count
 
@@ -150,7 +150,7 @@ class NodeGraph:
 
     def _infos(self, kind: str, name: str, no_mangle: bool) -> list[TopicEndpointInfo]:
         topic = name if no_mangle else self._full_name(name)
-        with self.handle.in_use() as node:
+        with self.handle.active() as node:
             found: list[Any] = getattr(node, f"get_{kind}_info_by_topic")(topic, no_mangle=no_mangle)
             return [TopicEndpointInfo._from_runtime(one) for one in found]
 

@@ -68,9 +68,9 @@ class NodeParameters:
         self.__values: dict[str, Parameter] = {}
         self.__descriptors: dict[str, Any] = {}
         self.__allow_undeclared = allow_undeclared
-        self.__pre: list[PreSetCallback] = []
-        self.__on: list[OnSetCallback] = []
-        self.__post: list[PostSetCallback] = []
+        self._pre_set_parameters_callbacks: list[PreSetCallback] = []
+        self._on_set_parameters_callbacks: list[OnSetCallback] = []
+        self._post_set_parameters_callbacks: list[PostSetCallback] = []
         self.__events = self.create_publisher(ParameterEvent, "/parameter_events", qos_profile_parameter_events)
         with self.handle as handle:
             given = handle.entity.get_parameters_by_prefix("")
@@ -258,8 +258,9 @@ class NodeParameters:
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
         """Set all of them or none, as `set_parameters`."""
-        if self.__pre:
-            parameter_list = [one for callback in tuple(self.__pre) for one in callback(parameter_list)]
+        if self._pre_set_parameters_callbacks:
+            callbacks = tuple(self._pre_set_parameters_callbacks)
+            parameter_list = [one for callback in callbacks for one in callback(parameter_list)]
             if not parameter_list:
                 text = (
                     "parameter list cannot be empty, this might be due to pre_set_parameters_callback "
@@ -281,7 +282,7 @@ class NodeParameters:
                 reason = self.__refusal(parameter, descriptors[parameter.name], check_read_only=declared is None)
                 if reason:
                     return SetParametersResult(successful=False, reason=reason)
-        for callback in tuple(self.__on):
+        for callback in tuple(self._on_set_parameters_callbacks):
             result = callback(parameters)
             if not isinstance(result, SetParametersResult):
                 text = "Callback returned an invalid type, it should return SetParameterResult."
@@ -295,7 +296,7 @@ class NodeParameters:
             self.__store(parameter, declared, event)
         event.stamp = self.get_clock().now().to_msg()
         self.__events.publish(event)
-        for told in tuple(self.__post):
+        for told in tuple(self._post_set_parameters_callbacks):
             told(parameters)
         return SetParametersResult(successful=True)
 
@@ -353,31 +354,31 @@ class NodeParameters:
 
         It is given the list and returns what is to be set, all at once; not asked when parameters are declared.
         """
-        self.__pre.insert(0, callback)
+        self._pre_set_parameters_callbacks.insert(0, callback)
 
     def add_on_set_parameters_callback(self, callback: OnSetCallback) -> None:
         """Have a function decide, by rcl_interfaces/SetParametersResult, before parameters change; newest first."""
         if not callable(callback):
             raise TypeError(f"Callback must be callable, got {type(callback)}")
-        self.__on.insert(0, callback)
+        self._on_set_parameters_callbacks.insert(0, callback)
 
     def add_post_set_parameters_callback(self, callback: PostSetCallback) -> None:
         """Have a function told of parameters that changed, also of declared ones; newest first."""
         if not callable(callback):
             raise TypeError(f"Callback must be callable, got {type(callback)}")
-        self.__post.insert(0, callback)
+        self._post_set_parameters_callbacks.insert(0, callback)
 
     def remove_pre_set_parameters_callback(self, callback: PreSetCallback) -> None:
         """Ask it no more; ValueError when it is not there."""
-        self.__pre.remove(callback)
+        self._pre_set_parameters_callbacks.remove(callback)
 
     def remove_on_set_parameters_callback(self, callback: OnSetCallback) -> None:
         """Ask it no more; ValueError when it is not there."""
-        self.__on.remove(callback)
+        self._on_set_parameters_callbacks.remove(callback)
 
     def remove_post_set_parameters_callback(self, callback: PostSetCallback) -> None:
         """Tell it no more; ValueError when it is not there."""
-        self.__post.remove(callback)
+        self._post_set_parameters_callbacks.remove(callback)
 
 
 def _plain(value: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import array
+import math
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
@@ -154,6 +155,9 @@ _ARRAYS: dict[type, str] = {
 """Of a value, or of all items -> name of the type; the first that fits counts."""
 
 
+_MOST_VALUES = 1_000_000
+
+
 def get_parameter_value(string_value: str) -> Any:
     """A text, as on a command line, as rcl_interfaces/ParameterValue of the type it looks like in YAML.
 
@@ -197,10 +201,14 @@ def parameter_dict_from_yaml_file(
         namespace: put before each name.
 
     Raises:
-        RuntimeError: the file is no file of parameters, or a node is not in it.
+        RuntimeError: the file is no file of parameters, or a node is not in it; its aliases stand for a million values.
     """
     with open(parameter_file, encoding="utf-8") as file:
-        nodes = yaml.safe_load(file)
+        text = file.read()
+    root = yaml.compose(text, yaml.SafeLoader)
+    if root is not None and _written_out(root, {}) > _MOST_VALUES:
+        raise RuntimeError(f"{parameter_file}: written out, its aliases are more than {_MOST_VALUES} values")
+    nodes = yaml.safe_load(text)
     if not isinstance(nodes, dict):
         raise RuntimeError(f"{parameter_file} is not a valid ROS parameter file")
     for node in target_nodes or ():
@@ -216,6 +224,19 @@ def parameter_dict_from_yaml_file(
             raise RuntimeError(f"YAML file is not a valid ROS parameter file for node {node}")
         found.update(nodes[node]["ros__parameters"])
     return _flat(namespace, found)
+
+
+def _written_out(node: yaml.Node, known: dict[int, float]) -> float:
+    """How many values a node is when each alias is written out; infinite for one that contains itself."""
+    if id(node) not in known:
+        known[id(node)] = math.inf
+        children: list[yaml.Node] = []
+        if isinstance(node, yaml.SequenceNode):
+            children = node.value
+        elif isinstance(node, yaml.MappingNode):
+            children = [one for pair in node.value for one in pair]
+        known[id(node)] = 1 + sum(_written_out(child, known) for child in children)
+    return known[id(node)]
 
 
 def _flat(prefix: str, parameters: dict[Any, Any]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
+from rcl_interfaces.msg import Parameter as ParameterMsg  # noqa: F401  imported from here by programs
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import (
     DescribeParameters,
@@ -15,17 +16,17 @@ from rcl_interfaces.srv import (
     SetParametersAtomically,
 )
 
+from rclpy.callback_groups import CallbackGroup as CallbackGroup
+from rclpy.event_handler import SubscriptionEventCallbacks as SubscriptionEventCallbacks
+from rclpy.node import Node as Node
 from rclpy.parameter import Parameter, parameter_dict_from_yaml_file
 from rclpy.qos import QoSProfile, qos_profile_parameter_events, qos_profile_services_default
+from rclpy.qos_overriding_options import QoSOverridingOptions as QoSOverridingOptions
+from rclpy.subscription import Subscription as Subscription
+from rclpy.task import Future as Future
 
 if TYPE_CHECKING:
-    from rclpy.callback_groups import CallbackGroup
     from rclpy.client import Client
-    from rclpy.event_handler import SubscriptionEventCallbacks
-    from rclpy.node import Node
-    from rclpy.qos_overriding_options import QoSOverridingOptions
-    from rclpy.subscription import Subscription
-    from rclpy.task import Future
 
     Callback = Callable[[Future[Any]], Any]
 

@@ -5,17 +5,16 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterable
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rcl_interfaces.msg import ParameterEvent
 
+from rclpy.callback_groups import CallbackGroup as CallbackGroup
+from rclpy.event_handler import SubscriptionEventCallbacks as SubscriptionEventCallbacks
+from rclpy.node import Node as Node
+from rclpy.parameter import Parameter as Parameter
 from rclpy.qos import QoSProfile, qos_profile_parameter_events
-
-if TYPE_CHECKING:
-    from rclpy.callback_groups import CallbackGroup
-    from rclpy.event_handler import SubscriptionEventCallbacks
-    from rclpy.node import Node
-    from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.qos_overriding_options import QoSOverridingOptions as QoSOverridingOptions
 
 
 class ParameterCallbackHandle:

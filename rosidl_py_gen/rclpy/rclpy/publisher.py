@@ -50,6 +50,7 @@ class Publisher:
             shut down. `rosidl_py_gen.runtime.EncodeError`: a field does not fit its type.
         """
         with self.__publisher as handle:
+            handle.context.require_ok()
             try:
                 if isinstance(msg, self.msg_type):
                     handle.entity.publish(msg)
@@ -62,7 +63,7 @@ class Publisher:
 
     def get_subscription_count(self) -> int:
         """How many subscriptions receive what is published."""
-        with self.handle.in_use() as publisher:
+        with self.handle.active() as publisher:
             return publisher.subscription_count
 
     @property
@@ -90,13 +91,14 @@ class Publisher:
 
     def assert_liveliness(self) -> None:
         """Say that it is alive, for manual liveliness."""
-        with self.handle.in_use() as publisher:
+        with self.handle.active() as publisher:
             publisher.assert_liveliness()
 
     def wait_for_all_acked(self, timeout: Duration = Duration(seconds=-1)) -> bool:  # noqa: B008  as in rclpy
         """Wait until all reliable subscriptions confirmed what was published; negative times mean for ever."""
         seconds = timeout.nanoseconds / 1e9
         with self.handle as handle:
+            handle.context.require_ok()
             try:
                 waiting = handle.entity.wait_for_acknowledged(None if seconds < 0 else seconds)
                 return bool(handle.context.driver.run(waiting))

@@ -10,6 +10,7 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.duration import Duration
 from rclpy.exceptions import ParameterAlreadyDeclaredException
 from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher as Publisher
 from rclpy.qos import (
     DurabilityPolicy,
     HistoryPolicy,
@@ -19,15 +20,20 @@ from rclpy.qos import (
     QoSProfile,
     ReliabilityPolicy,
 )
+from rclpy.qos import QoSDurabilityPolicy as QoSDurabilityPolicy
+from rclpy.qos import QoSHistoryPolicy as QoSHistoryPolicy
+from rclpy.qos import QoSLivelinessPolicy as QoSLivelinessPolicy
+from rclpy.qos import QoSReliabilityPolicy as QoSReliabilityPolicy
+from rclpy.subscription import Subscription as Subscription
 
 if TYPE_CHECKING:
     from rclpy.node import Node
-    from rclpy.publisher import Publisher
-    from rclpy.subscription import Subscription
 
 QosCallbackResult = SetParametersResult
 QosCallbackType = Callable[[QoSProfile], Any]
 """Answers such a result."""
+QoSProfileAttributes = HistoryPolicy | int | ReliabilityPolicy | DurabilityPolicy | LivelinessPolicy | Duration | bool
+"""What a policy may be."""
 
 
 class InvalidQosOverridesError(Exception):

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
+from rclpy._rclpy_pybind11 import EnumOfC
 
 
-class ServiceIntrospectionState(IntEnum):
+class ServiceIntrospectionState(EnumOfC):
     """Nothing, who and when, or requests and responses themselves, too."""
 
     OFF = 0

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import signal
 import threading
-from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
+from rclpy._rclpy_pybind11 import EnumOfC
 from rclpy.context import mark_all_shut_down
 from rclpy.exceptions import InvalidHandle as InvalidHandle
 from rclpy.guard_condition import GuardCondition
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rclpy.context import Context
 
 
-class SignalHandlerOptions(IntEnum):
+class SignalHandlerOptions(EnumOfC):
     """Which signals shut contexts down."""
 
     NO = 0

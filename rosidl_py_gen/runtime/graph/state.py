@@ -124,7 +124,7 @@ class _Participant:
 
 
 class Graph:
-    """The state; every method that asks is a pure function of it."""
+    """The state; every method that asks is a pure function of it, and may be called while another thread changes it."""
 
     def __init__(self, own_participant: bytes = b"") -> None:
         self._own_participant = own_participant
@@ -177,7 +177,7 @@ class Graph:
     def on(self, channel: Channel, *, writers: bool) -> list[EndpointFound]:
         """The discovered writers or readers of a channel."""
         found = self._by_channel.get(channel, {})
-        return [endpoint for endpoint in found.values() if endpoint.is_writer is writers]
+        return [endpoint for endpoint in list(found.values()) if endpoint.is_writer is writers]
 
     def node_of(self, endpoint: EndpointFound) -> tuple[str, str]:
         """Namespace and name of the node an endpoint belongs to, or rmw's two placeholders."""
@@ -203,7 +203,7 @@ class Graph:
 
     def on_wire(self, name: str, *, writers: bool) -> list[EndpointFound]:
         """The writers or readers of the topic that the middleware calls so."""
-        return [one for one in self.endpoints.values() if one.wire_name == name and one.is_writer is writers]
+        return [one for one in list(self.endpoints.values()) if one.wire_name == name and one.is_writer is writers]
 
     def infos(self, endpoints: Iterable[EndpointFound]) -> list[TopicEndpointInfo]:
         """For `get_publishers_info_by_topic` and its twin."""
@@ -222,7 +222,7 @@ class Graph:
         """Whether every ROS participant has told its nodes, and every endpoint is of one of them."""
         return all(one.nodes for one in self.participants() if one.is_ros) and not any(
             self.node_of(endpoint) == UNKNOWN_NODE
-            for endpoint in self.endpoints.values()
+            for endpoint in list(self.endpoints.values())
             if endpoint.channel.kind != "bare"  # of the participant itself, or of no ROS
         )
 
@@ -230,7 +230,7 @@ class Graph:
         """Every node of every ROS participant; two nodes of one name are two entries."""
         return [
             NodeInfo(node.name, node.namespace, participant.enclave)
-            for participant in self._participants.values()
+            for participant in list(self._participants.values())
             if participant.enclave is not None
             for node in participant.nodes
         ]
@@ -238,7 +238,7 @@ class Graph:
     def participants(self) -> list[ParticipantInfo]:
         """Every participant known, our own included."""
         hashed: dict[bytes, bool] = {}
-        for one in self.endpoints.values():
+        for one in list(self.endpoints.values()):
             guid = one.participant_guid
             hashed[guid] = hashed.get(guid, False) or bool(one.type_hash or one.service_hash)
         return [
@@ -249,16 +249,16 @@ class Graph:
                 tuple(NodeInfo(node.name, node.namespace, participant.enclave or "") for node in participant.nodes),
                 guid == self._own_participant,
             )
-            for guid, participant in self._participants.items()
+            for guid, participant in list(self._participants.items())
         ]
 
     def topics(self, *, demangle: bool = True) -> NamesAndTypes:
         """Topic names and types; without `demangle` all names as the middleware has them."""
-        return _names_and_types(self._topic_pairs(self.endpoints.values(), demangle))
+        return _names_and_types(self._topic_pairs(list(self.endpoints.values()), demangle))
 
     def services(self) -> NamesAndTypes:
         """Service names and types."""
-        return _names_and_types(self._service_pairs(self.endpoints.values()))
+        return _names_and_types(self._service_pairs(list(self.endpoints.values())))
 
     def of_node(self, name: str, namespace: str, *, writers: bool, services: str = "") -> NamesAndTypes:
         """Topics that a node writes or reads; with `services` the services whose requests, or replies, it does."""
@@ -279,13 +279,13 @@ class Graph:
         return dict(found)
 
     def _endpoints_of(self, name: str, namespace: str, writers: bool) -> Iterator[EndpointFound]:
-        for participant in self._participants.values():
+        for participant in list(self._participants.values()):
             for node in participant.nodes:
                 if (node.name, node.namespace) == (name, namespace):
                     for guid in node.writer_gids if writers else node.reader_gids:
                         # Announced but not discovered: stale (docs/internals/protocol.md 6.3, rmw_cyclonedds Jazzy).
-                        if guid in self.endpoints:
-                            yield self.endpoints[guid]
+                        if (endpoint := self.endpoints.get(guid)) is not None:
+                            yield endpoint
 
     @staticmethod
     def _topic_pairs(endpoints: Iterable[EndpointFound], demangle: bool) -> Iterator[tuple[str, str]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import gc
+import os
 import shutil
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -14,8 +15,8 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.bags import BagError, BagReader
 from rosidl_py_gen.bags.remote import is_url
+from rosidl_py_gen.tables.many.sources import find, names_of
 from rosidl_py_gen.tables.query import Database, is_dataset, named
-from rosidl_py_gen.tables.sources import find, names_of
 from rosidl_py_gen.tools import ToolError, printing
 from rosidl_py_gen.tools.bag.part import progress_bar
 
@@ -26,7 +27,13 @@ _MOST_SHOWN = 10_000
 
 
 def run(
-    query: str, bags: Sequence[str], form: str | None, output: str | None, skips: bool, paths: Sequence[str]
+    query: str,
+    bags: Sequence[str],
+    form: str | None,
+    output: str | None,
+    skips: bool,
+    memory_limit: str,
+    paths: Sequence[str],
 ) -> int:
     """Returns the exit code."""
     atexit.unregister(gc.freeze)  # what DuckDB's bindings find of their own at the end they complain of
@@ -36,9 +43,10 @@ def run(
     if output is not None and Path(output).exists():
         raise ToolError(f"{output} exists already")
     with ExitStack() as stack:
-        base = stack.enter_context(Database())
-        datasets = [path for path in bags if is_dataset(path)]
-        names = names_of(_each(path for path in bags if path not in datasets))
+        base = stack.enter_context(Database(memory_limit))
+        places = [*_each(bags)]
+        datasets = [path for path in places if is_dataset(path)]
+        names = names_of(path for path in places if path not in datasets)
         readers = {name: stack.enter_context(BagReader(path, search_path=paths)) for name, path in names.items()}
         topics = {topic for reader in readers.values() for topic in reader.topics}
         counts = [
@@ -57,9 +65,9 @@ def run(
 
 
 def _each(bags: Iterable[str]) -> Iterator[str]:
-    """With URLs that have ``*`` as those of the bags."""
+    """With the places that paths and URLs with ``*`` mean."""
     for bag in bags:
-        if not is_url(bag):
+        if not is_url(bag) and os.path.exists(bag):
             yield bag
             continue
         found, failed = find([bag])

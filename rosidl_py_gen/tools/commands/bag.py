@@ -165,6 +165,13 @@ def table(**arguments: Any) -> None:
     help="table unless --output has an ending; json is a line for each row.",
 )
 @click.option("-o", "--output", type=click.Path(), metavar="FILE", help="Instead of standard output.")
+@click.option(
+    "--memory-limit",
+    default="1GB",
+    show_default=True,
+    metavar="SIZE",
+    help="Of DuckDB, as 500MB or 8GiB; what needs more goes through a temporary folder, where that is possible.",
+)
 @_skips
 @options.paths
 def sql(**arguments: Any) -> None:

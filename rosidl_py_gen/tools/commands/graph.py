@@ -8,15 +8,7 @@ from rosidl_py_gen.tools import options, run_command
 
 
 @click.command()
-@click.option("--format", "kind", type=click.Choice(["text", "mermaid", "svg", "json"]), help="Default: text.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON for programs; the same as --format json.")
-@click.option(
-    "-o",
-    "--output",
-    metavar="FILE",
-    type=click.Path(dir_okay=False),
-    help="Write a file; its ending says what: .svg, .mmd, .md (Mermaid for Markdown), .json, .txt.",
-)
+@options.drawn("svg")
 @click.option(
     "--node",
     "nodes",

@@ -37,15 +37,7 @@ def echo(**arguments: Any) -> None:
 
 
 @tf.command()
-@click.option("--format", "kind", type=click.Choice(["text", "mermaid", "png", "json"]), help="Default: text.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON for programs; the same as --format json.")
-@click.option(
-    "-o",
-    "--output",
-    metavar="FILE",
-    type=click.Path(dir_okay=False),
-    help="Write a file; its ending says what: .png, .mmd, .md (Mermaid for Markdown), .json, .txt.",
-)
+@options.drawn("png")
 @click.option(
     "--wait-time",
     "wait_s",

@@ -23,6 +23,8 @@ MAX_BYTES = 512 << 20
 SNAPSHOT_BYTES = 100 << 20
 """As rosbag2 has it."""
 _FLUSH_S = 1.0
+_BESIDE = 200
+"""Bytes that a message takes beside its own while it waits: objects for it, its times, and a place in the queue."""
 
 
 class _Message(NamedTuple):
@@ -30,6 +32,10 @@ class _Message(NamedTuple):
     data: bytes
     log_time_ns: int
     publish_time_ns: int
+
+
+def _memory(message: _Message) -> int:
+    return len(message.data) + _BESIDE
 
 
 class _Split:
@@ -41,8 +47,8 @@ class WriterThread:
 
     Args:
         on_error: called once, from the thread, when the bag cannot be written any more.
-        max_bytes: of messages that wait to be written, or that a snapshot has; None is the usual number. Where it is 0,
-            everything is handed to the operating system at once.
+        max_bytes: of memory for messages that wait to be written, or that a snapshot has; None is the usual number.
+            Where it is 0, everything is handed to the operating system at once.
         snapshots: only those are written; each into a file of its own, unless the bag is one file.
     """
 
@@ -62,7 +68,8 @@ class WriterThread:
         self._kept: deque[_Message] | None = deque() if snapshots else None
         self._kept_bytes = 0
         self._items: queue.SimpleQueue[BagTopic | _Message | _Split | None] = queue.SimpleQueue()
-        self._written_bytes = 0  # changed by the thread, `bytes` by the one who puts
+        self._taken = 0  # bytes of memory of all that was put
+        self._let_go = 0  # those of what was written; changed by the thread
         self.bytes = self.messages = 0
         """What was put; of snapshots, what these took."""
         self.dropped = 0
@@ -90,7 +97,7 @@ class WriterThread:
         message = _Message(topic, data, log_time_ns, publish_time_ns)
         if self._kept is not None:
             self._keep(message, self._kept)
-        elif self.bytes - self._written_bytes > self._max_bytes:
+        elif self._taken - self._let_go > self._max_bytes:
             self.dropped += 1
         else:
             self._put(message)
@@ -98,20 +105,21 @@ class WriterThread:
     def _put(self, message: _Message) -> None:
         self.bytes += len(message.data)
         self.messages += 1
+        self._taken += _memory(message)
         self._items.put(message)
 
     def _keep(self, message: _Message, kept: deque[_Message]) -> None:
-        if len(message.data) > self._max_bytes:
+        if _memory(message) > self._max_bytes:
             self.dropped += 1
             return
         kept.append(message)
-        self._kept_bytes += len(message.data)
+        self._kept_bytes += _memory(message)
         while self._kept_bytes > self._max_bytes:
-            self._kept_bytes -= len(kept.popleft().data)
+            self._kept_bytes -= _memory(kept.popleft())
 
     def snapshot(self) -> bool:
         """Write what is kept; False when an earlier snapshot is still being written, and nothing is done."""
-        if self._kept is None or self.bytes != self._written_bytes:
+        if self._kept is None or self._taken != self._let_go:
             return False
         self.split()
         while self._kept:
@@ -145,7 +153,7 @@ class WriterThread:
                     return
                 if isinstance(item, _Message):
                     self._bag.write(*item)
-                    self._written_bytes += len(item.data)
+                    self._let_go += _memory(item)
                 elif isinstance(item, _Split):
                     self._bag.split()
                 else:

@@ -180,6 +180,7 @@ class ActionClient(Waitable):
         self._action_name = action_name
         self._goal_handles: dict[bytes, weakref.ref[ClientGoalHandle]] = {}
         self._feedback_callbacks: dict[bytes, Callable[[Any], Any]] = {}
+        self._ended: list[bytes] = []
         self._logger = node.get_logger().get_child("action_client")
         impl = action_type.Impl
         with node.handle:
@@ -224,6 +225,8 @@ class ActionClient(Waitable):
             callback = self._feedback_callbacks.get(bytes(message.goal_id.uuid))
             if callback is not None:
                 await await_or_execute(callback, message)
+        while self._ended:  # not earlier: feedback that came with the result is told
+            self._feedback_callbacks.pop(self._ended.pop(), None)
         if "status" in taken_data:
             self._note_states(taken_data["status"].status_list)
 
@@ -246,7 +249,7 @@ class ActionClient(Waitable):
                     raise RuntimeError(f"Two goals were accepted with the same ID ({response})")
                 self._goal_handles[key] = weakref.ref(response)
         elif kind == "result":
-            self._feedback_callbacks.pop(bytes(goal_id.uuid), None)
+            self._ended.append(bytes(goal_id.uuid))
         future.set_result(response)
 
     def _note_states(self, states: list[Any]) -> None:
@@ -314,8 +317,9 @@ class ActionClient(Waitable):
     # ------------------------------------------------------------------------------------------------------ server
 
     def server_is_ready(self) -> bool:
-        """Whether all endpoints of a server are connected."""
+        """Whether all endpoints of a server are connected. RCLError after the context was shut down."""
         with self._endpoints:
+            self._endpoints.context.require_ok()
             services = all(requests.client.service_is_available() for requests in self._requests.values())
             return services and bool(self._feedback.publisher_count and self._status.publisher_count)
 

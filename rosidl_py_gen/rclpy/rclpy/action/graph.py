@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from rclpy.node import Node
+from rclpy.node import Node as Node
 
 _Found = list[tuple[str, list[str]]]
 _TOPIC, _TYPE = "/_action/feedback", "_FeedbackMessage"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rclpy._rclpy_pybind11 import RCLError
+from rclpy.logging import get_logger
 from rosidl_py_gen import runtime
 
 Described = tuple[int, str, int, str, int, str]
@@ -55,6 +56,9 @@ class LifecycleStateMachine:
 
     def _only(self, name: str, found: list[runtime.Transition]) -> runtime.Transition:
         if not found:
+            get_logger("rcl_lifecycle").warning(
+                f"No transition matching {name} found for current state {self._state.label}"
+            )
             raise RCLError(f"Failed to trigger lifecycle transition: {name} is not possible in {self._state.label}")
         return found[0]
 

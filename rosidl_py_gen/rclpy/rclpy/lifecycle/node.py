@@ -8,15 +8,18 @@ import lifecycle_msgs.msg
 import lifecycle_msgs.srv
 
 from rclpy._rclpy_pybind11 import RCLError, TransitionCallbackReturnType
+from rclpy.callback_groups import CallbackGroup as CallbackGroup
 from rclpy.impl.lifecycle_machine import Described, LifecycleStateMachine
 from rclpy.lifecycle.managed_entity import ManagedEntity
 from rclpy.lifecycle.publisher import LifecyclePublisher
 from rclpy.node import Node
+from rclpy.qos import QoSProfile as QoSProfile
+from rclpy.service import Service as Service
+from rclpy.type_support import check_is_valid_srv_type as check_is_valid_srv_type
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from rclpy.callback_groups import CallbackGroup
     from rosidl_py_gen import runtime
 
 TransitionCallbackReturn = TransitionCallbackReturnType

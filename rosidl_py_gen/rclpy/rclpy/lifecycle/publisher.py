@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from rclpy.lifecycle.managed_entity import SimpleManagedEntity
+from rclpy.publisher import MsgType as MsgType
 from rclpy.publisher import Publisher
 
 

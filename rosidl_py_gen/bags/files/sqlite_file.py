@@ -14,13 +14,13 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.bags.common import BagError, BagTopic
-from rosidl_py_gen.bags.mcap_file import joined
-from rosidl_py_gen.bags.storage import Channel, damage_told
+from rosidl_py_gen.bags.files.mcap_file import joined
+from rosidl_py_gen.bags.files.storage import Channel, damage_told
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
 
-    from rosidl_py_gen.bags.storage import Raw
+    from rosidl_py_gen.bags.files.storage import Raw
 
 _TABLES = "messages", "topics", "message_definitions"
 """What is read of a database."""

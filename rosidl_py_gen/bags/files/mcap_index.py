@@ -19,10 +19,10 @@ from mcap.reader import SeekingReader
 from mcap.records import Channel, Schema
 from mcap.writer import MCAP0_MAGIC
 
-from rosidl_py_gen.bags.chunks import IS_MESSAGE, MESSAGE, RECORD, Unpacker, head_of, is_large, pieces
 from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.bags.files.chunks import IS_MESSAGE, MESSAGE, RECORD, Unpacker, head_of, is_large, pieces
+from rosidl_py_gen.bags.files.storage import MAX_TIME
 from rosidl_py_gen.bags.remote import UnreachableError
-from rosidl_py_gen.bags.storage import MAX_TIME
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator

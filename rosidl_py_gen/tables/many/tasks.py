@@ -18,9 +18,9 @@ from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables.dataset import DatasetFile, Draft
-from rosidl_py_gen.tables.manifest import Entry, Manifest
+from rosidl_py_gen.tables.many.manifest import Entry, Manifest
+from rosidl_py_gen.tables.many.sources import digest
 from rosidl_py_gen.tables.places import joined
-from rosidl_py_gen.tables.sources import digest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

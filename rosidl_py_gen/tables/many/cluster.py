@@ -1,4 +1,4 @@
-"""Dask, for `many`: nobody else imports it.
+"""Dask, for `datasets`: nobody else imports it.
 
 Tasks go to the workers of a scheduler, or to processes of this machine. A worker that is killed is replaced, and what
 it was about is done by another; a task that kills four is given up, and its answer says so.
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.bags.common import BagError
 from rosidl_py_gen.base.resources import extra_missing
-from rosidl_py_gen.tables.tasks import Outcome
+from rosidl_py_gen.tables.many.tasks import Outcome
 
 try:
     import distributed as _distributed
@@ -22,7 +22,7 @@ except ModuleNotFoundError as missing:
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rosidl_py_gen.tables.tasks import Function, Run, Task
+    from rosidl_py_gen.tables.many.tasks import Function, Run, Task
 
 distributed: Any = _distributed
 _CONNECT_S = 10

@@ -17,15 +17,15 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.bags.common import BagWarning
 from rosidl_py_gen.bags.remote import is_url
 from rosidl_py_gen.tables.dataset import DatasetFile
-from rosidl_py_gen.tables.manifest import Entry, Manifest
-from rosidl_py_gen.tables.sources import Found, find, names_of
-from rosidl_py_gen.tables.tasks import Outcome, Task, Wish, attempt, cuts_of, parts_of
+from rosidl_py_gen.tables.many.manifest import Entry, Manifest
+from rosidl_py_gen.tables.many.sources import Found, find, names_of
+from rosidl_py_gen.tables.many.tasks import Outcome, Task, Wish, attempt, cuts_of, parts_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator
     from contextlib import AbstractContextManager
 
-    from rosidl_py_gen.tables.tasks import Function, Run
+    from rosidl_py_gen.tables.many.tasks import Function, Run
 
 RANGE_BYTES = 1 << 28
 """Stored bytes of a bag that are one task."""
@@ -196,7 +196,7 @@ def _runner(scheduler: str | None, workers: int | None, sizes: list[int]) -> Abs
         workers = min(os.cpu_count() or 1, parts) if sum(sizes) >= POOL_BYTES and find_spec("distributed") else 1
     if not sizes or (scheduler is None and workers == 1):
         return nullcontext(one_by_one)
-    from rosidl_py_gen.tables.cluster import running
+    from rosidl_py_gen.tables.many.cluster import running
 
     return running(scheduler, workers)
 

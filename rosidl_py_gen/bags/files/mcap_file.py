@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mcap.writer import MCAP0_MAGIC
 
-from rosidl_py_gen.bags.chunks import LEAST_MESSAGE, WHOLE, Unpacker, head_of, is_large, pieces
 from rosidl_py_gen.bags.common import BagError, BagTopic
-from rosidl_py_gen.bags.mcap_index import Index, Part, read_index, walk
+from rosidl_py_gen.bags.files.chunks import LEAST_MESSAGE, WHOLE, Unpacker, head_of, is_large, pieces
+from rosidl_py_gen.bags.files.mcap_index import Index, Part, read_index, walk
+from rosidl_py_gen.bags.files.storage import LOG_TIME, MAX_UNPACKED_BYTES, Block, Channel, damage_told
 from rosidl_py_gen.bags.remote import opened
-from rosidl_py_gen.bags.storage import LOG_TIME, MAX_UNPACKED_BYTES, Block, Channel, damage_told
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Container, Iterable, Iterator, Mapping
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from mcap.records import Schema
     from numpy.typing import NDArray
 
-    from rosidl_py_gen.bags.chunks import Head
-    from rosidl_py_gen.bags.storage import Raw
+    from rosidl_py_gen.bags.files.chunks import Head
+    from rosidl_py_gen.bags.files.storage import Raw
 
 
 class McapFile:

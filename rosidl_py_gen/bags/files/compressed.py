@@ -13,19 +13,19 @@ from typing import TYPE_CHECKING
 
 from zstandard import ZstdDecompressor, ZstdError, frame_content_size
 
-from rosidl_py_gen.bags.chunks import MAX_WINDOW, Zstd
 from rosidl_py_gen.bags.common import BagError, BagTopic
-from rosidl_py_gen.bags.mcap_file import McapFile
+from rosidl_py_gen.bags.files.chunks import MAX_WINDOW, Zstd
+from rosidl_py_gen.bags.files.mcap_file import McapFile
+from rosidl_py_gen.bags.files.sqlite_file import SqliteFile
+from rosidl_py_gen.bags.files.storage import MAX_TIME, damage_told
 from rosidl_py_gen.bags.metadata import FILE, read_metadata
 from rosidl_py_gen.bags.remote import copied
-from rosidl_py_gen.bags.sqlite_file import SqliteFile
-from rosidl_py_gen.bags.storage import MAX_TIME, damage_told
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
     from contextlib import ExitStack
 
-    from rosidl_py_gen.bags.storage import Block, Raw, Storage
+    from rosidl_py_gen.bags.files.storage import Block, Raw, Storage
 
 SUFFIX = ".zstd"
 _SUFFIXES = ".mcap", ".db3"

@@ -54,18 +54,16 @@ def find(bags: Iterable[str]) -> tuple[list[Found], dict[str, str]]:
 
 
 def _found(bag: str) -> list[Found]:
-    if not is_url(bag):
-        place = os.path.abspath(bag)
-        system, path = file_system(place)
-        return [_described(system, place, system.info(path))]
-    system, path = file_system(bag)
+    is_local = not is_url(bag)
+    place = os.path.abspath(bag) if is_local else bag
+    system, path = file_system(place)
     system.invalidate_cache()
-    if _WILD.isdisjoint(path):
-        return [_described(system, bag, system.info(path))]
+    if _WILD.isdisjoint(path) or (is_local and os.path.exists(place)):
+        return [_described(system, place, system.info(path))]
     some = system.glob(path, detail=True)
     if not some:
         raise BagError(f"{bag}: nothing is called so")
-    return [_described(system, url_of(bag, path), info) for path, info in sorted(some.items())]
+    return [_described(system, url_of(place, path), info) for path, info in sorted(some.items())]
 
 
 def _described(system: Any, place: str, info: Mapping[str, Any]) -> Found:

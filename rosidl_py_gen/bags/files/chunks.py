@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from rosidl_py_gen.bags.storage import Channel, Raw
+    from rosidl_py_gen.bags.files.storage import Channel, Raw
 
     Array = NDArray[Any]
 

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.bags.compressed import CompressedMessages, files_of, unpacked
-from rosidl_py_gen.bags.mcap_file import McapFile
+from rosidl_py_gen.bags.files.compressed import CompressedMessages, files_of, unpacked
+from rosidl_py_gen.bags.files.mcap_file import McapFile
+from rosidl_py_gen.bags.files.sqlite_file import SqliteFile
 from rosidl_py_gen.bags.remote import reached
-from rosidl_py_gen.bags.sqlite_file import SqliteFile
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from contextlib import ExitStack
     from pathlib import Path
 
-    from rosidl_py_gen.bags.storage import Storage
+    from rosidl_py_gen.bags.files.storage import Storage
 
 
 def open_files(

@@ -1,0 +1,5 @@
+"""What may change in rclpy."""
+
+from __future__ import annotations
+
+from rclpy.experimental.events_executor import EventsExecutor as EventsExecutor

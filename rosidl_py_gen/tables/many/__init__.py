@@ -1,0 +1,1 @@
+"""Many bags as one dataset: sources (which), manifest (what is there), tasks, datasets (all), cluster (Dask)."""

@@ -1,0 +1,83 @@
+"""Times, durations, clocks, jumps and sleeping."""
+
+import threading
+import time
+
+import rclpy
+from builtin_interfaces.msg import Duration as DurationMsg
+from builtin_interfaces.msg import Time as TimeMsg
+from rclpy.clock import Clock, ClockType, JumpThreshold, ROSClock
+from rclpy.duration import Duration, Infinite
+from rclpy.time import Time
+
+
+def tell(what):
+    try:
+        print(what())
+    except Exception as error:
+        print(type(error).__name__, error if isinstance(error, TypeError) else "")
+
+
+rclpy.init()
+node = rclpy.create_node("clocks")
+clock = node.get_clock()
+print(type(clock).__name__, clock, clock.clock_type, clock.ros_time_is_active, clock.now().clock_type.name)
+tell(lambda: Time(seconds=1.5, nanoseconds=3) - Duration(seconds=0.5))
+tell(lambda: Time(seconds=1) + Duration(seconds=-2))
+tell(lambda: Time(seconds=3) - Time(seconds=1, clock_type=ClockType.ROS_TIME))
+tell(lambda: Time(seconds=3) == Time(seconds=3, clock_type=ClockType.ROS_TIME))
+tell(lambda: Time(seconds=3) > Time(seconds=2))
+tell(lambda: Time(seconds=3) != "x")
+tell(lambda: Time(seconds=-1))
+tell(lambda: Time(seconds=2**63))
+tell(lambda: Duration(seconds=2**63))
+tell(lambda: (Duration(seconds=-1.5).nanoseconds, Duration(seconds=-1.5).to_msg()))
+tell(lambda: (Infinite, Duration(nanoseconds=5), repr(Duration(seconds=1))))
+tell(lambda: Duration(seconds=1) + Duration(seconds=2))
+tell(lambda: Duration(seconds=2) * 2)
+tell(lambda: Duration.from_msg(DurationMsg(sec=1, nanosec=5)).nanoseconds)
+tell(lambda: Time.from_msg(TimeMsg(sec=1, nanosec=5)).seconds_nanoseconds())
+tell(lambda: Time.from_msg("x"))
+tell(lambda: Time.from_msg(TimeMsg(sec=1), clock_type=ClockType.STEADY_TIME))
+tell(lambda: Time(seconds=3).to_msg())
+tell(lambda: hash(Time(seconds=3)) == hash(Time(seconds=3)))
+for kind in (ClockType.SYSTEM_TIME, ClockType.STEADY_TIME, ClockType.ROS_TIME):
+    made = Clock(clock_type=kind)
+    before = made.now()
+    slept = made.sleep_for(Duration(seconds=0.02))
+    print(type(made).__name__, slept, (made.now() - before).nanoseconds >= 20_000_000, made)
+    print(made.sleep_until(before), made.sleep_for(Duration(seconds=-1)))
+tell(lambda: clock.sleep_until(Time(seconds=1, clock_type=ClockType.STEADY_TIME)))
+tell(lambda: JumpThreshold(min_forward=None, min_backward=None, on_clock_change=False))
+tell(lambda: JumpThreshold(min_forward=Duration(seconds=-1), min_backward=None))
+ros = ROSClock()
+jumps = []
+threshold = JumpThreshold(min_forward=Duration(seconds=1), min_backward=Duration(seconds=-1), on_clock_change=True)
+handle = ros.create_jump_callback(
+    threshold,
+    pre_callback=lambda: jumps.append("before"),
+    post_callback=lambda jump: jumps.append((jump.clock_change.name, jump.delta.nanoseconds > 0)),
+)
+ros._set_ros_time_is_active(True)
+ros.set_ros_time_override(Time(seconds=10, clock_type=ClockType.ROS_TIME))
+ros.set_ros_time_override(Time(seconds=20, clock_type=ClockType.ROS_TIME))
+ros.set_ros_time_override(Time(seconds=20, nanoseconds=5, clock_type=ClockType.ROS_TIME))
+print(ros.now(), jumps[0], len(jumps) > 2, jumps[-1])
+woken = []
+thread = threading.Thread(target=lambda: woken.append(ros.sleep_until(Time(seconds=30, clock_type=ClockType.ROS_TIME))))
+thread.start()
+time.sleep(0.05)
+print(woken)
+ros.set_ros_time_override(Time(seconds=31, clock_type=ClockType.ROS_TIME))
+thread.join(10)
+print(woken)
+handle.unregister()
+count = len(jumps)
+ros.set_ros_time_override(Time(seconds=1, clock_type=ClockType.ROS_TIME))
+print(len(jumps) == count)
+thread = threading.Thread(target=lambda: woken.append(clock.sleep_for(Duration(seconds=100))))
+thread.start()
+time.sleep(0.05)
+rclpy.shutdown()
+thread.join(10)
+print(woken)

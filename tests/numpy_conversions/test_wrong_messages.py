@@ -1,0 +1,59 @@
+"""What is given another message than it reads, or none, says what it found and what it expected."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen import numpy as conversions
+from rosidl_py_gen.numpy import ConversionError
+
+Image: Any = get_message("sensor_msgs/msg/Image")
+Imu: Any = get_message("sensor_msgs/msg/Imu")
+PointCloud2: Any = get_message("sensor_msgs/msg/PointCloud2")
+
+
+@pytest.mark.parametrize(
+    ("function", "expected"),
+    [
+        ("image_to_array", "a sensor_msgs/msg/Image"),
+        ("compressedimage_to_array", "a sensor_msgs/msg/CompressedImage"),
+        ("pointcloud_dtype", "a sensor_msgs/msg/PointCloud2"),
+        ("pointcloud_to_array", "a sensor_msgs/msg/PointCloud2"),
+        ("laserscan_to_points", "a sensor_msgs/msg/LaserScan"),
+        ("occupancygrid_to_array", "a nav_msgs/msg/OccupancyGrid"),
+        ("transform_to_matrix", "a transform or a pose"),
+        ("quaternion_to_matrix", "quaternions x, y, z, w"),
+        ("quaternion_to_euler", "quaternions x, y, z, w"),
+        ("matrix_to_quaternion", "matrices of 3 x 3"),
+        ("matrix_to_transform", "a matrix of 4 x 4"),
+        ("datetime_to_time", "a datetime"),
+        ("timedelta_to_duration", "a timedelta"),
+        ("time_to_datetime", "sec and nanosec"),
+        ("duration_to_timedelta", "sec and nanosec"),
+    ],
+)
+def test_another_message_is_named_with_what_was_expected(function: str, expected: str) -> None:
+    for wrong in (Imu(), object()):
+        with pytest.raises(ConversionError, match=f"expected {expected}, got <?{type(wrong).__name__}"):
+            getattr(conversions, function)(wrong)
+
+
+def test_a_field_that_is_not_there_is_named() -> None:
+    image = Image(encoding="mono8", height=1, width=1, step=1, data=b"\7")
+    assert conversions.image_to_array(image=image).tolist() == [[7]]
+    half = SimpleNamespace(encoding="mono8", is_bigendian=0, height=1, width=1)
+    with pytest.raises(ConversionError, match=r"expected a sensor_msgs/msg/Image, got SimpleNamespace: .*'step'"):
+        conversions.image_to_array(image=half)
+    cloud = PointCloud2(point_step=4)
+    cloud.fields = [7]
+    with pytest.raises(ConversionError, match="PointCloud2: 'int' object has no attribute 'datatype'"):
+        conversions.pointcloud_to_array(cloud)
+    with pytest.raises(ConversionError, match=r"a transform or a pose, got SimpleNamespace: .*'x'"):
+        conversions.transform_to_matrix(SimpleNamespace(translation=3, rotation=[0, 0, 0, 1]))
+    with pytest.raises(ConversionError, match="expected angles in radians, got str"):
+        conversions.euler_to_quaternion(0, "up", np.zeros(3))

@@ -1,0 +1,105 @@
+"""What differs between the names of our rclpy and the recorded ones, in JSON. Run by ``rosidl-py run``."""
+
+from __future__ import annotations
+
+import enum
+import importlib
+import inspect
+import json
+import sys
+import typing
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+
+from rclpy_record import RECORD, describe, kind_of, parameters_of, plain
+
+REAL: dict[str, dict[str, Any]] = json.loads(RECORD.read_text(encoding="utf-8"))
+
+
+def of_python(name: str, entry: dict[str, Any]) -> bool:
+    """Whether a module imports the name from the standard library, such as ``rclpy.node.List``."""
+    if defined := entry.get("from"):
+        return str(defined).partition(".")[0] in sys.stdlib_module_names
+    return entry["kind"] == "constant" and "value" not in entry and name in vars(typing)
+
+
+def found(holder: Any, name: str) -> tuple[bool, Any]:
+    """Whether a module or class has a name, and what it is; the latter is None where instances have it only."""
+    if not inspect.isclass(holder):
+        return hasattr(holder, name), getattr(holder, name, None)
+    instances = {one for base in holder.__mro__ for one in vars(base).get("__annotations__", ())}
+    if name in instances or (issubclass(holder, enum.Enum) and name in ("name", "value")):
+        return True, None
+    return hasattr(holder, name), inspect.getattr_static(holder, name, None)
+
+
+def compare(path: str, entry: dict[str, Any], thing: Any) -> Iterator[tuple[str, str, Any]]:
+    """What differs: ``(path, aspect, what ours has)``."""
+    if entry["kind"] != "property" and kind_of(thing) != entry["kind"]:
+        yield path, "kind", kind_of(thing)
+    parameters = entry.get("parameters")
+    if parameters is not None and parameters_of(thing) != parameters:
+        yield path, "parameters", parameters_of(thing)
+    if "value" in entry and plain(getattr(thing, "value", thing)) != entry["value"]:
+        yield path, "value", thing
+    for name, member in entry.get("members", {}).items():
+        there, one = found(thing, name)
+        if not there:
+            yield f"{path}.{name}", "missing", None
+        elif one is not None:
+            yield from compare(f"{path}.{name}", member, one)
+
+
+def differences() -> Iterator[tuple[str, str, Any]]:
+    modules = {name: importlib.import_module(name) for name in REAL}  # all, before any is asked for its submodules
+    for module_name, names in REAL.items():
+        module = modules[module_name]
+        for name, entry in names.items():
+            if of_python(name, entry):
+                continue
+            there, thing = found(module, name)
+            if not there:
+                yield f"{module_name}.{name}", "missing", None
+            else:
+                yield from compare(f"{module_name}.{name}", entry, thing)
+
+
+def members_of(module: str, name: str, seen: tuple[str, ...] = ()) -> set[str]:
+    """Members of a recorded class and its recorded bases."""
+    entry = REAL.get(module, {}).get(name)
+    if entry is None or f"{module}.{name}" in seen:
+        return set()
+    seen = (*seen, f"{module}.{name}")
+    if "members" not in entry:
+        return members_of(entry["from"], name, seen) if "from" in entry else set()
+    bases = (base.rpartition(".") for base in entry["bases"])
+    return set(entry["members"]).union(*(members_of(base, last, seen) for base, _, last in bases))
+
+
+def more() -> Iterator[str]:
+    """Public names that our modules define and rclpy has not; what they import for themselves is not counted."""
+    for module_name, names in describe("rclpy").items():
+        if module_name not in REAL:
+            yield module_name
+            continue
+        for name, entry in names.items():
+            recorded = REAL[module_name].get(name)
+            if recorded is None:
+                imported = entry["kind"] == "module" or "from" in entry or name == "annotations" or name in vars(typing)
+                if not imported:
+                    yield f"{module_name}.{name}"
+            elif "members" in recorded and "members" in entry:
+                cls = getattr(importlib.import_module(module_name), name)
+                own = {one for base in cls.__mro__ if base.__module__.startswith("rclpy") for one in vars(base)}
+                known = members_of(module_name, name)
+                yield from (f"{module_name}.{name}.{one}" for one in sorted(own - known) if not one.startswith("_"))
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore")  # deprecated modules and names are looked at, too
+    different = [(path, aspect, str(ours)) for path, aspect, ours in differences()]
+    print(json.dumps({"different": different, "more": list(more())}))

@@ -1,0 +1,130 @@
+"""Our rclpy has the names of the real one, with their kinds, parameters and values; what is missing is listed here.
+
+The record of the real one is made by `rclpy_record.py`, which describes ours in the same words. docs/rclpy.md says the
+same as the tables of this file; where it does not, a failed test prints what has to stand there.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rclpy_record import RECORD
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "rclpy.md"
+REAL: dict[str, dict[str, Any]] = json.loads(RECORD.read_text(encoding="utf-8"))
+MISSING = {
+    "functions of C, which no handle of ours has": (
+        "rclpy.clock.ClockHandle.add_clock_callback",
+        "rclpy.clock.ClockHandle.remove_clock_callback",
+        "rclpy.impl.implementation_singleton.import_c_library",
+    ),
+    "count what C's logging needs, which is not there": (
+        "rclpy.context.g_logging_configure_lock",
+        "rclpy.context.g_logging_ref_count",
+    ),
+    "the service is served below rclpy and ends with its node": (
+        "rclpy.type_description_service.GetTypeDescription",
+        "rclpy.type_description_service.TypeDescriptionService.destroy",
+    ),
+    "what a module imports for its own lines, and is imported elsewhere by its own name": (
+        "rclpy.clock.TYPE_CHECKING",
+        "rclpy.event_handler.rclpy",
+        "rclpy.experimental.events_executor.rclpy",
+        "rclpy.qos_event.rclpy",
+        "rclpy.qos_overriding_options.rclpy",
+        "rclpy.utilities.ament_index_python",
+    ),
+    "a name for checkers of types inside of the class": ("rclpy.exceptions.InvalidParameterTypeException.Parameter",),
+}
+"""Reason -> names of rclpy that ours has not. The standard library is left out: `differing_names.of_python`."""
+OTHER_VALUES = {
+    "an enumeration of names; its numbers are used in C only": tuple(
+        f"rclpy.action.server.GoalEvent.{name}" for name in ("ABORT", "CANCELED", "CANCEL_GOAL", "EXECUTE", "SUCCEED")
+    ),
+}
+"""Reason -> constants whose values differ."""
+MORE = {
+    "parts of `rclpy.node` and `rclpy.action.server`, in files of their own": (
+        "rclpy.action.server_goal",
+        "rclpy.node_entities",
+        "rclpy.node_graph",
+        "rclpy.node_parameters",
+    ),
+    "what stands where rclpy has C, in files of their own": (
+        "rclpy.handles",
+        "rclpy.impl.action_endpoints",
+        "rclpy.impl.lifecycle_machine",
+        "rclpy.impl.names",
+        "rclpy.impl.parameter_rules",
+        "rclpy.mismatches",
+        "rclpy.readiness",
+    ),
+    "what stands where rclpy has classes and functions of C": (
+        "rclpy.clock.ClockHandle.is_valid",
+        "rclpy.context.mark_all_shut_down",
+        "rclpy.context.refused_arguments",
+        "rclpy.duration.DurationType.nanoseconds",
+        "rclpy.event_handler.EventHandle",
+        "rclpy.guard_condition.GuardConditionHandle",
+        "rclpy.impl.rcutils_logger.as_severity",
+        "rclpy.impl.rcutils_logger.set_level",
+        "rclpy.time.TimeHandle.clock_type",
+        "rclpy.time.TimeHandle.nanoseconds",
+        "rclpy.timer.TimerHandle",
+        "rclpy.waitable.WaitSet",
+    ),
+    "all handles of C have it but that of a clock": ("rclpy.clock.ClockHandle.pointer",),
+    "names of types for checkers": ("rclpy.lifecycle.node.Described",),
+    "a value of the middleware that rclpy has no name for": ("rclpy.qos.RMW_QOS_DEADLINE_BEST_AVAILABLE",),
+    "there under `rclpy.executors` in rclpy": ("rclpy.task.await_or_execute",),
+    "fields that a namedtuple made by a call has as well, unrecorded": tuple(
+        f"rclpy.impl.rcutils_logger.CallerId.{name}"
+        for name in ("file_path", "function_name", "last_index", "line_number")
+    ),
+}
+"""Reason -> names of ours that begin with a letter and rclpy has not: no program can count on them."""
+
+
+@pytest.fixture(scope="module")
+def compared() -> dict[str, Any]:
+    """What `differing_names.py` says."""
+    command = [sys.executable, "-m", "rosidl_py_gen.tools", "run", str(Path(__file__).with_name("differing_names.py"))]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def listed(table: dict[str, tuple[str, ...]]) -> list[str]:
+    return sorted(name for names in table.values() for name in names)
+
+
+def rows(table: dict[str, tuple[str, ...]]) -> str:
+    """As the page has it."""
+    return "".join(f"| {', '.join(f'`{name}`' for name in names)} | {reason} |\n" for reason, names in table.items())
+
+
+def test_what_differs_from_the_real_rclpy_is_listed(compared: dict[str, Any]) -> None:
+    different = compared["different"]
+    assert sorted(path for path, what, _ in different if what == "missing") == listed(MISSING)
+    assert sorted(path for path, what, _ in different if what == "value") == listed(OTHER_VALUES)
+    assert [one for one in different if one[1] not in ("missing", "value")] == []
+
+
+def test_names_of_ours_are_explained(compared: dict[str, Any]) -> None:
+    assert sorted(compared["more"]) == listed(MORE)
+
+
+@pytest.mark.parametrize("table", [MISSING, OTHER_VALUES, MORE], ids=["missing", "values", "more"])
+def test_the_page_says_the_same(table: dict[str, tuple[str, ...]]) -> None:
+    assert rows(table) in PAGE.read_text(encoding="utf-8"), f"it needs\n{rows(table)}"
+
+
+def test_the_page_counts_what_was_compared() -> None:
+    count = sum(1 + len(entry.get("members", ())) for names in REAL.values() for entry in names.values())
+    assert f"{len(REAL)} modules, {count} names" in PAGE.read_text(encoding="utf-8")

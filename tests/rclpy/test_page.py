@@ -1,0 +1,28 @@
+"""docs/rclpy.md tells of rclpy's own tests what `run_rclpy_tests.py` knows: the counts fit the failures it explains."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from run_rclpy_tests import REASONS
+
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "rclpy.md").read_text(encoding="utf-8")
+ROWS = {
+    name: (int(passed), int(count), why)
+    for name, passed, count, why in re.findall(r"^\| `(test_\w+\.py)` \| (\d+) of (\d+) \|(.*)\|$", PAGE, re.MULTILINE)
+}
+
+
+def test_every_failure_is_explained_one_by_one() -> None:
+    assert set(REASONS) <= set(ROWS) and len(ROWS) > 45
+    for name, (passed, count, why) in ROWS.items():
+        explained = REASONS.get(name, {})
+        assert count - passed == len(explained), f"{name}: failed are other tests than those explained"
+        assert all(f"`{test}`" in why and reason in why for test, reason in explained.items()), name
+
+
+def test_the_sum_is_that_of_the_rows() -> None:
+    passed, count = (sum(row[index] for row in ROWS.values()) for index in (0, 1))
+    assert f"**{passed} of {count}**" in PAGE
+    assert passed > 0.95 * count

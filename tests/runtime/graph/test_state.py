@@ -1,0 +1,51 @@
+"""The graph is asked from threads of the program while the loop changes it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from rosidl_py_gen.runtime import QoSProfile
+from rosidl_py_gen.runtime.graph.state import Graph
+from rosidl_py_gen.runtime.transport.discovered import Channel, EndpointFound
+
+CHANNEL = Channel("topic", "/t")
+
+
+@dataclass(frozen=True)
+class Meanwhile:
+    """An endpoint; whoever looks at it sees another one come first, as when threads take turns there."""
+
+    of: EndpointFound
+    come: Callable[[], None]
+
+    def __getattr__(self, name: str) -> Any:
+        self.come()
+        return getattr(self.of, name)
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda graph: len(graph.on(CHANNEL, writers=True)),
+        lambda graph: len(graph.topics()),
+    ],
+)
+def test_others_may_come_while_it_is_asked(ask: Callable[[Graph], int]) -> None:
+    graph = Graph()
+    numbers = iter(range(1, 100))
+
+    def endpoint() -> EndpointFound:
+        guid = next(numbers).to_bytes(16, "big")
+        return EndpointFound(guid, bytes(16), True, CHANNEL, "std_msgs/msg/String", QoSProfile())
+
+    first = endpoint()
+    graph.apply(first)
+    looked_at: Any = Meanwhile(first, lambda: graph.apply(endpoint()) and None)
+    graph.endpoints[first.guid] = looked_at
+    graph._by_channel[CHANNEL][first.guid] = looked_at
+    assert ask(graph) == 1
+    assert len(graph.endpoints) > 1
