@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import threading
 import time
 import warnings
-from collections.abc import Callable, Coroutine, Iterable, Iterator
+from collections.abc import Awaitable, Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.client import Client as Client
 from rclpy.clock import Clock as Clock
 from rclpy.clock_type import ClockType as ClockType
@@ -21,6 +24,7 @@ from rclpy.readiness import ready_entities, ready_waitables, seconds_to_timer
 from rclpy.service import Service as Service
 from rclpy.signals import SignalHandlerGuardCondition as SignalHandlerGuardCondition
 from rclpy.subscription import Subscription as Subscription
+from rclpy.task import EntityTask
 from rclpy.task import Future as Future
 from rclpy.task import Task as Task
 from rclpy.task import await_or_execute as await_or_execute
@@ -114,8 +118,7 @@ class Executor:
     ) -> Task[Any]:
         """Have a function or coroutine run while somebody spins; answers a future of its result."""
         task: Task[Any] = Task(callback, args, kwargs, executor=self)
-        with self._tasks_lock:
-            self._tasks.append((task, None, None))
+        self._keep(task, None, None)
         self.wake()
         return task
 
@@ -152,8 +155,7 @@ class Executor:
 
     def get_nodes(self) -> list[Node]:
         """The nodes it serves."""
-        with self._nodes_lock:
-            return list(self._nodes)
+        return list(self._nodes)
 
     def spin(self) -> None:
         """Run callbacks until the context or the executor is shut down."""
@@ -197,41 +199,53 @@ class Executor:
 
     def _make_handler(self, entity: Any, node: Node) -> Task[Any]:
         entity._executor_event = True  # it is not ready again before something was taken
-        task: Task[Any] = Task(self._handle_entity, (entity,), executor=self)
-        task._handed_out = True
+        return EntityTask(self, partial(self._handle_entity, entity), lambda task: self._keep(task, entity, node))
+
+    def _keep(self, task: Task[Any], entity: Any, node: Node | None) -> None:
         with self._tasks_lock:
             self._tasks.append((task, entity, node))
-        return task
 
-    async def _handle_entity(self, entity: Any) -> None:
+    def _handle_entity(self, entity: Any) -> Coroutine[Any, Any, None] | None:
+        """Take one item and call back; answers what is left to do where that is async."""
         if self._is_shutdown or not entity.callback_group.beginning_execution(entity):
             entity._executor_event = False
             self.wake()
-            return
+            return None
+        rest: Coroutine[Any, Any, None] | None = None
+        group = entity.callback_group
         try:
             call: Callable[[], Any] | None
             try:
-                call = self._take_waitable(entity) if isinstance(entity, Waitable) else entity._take(self)
+                call = entity._take(self)
             except (InvalidHandle, runtime.ClosedError):  # destroyed meanwhile
                 call = None
             finally:
                 entity._executor_event = False
-                self.wake()
-            if call is not None:
-                await await_or_execute(call)
+                if type(group) is not MutuallyExclusiveCallbackGroup:  # there nothing is to be seen before the end
+                    self.wake()
+            if call is None:
+                return None
+            answer = call()
+            if (
+                answer is not None
+                and inspect.isawaitable(answer)  # a plain callback that answers a coroutine is left alone, as in rclpy
+                and (isinstance(entity, Service) or inspect.iscoroutinefunction(call))
+            ):
+                rest = self._finish(entity, answer)
+            return rest
         finally:
-            entity.callback_group.ending_execution(entity)
-            self.wake()
+            if rest is None:
+                self._end(entity)
 
-    def _take_waitable(self, waitable: Waitable) -> Callable[[], Any]:
-        data = waitable.take_data()
+    async def _finish(self, entity: Any, answer: Awaitable[Any]) -> None:
+        try:
+            await answer
+        finally:
+            self._end(entity)
 
-        async def execute() -> None:
-            for future in waitable._futures:
-                future._set_executor(self)
-            await waitable.execute(data)
-
-        return execute
+    def _end(self, entity: Any) -> None:
+        entity.callback_group.ending_execution(entity)
+        self.wake()
 
     def can_execute(self, entity: Any) -> bool:
         """Whether the callback of an entity may run now: its group allows it, and it is not about to."""
@@ -241,6 +255,8 @@ class Executor:
 
     def _resumable(self, nodes: Iterable[Node]) -> Iterator[_Work]:
         """Tasks that can go on, newest first."""
+        if not self._tasks:
+            return
         with self._tasks_lock:
             tasks = list(self._tasks)
         for task, entity, node in reversed(tasks):
@@ -251,6 +267,8 @@ class Executor:
             self._tasks = [work for work in self._tasks if work[0]._pending()]
 
     def _can_go_on(self, nodes: Iterable[Node]) -> bool:
+        if not self._tasks:
+            return False
         with self._tasks_lock:
             return any(task._can_go_on() and (node is None or node in nodes) for task, _, node in self._tasks)
 
@@ -258,25 +276,30 @@ class Executor:
         self, nodes: list[Node] | None, end: float | None, condition: Callable[[], bool]
     ) -> list[tuple[Any, Node]]:
         """What is ready as soon as something is; nothing when something else ends the wait."""
-        handle, chosen = self.__handle, self.get_nodes() if nodes is None else nodes
+        handle, has_looked = self.__handle, False
         try:
-            if end is not None or self._can_go_on(chosen) or ready_entities(chosen, self.can_execute):
-                handle.driver.wait(timeout_s=0)  # what arrived meanwhile counts, too
             while True:
                 seen = handle.news
                 chosen = self.get_nodes() if nodes is None else nodes
-                ready = ready_waitables(chosen, self.can_execute) + ready_entities(chosen, self.can_execute)
+                ready = ready_entities(chosen, self.can_execute)
+                if not has_looked and (end is not None or ready or self._can_go_on(chosen)):
+                    has_looked = True
+                    handle.driver.wait(timeout_s=0)  # what arrived meanwhile counts, too
+                    continue
+                ready = ready_waitables(chosen, self.can_execute) + ready
                 if ready or self._is_shutdown or not handle.ok() or condition() or self._can_go_on(chosen):
                     return ready
                 left = None if end is None else end - self._now_s()
                 if left is not None and left <= 0:
                     return []
-                limits = [one for one in (left, seconds_to_timer(chosen, self.can_execute)) if one is not None]
+                limit = seconds_to_timer(chosen, self.can_execute)
+                if left is not None and (limit is None or left < limit):
+                    limit = left
 
                 def has_changed(seen: object = seen) -> bool:
-                    return handle.news is not seen or self._is_shutdown or condition()
+                    return handle.news is not seen or (condition is not _never and condition())
 
-                limit = min(limits, default=None)
+                has_looked = True
                 handle.driver.wait(has_changed, 0 if limit is not None and limit < _SELECTORS_S else limit)
                 if limit is not None and limit < _SELECTORS_S and not has_changed():
                     time.sleep(min(limit, _NAP_S))

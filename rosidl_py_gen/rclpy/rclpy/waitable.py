@@ -5,7 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rclpy.callback_groups import CallbackGroup
+    from rclpy.executors import Executor
     from rclpy.handles import Destroyable
     from rclpy.task import Future
 
@@ -109,6 +112,20 @@ class Waitable:
 
     def __exit__(self, t: object, v: object, tb: object) -> None:
         """Somebody waited."""
+
+    def _is_idle(self) -> bool:
+        """Whether it need not be asked, because it is not ready for sure."""
+        return False
+
+    def _take(self, executor: Executor) -> Callable[[], Any]:
+        data = self.take_data()
+
+        async def execute() -> None:
+            for future in self._futures:
+                future._set_executor(executor)
+            await self.execute(data)
+
+        return execute
 
     def add_future(self, future: Future[Any]) -> None:
         """Have the callbacks of a future called by the executor."""
