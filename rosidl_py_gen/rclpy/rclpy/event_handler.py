@@ -92,13 +92,11 @@ class EventHandler(Waitable):
                     f"{event_type!r}: nobody looks for this event; give event_callbacks when the endpoint is created"
                 )
             self.__event = EventHandle(items)
-        self.__is_plain = type(self).is_ready is EventHandler.is_ready
+        if type(self).is_ready is EventHandler.is_ready:
+            self._rclpy_queue = items
 
     def is_ready(self, wait_set: WaitSet) -> bool:
         return self.__event.is_ready()
-
-    def _is_idle(self) -> bool:
-        return self.__is_plain and not self.__event.items
 
     def take_data(self) -> Any:
         with self.__event:

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import inspect
 import os
 import threading
 import time
 import warnings
-from collections.abc import Awaitable, Callable, Coroutine, Iterable, Iterator
+from collections.abc import Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.client import Client as Client
 from rclpy.clock import Clock as Clock
 from rclpy.clock_type import ClockType as ClockType
@@ -20,6 +17,7 @@ from rclpy.context import Context as Context
 from rclpy.exceptions import InvalidHandle as InvalidHandle
 from rclpy.exceptions import NotInitializedException
 from rclpy.guard_condition import GuardCondition as GuardCondition
+from rclpy.handling import handle_entity
 from rclpy.readiness import ready_entities, ready_waitables, seconds_to_timer
 from rclpy.service import Service as Service
 from rclpy.signals import SignalHandlerGuardCondition as SignalHandlerGuardCondition
@@ -45,6 +43,7 @@ if TYPE_CHECKING:
 
 WaitableEntityType = TypeVar("WaitableEntityType")
 _Work = tuple[Task[Any], Any, Any]
+_Found = tuple[Task[Any] | None, Any, Any]
 
 
 class TimeoutException(Exception):
@@ -103,7 +102,7 @@ class Executor:
         self._tasks: list[_Work] = []
         self._tasks_lock = threading.Lock()
         self._is_shutdown = False
-        self._cb_iter: Iterator[_Work] | None = None
+        self._cb_iter: Iterator[_Found] | None = None
         self._last_args: tuple[Any, ...] | None = None
         self._last_kwargs: dict[str, Any] | None = None
         self._context.on_shutdown(self.wake)
@@ -198,54 +197,15 @@ class Executor:
     # ---------------------------------------------------------------------------------------------------- handlers
 
     def _make_handler(self, entity: Any, node: Node) -> Task[Any]:
-        entity._executor_event = True  # it is not ready again before something was taken
-        return EntityTask(self, partial(self._handle_entity, entity), lambda task: self._keep(task, entity, node))
+        return EntityTask(
+            self,
+            lambda: handle_entity(self, entity, self._is_shutdown),
+            lambda task: self._keep(task, entity, node),
+        )
 
     def _keep(self, task: Task[Any], entity: Any, node: Node | None) -> None:
         with self._tasks_lock:
             self._tasks.append((task, entity, node))
-
-    def _handle_entity(self, entity: Any) -> Coroutine[Any, Any, None] | None:
-        """Take one item and call back; answers what is left to do where that is async."""
-        if self._is_shutdown or not entity.callback_group.beginning_execution(entity):
-            entity._executor_event = False
-            self.wake()
-            return None
-        rest: Coroutine[Any, Any, None] | None = None
-        group = entity.callback_group
-        try:
-            call: Callable[[], Any] | None
-            try:
-                call = entity._take(self)
-            except (InvalidHandle, runtime.ClosedError):  # destroyed meanwhile
-                call = None
-            finally:
-                entity._executor_event = False
-                if type(group) is not MutuallyExclusiveCallbackGroup:  # there nothing is to be seen before the end
-                    self.wake()
-            if call is None:
-                return None
-            answer = call()
-            if (
-                answer is not None
-                and inspect.isawaitable(answer)  # a plain callback that answers a coroutine is left alone, as in rclpy
-                and (isinstance(entity, Service) or inspect.iscoroutinefunction(call))
-            ):
-                rest = self._finish(entity, answer)
-            return rest
-        finally:
-            if rest is None:
-                self._end(entity)
-
-    async def _finish(self, entity: Any, answer: Awaitable[Any]) -> None:
-        try:
-            await answer
-        finally:
-            self._end(entity)
-
-    def _end(self, entity: Any) -> None:
-        entity.callback_group.ending_execution(entity)
-        self.wake()
 
     def can_execute(self, entity: Any) -> bool:
         """Whether the callback of an entity may run now: its group allows it, and it is not about to."""
@@ -308,7 +268,7 @@ class Executor:
 
     def _wait_for_ready_callbacks(
         self, timeout_sec: _Timeout = None, nodes: list[Node] | None = None, condition: Callable[[], bool] = _never
-    ) -> Iterator[_Work]:
+    ) -> Iterator[_Found]:
         limit = timeout_sec.timeout if isinstance(timeout_sec, TimeoutObject) else timeout_sec
         end = None if limit is None or limit < 0 else self._now_s() + float(limit)
         yielded = False
@@ -324,7 +284,8 @@ class Executor:
             for entity, node in ready:
                 if self.can_execute(entity) and (entity._is_ready() if isinstance(entity, Timer) else True):
                     yielded = True
-                    yield self._make_handler(entity, node), entity, node
+                    entity._executor_event = True  # it is not ready again before something was taken
+                    yield None, entity, node
             if not yielded and end is not None and self._now_s() >= end:
                 raise TimeoutException
         if self._is_shutdown:
@@ -341,6 +302,10 @@ class Executor:
         Raises:
             TimeoutException, ShutdownException, ExternalShutdownException, ConditionReachedException: as they say.
         """
+        task, entity, node = self._next_work(args, kwargs)
+        return self._make_handler(entity, node) if task is None else task, entity, node
+
+    def _next_work(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> _Found:
         while True:
             if self._cb_iter is None or self._last_args != args or self._last_kwargs != kwargs:
                 self._last_args, self._last_kwargs = args, kwargs
@@ -364,9 +329,16 @@ class SingleThreadedExecutor(Executor):
 
     def _spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _never) -> None:
         try:
-            handler, _, _ = self.wait_for_ready_callbacks(timeout_sec, None, condition)
+            handler, entity, node = self._next_work((timeout_sec, None, condition), {})
         except (ShutdownException, TimeoutException, ConditionReachedException):
             return
+        if handler is None:  # here and now, without a task
+            rest = handle_entity(self, entity, self._is_shutdown)
+            if rest is None:
+                return
+            handler = Task(rest, executor=self)
+            handler._handed_out = True
+            self._keep(handler, entity, node)
         handler()
         handler.result()
 

@@ -66,8 +66,9 @@ def ready_waitables(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) -
     found: Found = []
     wait_set: WaitSet | None = None
     for node in nodes:
-        for waitable in tuple(node._what_is_served()[6]):
-            if waitable._is_idle() or not can_execute(waitable):
+        for waitable in tuple(node._what_is_served().waitables):
+            queue = waitable._rclpy_queue
+            if (queue is not None and not queue) or not can_execute(waitable):
                 continue
             if wait_set is None:
                 wait_set = WaitSet()
@@ -85,8 +86,7 @@ def seconds_to_timer(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) 
     """How long until a timer is due; None while none will be by itself."""
     least: float | None = None
     for node in nodes:
-        timers = node._what_is_served()[1]
-        for timer in tuple(timers):
+        for timer in tuple(node._what_is_served().timers):
             left = timer.handle.seconds_left()
             if left is not None and (least is None or left < least) and can_execute(timer):
                 least = left
