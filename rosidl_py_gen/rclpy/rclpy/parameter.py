@@ -13,6 +13,8 @@ from rcl_interfaces.msg import ParameterType, ParameterValue
 PARAMETER_SEPARATOR_STRING = "."
 
 if TYPE_CHECKING:
+    import yaml
+
     AllowableParameterValue = (
         bool
         | int
@@ -231,6 +233,8 @@ def parameter_dict_from_yaml_file(
 
 def _written_out(node: yaml.Node, known: dict[int, float]) -> float:
     """How many values a node is when each alias is written out; infinite for one that contains itself."""
+    import yaml
+
     if id(node) not in known:
         known[id(node)] = math.inf
         children: list[yaml.Node] = []
