@@ -166,6 +166,8 @@ SHARED_IN_SHIM = {
     "_goal_info",
     "_handed_out",
     "_is_ready",
+    "_rclpy_queue",
+    "_what_is_served",
     "_pending",
     "_publish_feedback",
     "_publish_status",

@@ -13,7 +13,7 @@ from worlds import domain_id
 PROGRAM = Path(__file__).resolve().parent / "semantics" / "threads.py"
 
 
-@pytest.mark.parametrize("case", ["counted_subscriptions", "services_of_services"])
+@pytest.mark.parametrize("case", ["counted_subscriptions", "services_of_services", "groups_of_what_was_destroyed"])
 def test_threads_lose_nothing_and_leave_nothing(case: str) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "rosidl_py_gen.tools", "run", str(PROGRAM), case],

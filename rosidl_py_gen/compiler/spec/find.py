@@ -15,7 +15,6 @@ import os
 import re
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -151,6 +150,8 @@ def holds_packages(folder: Path) -> bool:
 
 def _installed() -> Iterator[Package]:
     """Packages whose wheels say where they are; nothing of them is imported."""
+    from importlib.metadata import entry_points  # takes a while, and is needed where something is not bundled
+
     for one in sorted({(entry.name, entry.value) for entry in entry_points(group=ENTRY_POINTS)}):
         name, module = one
         try:

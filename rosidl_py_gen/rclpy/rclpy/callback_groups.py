@@ -16,7 +16,7 @@ class CallbackGroup:
 
     def add_entity(self, entity: Any) -> None:
         """Take in a subscription, timer, client, service, guard condition or waitable."""
-        self.entities.add(weakref.ref(entity))
+        self.entities.add(weakref.ref(entity, self.entities.discard))
 
     def has_entity(self, entity: Any) -> bool:
         """Whether it was taken in."""

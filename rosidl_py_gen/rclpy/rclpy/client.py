@@ -47,6 +47,7 @@ class Client:
     ) -> None:
         self.context = context
         self.__client = client_impl
+        self._is_ready = client_impl.is_ready
         self.srv_type = srv_type
         self.srv_name = srv_name
         self.qos_profile = qos_profile
@@ -171,9 +172,6 @@ class Client:
     def destroy(self) -> None:
         """End it; use `Node.destroy_client`."""
         self.__client.destroy_when_not_in_use()
-
-    def _is_ready(self) -> bool:
-        return self.__client.is_ready()
 
     def _take(self, executor: Executor) -> Callable[[], Any] | None:
         if not self.__client.is_valid or not self._arrived:

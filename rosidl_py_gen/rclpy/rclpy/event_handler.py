@@ -92,6 +92,8 @@ class EventHandler(Waitable):
                     f"{event_type!r}: nobody looks for this event; give event_callbacks when the endpoint is created"
                 )
             self.__event = EventHandle(items)
+        if type(self).is_ready is EventHandler.is_ready:
+            self._rclpy_queue = items
 
     def is_ready(self, wait_set: WaitSet) -> bool:
         return self.__event.is_ready()

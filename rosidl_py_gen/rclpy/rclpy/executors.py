@@ -18,10 +18,12 @@ from rclpy.context import Context as Context
 from rclpy.exceptions import InvalidHandle as InvalidHandle
 from rclpy.exceptions import NotInitializedException
 from rclpy.guard_condition import GuardCondition as GuardCondition
+from rclpy.handling import handle_entity
 from rclpy.readiness import ready_entities, ready_waitables, seconds_to_timer
 from rclpy.service import Service as Service
 from rclpy.signals import SignalHandlerGuardCondition as SignalHandlerGuardCondition
 from rclpy.subscription import Subscription as Subscription
+from rclpy.task import EntityTask
 from rclpy.task import Future as Future
 from rclpy.task import Task as Task
 from rclpy.task import await_or_execute as await_or_execute
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
 
 WaitableEntityType = TypeVar("WaitableEntityType")
 _Work = tuple[Task[Any], Any, Any]
+_Found = tuple[Task[Any] | None, Any, Any]
 
 
 class TimeoutException(Exception):
@@ -105,7 +108,7 @@ class Executor:
         self._tasks: list[_Work] = []
         self._tasks_lock = threading.Lock()
         self._is_shutdown = False
-        self._cb_iter: Iterator[_Work] | None = None
+        self._cb_iter: Iterator[_Found] | None = None
         self._last_args: tuple[Any, ...] | None = None
         self._last_kwargs: dict[str, Any] | None = None
         self._context.on_shutdown(self.wake)
@@ -120,8 +123,7 @@ class Executor:
     ) -> Task[Any]:
         """Have a function or coroutine run while somebody spins; answers a future of its result."""
         task: Task[Any] = Task(callback, args, kwargs, executor=self)
-        with self._tasks_lock:
-            self._tasks.append((task, None, None))
+        self._keep(task, None, None)
         self.wake()
         return task
 
@@ -158,8 +160,7 @@ class Executor:
 
     def get_nodes(self) -> list[Node]:
         """The nodes it serves."""
-        with self._nodes_lock:
-            return list(self._nodes)
+        return list(self._nodes)
 
     def spin(self) -> None:
         """Run callbacks until the context or the executor is shut down."""
@@ -202,42 +203,15 @@ class Executor:
     # ---------------------------------------------------------------------------------------------------- handlers
 
     def _make_handler(self, entity: Any, node: Node) -> Task[Any]:
-        entity._executor_event = True  # it is not ready again before something was taken
-        task: Task[Any] = Task(self._handle_entity, (entity,), executor=self)
-        task._handed_out = True
+        return EntityTask(
+            self,
+            lambda: handle_entity(self, entity, self._is_shutdown),
+            lambda task: self._keep(task, entity, node),
+        )
+
+    def _keep(self, task: Task[Any], entity: Any, node: Node | None) -> None:
         with self._tasks_lock:
             self._tasks.append((task, entity, node))
-        return task
-
-    async def _handle_entity(self, entity: Any) -> None:
-        if self._is_shutdown or not entity.callback_group.beginning_execution(entity):
-            entity._executor_event = False
-            self.wake()
-            return
-        try:
-            call: Callable[[], Any] | None
-            try:
-                call = self._take_waitable(entity) if isinstance(entity, Waitable) else entity._take(self)
-            except (InvalidHandle, runtime.ClosedError):  # destroyed meanwhile
-                call = None
-            finally:
-                entity._executor_event = False
-                self.wake()
-            if call is not None:
-                await await_or_execute(call)
-        finally:
-            entity.callback_group.ending_execution(entity)
-            self.wake()
-
-    def _take_waitable(self, waitable: Waitable) -> Callable[[], Any]:
-        data = waitable.take_data()
-
-        async def execute() -> None:
-            for future in waitable._futures:
-                future._set_executor(self)
-            await waitable.execute(data)
-
-        return execute
 
     def can_execute(self, entity: Any) -> bool:
         """Whether the callback of an entity may run now: its group allows it, and it is not about to."""
@@ -247,6 +221,8 @@ class Executor:
 
     def _resumable(self, nodes: Iterable[Node]) -> Iterator[_Work]:
         """Tasks that can go on, newest first."""
+        if not self._tasks:
+            return
         with self._tasks_lock:
             tasks = list(self._tasks)
         for task, entity, node in reversed(tasks):
@@ -257,6 +233,8 @@ class Executor:
             self._tasks = [work for work in self._tasks if work[0]._pending()]
 
     def _can_go_on(self, nodes: Iterable[Node]) -> bool:
+        if not self._tasks:
+            return False
         with self._tasks_lock:
             return any(task._can_go_on() and (node is None or node in nodes) for task, _, node in self._tasks)
 
@@ -264,25 +242,30 @@ class Executor:
         self, nodes: list[Node] | None, end: float | None, condition: Callable[[], bool]
     ) -> list[tuple[Any, Node]]:
         """What is ready as soon as something is; nothing when something else ends the wait."""
-        handle, chosen = self.__handle, self.get_nodes() if nodes is None else nodes
+        handle, has_looked = self.__handle, False
         try:
-            if end is not None or self._can_go_on(chosen) or ready_entities(chosen, self.can_execute):
-                handle.driver.wait(timeout_s=0)  # what arrived meanwhile counts, too
             while True:
                 seen = handle.news
                 chosen = self.get_nodes() if nodes is None else nodes
-                ready = ready_waitables(chosen, self.can_execute) + ready_entities(chosen, self.can_execute)
+                ready = ready_entities(chosen, self.can_execute)
+                if not has_looked and (end is not None or ready or self._can_go_on(chosen)):
+                    has_looked = True
+                    handle.driver.wait(timeout_s=0)  # what arrived meanwhile counts, too
+                    continue
+                ready = ready_waitables(chosen, self.can_execute) + ready
                 if ready or self._is_shutdown or not handle.ok() or condition() or self._can_go_on(chosen):
                     return ready
                 left = None if end is None else end - self._now_s()
                 if left is not None and left <= 0:
                     return []
-                limits = [one for one in (left, seconds_to_timer(chosen, self.can_execute)) if one is not None]
+                limit = seconds_to_timer(chosen, self.can_execute)
+                if left is not None and (limit is None or left < limit):
+                    limit = left
 
                 def has_changed(seen: object = seen) -> bool:
-                    return handle.news is not seen or self._is_shutdown or condition()
+                    return handle.news is not seen or (condition is not _never and condition())
 
-                limit = min(limits, default=None)
+                has_looked = True
                 handle.driver.wait(has_changed, 0 if limit is not None and limit < _SELECTORS_S else limit)
                 if limit is not None and limit < _SELECTORS_S and not has_changed():
                     time.sleep(min(limit, _NAP_S))
@@ -291,7 +274,7 @@ class Executor:
 
     def _wait_for_ready_callbacks(
         self, timeout_sec: _Timeout = None, nodes: list[Node] | None = None, condition: Callable[[], bool] = _never
-    ) -> Iterator[_Work]:
+    ) -> Iterator[_Found]:
         limit = timeout_sec.timeout if isinstance(timeout_sec, TimeoutObject) else timeout_sec
         end = None if limit is None or limit < 0 else self._now_s() + float(limit)
         yielded = False
@@ -307,7 +290,8 @@ class Executor:
             for entity, node in ready:
                 if self.can_execute(entity) and (entity._is_ready() if isinstance(entity, Timer) else True):
                     yielded = True
-                    yield self._make_handler(entity, node), entity, node
+                    entity._executor_event = True  # it is not ready again before something was taken
+                    yield None, entity, node
             if not yielded and end is not None and self._now_s() >= end:
                 raise TimeoutException
         if self._is_shutdown:
@@ -324,6 +308,10 @@ class Executor:
         Raises:
             TimeoutException, ShutdownException, ExternalShutdownException, ConditionReachedException: as they say.
         """
+        task, entity, node = self._next_work(args, kwargs)
+        return self._make_handler(entity, node) if task is None else task, entity, node
+
+    def _next_work(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> _Found:
         while True:
             if self._cb_iter is None or self._last_args != args or self._last_kwargs != kwargs:
                 self._last_args, self._last_kwargs = args, kwargs
@@ -347,9 +335,16 @@ class SingleThreadedExecutor(Executor):
 
     def _spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _never) -> None:
         try:
-            handler, _, _ = self.wait_for_ready_callbacks(timeout_sec, None, condition)
+            handler, entity, node = self._next_work((timeout_sec, None, condition), {})
         except (ShutdownException, TimeoutException, ConditionReachedException):
             return
+        if handler is None:  # here and now, without a task
+            rest = handle_entity(self, entity, self._is_shutdown)
+            if rest is None:
+                return
+            handler = Task(rest, executor=self)
+            handler._handed_out = True
+            self._keep(handler, entity, node)
         handler()
         handler.result()
 

@@ -69,7 +69,9 @@ class Destroyable:
     ) -> None:
         with self._users_lock:
             self._users -= 1
-        self._end_if_unused()
+            is_to_end = self._is_destroyed
+        if is_to_end:
+            self._end_if_unused()
 
     def destroy_when_not_in_use(self) -> None:
         """Refuse new uses, and destroy it after the last one under way; may be called twice."""
@@ -128,6 +130,7 @@ class ContextHandle(Destroyable):
     def arrived(self) -> None:
         """Something happened; on the loop."""
         self.news = object()
+        self.driver.wake()  # here that only asks whether the loop is to be left, in this round of it
 
     def notify(self) -> None:
         """Something happened: whoever waits looks again. From any thread, and from signal handlers."""
@@ -176,10 +179,18 @@ class Handle(Destroyable, Generic[C]):
     Attributes:
         logger_name: of the node's logger.
         events: what happened to the endpoint, as far as somebody wants to know.
+        marked: of a node: kinds of its endpoints (`readiness.Served`) of which some may be ready; executors look at no
+            others.
     """
 
     def __init__(
-        self, context: ContextHandle, entity: C, parent: Destroyable | None = None, *, logger_name: str = ""
+        self,
+        context: ContextHandle,
+        entity: C,
+        parent: Destroyable | None = None,
+        *,
+        logger_name: str = "",
+        kind: int = 0,
     ) -> None:
         super().__init__(parent)
         self.context = context
@@ -189,6 +200,9 @@ class Handle(Destroyable, Generic[C]):
         self.watched: Watched | None = None
         self._ask: Callable[[], bool] = _never
         self._may_be_ready = False
+        self.marked: set[int] = set()
+        self._kind = kind
+        self._node = parent if isinstance(parent, Handle) else None
 
     def set_ready(self, is_ready: Callable[[], bool]) -> None:
         """Say how to know whether something can be taken."""
@@ -200,12 +214,17 @@ class Handle(Destroyable, Generic[C]):
             return False
         self._may_be_ready = False  # before it is asked: it may arrive meanwhile
         if self._ask():
-            self._may_be_ready = True
+            self._mark()
         return self._may_be_ready
+
+    def _mark(self) -> None:
+        self._may_be_ready = True
+        if self._node is not None:
+            self._node.marked.add(self._kind)
 
     def arrived(self) -> None:
         """Something may be taken; on the loop."""
-        self._may_be_ready = True
+        self._mark()
         self.context.arrived()
 
     def _destroy(self) -> None:

@@ -6,6 +6,7 @@ import weakref
 from collections import deque
 from collections.abc import Callable, Iterator
 from functools import partial
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rclpy._rclpy_pybind11 import RCLError
@@ -19,6 +20,7 @@ from rclpy.handles import ContextHandle, Handle
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, qos_profile_services_default
 from rclpy.qos_overriding_options import QoSOverridingOptions, _declare_qos_parameters
+from rclpy.readiness import CLIENTS, SERVICES, SUBSCRIPTIONS, Served
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Rate, Timer
@@ -54,6 +56,7 @@ class NodeEntities:
         self.__timers: list[Timer] = []
         self.__guards: list[GuardCondition] = []
         self.__waitables: list[Waitable] = []
+        self.__served: Served | None = None
         self.__group = MutuallyExclusiveCallbackGroup()
         self.__rate_group = ReentrantCallbackGroup()
 
@@ -88,6 +91,13 @@ class NodeEntities:
     def waitables(self) -> Iterator[Waitable]:
         yield from self.__waitables
 
+    def _what_is_served(self) -> Served:
+        """For executors."""
+        if self.__served is None:
+            entities = (self.__timers, self.__subscriptions, self.__guards, self.__clients, self.__services)
+            self.__served = Served(self.handle, *entities, self.__waitables)
+        return self.__served
+
     @property
     def default_callback_group(self) -> CallbackGroup:
         """The group of all that is created without one: one callback at a time."""
@@ -109,10 +119,11 @@ class NodeEntities:
             raise RCLError("failed to create: the node's context is shut down")
         return handle.context, handle.entity
 
-    def __handle_of(self, entity: Any) -> Handle[Any]:
-        handle: Handle[Any] = Handle(self.handle.context, entity, self.handle, logger_name=self.handle.logger_name)
+    def __handle_of(self, entity: Any, kind: int) -> Handle[Any]:
+        name = self.handle.logger_name
+        handle: Handle[Any] = Handle(self.handle.context, entity, self.handle, logger_name=name, kind=kind)
         if hasattr(entity, "on_ready"):
-            handle.set_ready(partial(_is_ready, entity))
+            handle.set_ready(partial(_asked, entity))
             entity.on_ready(_teller(handle))
         return handle
 
@@ -172,7 +183,7 @@ class NodeEntities:
     def __with_events(self, make: Callable[[], Any], queues: dict[int, deque[Any]]) -> Handle[Any]:
         try:
             with self.handle.context.creating:
-                handle = self.__handle_of(make())
+                handle = self.__handle_of(make(), SUBSCRIPTIONS)
         except runtime.UnsupportedEventError as error:
             raise UnsupportedEventTypeError(str(error)) from error
         handle.events = queues
@@ -239,7 +250,7 @@ class NodeEntities:
         self._resolve_name(srv_name, is_service=True)
         with self.handle:
             _, node = self.__open()
-            handle = self.__handle_of(node.create_client(srv_type, srv_name, qos_profile.get_c_qos_profile()))
+            handle = self.__handle_of(node.create_client(srv_type, srv_name, qos_profile.get_c_qos_profile()), CLIENTS)
         made = Client(self.context, handle, srv_type, srv_name, qos_profile, group)
         return self.__keep(made, group, self.__clients)
 
@@ -260,7 +271,9 @@ class NodeEntities:
         self._resolve_name(srv_name, is_service=True)
         with self.handle:
             _, node = self.__open()
-            handle = self.__handle_of(node.create_service(srv_type, srv_name, None, qos_profile.get_c_qos_profile()))
+            handle = self.__handle_of(
+                node.create_service(srv_type, srv_name, None, qos_profile.get_c_qos_profile()), SERVICES
+            )
         made = Service(handle, srv_type, srv_name, callback, group, qos_profile)
         return self.__keep(made, group, self.__services)
 
@@ -377,5 +390,4 @@ def _teller(handle: Handle[Any]) -> Callable[[], None]:
     return tell
 
 
-def _is_ready(entity: Any) -> bool:
-    return bool(entity.is_ready)
+_asked = attrgetter("is_ready")

@@ -7,13 +7,14 @@ import math
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
-import yaml
 from rcl_interfaces.msg import Parameter as ParameterMsg
 from rcl_interfaces.msg import ParameterType, ParameterValue
 
 PARAMETER_SEPARATOR_STRING = "."
 
 if TYPE_CHECKING:
+    import yaml
+
     AllowableParameterValue = (
         bool
         | int
@@ -163,6 +164,8 @@ def get_parameter_value(string_value: str) -> Any:
 
     What is no YAML, and what no parameter holds, is a text.
     """
+    import yaml  # takes a while, and most programs need none
+
     try:
         found = yaml.safe_load(string_value)
     except (yaml.YAMLError, ValueError, RecursionError):  # also dates that are none, and thousands of brackets
@@ -203,6 +206,8 @@ def parameter_dict_from_yaml_file(
     Raises:
         RuntimeError: the file is no file of parameters, or a node is not in it; its aliases stand for a million values.
     """
+    import yaml
+
     with open(parameter_file, encoding="utf-8") as file:
         text = file.read()
     root = yaml.compose(text, yaml.SafeLoader)
@@ -228,6 +233,8 @@ def parameter_dict_from_yaml_file(
 
 def _written_out(node: yaml.Node, known: dict[int, float]) -> float:
     """How many values a node is when each alias is written out; infinite for one that contains itself."""
+    import yaml
+
     if id(node) not in known:
         known[id(node)] = math.inf
         children: list[yaml.Node] = []

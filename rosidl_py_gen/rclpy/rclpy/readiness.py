@@ -1,8 +1,11 @@
-"""What of some nodes is ready: looked at by executors, before and after they wait."""
+"""What of some nodes is ready: looked at by executors, before and after they wait.
+
+Both run for each message, so that they ask no more than they must: endpoints that nothing arrived for are passed over.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rclpy.exceptions import InvalidHandle
 from rclpy.waitable import WaitSet
@@ -10,26 +13,65 @@ from rclpy.waitable import WaitSet
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from rclpy.client import Client
+    from rclpy.guard_condition import GuardCondition
+    from rclpy.handles import Handle
     from rclpy.node import Node
+    from rclpy.service import Service
+    from rclpy.subscription import Subscription
+    from rclpy.timer import Timer
+    from rclpy.waitable import Waitable
 
     Found = list[tuple[Any, Node]]
+
+SUBSCRIPTIONS, GUARDS, CLIENTS, SERVICES = 2, 3, 4, 5
+"""Where they are in `Served`."""
+
+
+class Served(NamedTuple):
+    """What executors serve of a node, in rclpy's order; the lists are the node's own."""
+
+    handle: Handle[Any]
+    timers: list[Timer]
+    subscriptions: list[Subscription]
+    guards: list[GuardCondition]
+    clients: list[Client]
+    services: list[Service]
+    waitables: list[Waitable]
 
 
 def ready_entities(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) -> Found:
     """What is ready and may run, but waitables; node by node, in rclpy's order."""
     found: Found = []
     for node in nodes:
-        for entities in (node.timers, node.subscriptions, node.guards, node.clients, node.services):
-            found += [(one, node) for one in entities if one._is_ready() and can_execute(one)]
+        served = node._what_is_served()
+        handle, timers, _, guards, _, _, _ = served
+        if timers:
+            found += [(one, node) for one in tuple(timers) if one._is_ready() and can_execute(one)]
+        if handle.marked:
+            kinds = set()
+            while handle.marked:  # one by one, as another thread may add to it; what stays ready marks it again
+                kinds.add(handle.marked.pop())
+            for kind in (SUBSCRIPTIONS, GUARDS, CLIENTS, SERVICES):
+                if kind in kinds or kind == GUARDS:
+                    entities: list[Any] = served[kind]  # type: ignore[assignment]
+                    found += [(one, node) for one in tuple(entities) if one._is_ready() and can_execute(one)]
+        elif guards:
+            found += [(one, node) for one in tuple(guards) if one._is_ready() and can_execute(one)]
     return found
 
 
 def ready_waitables(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) -> Found:
     """Asked once a pass, because that may change them."""
     found: Found = []
-    wait_set = WaitSet()
+    wait_set: WaitSet | None = None
     for node in nodes:
-        for waitable in [one for one in node.waitables if can_execute(one)]:
+        for waitable in tuple(node._what_is_served().waitables):
+            queue = waitable._rclpy_queue
+            if (queue is not None and not queue) or not can_execute(waitable):
+                continue
+            if wait_set is None:
+                wait_set = WaitSet()
             try:
                 with waitable:
                     waitable.add_to_wait_set(wait_set)
@@ -42,5 +84,10 @@ def ready_waitables(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) -
 
 def seconds_to_timer(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) -> float | None:
     """How long until a timer is due; None while none will be by itself."""
-    left = [timer.handle.seconds_left() for node in nodes for timer in node.timers if can_execute(timer)]
-    return min((one for one in left if one is not None), default=None)
+    least: float | None = None
+    for node in nodes:
+        for timer in tuple(node._what_is_served().timers):
+            left = timer.handle.seconds_left()
+            if left is not None and (least is None or left < least) and can_execute(timer):
+                least = left
+    return least

@@ -12,7 +12,7 @@ from rclpy.service_introspection import ServiceIntrospectionState as ServiceIntr
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Awaitable, Callable
 
     from rclpy.executors import Executor
     from rclpy.handles import Handle
@@ -41,6 +41,7 @@ class Service:
         qos_profile: QoSProfile,
     ) -> None:
         self.__service = service_impl
+        self._is_ready = service_impl.is_ready
         self.srv_type = srv_type
         self.srv_name = srv_name
         self.callback = callback
@@ -88,19 +89,20 @@ class Service:
         """End it; use `Node.destroy_service`."""
         self.__service.destroy_when_not_in_use()
 
-    def _is_ready(self) -> bool:
-        return self.__service.is_ready()
-
     def _take(self, executor: Executor) -> Callable[[], Any] | None:
         with self.__service as handle:
             request = handle.entity.take()
         if request is None:
             return None
 
-        async def serve() -> None:
+        def serve() -> Any:
             response = self.callback(request.message, self.srv_type.Response())
             if inspect.isawaitable(response):
-                response = await response
+                return self._answer_later(response, request)
             self.send_response(response, request)
+            return None
 
         return serve
+
+    async def _answer_later(self, response: Awaitable[Any], request: runtime.ServiceRequest[Any, Any]) -> None:
+        self.send_response(await response, request)

@@ -50,6 +50,7 @@ class Subscription:
         event_callbacks: list[EventHandler],
     ) -> None:
         self.__subscription = subscription_impl
+        self._is_ready = subscription_impl.is_ready
         self.msg_type = msg_type
         self.topic = topic
         self.callback = callback
@@ -107,32 +108,24 @@ class Subscription:
         with self.handle as handle:
             return handle.logger_name
 
-    def _is_ready(self) -> bool:
-        return self.__subscription.is_ready()
-
     def _take(self, executor: Executor) -> Callable[[], Any] | None:
+        if self._callback_type is self.CallbackType.MessageOnly:
+            with self.__subscription as handle:
+                message = handle.entity.take()
+            return None if message is None else self._bound(message)
         with self.__subscription as handle:
             found = handle.entity.take_with_info()
         if found is None:
             return None
         message, info = found
-        if self._callback_type is self.CallbackType.MessageOnly:
-            return _bound(self._callback, message)
         told = {
             "source_timestamp": info.source_timestamp_ns,
             "received_timestamp": info.received_timestamp_ns,
             "publication_sequence_number": info.publication_sequence_number,
             "reception_sequence_number": None,
         }
-        return _bound(self._callback, message, told)
+        return self._bound(message, told)
 
-
-def _bound(callback: Callable[..., Any], *args: Any) -> Callable[[], Any]:
-    """A function without arguments that is async if the callback is."""
-    if not inspect.iscoroutinefunction(callback):
-        return partial(callback, *args)
-
-    async def call() -> Any:
-        return await callback(*args)
-
-    return call
+    def _bound(self, *args: Any) -> Callable[[], Any]:
+        """The callback as a function without arguments, which is async if the callback is."""
+        return partial(self._callback, *args)

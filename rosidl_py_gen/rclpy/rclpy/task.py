@@ -43,8 +43,7 @@ class Future(Generic[T]):
         self._wakers: list[Callable[[], object]] = []
         """Called at the end by whoever ends it: executors that wait for it."""
         self._lock = threading.Lock()
-        self._executor: Callable[[], Executor | None] = _no_executor
-        self._set_executor(executor)
+        self._executor: Callable[[], Executor | None] = _no_executor if executor is None else weakref.ref(executor)
 
     def __del__(self) -> None:
         if getattr(self, "_exception", None) is not None and not self._exception_fetched:
@@ -93,7 +92,9 @@ class Future(Generic[T]):
         with self._lock:
             self._result = result
             self._state = FutureState.FINISHED
-        self._tell()
+            is_waited_for = self._callbacks or self._wakers
+        if is_waited_for:
+            self._tell()
 
     def set_exception(self, exception: BaseException) -> None:
         """End it with an exception."""
@@ -244,6 +245,40 @@ class Task(Future[T]):
         if self._pending() and inspect.iscoroutine(self._handler):
             self._handler.close()
         super().cancel()
+
+
+class EntityTask(Task[None]):
+    """A task whose function may answer a coroutine, with which it goes on; then the executor has to keep it."""
+
+    def __init__(
+        self,
+        executor: Executor,
+        begin: Callable[[], Coroutine[Any, Any, None] | None],
+        keep: Callable[[Task[Any]], None],
+    ) -> None:
+        Future.__init__(self, executor=executor)
+        self._handler, self._args, self._kwargs = begin, (), {}
+        self._executing, self._handed_out, self._waits_for = False, True, None
+        self._task_lock = threading.Lock()
+        self._keep: Callable[[Task[Any]], None] | None = keep
+
+    def _step(self) -> None:
+        keep, self._keep = self._keep, None
+        if keep is not None:
+            assert callable(self._handler)
+            try:
+                rest = self._handler()
+            except Exception as error:
+                self._handler = None
+                self.set_exception(error)
+                return
+            if rest is None:
+                self._handler = None
+                self.set_result(None)
+                return
+            self._handler = rest
+            keep(self)
+        super()._step()
 
 
 def _no_executor() -> None:

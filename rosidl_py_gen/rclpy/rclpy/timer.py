@@ -33,6 +33,9 @@ class TimerHandle(Destroyable):
             raise RCLError("failed to create timer: timer period must be non-negative")
         self._context = context
         self._clock = clock
+        clock.now()  # raises when it is of no kind
+        self._now_ns = clock.handle.clock.now_ns
+        self._is_simulated = clock.handle.get_ros_time_override_is_enabled
         self._lock = threading.Lock()
         self.period_ns = period_ns
         self.canceled = not autostart
@@ -48,9 +51,6 @@ class TimerHandle(Destroyable):
                 pre_callback=lambda: _of(itself, TimerHandle._before_jump),
                 post_callback=lambda jump: _of(itself, lambda timer: timer._after_jump(jump)),
             )
-
-    def _now_ns(self) -> int:
-        return self._clock.now().nanoseconds
 
     def _before_jump(self) -> None:
         self._credit_ns = self._next_ns - self._now_ns()
@@ -80,7 +80,7 @@ class TimerHandle(Destroyable):
 
     def is_ready(self) -> bool:
         """Whether a call is due."""
-        return not self.canceled and self._until_next_ns() <= 0
+        return not self.canceled and not self._is_destroyed and self._next_ns <= self._now_ns()
 
     def _until_next_ns(self) -> int:
         return self._next_ns - self._now_ns()
@@ -113,9 +113,9 @@ class TimerHandle(Destroyable):
 
     def seconds_left(self) -> float | None:
         """How long somebody may sleep for it; None while the clock has to tell, or nothing will come."""
-        if self.canceled or not self.is_valid or getattr(self._clock, "ros_time_is_active", False):
+        if self.canceled or self._is_destroyed or (self._jumps is not None and self._is_simulated()):
             return None
-        return max(0.0, self._until_next_ns() / 1e9)
+        return max(0.0, (self._next_ns - self._now_ns()) / 1e9)
 
     def _destroy(self) -> None:
         if self._jumps is not None:
@@ -149,6 +149,7 @@ class Timer:
             raise NotInitializedException("cannot create timer")
         with handle:
             self.__timer = TimerHandle(handle, clock, int(timer_period_ns), autostart)
+        self._is_ready = self.__timer.is_ready
         self.callback = callback
         self.callback_group = callback_group
         self._executor_event = False
@@ -207,9 +208,6 @@ class Timer:
         """Nanoseconds, negative when overdue; None while canceled."""
         with self.__timer:
             return self.__timer.time_until_next_call()
-
-    def _is_ready(self) -> bool:
-        return self.__timer.is_valid and self.__timer.is_ready()
 
     def _take(self, executor: Executor) -> Callable[[], Any] | None:
         with self.__timer:

@@ -5,7 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Collection
+
     from rclpy.callback_groups import CallbackGroup
+    from rclpy.executors import Executor
     from rclpy.handles import Destroyable
     from rclpy.task import Future
 
@@ -98,6 +101,9 @@ class WaitSet:
 class Waitable:
     """Something an executor waits for and executes; programs derive from it."""
 
+    _rclpy_queue: Collection[Any] | None = None
+    """What is never ready while it is empty, so that it need not be asked then."""
+
     def __init__(self, callback_group: CallbackGroup) -> None:
         self.callback_group = callback_group
         self.callback_group.add_entity(self)
@@ -109,6 +115,16 @@ class Waitable:
 
     def __exit__(self, t: object, v: object, tb: object) -> None:
         """Somebody waited."""
+
+    def _take(self, executor: Executor) -> Callable[[], Any]:
+        data = self.take_data()
+
+        async def execute() -> None:
+            for future in self._futures:
+                future._set_executor(executor)
+            await self.execute(data)
+
+        return execute
 
     def add_future(self, future: Future[Any]) -> None:
         """Have the callbacks of a future called by the executor."""

@@ -136,7 +136,8 @@ class Bridge:
         watched = os.dup(descriptor)
         try:
             if isinstance(loop, EventLoop):
-                loop.watch(watched, self._take_in, self._call_back)
+                early = self._take_in if self.portal.driver is None else self._dispatch_early
+                loop.watch(watched, early, self._call_back)
             else:
                 loop.add_reader(watched, self.dispatch)
         except NotImplementedError:  # Windows' proactor
@@ -270,6 +271,13 @@ class Bridge:
         """Call every sink that has something to do, and what is left to do then."""
         if self._take_in():
             self._call_back()
+
+    def _dispatch_early(self) -> bool:
+        """For a `Driver`, whose loop is mostly entered for one arrival and left again: `dispatch`, without another way
+        round through asyncio; whether that left something for `_call_back`.
+        """
+        self.dispatch()
+        return bool(self._rest)
 
     def _take_in(self) -> bool:
         """Call every sink that has something to do; whether that left something for `_call_back`."""

@@ -209,7 +209,8 @@ class Driver:
                 turn.woken.clear()
         finally:
             self._leave(turn)
-        turn.look(last=True)
+        if not turn.is_done:
+            turn.look(last=True)
 
     def _enter(self, turn: Turn[Any]) -> bool:
         """Whether this thread runs the loop from now on; otherwise it waits for `turn.woken`."""

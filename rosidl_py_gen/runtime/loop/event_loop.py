@@ -74,6 +74,7 @@ class EarlySelector(selectors.DefaultSelector):
         super().__init__()
         self._epoll = select.epoll()
         self._epoll.register(self.fileno(), select.EPOLLIN)
+        self._poll = self._epoll.poll
         self._keys: dict[int, selectors.SelectorKey] = {}
         self.functions: dict[int, Callable[[], bool]] = {}
         """What to call first, by descriptor; those that are registered afterwards are looked at here."""
@@ -93,7 +94,7 @@ class EarlySelector(selectors.DefaultSelector):
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         events: list[tuple[selectors.SelectorKey, int]] = []
-        for descriptor, _ in self._epoll.poll(timeout, _MAX_EVENTS):
+        for descriptor, _ in self._poll(timeout, _MAX_EVENTS):
             function = self.functions.get(descriptor)
             if function is None:
                 events += super().select(0)

@@ -150,13 +150,13 @@ class Turns:
         self.calls: deque[Call[Any]] = deque()
         self.closed = ""
         """Why nobody may wait any more; empty while all may."""
-        self._may_wait = False
+        self.may_wait = False
         self._may_end = False
         self._looks = False
 
     def begin(self, timeout_s: float | None) -> float | None:
         """Before the loop waits: how long it may."""
-        self._may_wait, turn, loop = True, self.driving, self.loop
+        self.may_wait, turn, loop = True, self.driving, self.loop
         if turn is None:
             return timeout_s
         loop.has_news = False
@@ -180,7 +180,7 @@ class Turns:
 
     def has_waited(self, events: list[Any]) -> None:
         """The loop has waited, and `events` are what asyncio is told of."""
-        self._may_wait = False
+        self.may_wait = False
         if self._may_end:
             self._may_end = False
             if not events and not self.loop.has_news:
@@ -211,7 +211,7 @@ class Turns:
             return
         if threading.get_ident() == self.thread:  # a question that costs no call of the system
             self.look()
-            if not self._may_wait:
+            if not self.may_wait:
                 return
         with contextlib.suppress(RuntimeError):  # closed meanwhile
             self.loop.call_soon_threadsafe(_nothing)
@@ -227,6 +227,15 @@ class _Selector(_Base):
     def __init__(self, turns: Turns) -> None:
         super().__init__()
         self._turns = turns
+        if sys.platform == "linux":
+            poll = self._poll
+
+            def poll_first(timeout: float | None = None, maxevents: int = -1) -> list[tuple[int, int]]:
+                found = poll(timeout, maxevents)
+                turns.may_wait = False  # what is called for what was found may wake us
+                return found
+
+            self._poll = poll_first
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         turns, events = self._turns, list[Any]()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 import threading
 from typing import Any
@@ -68,6 +69,15 @@ def services_of_services(node: Node) -> None:
     executor.spin()
     assert answers == [True] * count
     assert len(executor._tasks) < 10 and not outer_client._pending_requests
+
+
+def groups_of_what_was_destroyed(node: Node) -> None:
+    for group in (MutuallyExclusiveCallbackGroup(), ReentrantCallbackGroup()):
+        for _ in range(3):
+            node.destroy_subscription(node.create_subscription(String, "t", lambda _: None, 1, callback_group=group))
+            node.destroy_timer(node.create_timer(1.0, lambda: None, callback_group=group))
+        gc.collect()
+        assert group.entities == set()
 
 
 rclpy.init()

@@ -210,7 +210,7 @@ class ActionServer(Waitable):
             early = until.nanoseconds == 0 or Time.from_msg(goal._goal_info.stamp) <= until
             return goal.status in _CANCELABLE and (early or key == named)
 
-        return 0, [key for key, goal in self._goal_handles.items() if is_meant(key, goal)]
+        return 0, [key for key, goal in list(self._goal_handles.items()) if is_meant(key, goal)]
 
     async def _execute_get_result_request(self, request: Any) -> None:
         future = self._result_futures.get(bytes(request.message.goal_id.uuid))
@@ -224,7 +224,7 @@ class ActionServer(Waitable):
         self._respond(request, future.result(), "result")
 
     def _publish_status(self) -> None:
-        states = [GoalStatus(goal_info=one._goal_info, status=one.status) for one in self._goal_handles.values()]
+        states = [GoalStatus(goal_info=one._goal_info, status=one.status) for one in list(self._goal_handles.values())]
         with self._endpoints:
             self._status.publish(self._action_type.Impl.GoalStatusMessage(status_list=states))
 
@@ -237,17 +237,19 @@ class ActionServer(Waitable):
         if self._result_timeout_ns < 0:
             return []
         last_ns = self._clock().now().nanoseconds - self._result_timeout_ns
-        return [key for key, ended_ns in self._ended_ns.items() if ended_ns <= last_ns]
+        return [key for key, ended_ns in list(self._ended_ns.items()) if ended_ns <= last_ns]
 
     def _forget(self, key: bytes) -> None:
-        self._goal_handles.pop(key).destroy()
-        self.remove_future(self._result_futures.pop(key))
-        del self._ended_ns[key]
+        goal = self._goal_handles.pop(key, None)
+        self._ended_ns.pop(key, None)
+        if goal is not None:  # otherwise another thread was faster
+            goal.destroy()
+            self.remove_future(self._result_futures.pop(key))
 
     def notify_goal_done(self) -> None:
         """Note which goals ended: their time runs from now on."""
         now_ns = self._clock().now().nanoseconds
-        for key, goal in self._goal_handles.items():
+        for key, goal in list(self._goal_handles.items()):
             if not goal.is_active:
                 self._ended_ns.setdefault(key, now_ns)
         self._endpoints.context.notify()
@@ -320,9 +322,9 @@ class ActionServer(Waitable):
 
     def destroy(self) -> None:
         """End it, and forget its goals."""
-        for goal in self._goal_handles.values():
+        for goal in list(self._goal_handles.values()):
             goal.destroy()
-        for future in self._result_futures.values():
+        for future in list(self._result_futures.values()):
             self.remove_future(future)
         self._endpoints.destroy_when_not_in_use()
         self._node.remove_waitable(self)
