@@ -35,6 +35,7 @@ MISSING = {
         "rclpy.clock.TYPE_CHECKING",
         "rclpy.event_handler.rclpy",
         "rclpy.experimental.events_executor.rclpy",
+        "rclpy.parameter.yaml",
         "rclpy.qos_event.rclpy",
         "rclpy.qos_overriding_options.rclpy",
         "rclpy.utilities.ament_index_python",
@@ -57,12 +58,14 @@ MORE = {
     ),
     "what stands where rclpy has C, in files of their own": (
         "rclpy.handles",
+        "rclpy.handling",
         "rclpy.impl.action_endpoints",
         "rclpy.impl.lifecycle_machine",
         "rclpy.impl.names",
         "rclpy.impl.parameter_rules",
         "rclpy.mismatches",
         "rclpy.readiness",
+        "rclpy.task.EntityTask",
     ),
     "what stands where rclpy has classes and functions of C": (
         "rclpy.clock.ClockHandle.is_valid",
