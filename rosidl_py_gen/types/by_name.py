@@ -306,6 +306,8 @@ def _from_definitions(name: RosName, path: tuple[str, ...]) -> type:
 
 def load_compiler() -> None:
     """Import what making a class of a definition needs, which else the first of them waits for. In any thread."""
+    from importlib import metadata  # noqa: F401
+
     from rosidl_py_gen.compiler.codegen import render, sources  # noqa: F401
     from rosidl_py_gen.compiler.spec import definition, find  # noqa: F401
 

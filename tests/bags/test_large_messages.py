@@ -9,7 +9,8 @@ import pytest
 from mcap.reader import make_reader
 
 from rosidl_py_gen import get_message
-from rosidl_py_gen.bags import BagReader, BagWriter, storage, writer
+from rosidl_py_gen.bags import BagReader, BagWriter, writer
+from rosidl_py_gen.bags.files import storage
 
 String: Any = get_message("std_msgs/msg/String")
 
