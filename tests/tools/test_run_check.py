@@ -110,6 +110,21 @@ def test_modules_of_a_package_are_looked_into(tmp_path: Path) -> None:
         assert names == ["missing_near", "missing_one", "missing_three", "missing_two"], (words, found)
 
 
+def test_a_console_script_whose_module_is_not_there(tmp_path: Path) -> None:
+    files = {
+        "src/talker/package.xml": PACKAGE_XML.format("talker"),
+        "src/talker/setup.py": """
+            setup(entry_points={"console_scripts": ["talk = talker.client:main", "x = talker.x.y:main"]})
+        """,
+        "src/talker/talker/__init__.py": "",
+        "src/talker/talker/cilent.py": "def main(): pass",
+    }
+    write(tmp_path, {path: textwrap.dedent(text) for path, text in files.items()})
+    said = 'error: no source of the module "talker.client" is found; did you mean "cilent"?\n'
+    assert run("--check", "talker", "talk", cwd=tmp_path).stderr == said
+    assert run("--check", "talker", "x", cwd=tmp_path).stderr == said.partition(";")[0].replace("client", "x.y") + "\n"
+
+
 def test_a_module_may_be_called_as_the_package_it_is_of(tmp_path: Path) -> None:
     write(tmp_path, {"program.py": "import std_msgs.msg as std_msgs\nprint(std_msgs.String(), std_msgs.Strin())"})
     found = run("--check", "program.py", cwd=tmp_path)

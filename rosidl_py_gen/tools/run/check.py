@@ -62,7 +62,7 @@ def check(program: Program) -> int:
         assert program.module is not None
         start = _own_file(program.module) or _own_file(f"{program.module}.__main__")
         if start is None:
-            raise ToolError(f'no source of the module "{program.module}" is found')
+            raise ToolError(_no_source(program.module))
     findings = _Findings()
     waiting = [(start, program.module or "")]
     while waiting:
@@ -212,6 +212,14 @@ def _own_file(module: str) -> Path | None:
     if found is None or found.origin is None or not found.origin.endswith(".py"):
         return None
     return Path(found.origin)
+
+
+def _no_source(module: str) -> str:
+    """That a module is not found, and which one of its package is called nearly so."""
+    above, _, name = module.rpartition(".")
+    beside = _own_file(above) if above else None
+    files = [] if beside is None or beside.name != "__init__.py" else sorted(beside.parent.glob("*.py"))
+    return f'no source of the module "{module}" is found{did_you_mean(name, [file.stem for file in files])}'
 
 
 def _is_there(top: str) -> bool:
