@@ -239,16 +239,17 @@ def test_an_executable_of_a_workspace(workspace: Path, place: str) -> None:
     assert not (workspace / "src/talker/was_run").exists()
 
 
-def test_a_script_beside_src_has_its_workspace(workspace: Path) -> None:
-    write(
-        workspace,
-        {"new.py": "from near_msgs.tools import triple\nfrom talker.other import NAME\nprint(triple(1), NAME)"},
-    )
-    for check in ([], ["--check"]):
-        found = run(*check, "new.py", cwd=workspace)
-        assert found.returncode == 0 and found.stdout == ("nothing missing in 3 files\n" if check else "3 talker\n"), (
-            found
-        )
+@pytest.mark.parametrize("place", ["", "src", "src/talker", "src/group"])
+def test_a_script_in_no_package_has_the_workspace_one_stands_in(workspace: Path, place: str) -> None:
+    text = "from near_msgs.msg import A\nfrom near_msgs.tools import triple\nprint(triple(A(a=1).a))"
+    script = write(workspace / "scripts", {"new.py": text}) / "new.py"
+    checked, found = run("--check", script, cwd=workspace / place), run(script, cwd=workspace / place)
+    if place == "src/group":  # neither a workspace, nor in a package of one: it is not searched
+        assert checked.returncode == 1 and "no package near_msgs" in checked.stdout
+        assert found.returncode == 1 and found.stderr.endswith("No module named 'near_msgs'\n")
+        return
+    assert (checked.stdout, checked.returncode) == ("nothing missing in 2 files\n", 0)
+    assert (found.stdout, found.stderr) == ("3\n", "")
 
 
 WAYS = {"executable": ["talker", "talk"], "file": ["python/talker/talker/talk.py"]}

@@ -51,8 +51,9 @@ def _around(place: Path) -> Path:
     """What the workspace is around: the program, unless it is in no folder `src` and the current folder's has it."""
     here = Path.cwd()
     package = package_around(place)
-    if package is None:
-        return here
+    if package is None:  # a whole folder of somebody is not searched for a script that may need nothing of it
+        is_workspace = here.name == "src" or (here / "src").is_dir() or package_around(here) is not None
+        return here if is_workspace else place
     if any(folder.name == "src" for folder in package.parents) or here not in package.parents:
         return place
     around = workspace_around(here)
