@@ -239,6 +239,62 @@ def test_an_executable_of_a_workspace(workspace: Path, place: str) -> None:
     assert not (workspace / "src/talker/was_run").exists()
 
 
+@pytest.mark.parametrize("place", ["", "src", "src/talker", "src/group"])
+def test_a_script_in_no_package_has_the_workspace_one_stands_in(workspace: Path, place: str) -> None:
+    text = "from near_msgs.msg import A\nfrom near_msgs.tools import triple\nprint(triple(A(a=1).a))"
+    script = write(workspace / "scripts", {"new.py": text}) / "new.py"
+    checked, found = run("--check", script, cwd=workspace / place), run(script, cwd=workspace / place)
+    if place == "src/group":  # neither a workspace, nor in a package of one: it is not searched
+        assert checked.returncode == 1 and "no package near_msgs" in checked.stdout
+        assert found.returncode == 1 and found.stderr.endswith("No module named 'near_msgs'\n")
+        return
+    assert (checked.stdout, checked.returncode) == ("nothing missing in 2 files\n", 0)
+    assert (found.stdout, found.stderr) == ("3\n", "")
+
+
+WAYS = {"executable": ["talker", "talk"], "file": ["python/talker/talker/talk.py"]}
+
+
+@pytest.fixture
+def repository(tmp_path: Path) -> Path:
+    """A repository whose packages are in folders of other names than `src`."""
+    files = {
+        "python/talker/package.xml": PACKAGE_XML.format("talker"),
+        "python/talker/setup.py": "setup(entry_points={'console_scripts': ['talk = talker.talk:main']})",
+        "python/talker/talker/__init__.py": "",
+        "python/talker/talker/talk.py": """
+            from talker.msg import Own
+            try:
+                from far_msgs.msg import A as Other
+            except ImportError:
+                Other = None
+
+            def main(): print(Own(own=5).own, Other and Other(a=2).a)
+
+            if __name__ == "__main__":
+                main()
+        """,
+        "python/talker/msg/Own.msg": "int32 own",
+        "interfaces/far_msgs/package.xml": PACKAGE_XML.format("far_msgs"),
+        "interfaces/far_msgs/msg/A.msg": "int32 a",
+    }
+    return write(tmp_path, {path: textwrap.dedent(text) for path, text in files.items()})
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_the_folder_one_stands_in_is_the_workspace_of_packages_in_no_src(repository: Path, way: str) -> None:
+    found = run(*WAYS[way], cwd=repository)
+    assert (found.stdout, found.stderr) == ("5 2\n", "")
+    assert run(*WAYS["executable"], cwd=repository / "python").stdout == "5 None\n"  # far_msgs is not below
+
+
+def test_a_program_keeps_its_own_package_where_another_of_its_name_is_found_first(repository: Path) -> None:
+    write(
+        repository, {"a_copy/talker/package.xml": PACKAGE_XML.format("talker"), "a_copy/talker/msg/Own.msg": "int32 x"}
+    )
+    assert run(*WAYS["file"], cwd=repository).stdout == "5 None\n"
+
+
 @pytest.mark.parametrize(
     ("package", "name", "output"),
     [

@@ -95,7 +95,7 @@ def test_modules_of_a_package_are_looked_into(tmp_path: Path) -> None:
         "src/talker/package.xml": PACKAGE_XML.format("talker"),
         "src/talker/setup.py": "setup(entry_points={'console_scripts': ['talk = talker.talk:main']})",
         "src/talker/talker/__init__.py": "",
-        "src/talker/talker/talk.py": "from . import one\nfrom .two import Two\nimport talker.sub.three, near",
+        "src/talker/talker/talk.py": "from . import one as main\nfrom .two import Two\nimport talker.sub.three, near",
         "src/talker/talker/one.py": "import missing_one",
         "src/talker/talker/two.py": "from .sub import three\nimport missing_two",
         "src/talker/talker/sub/__init__.py": "",
@@ -108,6 +108,49 @@ def test_modules_of_a_package_are_looked_into(tmp_path: Path) -> None:
         found = run("--check", *words, cwd=tmp_path)
         names = sorted(line.split("no package ")[1].split(";")[0] for line in found.stdout.splitlines()[:-1])
         assert names == ["missing_near", "missing_one", "missing_three", "missing_two"], (words, found)
+
+
+def test_a_console_script_whose_module_is_not_there(tmp_path: Path) -> None:
+    files = {
+        "src/talker/package.xml": PACKAGE_XML.format("talker"),
+        "src/talker/setup.py": """
+            setup(entry_points={"console_scripts": ["talk = talker.client:main", "x = talker.x.y:main"]})
+        """,
+        "src/talker/talker/__init__.py": "",
+        "src/talker/talker/cilent.py": "def main(): pass",
+    }
+    write(tmp_path, {path: textwrap.dedent(text) for path, text in files.items()})
+    said = 'error: no source of the module "talker.client" is found; did you mean "cilent"?\n'
+    assert run("--check", "talker", "talk", cwd=tmp_path).stderr == said
+    assert run("--check", "talker", "x", cwd=tmp_path).stderr == said.partition(";")[0].replace("client", "x.y") + "\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "talker.talk has no main; the executable calls it"),
+        ("def mian(): pass", 'talker.talk has no main; did you mean "mian"?; the executable calls it'),
+        ("import rclpy\nprint(main)", "talker.talk has no main; the executable calls it"),
+        ("async def main(): pass", None),
+        ("main = print", None),
+        ("from .other import main", None),
+        ("from .other import run as main", None),
+        ("from .other import *", None),
+        ("def __getattr__(name): return print", None),
+        ("globals()['main'] = print", None),
+    ],
+)
+def test_the_function_that_a_console_script_calls(tmp_path: Path, text: str, said: str | None) -> None:
+    files = {
+        "src/talker/package.xml": PACKAGE_XML.format("talker"),
+        "src/talker/setup.py": "setup(entry_points={'console_scripts': ['talk = talker.talk:main']})",
+        "src/talker/talker/__init__.py": "",
+        "src/talker/talker/talk.py": text,
+        "src/talker/talker/other.py": "main = run = print",
+    }
+    write(tmp_path, files)
+    *lines, last = run("--check", "talker", "talk", cwd=tmp_path).stdout.splitlines()
+    assert lines == ([f"src/talker/talker/talk.py:1: {said}"] if said else []) and "missing" in last
 
 
 def test_a_module_may_be_called_as_the_package_it_is_of(tmp_path: Path) -> None:

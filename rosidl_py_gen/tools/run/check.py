@@ -62,14 +62,14 @@ def check(program: Program) -> int:
         assert program.module is not None
         start = _own_file(program.module) or _own_file(f"{program.module}.__main__")
         if start is None:
-            raise ToolError(f'no source of the module "{program.module}" is found')
+            raise ToolError(_no_source(program.module))
     findings = _Findings()
     waiting = [(start, program.module or "")]
     while waiting:
         file, name = waiting.pop(0)
         if file not in findings.modules:
             findings.modules.add(file)
-            waiting += _checked(file, name, findings)
+            waiting += _checked(file, name, findings, program.function if file == start else None)
     for place, line, text in sorted(findings.lines):
         click.echo(printable(f"{place}:{line}: {text}"))
     count, files = len(findings.lines), len(findings.modules)
@@ -78,8 +78,8 @@ def check(program: Program) -> int:
     return 1 if findings.lines else 0
 
 
-def _checked(file: Path, name: str, findings: _Findings) -> list[tuple[Path, str]]:
-    """Check one file; the files of the program's own that it imports."""
+def _checked(file: Path, name: str, findings: _Findings, function: str | None) -> list[tuple[Path, str]]:
+    """Check one file, and whether it has a function; the files of the program's own that it imports."""
     try:
         data = file.read_bytes()
         if len(data) > _MOST_BYTES:
@@ -97,6 +97,8 @@ def _checked(file: Path, name: str, findings: _Findings) -> list[tuple[Path, str
         found = _look_up(one, file, findings, more)
         if one.alias is not None and found is not None:
             known[one.alias] = found
+    if function is not None:
+        _check_function(function.partition(".")[0], name, tree, file, findings)
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load):
             _check_attribute(node, known, file, findings)
@@ -214,6 +216,14 @@ def _own_file(module: str) -> Path | None:
     return Path(found.origin)
 
 
+def _no_source(module: str) -> str:
+    """That a module is not found, and which one of its package is called nearly so."""
+    above, _, name = module.rpartition(".")
+    beside = _own_file(above) if above else None
+    files = [] if beside is None or beside.name != "__init__.py" else sorted(beside.parent.glob("*.py"))
+    return f'no source of the module "{module}" is found{did_you_mean(name, [file.stem for file in files])}'
+
+
 def _is_there(top: str) -> bool:
     try:
         return find_spec(top) is not None
@@ -280,6 +290,15 @@ def _check_class(node: ast.ClassDef, known: dict[str, Any], tree: ast.AST, file:
             continue
         if one.attr not in given and not any(_has(base, one.attr) for base in bases):
             findings.add(file, one.lineno, _no_name(ast.unparse(node.bases[0]), one.attr, bases[0]))
+
+
+def _check_function(function: str, name: str, tree: ast.Module, file: Path, findings: _Findings) -> None:
+    """What a console script calls, unless anything in its module or imported there may be called so."""
+    imported = {one.alias or one.name for one in _imports(tree, name)}
+    given = _names_given(tree) | {alias for alias in imported if alias is not None}
+    if function not in given and "*" not in given and "__getattr__" not in given:
+        nearest = did_you_mean(function, sorted(given))
+        findings.add(file, 1, f"{name} has no {function}{nearest}; the executable calls it")
 
 
 def _names_given(tree: ast.AST) -> set[str]:

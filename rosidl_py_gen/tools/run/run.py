@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.compiler.spec.workspace import Workspace, workspace_around
+from rosidl_py_gen.compiler.spec.workspace import Workspace, package_around, workspace_around
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.tools import ToolError
 from rosidl_py_gen.tools.run.program import Program
@@ -44,7 +44,20 @@ def _make_importable(place: Path, paths: Sequence[str]) -> None:
         text = f"rclpy is {_shim()}, not {Path(real.origin).parent}; so are its companions and all messages"
         click.echo(f"warning: {printable(text)}", err=True)
         warnings.filterwarnings("ignore", category=ImportHookWarning)
-    install_import_hook(flavour="rclpy", path=paths, around=place, shadow=True)
+    install_import_hook(flavour="rclpy", path=paths, around=_around(place), shadow=True)
+
+
+def _around(place: Path) -> Path:
+    """What the workspace is around: the program, unless it is in no folder `src` and the current folder's has it."""
+    here = Path.cwd()
+    package = package_around(place)
+    if package is None:  # a whole folder of somebody is not searched for a script that may need nothing of it
+        is_workspace = here.name == "src" or (here / "src").is_dir() or package_around(here) is not None
+        return here if is_workspace else place
+    if any(folder.name == "src" for folder in package.parents) or here not in package.parents:
+        return place
+    around = workspace_around(here)
+    return here if around is not None and package in around.packages.values() else place
 
 
 def _shim() -> str:
