@@ -224,8 +224,7 @@ def class_of_library(library: Library, name: RosName, *, path: Folders = ()) -> 
 def _get(text: str, kind: str, base: type[T], path: Folders) -> type[T]:
     if not isinstance(text, str):
         raise InvalidNameError(f"expected the name of an interface, found {type(text).__name__}")
-    folders = [path] if isinstance(path, (str, os.PathLike)) else path
-    entries = tuple(str(entry) for entry in folders)
+    entries = tuple(str(entry) for entry in ([path] if isinstance(path, (str, os.PathLike)) else path))
     name = split_ros_name(text, kind)
     full_name = str(name)
     with _lock:
@@ -306,11 +305,10 @@ def _from_definitions(name: RosName, path: tuple[str, ...]) -> type:
 
 def load_compiler() -> None:
     """Import what making a class of a definition needs, which else the first of them waits for. In any thread."""
-    from importlib import metadata  # noqa: F401
-
     from rosidl_py_gen.compiler.codegen import render, sources  # noqa: F401
     from rosidl_py_gen.compiler.spec import definition, find  # noqa: F401
 
+    find.load()
     render.load()
 
 

@@ -148,6 +148,11 @@ def holds_packages(folder: Path) -> bool:
     return bool(found)
 
 
+def load() -> None:
+    """Import what finds installed packages, which the first search else waits for."""
+    from importlib import metadata  # noqa: F401
+
+
 def _installed() -> Iterator[Package]:
     """Packages whose wheels say where they are; nothing of them is imported."""
     from importlib.metadata import entry_points  # takes a while, and is needed where something is not bundled
