@@ -177,12 +177,12 @@ class _Finder(MetaPathFinder, Loader):
 
     def __init__(self, flavour: str, path: Sequence[str], around: str | None, shadow: bool) -> None:
         from rosidl_py_gen.compiler.spec.find import holds_packages, search_path
-        from rosidl_py_gen.compiler.spec.workspace import workspace_around
+        from rosidl_py_gen.compiler.spec.workspace import Workspace, workspace_around
         from rosidl_py_gen.types.interface_modules import Interfaces
 
         self.settings = (flavour, tuple(path), around, shadow)
         self._is_rclpy, self._shadow = flavour == "rclpy", shadow
-        folders = [*path]
+        folders = [one for one in path if holds_packages(Path(one)) or not Workspace(Path(one)).packages]
         self._sources = [Path(entry).resolve() for entry in path]
         if around is not None and not os.path.exists(around):
             raise _wrong("around", "a script or a folder", around)
