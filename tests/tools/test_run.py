@@ -165,6 +165,8 @@ def test_path_may_name_packages_without_definitions(tmp_path: Path) -> None:
     }
     write(tmp_path, {f"src/greeter/{name}": text for name, text in files.items()})
     (tmp_path / "empty").mkdir()
+    write(tmp_path, {"others.py": "from greeter.hello import main\nmain()"})
+    assert run("--path", "src", "others.py", cwd=tmp_path).stdout == "a\n"
     for path in ("src", "src/greeter"):
         found = run("--path", path, "greeter", "hello", cwd=tmp_path)
         assert (found.stdout, found.stderr) == ("a\n", "")
