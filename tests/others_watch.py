@@ -215,7 +215,7 @@ class _Watcher:
             return
         cls: Any = get_service(type_, path=self._paths)
         service: Any = self._node.create_client(cls, name)
-        requests = [_filled(cls.Request())]
+        requests = [_filled(cls.Request(), "a")]
         if type_ == "lifecycle_msgs/srv/ChangeState":
             requests = [cls.Request() for _ in range(2)]
             for request, number in zip(requests, (1, 3), strict=True):
@@ -270,11 +270,11 @@ def sample(type_: str, paths: list[str]) -> Any:
     return _filled(message)
 
 
-def _filled(message: Any) -> Any:
+def _filled(message: Any, text: str = "1") -> Any:
     """Numbers and texts of the message itself that are still zero become something."""
     for name in getattr(type(message), "__slots__", ()):
         value = getattr(message, name, None)
-        for kind, other in ((bool, True), (int, 3), (float, 1.0), (str, "1")):
+        for kind, other in ((bool, True), (int, 3), (float, 1.0), (str, text)):
             if type(value) is kind and not value:
                 with contextlib.suppress(Exception):
                     setattr(message, name, other)
