@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import signal
+import struct
 import time
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,8 +17,10 @@ from typing import Any
 from rosidl_py_gen import get_action, get_message, get_service
 from rosidl_py_gen.runtime import Context, Node, QoSProfile
 
-_START_S, _QUIET_S, _LONGEST_S, _END_S = 20.0, 3.0, 15.0, 8.0
+_START_S, _QUIET_S, _LONGEST_S, _END_S = 30.0, 4.0, 15.0, 12.0
 _INFRASTRUCTURE = ("_parameters", "_parameters_atomically", "_parameter_types", "/get_type_description")
+_FAILING = ("/introspection/snapshot_streams/services",)
+"""Not called: a callback of py_trees_ros that has no other end than AttributeError."""
 _TOPICS = ("/rosout", "/parameter_events")
 _GOAL = "/_action/send_goal"
 
@@ -44,12 +49,12 @@ async def watch(command: Sequence[str], cwd: Path, environment: dict[str, str], 
     """Run it once, from start to SIGINT, or to its own end."""
     with Context(domain_id=domain, discovery="localhost") as context:
         async with Node("others_watch", context=context, enable_rosout=False) as node:
-            pipe = asyncio.subprocess.PIPE
+            pipe, (keys, terminal) = asyncio.subprocess.PIPE, os.openpty()
             process = await asyncio.create_subprocess_exec(
-                *command, cwd=cwd, env=environment, stdin=pipe, stdout=pipe, stderr=pipe
+                *command, cwd=cwd, env=environment, stdin=terminal, stdout=pipe, stderr=pipe
             )
-            assert process.stdin is not None
-            process.stdin.write(b"1\n" * 50)
+            os.close(terminal)
+            os.write(keys, b"1\n" * 50)
             talk = asyncio.ensure_future(_texts(process))
             watcher = _Watcher(node, paths)
             try:
@@ -71,6 +76,7 @@ async def watch(command: Sequence[str], cwd: Path, environment: dict[str, str], 
                 if process.returncode is None:
                     process.kill()
                 watcher.close()
+                os.close(keys)
             watcher.seen.output, watcher.seen.errors = await talk
     return watcher.seen
 
@@ -83,7 +89,7 @@ async def _texts(process: asyncio.subprocess.Process) -> tuple[str, str]:
 
 
 class _Watcher:
-    """Attends to each endpoint of the program when it comes up."""
+    """Attends to each endpoint of the program when it comes up, to services when all are there."""
 
     def __init__(self, node: Node, paths: list[str]) -> None:
         self.seen = Seen()
@@ -92,19 +98,33 @@ class _Watcher:
         self._known: set[tuple[str, str, str]] = set()
         self._tasks: list[asyncio.Task[None]] = []
         self._published: set[str] = set()
+        self._to_call: list[tuple[str, str]] = []
 
     def close(self) -> None:
         for task in self._tasks:
             task.cancel()
 
     async def until_quiet(self, ended: asyncio.Future[Any]) -> None:
+        """Until nothing new comes up; services are called one after another once all endpoints are there."""
+        await self._settle(ended)
+        while self._to_call and not ended.done():
+            calls, self._to_call = sorted(self._to_call), []
+            for name, type_ in calls:
+                if not ended.done():
+                    await self._guarded(self._call, name, type_)
+            await self._settle(ended)
+        self.seen.published = sorted(self._published)
+        self.seen.answered.sort(key=str)
+
+    async def _settle(self, ended: asyncio.Future[Any]) -> None:
         """Until nothing new has come up for a while, and what is under way is done."""
         began = changed = time.monotonic()
+        published = 0
         while not ended.done():
             await asyncio.sleep(0.1)
             now = time.monotonic()
-            if self._look():
-                changed = now
+            if self._look() or len(self._published) > published:
+                changed, published = now, len(self._published)
             if not self.seen.nodes:
                 if now > began + _START_S:
                     break
@@ -112,8 +132,6 @@ class _Watcher:
             busy = any(not task.done() for task in self._tasks)
             if now > began + _START_S + _LONGEST_S or (now > changed + _QUIET_S and not busy):
                 break
-        self.seen.published = sorted(self._published)
-        self.seen.answered.sort(key=str)
 
     def _look(self) -> bool:
         node, new = self._node, False
@@ -137,7 +155,10 @@ class _Watcher:
                         if (kind, name, type_) not in self._known:
                             self._known.add((kind, name, type_))
                             new = True
-                            self._attend(attend, name, type_)
+                            if kind == "service":
+                                self._to_call.append((name, type_))
+                            else:
+                                self._attend(attend, name, type_)
         if endpoints:
             self.seen.endpoints = sorted({*map(tuple, self.seen.endpoints), *endpoints}, key=str)
         return new
@@ -153,15 +174,15 @@ class _Watcher:
         return sorted(" ".join(str(getattr(qos, one)) for one in told) for qos in mine)
 
     def _attend(self, attend: Callable[[str, str], Any], name: str, type_: str) -> None:
-        async def guarded() -> None:
-            try:
-                await asyncio.wait_for(attend(name, type_), 15)
-            except asyncio.CancelledError:
-                raise
-            except Exception as error:
-                self.seen.answered.append((name, f"{type(error).__name__}: {str(error)[:200]}"))
+        self._tasks.append(asyncio.get_running_loop().create_task(self._guarded(attend, name, type_)))
 
-        self._tasks.append(asyncio.get_running_loop().create_task(guarded()))
+    async def _guarded(self, attend: Callable[[str, str], Any], name: str, type_: str) -> None:
+        try:
+            await asyncio.wait_for(attend(name, type_), 15)
+        except asyncio.CancelledError:
+            raise
+        except Exception as error:
+            self.seen.answered.append((name, f"{type(error).__name__}: {str(error)[:200]}"))
 
     async def _listen(self, name: str, type_: str) -> None:
         if name in _TOPICS or "/_action/" in name or name.endswith("/transition_event"):
@@ -184,7 +205,7 @@ class _Watcher:
         self.seen.fed.append(name)
 
     async def _call(self, name: str, type_: str) -> None:
-        if name.endswith(_INFRASTRUCTURE) or ("/_action/" in name and not name.endswith(_GOAL)):
+        if name.endswith(_INFRASTRUCTURE + _FAILING) or ("/_action/" in name and not name.endswith(_GOAL)):
             return
         if name.endswith(_GOAL):
             action: Any = get_action(type_.removesuffix("_SendGoal"), path=self._paths)
@@ -194,7 +215,7 @@ class _Watcher:
             return
         cls: Any = get_service(type_, path=self._paths)
         service: Any = self._node.create_client(cls, name)
-        requests = [_filled(cls.Request())]
+        requests = [_filled(cls.Request(), "a")]
         if type_ == "lifecycle_msgs/srv/ChangeState":
             requests = [cls.Request() for _ in range(2)]
             for request, number in zip(requests, (1, 3), strict=True):
@@ -238,16 +259,22 @@ def sample(type_: str, paths: list[str]) -> Any:
     elif type_ == "sensor_msgs/msg/Image":
         message.height, message.width, message.step, message.encoding = 48, 64, 192, "rgb8"
         message.data = bytes(48 * 192)
+    elif type_ == "sensor_msgs/msg/CompressedImage":
+        message.format = "png"
+        rows = zlib.compress((b"\0" + bytes(64 * 3)) * 48)
+        chunks = (b"IHDR" + struct.pack(">IIBBBBB", 64, 48, 8, 2, 0, 0, 0)), b"IDAT" + rows, b"IEND"
+        parts = (struct.pack(">I", len(one) - 4) + one + struct.pack(">I", zlib.crc32(one)) for one in chunks)
+        message.data = b"\x89PNG\r\n\x1a\n" + b"".join(parts)
     elif type_ == "sensor_msgs/msg/JointState":
         message.name, message.position, message.velocity = ["a", "b"], [0.1, 0.2], [0.0, 0.0]
     return _filled(message)
 
 
-def _filled(message: Any) -> Any:
+def _filled(message: Any, text: str = "1") -> Any:
     """Numbers and texts of the message itself that are still zero become something."""
     for name in getattr(type(message), "__slots__", ()):
         value = getattr(message, name, None)
-        for kind, other in ((bool, True), (int, 3), (float, 1.0), (str, "1")):
+        for kind, other in ((bool, True), (int, 3), (float, 1.0), (str, text)):
             if type(value) is kind and not value:
                 with contextlib.suppress(Exception):
                     setattr(message, name, other)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import contextlib
 import itertools
 import json
 import os
@@ -19,12 +20,13 @@ import signal
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from others_watch import Seen, watch
 
+from rosidl_py_gen.runtime import Context, Node
 from rosidl_py_gen.tools.run.executables import of_sources
 
 LIST = Path(__file__).parent / "programs_of_others.txt"
@@ -36,6 +38,7 @@ _ENDS = (
     "ExternalShutdownException",
     "rcl_shutdown already called",
     "context is already shut down",
+    "context is shut down",
 )
 """Last lines of programs that were interrupted and did not catch that; the same under real rclpy."""
 _CALL = "import sys, importlib as i; sys.argv = sys.argv[1:]; sys.exit(getattr(i.import_module({!r}), {!r})())"
@@ -50,8 +53,9 @@ class Program:
         repository: owner/name.
         place: a file, or the folder of a package, in the repository.
         words: the executable, if `place` is a folder, and arguments.
-        paths: repositories with further packages of messages, owner/name.
+        paths: folders with further packages, owner/name or below that.
         reason: why it does not run; empty for one that has to.
+        beside: executables of its repository that run at the same time.
     """
 
     group: str
@@ -60,6 +64,7 @@ class Program:
     words: tuple[str, ...]
     paths: tuple[str, ...]
     reason: str
+    beside: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -67,7 +72,7 @@ class Program:
 
     def mine(self, checkouts: Path, *options: str) -> list[str]:
         place = checkouts / self.repository / self.place
-        paths = [f"--path={one}" for one in _interfaces(checkouts, self.paths)]
+        paths = [f"--path={one}" for name in self.paths for one in _packages(checkouts, name)]
         file = place.is_file()
         return [*_MINE, *options, *paths, str(place) if file else _package(place), *self.words]
 
@@ -87,7 +92,7 @@ def _package(folder: Path) -> str:
 
 
 def listed(text: str) -> list[Program]:
-    """``[group owner/name path...]`` begins a repository; its lines are ``PLACE [WORDS] [# reason]``."""
+    """``[group owner/name path...]`` begins a repository; its lines are ``PLACE [WORDS] [& BESIDE] [# reason]``."""
     found = []
     for line in filter(None, map(str.strip, text.splitlines())):
         if line.startswith("#"):
@@ -95,9 +100,11 @@ def listed(text: str) -> list[Program]:
         if line.startswith("["):
             group, repository, *paths = line.strip("[]").split()
             continue
-        words, _, reason = line.partition(" # ")
+        line, _, reason = line.partition(" # ")
+        words, _, beside = line.partition(" & ")
         place, *rest = words.split()
-        found.append(Program(group, repository, place, tuple(rest), tuple(paths), reason.strip()))
+        program = Program(group, repository, place, tuple(rest), tuple(paths), reason.strip(), tuple(beside.split()))
+        found.append(program)
     return found
 
 
@@ -112,6 +119,8 @@ class Result:
     real: Seen | None = None
     problem: str = ""
     differs: list[str] = field(default_factory=list)
+    ends: list[str] = field(default_factory=list)
+    """What differs in how it ends after SIGINT."""
 
 
 async def _try(program: Program, checkouts: Path, python: str | None, domains: Iterator[int]) -> Result:
@@ -119,7 +128,11 @@ async def _try(program: Program, checkouts: Path, python: str | None, domains: I
     cwd, base = checkouts / program.repository, _environment(domain)
     paths = _interfaces(checkouts, (program.repository, *program.paths))
     told = await _check(program.mine(checkouts, "--check"), cwd, base)
-    mine = await watch(program.mine(checkouts), cwd, base, domain, paths)
+    async with contextlib.AsyncExitStack() as stack:
+        for one in program.beside:
+            other = replace(program, place=one.split(":")[0], words=tuple(one.split(":")[1:]))
+            await stack.enter_async_context(_running(other.mine(checkouts), cwd, base))
+        mine = await watch(program.mine(checkouts), cwd, base, domain, paths)
     result = Result(program, mine, told, problem=_problem(mine))
     if python is not None:
         place = checkouts / program.repository / program.place
@@ -129,10 +142,34 @@ async def _try(program: Program, checkouts: Path, python: str | None, domains: I
         real = await watch(program.real(checkouts, python), cwd, settings, domain, paths)
         if "ModuleNotFoundError" not in real.last and "ImportError" not in real.last:
             result.real = real
-            result.differs = _differences(real, mine)
-            if result.problem and not result.differs:
+            result.differs, result.ends = _differences(real, mine), _ends(real, mine)
+            if not (real.interrupted and mine.interrupted):
+                result.differs, result.ends = result.differs + result.ends, []
+            if result.problem and not result.differs + result.ends:
                 result.problem = f"as under real rclpy: {result.problem}"
     return result
+
+
+@contextlib.asynccontextmanager
+async def _running(command: list[str], cwd: Path, environment: dict[str, str]) -> AsyncIterator[None]:
+    """A program in the background, until its node is there and then to the end of the block."""
+    null = asyncio.subprocess.DEVNULL
+    process = await asyncio.create_subprocess_exec(*command, cwd=cwd, env=environment, stdout=null, stderr=null)
+    try:
+        with Context(domain_id=int(environment["ROS_DOMAIN_ID"]), discovery="localhost") as context:
+            async with Node("others_beside", context=context, enable_rosout=False) as node:
+                while len(node.get_nodes()) < 2 and process.returncode is None:
+                    await asyncio.sleep(0.1)
+        yield
+    finally:
+        if process.returncode is None:
+            process.kill()
+        await process.wait()
+
+
+def _packages(checkouts: Path, path: str) -> list[str]:
+    """Its packages that have definitions, or itself where none has: a Python package."""
+    return _interfaces(checkouts, (path,)) or [str(checkouts / path)]
 
 
 def _interfaces(checkouts: Path, repositories: tuple[str, ...]) -> list[str]:
@@ -145,7 +182,15 @@ def _interfaces(checkouts: Path, repositories: tuple[str, ...]) -> list[str]:
 def _environment(domain: int) -> dict[str, str]:
     kept = {key: value for key, value in os.environ.items() if not key.startswith(("ROS_", "RCUTILS_", "PYTHON"))}
     ours = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "MPLBACKEND": "agg"}
-    return {**kept, **ours, "PYTHONUNBUFFERED": "1", "PYTHONDONTWRITEBYTECODE": "1", "QT_QPA_PLATFORM": "offscreen"}
+    robot = {"TURTLEBOT3_MODEL": "burger", "LDS_MODEL": "LDS-01", "ROS_DISTRO": "jazzy"}
+    return {
+        **kept,
+        **ours,
+        **robot,
+        "PYTHONUNBUFFERED": "1",
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "QT_QPA_PLATFORM": "offscreen",
+    }
 
 
 async def _check(command: list[str], cwd: Path, environment: dict[str, str]) -> str:
@@ -169,13 +214,18 @@ def _problem(seen: Seen) -> str:
 
 def _differences(real: Seen, mine: Seen) -> list[str]:
     found = []
-    for name in ("nodes", "endpoints", "published", "answered", "code", "interrupted"):
+    for name in ("nodes", "endpoints", "published", "answered", "interrupted"):
         one, two = getattr(real, name), getattr(mine, name)
         if isinstance(one, list):
             gone, new = Counter(map(str, one)) - Counter(map(str, two)), Counter(map(str, two)) - Counter(map(str, one))
             found += [f"{name}: only real {text}" for text in gone] + [f"{name}: only ours {text}" for text in new]
         elif one != two:
             found.append(f"{name}: real {one}, ours {two}")
+    return found
+
+
+def _ends(real: Seen, mine: Seen) -> list[str]:
+    found = [] if real.code == mine.code else [f"code: real {real.code}, ours {mine.code}"]
     first, second = (text.last.split(":")[0] for text in (real, mine))
     if first != second and "Traceback" in real.errors + mine.errors:
         found.append(f"last line: real {real.last}, ours {mine.last}")
@@ -190,9 +240,10 @@ async def _all(programs: list[Program], given: argparse.Namespace) -> list[Resul
         while waiting:
             number, program = waiting.pop(0)
             results[number] = result = await _try(program, given.checkouts.resolve(), given.real, domains)
-            same = "" if result.real is None else " (real: differs)" if result.differs else " (real: the same)"
+            how = "differs" if result.differs else "the same but for its end" if result.ends else "the same"
+            same = "" if result.real is None else f" (real: {how})"
             print(f"{program.name}: {result.problem or 'runs'}{same}", flush=True)
-            for line in result.differs:
+            for line in result.differs + result.ends:
                 print(f"    {line[:300]}")
             if bool(result.told) != ("No module" in result.mine.errors or "cannot import" in result.mine.errors):
                 print(f"    --check: {(result.told or 'nothing')[:600]}")
@@ -209,7 +260,7 @@ def main() -> int:
     parser.add_argument("--real", help="a Python that has a real rclpy")
     parser.add_argument("--json", type=Path, help="a file for all that was seen")
     parser.add_argument("--jobs", type=int, default=1, help="so many programs at once, each in a domain of its own")
-    parser.add_argument("--domain", type=int, default=170, help="the first of 6 domains for each job")
+    parser.add_argument("--domain", type=int, default=1, help="the first of 6 domains for each job")
     given = parser.parse_args()
     if given.domain + given.jobs * _DOMAINS > 232:
         parser.error(f"{given.jobs} jobs need {given.jobs * _DOMAINS} domains up to 232")
@@ -226,12 +277,13 @@ def main() -> int:
         results = asyncio.run(_all(programs, given))
     if given.json:
         given.json.write_text(json.dumps([asdict(replace(one)) for one in results], indent=1, default=str))
-    print("\n| group | programs | run | as under real rclpy, of those that it can run |\n|---|---|---|---|")
-    for group in dict.fromkeys(one.program.group for one in results):
-        those = [one for one in results if one.program.group == group]
-        compared = [one for one in those if one.real is not None]
-        same = sum(not one.differs for one in compared)
-        print(f"| {group} | {len(those)} | {sum(not one.problem for one in those)} | {same} of {len(compared)} |")
+    print("\n| group | programs | run | as under real rclpy | but for their end |\n|---|---|---|---|---|")
+    for group in [*dict.fromkeys(one.program.group for one in results), "all"]:
+        those = [one for one in results if group in (one.program.group, "all")]
+        compared = [one for one in those if one.real is not None and not one.differs]
+        same, known = sum(not one.ends for one in compared), sum(one.real is not None for one in those)
+        runs = sum(not one.problem for one in those)
+        print(f"| {group} | {len(those)} | {runs} | {same} of {known} | {len(compared) - same} |")
     for one in results:
         if one.problem:
             print(f"- {one.program.name}: {one.program.reason or one.problem[:200]}")

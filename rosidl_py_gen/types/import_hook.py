@@ -13,6 +13,7 @@ import threading
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import spec_from_file_location
@@ -80,8 +81,8 @@ def install_import_hook(
             with them `rclpy` itself and its companions.
         path: package folders, folders of packages or workspaces' `src`.
         around: a script or folder; upwards from it a folder with a package.xml is looked for, and the workspace that
-            is in. A folder that is in no package is a workspace itself. Python packages of the workspace, which are
-            called as the ROS package that has them, can then be imported, too.
+            is in. A folder that is in no package is a workspace itself. Python packages of the workspace and of `path`,
+            which are called as the ROS package that has them, can then be imported, too.
         shadow: take ours also for packages that can be imported already, such as those of a sourced ROS installation.
             Otherwise such packages stay what they are. Either way a warning says so.
 
@@ -156,18 +157,23 @@ def _is_of_shim(spec: ModuleSpec) -> bool:
 
 
 class _Last(MetaPathFinder):
-    """Asked when nobody else knows a module: Python packages of the workspace."""
+    """Asked when nobody else knows a module: Python packages of what was given, and of the workspace."""
 
-    def __init__(self, workspace: Workspace) -> None:
-        self._workspace = workspace
+    def __init__(self, workspaces: Sequence[Workspace]) -> None:
+        self._workspaces = workspaces
+
+    @cached_property
+    def packages(self) -> dict[str, Path]:
+        """The folder of each package, by its name; the first of two."""
+        return {name: folder for one in reversed(self._workspaces) for name, folder in one.packages.items()}
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         """What `import` asks."""
-        if path is not None or fullname not in self._workspace.packages:
+        if path is not None or fullname not in self.packages:
             return None
-        folder = self._workspace.packages[fullname]
+        folder = self.packages[fullname]
         found = PathFinder.find_spec(fullname, [str(folder), str(folder / "src")])
         return found if found is not None and found.origin is not None else None
 
@@ -177,22 +183,27 @@ class _Finder(MetaPathFinder, Loader):
 
     def __init__(self, flavour: str, path: Sequence[str], around: str | None, shadow: bool) -> None:
         from rosidl_py_gen.compiler.spec.find import holds_packages, search_path
-        from rosidl_py_gen.compiler.spec.workspace import workspace_around
+        from rosidl_py_gen.compiler.spec.workspace import Workspace, workspace_around
         from rosidl_py_gen.types.interface_modules import Interfaces
 
         self.settings = (flavour, tuple(path), around, shadow)
         self._is_rclpy, self._shadow = flavour == "rclpy", shadow
-        folders = [*path]
+        workspaces = [Workspace(Path(entry).resolve()) for entry in path]
+        folders = [
+            one for one, of in zip(path, workspaces, strict=True) if holds_packages(Path(one)) or not of.packages
+        ]
         self._sources = [Path(entry).resolve() for entry in path]
         if around is not None and not os.path.exists(around):
             raise _wrong("around", "a script or a folder", around)
-        self._workspace = None if around is None else workspace_around(Path(around).resolve())
-        if self._workspace is not None:
+        workspace = None if around is None else workspace_around(Path(around).resolve())
+        if workspace is not None:
             given = [*self._sources]
-            self._sources.append(self._workspace.folder)
-            roots = (place for place in self._workspace.roots if not any(map(place.is_relative_to, given)))
+            self._sources.append(workspace.folder)
+            roots = (place for place in workspace.roots if not any(map(place.is_relative_to, given)))
             folders += [str(place) for place in roots if holds_packages(place)]
-        self.last = [_Last(self._workspace)] if self._workspace is not None else []
+            workspaces.append(workspace)
+        self._python = _Last(workspaces)
+        self.last = [self._python] if workspaces else []
         self._shim = {entry.name for entry in os.scandir(SHIM)} if self._is_rclpy else set()
         self._interfaces: Interfaces = Interfaces(search_path(folders), folders)
         self._others_of: dict[str, str] = {}
@@ -224,8 +235,7 @@ class _Finder(MetaPathFinder, Loader):
 
     def found(self) -> dict[str, FoundPackage]:
         """What `found_packages` says."""
-        sources = self._workspace.packages if self._workspace is not None else {}
-        found = {name: FoundPackage(name, folder, ()) for name, folder in sources.items()}
+        found = {name: FoundPackage(name, folder, ()) for name, folder in self._python.packages.items()}
         for name, package in self._interfaces.search.packages.items():
             files = (os.path.relpath(file, package.folder).replace(os.sep, "/") for file in package.files.values())
             found[name] = FoundPackage(name, package.folder, tuple(sorted(files)))

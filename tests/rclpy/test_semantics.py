@@ -31,6 +31,7 @@ SIGNALS = (
     "options",
     "chained",
     "spin_after",
+    "spin_again_after",
 )
 OURS = """
 import runpy, sys

@@ -154,6 +154,27 @@ def test_definitions_of_path(tmp_path: Path) -> None:
     assert run(f"--path={tmp_path / 'more'}", tmp_path / "program.py").stdout == "3\n"
 
 
+def test_path_may_name_packages_without_definitions(tmp_path: Path) -> None:
+    setup = "from setuptools import setup\nsetup(entry_points={'console_scripts': ['hello = greeter.hello:main']})"
+    hello = "from std_msgs.msg import String\ndef main(): print(String(data='a').data)"
+    files = {
+        "package.xml": "<name>greeter</name>",
+        "setup.py": setup,
+        "greeter/__init__.py": "",
+        "greeter/hello.py": hello,
+    }
+    write(tmp_path, {f"src/greeter/{name}": text for name, text in files.items()})
+    (tmp_path / "empty").mkdir()
+    write(tmp_path, {"others.py": "from greeter.hello import main\nmain()"})
+    assert run("--path", "src", "others.py", cwd=tmp_path).stdout == "a\n"
+    for path in ("src", "src/greeter"):
+        found = run("--path", path, "greeter", "hello", cwd=tmp_path)
+        assert (found.stdout, found.stderr) == ("a\n", "")
+    found = run("--path", "empty", "src/greeter/greeter/hello.py", cwd=tmp_path)
+    assert found.returncode == 1
+    assert "empty: expected a package with definitions (in a folder msg, srv or action), found none" in found.stderr
+
+
 @pytest.fixture
 def workspace(tmp_path: Path) -> Path:
     """A workspace nobody built: its folder."""

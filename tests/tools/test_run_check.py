@@ -40,9 +40,18 @@ def test_a_program_that_has_all_it_needs(tmp_path: Path) -> None:
             import surely_not_there
             from rclpy.qos import Nothing
         except ImportError:
-            import nor_that = 5
-    """.replace("import nor_that = 5", "import nor_that")
-    text += """
+            surely_not_there = None
+        try:
+            import json
+        except ImportError:
+            import nor_that
+        try:
+            import surely_not_there
+        except ImportError:
+            try:
+                import nor_that
+            except ImportError:
+                nor_that = None
         from typing import TYPE_CHECKING
         if TYPE_CHECKING:
             from rclpy.nothing import Types
@@ -87,6 +96,26 @@ def test_what_is_missing_is_told_by_its_place(tmp_path: Path) -> None:
         "program.py:11: rclpy has no nothing_else",
         "program.py:11: rclpy.qos has no Nothing",
         "program.py:11: rclpy.qos.HistoryPolicy has no KEEP",
+    ]
+
+
+def test_what_is_imported_instead_of_something_missing_must_be_there(tmp_path: Path) -> None:
+    text = """\
+        try:
+            from surely_not_there import Bus
+        except Exception:
+            from nor_that import Bus
+        try:
+            import surely_not_there
+        except ImportError:
+            try:
+                import nor_this
+            except ImportError:
+                import json, last_of_all
+    """
+    assert checked(tmp_path, program=text) == [
+        "program.py:4: no package nor_that; it is not installed",
+        "program.py:11: no package last_of_all; it is not installed",
     ]
 
 

@@ -144,8 +144,9 @@ def search_path(
 def holds_packages(folder: Path) -> bool:
     """Whether there is a package with interfaces in a folder; errors as of `search_path`."""
     found: list[Package] = []
-    _descend(folder, str(folder), found, {}, set(), 0)
-    return bool(found)
+    refused: dict[str, Problem] = {}
+    _descend(folder, str(folder), found, refused, set(), 0)
+    return bool(found or refused)
 
 
 def load() -> None:
@@ -229,7 +230,7 @@ def _packages_below(root: Path, refused: dict[str, Problem]) -> list[Package]:
     found: list[Package] = []
     _descend(root, str(root), found, refused, set(), 0)
     if not found and not refused:
-        text = "expected a package (package.xml, or a folder with msg, srv or action), found none in this folder"
+        text = "expected a package with definitions (in a folder msg, srv or action), found none in this folder"
         raise DefinitionError(Problem(str(root), 0, 0, text))
     return found
 

@@ -282,6 +282,9 @@ class Executor:
             for work in self._resumable(self.get_nodes() if nodes is None else nodes):
                 yielded = True
                 yield work
+            if not self._context.ok():
+                what = "create timer" if limit and limit > 0 else "initialize wait set"
+                raise RCLError(f"failed to {what}: the given context is not valid")
             ready = self._wait(nodes, self._now_s() if yielded else end, condition)
             if self._is_shutdown:
                 raise ShutdownException

@@ -80,15 +80,17 @@ def _rows() -> tuple[Transition, ...]:
         (50, State.SHUTTINGDOWN, State.FINALIZED, State.FINALIZED, State.ERRORPROCESSING),
         (60, State.ERRORPROCESSING, State.UNCONFIGURED, State.FINALIZED, State.FINALIZED),
     ]
-    rows = [Transition(*request) for request in requests]
+    rows: list[Transition] = []
     for first_id, start, *goals in ends:
+        rows += [Transition(*request) for request in requests if request[-1] is start]
         for offset, (outcome, goal) in enumerate(zip(Outcome, goals, strict=True)):
             rows.append(Transition(first_id + offset, outcome.value, start, goal))
     return tuple(rows)
 
 
 LIFECYCLE_TRANSITIONS: tuple[Transition, ...] = _rows()
-"""All transitions of a lifecycle node, those that can be requested first; source: docs/internals/protocol.md 12.2."""
+"""All transitions of a lifecycle node, in rcl_lifecycle's order: what leads to a passing state, then what leaves it;
+source: docs/internals/protocol.md 12.2."""
 _OUTCOMES = frozenset(outcome.value for outcome in Outcome)
 _CALLBACK_RETURNS = {97: Outcome.SUCCESS, 98: Outcome.FAILURE, 99: Outcome.ERROR}
 """TRANSITION_CALLBACK_... of lifecycle_msgs/Transition, which are what rclpy's callbacks return."""

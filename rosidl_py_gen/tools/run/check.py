@@ -2,7 +2,8 @@
 
 Its syntax tree is read, and those of the modules it imports of its own package and workspace. Names of the shim and of
 message packages are looked up in these, which are ours to import; of other packages only whether they are there.
-What is imported in a `try` that catches ImportError, or for type checkers, may be missing.
+What is imported in a `try` that catches ImportError, or for type checkers, may be missing; what is imported instead may
+not when it comes to that.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import ast
 import importlib
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.machinery import PathFinder
 from importlib.util import find_spec
 from pathlib import Path
@@ -33,7 +34,10 @@ _MOST_BYTES = 4 << 20
 
 @dataclass
 class _Imported:
-    """One import: the module, the name that is taken out of it (or none), what it is called, and whether it must be."""
+    """One import: the module, the name that is taken out of it (or none), what it is called, and whether it must be.
+
+    One `instead_of` others must be only where one of these is missing.
+    """
 
     module: str
     name: str | None
@@ -41,6 +45,7 @@ class _Imported:
     line: int
     must: bool
     is_renamed: bool = False
+    instead_of: tuple[_Imported, ...] = ()
 
 
 @dataclass
@@ -128,9 +133,12 @@ def _imports(tree: ast.AST, package: str, must: bool = True) -> Iterator[_Import
                 yield from _imports(ast.Module([part], []), package, must)
         elif isinstance(node, ast.Try):
             caught = any(_catches_import_error(handler.type) for handler in node.handlers)
-            yield from _imports(ast.Module(node.body, []), package, must and not caught)
+            tried = tuple(_imports(ast.Module(node.body, []), package, must and not caught))
+            yield from tried
             for handler in node.handlers:
-                yield from _imports(ast.Module(handler.body, []), package, False)
+                is_next = must and _catches_import_error(handler.type)
+                for one in _imports(ast.Module(handler.body, []), package, is_next):
+                    yield replace(one, instead_of=one.instead_of or tried)
             yield from _imports(ast.Module([*node.orelse, *node.finalbody], []), package, must)
         else:
             yield from _imports(node, package, must)
@@ -146,6 +154,8 @@ def _look_up(one: _Imported, file: Path, findings: _Findings, more: list[tuple[P
     top = one.module.partition(".")[0]
     if not top:
         return None
+    if one.must and one.instead_of and not any(_is_missing(other, file) for other in one.instead_of):
+        one = replace(one, must=False)
     if not _is_ours(one.module):
         own = _own_file(one.module)
         if own is not None:
@@ -169,6 +179,12 @@ def _look_up(one: _Imported, file: Path, findings: _Findings, more: list[tuple[P
             findings.add(file, one.line, _no_name(one.module, one.name, module))
         return None
     return getattr(module, one.name, None) or sys.modules.get(f"{one.module}.{one.name}")
+
+
+def _is_missing(one: _Imported, file: Path) -> bool:
+    findings = _Findings()
+    _look_up(replace(one, must=True), file, findings, [])
+    return bool(findings.lines)
 
 
 def _is_ours(module: str) -> bool:

@@ -72,7 +72,7 @@ n.create_lifecycle_publisher(String, "b", 10, publisher_class=5)
 n.destroy_lifecycle_publisher(publisher)
 fails._state_machine.available_transitions
 len(n._state_machine.transition_graph)
-sorted(n._state_machine.transition_graph)
+n._state_machine.transition_graph
 n._state_machine.available_states
 (R.SUCCESS.to_label(), int(R.ERROR), R.FAILURE)
 
@@ -96,7 +96,7 @@ def ask(srv_type, name, **fields):
 ask(GetState, "get_state")
 ask(GetAvailableStates, "get_available_states")
 ask(GetAvailableTransitions, "get_available_transitions")
-sorted(str(one) for one in ask(GetAvailableTransitions, "get_transition_graph").available_transitions)
+[str(one) for one in ask(GetAvailableTransitions, "get_transition_graph").available_transitions]
 ask(ChangeState, "change_state", transition=Transition(label="activate"))
 ask(ChangeState, "change_state", transition=Transition(id=1))
 ask(ChangeState, "change_state", transition=Transition(label="activate"))

@@ -7,6 +7,7 @@ import signal
 import sys
 import threading
 import time
+from functools import partial
 
 import rclpy
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
@@ -123,6 +124,20 @@ if mode == "chained":
     os.kill(os.getpid(), signal.SIGINT)
     time.sleep(0.2)
     print(hits, rclpy.ok())
+if mode == "spin_again_after":
+    executors = [SingleThreadedExecutor(), MultiThreadedExecutor()]
+    rclpy.spin_once(node, timeout_sec=0.01)  # makes the global executor
+    later(signal.SIGINT)
+    try:
+        time.sleep(5)
+    except KeyboardInterrupt:
+        while rclpy.ok():
+            time.sleep(0.01)
+    for limit in (None, 0, 0.1):
+        show(partial(rclpy.spin_once, node, timeout_sec=limit))
+        for executor in executors:
+            show(partial(executor.spin_once, timeout_sec=limit))
+            show(executor.spin)
 if mode == "spin_after":
     later(signal.SIGINT)
     try:
