@@ -141,8 +141,8 @@ def _remove(finder: _Finder) -> None:
         if finder is not _installed:
             return
         _installed = None
-        for one in (finder, *finder.last):
-            sys.meta_path.remove(one)
+        # In place, and what others took away is away.
+        sys.meta_path[:] = [one for one in sys.meta_path if one is not finder and one not in finder.last]
     for name, module in list(sys.modules.items()):
         spec = getattr(module, "__spec__", None)
         if spec is not None and (spec.loader is finder or _is_of_shim(spec)):

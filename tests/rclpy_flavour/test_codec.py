@@ -219,6 +219,7 @@ def test_the_generated_functions_stay_when_fields_have_their_names() -> None:
 
             import_hook._installed = outer
             sys.meta_path.insert(0, outer)
+            sys.meta_path.extend(outer.last)
 
 
 # --- both flavours ----------------------------------------------------------------------------------------------------
