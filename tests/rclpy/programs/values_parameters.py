@@ -74,7 +74,7 @@ get_parameter_value("0x10").integer_value
 get_parameter_value("yes").type
 get_parameter_value("\"5\"").string_value
 PARAMETER_SEPARATOR_STRING
-sorted(parameter_dict_from_yaml_file("/tmp/nope.yaml").items())
+sorted(parameter_dict_from_yaml_file("nope.yaml").items())
 parameter_dict_from_yaml_file(str(folder / "a.yaml"), use_wildcard=True)
 parameter_dict_from_yaml_file(str(folder / "a.yaml"))
 parameter_dict_from_yaml_file(str(folder / "a.yaml"), True, ["node1"], "ns.")
