@@ -4,13 +4,19 @@ tests are quick: those without processes, DDS, Zenoh and oracles, with a tenth o
 
 from __future__ import annotations
 
+import compileall
+import gc
 import os
 import re
+import shutil
 import signal
 import subprocess
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterator, Sequence
+from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from environments import cache_folder
@@ -29,7 +35,7 @@ NOT_QUICK = re.compile(
     r"|without_the_extra|without_network_or_proc|forgotten_node_lives|starts_without_what|killed_server|during_a_flood|pages_hide_nothing"
     r"|against_rclpy|rclpy_flavour/test_codec|second_start_needs|classes_are_those_of_everybody|without_it_nothing_changes"
     r"|test_bag_record|no_more_memory_than|far_deeper|deeper than|test_random_tables"
-    r"|companions/|files_end_soon|line_of_a_megabyte|every_count_is_as_large|what_breaks_off_says|time_limits_end_at_their_time"
+    r"|companions/|tools/test_run|files_end_soon|line_of_a_megabyte|every_count_is_as_large|what_breaks_off_says|time_limits_end_at_their_time"
 )
 """Tests and files of tests that start processes, or take long by themselves."""
 OF_PROCESSES = {
@@ -53,6 +59,10 @@ NOT_EVERYWHERE = {
 """What some machines do not have, and the imports that need it."""
 
 
+_MEMORY = Path("/dev/shm")
+_ENOUGH_BYTES = 4 << 30
+
+
 def is_there(name: str) -> bool:
     """Whether this machine has that."""
     return library.is_found() if name == "libddsc" else find_spec(name) is not None
@@ -64,6 +74,12 @@ def pytest_configure(config: pytest.Config) -> None:
     if _is_quick(config):
         os.environ.setdefault("ROSIDL_TEST_EXAMPLES", "0.1")
         config.pluginmanager.register(WithoutSlowFiles())
+    sys.meta_path.insert(0, _WithoutAssertions())
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        if sys.dont_write_bytecode:  # else the first of hundreds of processes does it
+            compileall.compile_dir(config.rootpath / "rosidl_py_gen", quiet=2)
+        if _MEMORY.is_dir() and os.access(_MEMORY, os.W_OK) and shutil.disk_usage(_MEMORY).free > _ENOUGH_BYTES:
+            os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", str(_MEMORY))
     # Of several mypys the first reads the stubs of numpy; two at a time may not share what they have read.
     os.environ.setdefault("MYPY_CACHE_DIR", f"{cache_folder()}/mypy-{os.environ.get('PYTEST_XDIST_WORKER', 'alone')}")
     settings.register_profile(
@@ -79,6 +95,19 @@ def pytest_configure(config: pytest.Config) -> None:
     settings.load_profile("project")
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+class _WithoutAssertions:
+    """Loads the package as Python does: pytest would rewrite the assertions of its hundreds of modules in every run."""
+
+    def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
+        return PathFinder.find_spec(name, path, target) if name.startswith("rosidl_py_gen.") else None
+
+
+def pytest_collection_finish() -> None:
+    """What is there by now stays; no garbage collection of a test has to look through it."""
+    gc.collect()
+    gc.freeze()
 
 
 class WithoutSlowFiles:

@@ -18,9 +18,8 @@ def lock(name: str, *, wait: bool) -> int | None:
         None when it cannot be had, because another process has it (unless `wait`) or its file is another user's. On
         Windows everybody has it.
     """
-    path = Path(tempfile.gettempdir(), f"rosidl-py-gen-tests-{name}.lock")
     try:
-        descriptor = os.open(path, os.O_CREAT | os.O_RDWR)
+        descriptor = os.open(_path(name), os.O_CREAT | os.O_RDWR)
     except PermissionError:
         return None
     if sys.platform != "win32":
@@ -30,3 +29,15 @@ def lock(name: str, *, wait: bool) -> int | None:
             os.close(descriptor)
             return None
     return descriptor
+
+
+def holds(descriptor: int, name: str) -> bool:
+    """Whether the descriptor that `lock` returned is still that of the lock."""
+    try:
+        return os.path.samestat(os.fstat(descriptor), os.stat(_path(name)))
+    except OSError:
+        return False
+
+
+def _path(name: str) -> Path:
+    return Path(tempfile.gettempdir(), f"rosidl-py-gen-tests-{name}.lock")

@@ -181,7 +181,8 @@ SHARED_IN_SHIM = {
     "_update_state",
 }
 # Functions of the standard library that are public in spite of their names.
-DOCUMENTED = {"sys._getframe", "os._exit"}
+# The last two are in asyncio.__all__, for those who write event loops.
+DOCUMENTED = {"sys._getframe", "os._exit", "asyncio._get_running_loop", "asyncio._set_running_loop"}
 # Knows private structures of Cyclone DDS, and says so; nobody else looks behind an address.
 KNOWS_LAYOUTS = "runtime.transport.cyclone.structures"
 # Each foreign thing has one seam: distribution -> modules that may import it.
@@ -269,8 +270,14 @@ def imports_of(path: Path) -> list[Import]:
     return list(_walk(tree, path, False))
 
 
+def _statements(node: ast.AST) -> Iterator[ast.AST]:
+    """What is directly inside; no expression, where nothing can be imported."""
+    for name in ("body", "handlers", "cases", "orelse", "finalbody"):
+        yield from getattr(node, name, ())
+
+
 def _walk(node: ast.AST, path: Path, for_typing: bool) -> Iterator[Import]:
-    for child in ast.iter_child_nodes(node):
+    for child in _statements(node):
         if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.dump(child.test):
             inside = not isinstance(child.test, ast.UnaryOp)
             for part, typed in ((child.body, inside), (child.orelse, not inside)):
@@ -304,8 +311,20 @@ def _is_module(name: str) -> bool:
 
 
 FILES = sorted(PACKAGE.rglob("*.py"))
-IMPORTS = {path: imports_of(path) for path in FILES}
 WRITTEN = [path for path in FILES if part_of(module_of(path)) != "msgs" or path == PACKAGE / "msgs" / "__init__.py"]
+
+
+@cache
+def all_imports() -> dict[Path, list[Import]]:
+    """Of all files, read by the first test that asks."""
+    return {path: imports_of(path) for path in FILES}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _forgotten() -> Iterator[None]:
+    """The trees of all files are a million objects, through which every later garbage collection would look."""
+    yield
+    tree_of.cache_clear()
 
 
 def ours(one: Import) -> str | None:
@@ -328,7 +347,7 @@ def test_the_rules_cover_every_module_and_name_only_what_exists() -> None:
 
 def test_imports_point_down() -> None:
     wrong = []
-    for path, imports in IMPORTS.items():
+    for path, imports in all_imports().items():
         own = part_of(module_of(path))
         for one in imports:
             target = ours(one)
@@ -346,7 +365,7 @@ def test_imports_point_down() -> None:
 def test_compiler_and_runtime_never_meet() -> None:
     wrong = [
         where(path, one)
-        for path, imports in IMPORTS.items()
+        for path, imports in all_imports().items()
         for one in imports
         for left, right in APART
         if part_of(module_of(path)) == left and (target := ours(one)) is not None and part_of(target) == right
@@ -357,7 +376,7 @@ def test_compiler_and_runtime_never_meet() -> None:
 def test_every_foreign_package_has_its_seam() -> None:
     wrong = [
         where(path, one)
-        for path, imports in IMPORTS.items()
+        for path, imports in all_imports().items()
         for one in imports
         for foreign, seams in SEAMS.items()
         if one.module.split(".")[0] == foreign and not _allowed(module_of(path), foreign, seams)
@@ -374,7 +393,7 @@ def test_every_foreign_import_is_a_declared_dependency() -> None:
     interfaces = {path.name for path in (PACKAGE.parent / "interfaces").iterdir()}
     wrong = [
         where(path, one)
-        for path, imports in IMPORTS.items()
+        for path, imports in all_imports().items()
         for one in imports
         if not (
             part_of(module_of(path)) == "shim"
@@ -388,7 +407,7 @@ def test_every_foreign_import_is_a_declared_dependency() -> None:
 def test_what_stands_above_the_runtime_uses_its_public_names() -> None:
     wrong = [
         where(path, one)
-        for path, imports in IMPORTS.items()
+        for path, imports in all_imports().items()
         for one in imports
         if part_of(module_of(path)) in ABOVE_THE_RUNTIME
         and one.module.startswith(f"{NAME}.runtime.")
@@ -400,7 +419,7 @@ def test_what_stands_above_the_runtime_uses_its_public_names() -> None:
 def test_the_shim_imports_public_names() -> None:
     wrong = [
         where(path, one)
-        for path, imports in IMPORTS.items()
+        for path, imports in all_imports().items()
         for one in imports
         if part_of(module_of(path)) == "shim" and (target := ours(one)) is not None and target not in FOR_THE_SHIM
     ]
@@ -410,7 +429,7 @@ def test_the_shim_imports_public_names() -> None:
 def test_packages_of_the_shim_form_no_circle() -> None:
     modules = {module_of(path).removeprefix(f"{SHIM}."): path for path in FILES if part_of(module_of(path)) == "shim"}
     edges = {
-        name: {one.module for one in IMPORTS[path] if one.module in modules and not one.for_typing} - {name}
+        name: {one.module for one in all_imports()[path] if one.module in modules and not one.for_typing} - {name}
         for name, path in modules.items()
     }
     assert edges and circles(edges) == []
@@ -432,7 +451,7 @@ def test_what_stands_above_the_runtime_reaches_through_nothing(path: Path) -> No
 def test_nothing_imports_the_node() -> None:
     wrong = [
         where(path, one)
-        for path, imports in IMPORTS.items()
+        for path, imports in all_imports().items()
         for one in imports
         if one.module == f"{NAME}.runtime.node.node"
         and module_of(path) not in NODE_USERS
@@ -455,7 +474,7 @@ def test_rooms_import_rooms_below_them() -> None:
     wrong = []
     for path in RUNTIME:
         own = room_of(module_of(path))
-        for one in IMPORTS[path]:
+        for one in all_imports()[path]:
             target = ours(one)
             if target is not None and target.split(".")[0] == "runtime" and room_of(target) not in (own, *ROOMS[own]):
                 wrong.append(where(path, one))
@@ -482,7 +501,7 @@ def test_the_folders_of_the_command_line_import_those_below_them() -> None:
     wrong = []
     for path in tools.rglob("*.py"):
         own = path.parent.name
-        for one in IMPORTS[path]:
+        for one in all_imports()[path]:
             target = (ours(one) or "").split(".")
             other = target[1] if len(target) > 1 and target[0] == "tools" else own
             if other in TOOLS and other not in (own, *TOOLS.get(own, ())):
@@ -563,7 +582,7 @@ def test_memory_of_others_is_read_and_changed_in_one_file(path: Path) -> None:
 def test_generated_code_needs_only_the_middle_and_numpy() -> None:
     wrong = [
         where(path, one)
-        for path, imports in IMPORTS.items()
+        for path, imports in all_imports().items()
         if part_of(module_of(path)) == "msgs"
         for one in imports
         if one.module.split(".")[0] not in GENERATED_MAY_IMPORT
@@ -612,7 +631,7 @@ def test_a_circle_is_found() -> None:
 
 def test_imports_form_no_circle() -> None:
     edges: dict[str, set[str]] = {}
-    for path, imports in IMPORTS.items():
+    for path, imports in all_imports().items():
         own = module_of(path)
         targets = {target for one in imports if (target := ours(one)) is not None}
         # The package itself loads what a name needs when it is used, so nothing hangs on importing it.

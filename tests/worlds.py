@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import zenoh
-from locks import lock
+from locks import holds, lock
 
 from rosidl_py_gen.base.resources import interfaces_dir
 from rosidl_py_gen.compiler.generate import generate
@@ -52,7 +52,8 @@ atexit.register(GENERATED.cleanup)
 generate(search_path([interfaces_dir()], ament="", bundled=False), PACKAGES, Path(GENERATED.name))
 sys.path.insert(0, GENERATED.name)
 
-FIRST_DOMAIN, DOMAINS = 60, 85
+FIRST_DOMAIN, DOMAINS = 10, 45
+"""Twice as many as `DOMAINS`, and none above 100: no other socket is given their ports (docs/guide/network.md)."""
 _LOCAL_ENDPOINTS = ("tcp/127.0.0.1:", "tls/127.0.0.1:", "tcp/localhost:", "tls/localhost:", "tcp/[::1]:")
 _open_session = zenoh.open
 ON_ZENOH = {
@@ -84,17 +85,20 @@ ON_ZENOH = {
 """Files whose tests run on Zenoh as well where they run on DDS."""
 
 
-_domains: set[int] = set()
-"""Those of this test process."""
+_domains: dict[int, int] = {}
+"""Those of this test process, each with the descriptor of its lock."""
 
 
 def new_domain_id() -> int:
     """A domain that no other test process of this machine has, nor who asked before in this one."""
     start = os.getpid() * 7
     all_of_them = (FIRST_DOMAIN + (start + offset) % DOMAINS for offset in range(DOMAINS))
-    number = next(number for number in all_of_them if lock(f"domain-{number}", wait=False) is not None)
-    _domains.add(number)
-    return number
+    for number in all_of_them:
+        held = lock(f"domain-{number}", wait=False)
+        if held is not None:
+            _domains[number] = held
+            return number
+    raise LookupError("other test processes have all domains")
 
 
 @functools.cache
@@ -149,6 +153,8 @@ def only_loopback(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(zenoh, "open", guarded_open)
     yield
     Context.close_default()
+    lost = [number for number, held in _domains.items() if not holds(held, f"domain-{number}")]
+    assert not lost, f"something closed the locks of the domains {lost}, which are another's descriptors"
 
 
 def _guard_dds(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -356,6 +362,10 @@ async def rests(for_s: float, cpu_s: float) -> bool:
 _SHORT_LEASE = "<Domain><Discovery><LeaseDuration>2s</LeaseDuration></Discovery></Domain>"
 SHORT_LEASE = {"CYCLONEDDS_URI": f"<CycloneDDS>{_SHORT_LEASE}</CycloneDDS>"}
 """For processes that are killed: they are missed after 2 s, not 10."""
+_SOON_MISSED = "<LeaseDuration>5s</LeaseDuration><SPDPInterval>1s</SPDPInterval>"
+SOON_MISSED = "CYCLONEDDS_URI", f"<CycloneDDS><Domain><Discovery>{_SOON_MISSED}</Discovery></Domain></CycloneDDS>"
+"""For contexts that Fast DDS shall miss when they are closed: after 5 s, not 10. Five announcements in that time are
+enough where a machine is held up."""
 
 _guards: set[asyncio.Task[None]] = set()
 

@@ -52,6 +52,10 @@ class Registrations(Generic[T]):
         return len(self._items)
 
     def __iter__(self) -> Iterator[T]:
-        for key, item in list(self._items.items()):
+        items = tuple(self._items.items())
+        return self._all(items) if len(items) > 1 else iter([item for _, item in items])
+
+    def _all(self, items: tuple[tuple[object, T], ...]) -> Iterator[T]:
+        for key, item in items:
             if key in self._items:
                 yield item

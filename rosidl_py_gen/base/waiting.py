@@ -21,10 +21,7 @@ T = TypeVar("T")
 
 def current_loop() -> asyncio.AbstractEventLoop | None:
     """The loop that this thread runs just now."""
-    try:
-        return asyncio.get_running_loop()
-    except RuntimeError:
-        return None
+    return asyncio._get_running_loop()
 
 
 def complete(future: asyncio.Future[T], result: T) -> None:

@@ -49,7 +49,7 @@ def _same_as_recorded(vector: Vector, decoded: dict[str, object]) -> None:
 @TYPES
 def test_every_truncation_of_recorded_bytes_is_refused(name: str) -> None:
     """The recorded bytes have no padding behind them, so every single byte is needed."""
-    oracle = reference()
+    oracle, cls = reference(), message(name)
     for vector in BY_TYPE[name]:
         for size in _cuts(vector.cdr):
             cut = vector.cdr[:size]
@@ -58,7 +58,7 @@ def test_every_truncation_of_recorded_bytes_is_refused(name: str) -> None:
                     oracle.decode(name, cut)
             for copy in (False, True):
                 with pytest.raises(DecodeError) as caught:
-                    decode(message(name), cut, copy=copy)
+                    decode(cls, cut, copy=copy)
                 assert "cannot be decoded" not in str(caught.value)
                 assert caught.value.offset_bytes <= size + 8
                 assert caught.value.path.startswith(name)

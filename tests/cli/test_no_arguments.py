@@ -1,4 +1,4 @@
-"""rosidl-py-gen that is not told what to generate shows its help; 24 folders in the current one are for who asks."""
+"""rosidl-py-gen that is not told what to generate shows its help; 25 folders in the current one are for who asks."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_nothing_wanted_is_answered_with_the_help(arguments: tuple[str, ...], tm
 @pytest.mark.parametrize("arguments", [("--out", "."), ("--filter", "")])
 def test_everything_is_generated_for_who_says_so(arguments: tuple[str, ...], tmp_path: Path) -> None:
     assert command(*arguments, cwd=tmp_path).returncode == 0
-    assert len([path for path in tmp_path.iterdir() if path.is_dir()]) == 24
+    assert len([path for path in tmp_path.iterdir() if path.is_dir()]) == 25
 
 
 def test_a_filter_in_the_environment_says_what_is_wanted(tmp_path: Path) -> None:
@@ -52,8 +52,8 @@ def test_a_path_says_what_is_wanted(tmp_path: Path) -> None:
 
 def test_options_that_write_nothing_need_no_more(tmp_path: Path) -> None:
     listed = command("--list", cwd=tmp_path)
-    assert (listed.returncode, len(listed.stdout.splitlines())) == (0, 24)
-    assert len(json.loads(command("--list", "--json", cwd=tmp_path).stdout)) == 24
+    assert (listed.returncode, len(listed.stdout.splitlines())) == (0, 25)
+    assert len(json.loads(command("--list", "--json", cwd=tmp_path).stdout)) == 25
     checked = command("--check", cwd=tmp_path)
     assert (checked.returncode, "files would be written" in checked.stdout) == (1, True)
     assert list(tmp_path.iterdir()) == []

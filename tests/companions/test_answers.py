@@ -1,8 +1,9 @@
-"""sensor_msgs_py, tf2_sensor_msgs, tf2_geometry_msgs, tf_transformations and cv_bridge answer as the real ones do.
+"""sensor_msgs_py, tf2_*_msgs, tf_transformations, cv_bridge and image_geometry answer as the real ones do.
 
 ``asked`` has programs, ``recorded`` what they print under the real packages, of Jazzy (cv_bridge: its Python, and what
 its C++ decides, over OpenCV 4.10; tf_transformations 1.1.1 with transforms3d 0.4.2), in an environment that has
-ros-jazzy-sensor-msgs: ``python asked/clouds.py > recorded/clouds.jsonl``.
+ros-jazzy-sensor-msgs: ``python asked/clouds.py > recorded/clouds.jsonl``. image_geometry 3.4.0 needs no more than its
+Python files, OpenCV 4.10 and messages.
 """
 
 from __future__ import annotations
@@ -11,19 +12,43 @@ from pathlib import Path
 
 import pytest
 from companion_answers import unlike
+from compiler_worlds import write
+from environments import environment
 from run_programs import run
 
 pytestmark = pytest.mark.real_time("programs are processes")
 HERE = Path(__file__).parent
 
 
-@pytest.mark.parametrize("name", ["clouds", "geometry", "images", "transformations"])
+@pytest.mark.parametrize("name", ["cameras", "clouds", "geometry", "images", "transformations"])
 def test_every_answer_is_that_of_the_real_package(name: str) -> None:
     expected = (HERE / "recorded" / f"{name}.jsonl").read_text(encoding="utf-8").splitlines()
-    done = run(HERE / "asked" / f"{name}.py")
+    packages = ""
+    if name == "cameras":
+        python = environment("opencv", ["opencv-python-headless==4.10.0.84"])
+        packages = str(next(python.parents[1].glob("[Ll]ib/**/site-packages")))
+    done = run(HERE / "asked" / f"{name}.py", PYTHONPATH=packages)
     assert done.returncode == 0, done.stderr
     found = done.stdout.splitlines()
     assert [(expected[at], found[at]) for at in unlike(expected, found)] == []
+
+
+RECTIFIED = """
+from image_geometry import PinholeCameraModel
+from sensor_msgs.msg import CameraInfo
+
+camera = PinholeCameraModel()
+camera.fromCameraInfo(CameraInfo(width=4, height=3, p=[2.0, 0.0, 1.0, 0.0, 0.0, 2.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]))
+print(*camera.project3dToPixel((1, 2, 4)))
+camera.rectifyPoint((0, 0))
+"""
+
+
+def test_cameras_need_opencv_only_where_they_rectify(tmp_path: Path) -> None:
+    write(tmp_path, {"program.py": RECTIFIED, "cv2.py": "raise ModuleNotFoundError('hidden', name='cv2')"})
+    found = run("program.py", cwd=tmp_path)
+    assert found.stdout == "1.5 2.0\n"
+    assert found.stderr.endswith("OpenCV, which is not installed (opencv-python-headless)\n"), found.stderr
 
 
 def test_an_answer_that_is_another_one_is_told() -> None:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import re
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from doc_pages import PAGES, ROOT, blocks
+from locks import lock
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,10 +32,24 @@ def transport_of(page: Path) -> str:
     return "" if starts_others or is_test or page.name in OF_NETWORKS else "memory"
 
 
+@contextlib.contextmanager
+def ports_of(page: Path) -> Iterator[None]:
+    """The ports of this machine that a page names, for this process alone."""
+    ports = set(re.findall(r"(?:127\.0\.0\.1|localhost):(\d+)", page.read_text(encoding="utf-8")))
+    held = [lock(f"port-{port}", wait=True) for port in sorted(ports)]
+    try:
+        yield
+    finally:
+        for descriptor in held:
+            if descriptor is not None:
+                os.close(descriptor)
+
+
 @pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: str(page.relative_to(ROOT)))
 def test_the_code_of_a_page_runs(page: Path, run_page: RunPage, request: pytest.FixtureRequest) -> None:
     everywhere = request.config.getoption("--all-transports")
-    done = run_page(page, "" if everywhere else transport_of(page))
+    with ports_of(page):
+        done = run_page(page, "" if everywhere else transport_of(page))
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
 
 

@@ -83,71 +83,90 @@ def share(shared_peer: Peer) -> str:
     return str(shared_peer.share)
 
 
+@dataclass(frozen=True)
+class Looked:
+    """What a peer had, and what commands said of it that wait for a fixed time, all begun at once."""
+
+    topic: str
+    service: str
+    action: str
+    node: str
+    managed: str
+    said: dict[str, str]
+
+
+_looked: dict[Peer, Looked] = {}
+
+
+async def looked(peer: Peer, tool: Tool) -> Looked:
+    """See `Looked`; the first test of a peer looks."""
+    if peer not in _looked:
+        topic, service, action, node, managed = map(fresh, ("words", "answers", "counts", "holder", "managed"))
+        await peer.ask("publisher", topic=topic, type=STRINGS)
+        await peer.ask("serve", name=service, type=BASIC, how="echo")
+        await peer.ask("action_server", name=action, type=FIBONACCI, how="succeed")
+        await peer.ask("add_node", name=node.strip("/"))
+        await peer.ask("lifecycle_node", name=managed.strip("/"))
+        lists = ("topic list -t", "service list -t", "action list -t", "node list", "lifecycle nodes", "param list")
+        about = (f"action info {action}", f"node info /{peer.name} --json", f"graph --json --node {peer.name}")
+        words = (*lists, "lifecycle get", *about, "doctor --json")
+        answers = await asyncio.gather(*(tool(*one.split(), "--spin-time", "6") for one in words))
+        said = {" ".join(one.split()[:2]): answer for one, answer in zip(words, answers, strict=True)}
+        _looked[peer] = Looked(topic, service, action, node, managed, said)
+        await peer.ask("unpublish", topic=topic)
+        await peer.ask("unserve", name=service)
+        await peer.ask("remove_node", name=node.strip("/"))
+        await peer.ask("remove_node", name=managed.strip("/"))
+    return _looked[peer]
+
+
 async def test_everything_is_listed(shared_peer: Peer, tool: Tool) -> None:
-    topic, service, action, node, managed = map(fresh, ("words", "answers", "counts", "holder", "managed"))
-    await shared_peer.ask("publisher", topic=topic, type=STRINGS)
-    await shared_peer.ask("serve", name=service, type=BASIC, how="echo")
-    await shared_peer.ask("action_server", name=action, type=FIBONACCI, how="succeed")
-    await shared_peer.ask("add_node", name=node.strip("/"))
-    await shared_peer.ask("lifecycle_node", name=managed.strip("/"))
+    there = await looked(shared_peer, tool)
     expected = {
-        "topic list -t": f"{topic} [{STRINGS}]",
-        "service list -t": f"{service} [{BASIC}]",
-        "action list -t": f"{action} [{FIBONACCI}]",
-        "node list": node,
-        "lifecycle nodes": managed,
-        "param list": f"{node}:",
-        "lifecycle get": f"{managed}: unconfigured [1]",
+        "topic list": f"{there.topic} [{STRINGS}]",
+        "service list": f"{there.service} [{BASIC}]",
+        "action list": f"{there.action} [{FIBONACCI}]",
+        "node list": there.node,
+        "lifecycle nodes": there.managed,
+        "param list": f"{there.node}:",
+        "lifecycle get": f"{there.managed}: unconfigured [1]",
     }
-    listed = await asyncio.gather(*(tool(*words.split(), "--spin-time", "6") for words in expected))
-    for found, one in zip(listed, expected.values(), strict=True):
-        assert one in found.splitlines()
-    await shared_peer.ask("unpublish", topic=topic)
-    await shared_peer.ask("unserve", name=service)
-    await shared_peer.ask("remove_node", name=node.strip("/"))
-    await shared_peer.ask("remove_node", name=managed.strip("/"))
+    for words, one in expected.items():
+        assert one in there.said[words].splitlines()
 
 
 async def test_everything_has_information(shared_peer: Peer, tool: Tool) -> None:
-    topic, service, action = map(fresh, ("words", "answers", "counts"))
+    there = await looked(shared_peer, tool)
+    action = there.action
+    of_action = f"Action: {action}\nAction clients: 0\nAction servers: 1\n    /{shared_peer.name}\n"
+    assert there.said["action info"] == of_action
+    found = json.loads(there.said["node info"])
+    assert (found["publishers"][there.topic], found["service_servers"][there.service]) == ([STRINGS], [BASIC])
+    assert found["action_servers"][action] == [FIBONACCI]
+
+
+async def test_topics_and_services_have_information(shared_peer: Peer, tool: Tool) -> None:
+    topic, service = map(fresh, ("words", "answers"))
     await shared_peer.ask("publisher", topic=topic, type=STRINGS)
     await shared_peer.ask("serve", name=service, type=BASIC, how="echo")
-    await shared_peer.ask("action_server", name=action, type=FIBONACCI, how="succeed")
-    of_topic, of_service, of_action, of_node = await asyncio.gather(
-        tool("topic", "info", topic),
-        tool("service", "info", service),
-        tool("action", "info", action, "--spin-time", "6"),
-        tool("node", "info", f"/{shared_peer.name}", "--json", "--spin-time", "6"),
-    )
+    of_topic, of_service = await asyncio.gather(tool("topic", "info", topic), tool("service", "info", service))
     assert of_topic.startswith(f"Type: {STRINGS}\n")
     assert of_service == f"Type: {BASIC}\nClients count: 0\nServices count: 1\n"
-    assert of_action == f"Action: {action}\nAction clients: 0\nAction servers: 1\n    /{shared_peer.name}\n"
-    found = json.loads(of_node)
-    assert (found["publishers"][topic], found["service_servers"][service]) == ([STRINGS], [BASIC])
-    assert found["action_servers"][action] == [FIBONACCI]
     await shared_peer.ask("unpublish", topic=topic)
     await shared_peer.ask("unserve", name=service)
 
 
 async def test_the_graph_shows_them_and_the_doctor_tells_their_make(shared_peer: Peer, tool: Tool) -> None:
-    topic, service, action = map(fresh, ("words", "answers", "counts"))
-    await shared_peer.ask("publisher", topic=topic, type=STRINGS)
-    await shared_peer.ask("serve", name=service, type=BASIC, how="echo")
-    await shared_peer.ask("action_server", name=action, type=FIBONACCI, how="succeed")
-    graph, doctor = await asyncio.gather(
-        tool("graph", "--json", "--node", shared_peer.name, "--spin-time", "6"),
-        tool("doctor", "--json", "--spin-time", "6"),
-    )
-    (node,) = json.loads(graph)["nodes"]
+    there = await looked(shared_peer, tool)
+    (node,) = json.loads(there.said["graph --json"])["nodes"]
     shown = {(row["kind"], row["name"], *row["types"]) for role in ("publishes", "serves") for row in node[role]}
-    assert {("topic", topic, STRINGS), ("service", service, BASIC), ("action", action, FIBONACCI)} <= shown
+    wanted = {("topic", there.topic, STRINGS), ("service", there.service, BASIC), ("action", there.action, FIBONACCI)}
+    assert wanted <= shown
     assert not any("parameter" in name for _, name, *_ in shown)
-    texts = [row["text"] for row in json.loads(doctor)["peers"]]
+    texts = [row["text"] for row in json.loads(there.said["doctor --json"])["peers"]]
     (peers,) = [text for text in texts if text.startswith("Fast DDS, ROS Iron or later: ")]
     assert f"/{shared_peer.name}" in peers
     assert any("a message went there and back" in text for text in texts)
-    await shared_peer.ask("unpublish", topic=topic)
-    await shared_peer.ask("unserve", name=service)
 
 
 async def test_a_service_is_called(shared_peer: Peer, tool: Tool, share: str) -> None:

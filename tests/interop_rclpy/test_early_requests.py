@@ -61,7 +61,7 @@ async def test_a_new_writer_is_asked_once_what_it_has_written(
     node = dds.node("server")
     server = node.create_service(cls, name, lambda _: cls.Response(success=True, message="heard"))
     node.create_subscription("std_msgs/msg/String", f"{name}/best_effort", qos=QoSProfile().best_effort())
-    reader, best_effort = server._port.endpoints[0], list(node._scope.participant._readers.values())[-1].guid
+    reader, best_effort = server._port.endpoints[0], list(node._scope.participant.readers.values())[-1].guid
     monkeypatch.setattr(cyclone, "ask_writers", ask)
     await shared_peer.ask("publisher", topic=f"{name}/best_effort", type="std_msgs/msg/String")
     await shared_peer.ask("client", name=name, type=KIND)

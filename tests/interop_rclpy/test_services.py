@@ -202,7 +202,7 @@ async def test_requests_name_the_reader_that_waits_until_all_servers_have_answer
     assert named == [True, False, False]
     second = start_peer("second")
     await second.ask("serve", name=name, type=kind, how="trigger", note="second")
-    await until(lambda: len(client._servers()) == 2)
+    await until(lambda: len(client._servers()) == len(writer.matched_readers()) == 2)
     await client.call(client_request(shared_peer, kind), CALL_S)
     assert named[3:] == [True]
     while named[-1]:

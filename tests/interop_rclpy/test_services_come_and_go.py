@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from rclpy_peer import Peer
 from rclpy_worlds import fresh, service
-from worlds import until
+from worlds import SOON_MISSED, until
 
 KIND = "std_srvs/srv/Trigger"
 
@@ -28,7 +28,10 @@ async def test_a_server_of_theirs_that_ends_is_missed_and_may_return(
         await until(lambda: not client.service_is_available())
 
 
-async def test_a_server_of_ours_that_ends_is_missed_and_may_return(dds: Any, shared_peer: Peer) -> None:
+async def test_a_server_of_ours_that_ends_is_missed_and_may_return(
+    dds: Any, shared_peer: Peer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(*SOON_MISSED)
     name, cls = fresh("mortal"), service(shared_peer, KIND)
     await shared_peer.ask("client", name=name, type=KIND, wait=False)
     for note in ("first", "second"):
@@ -39,7 +42,7 @@ async def test_a_server_of_ours_that_ends_is_missed_and_may_return(dds: Any, sha
         await shared_peer.ask("ready", name=name)
         assert await shared_peer.ask("call", name=name, requests_=[{}]) == [{"success": True, "message": note}]
         context.close()
-        if note == "first":  # which takes the 10 s of a lease: Fast DDS does not take Cyclone's word for it
+        if note == "first":  # which takes the time of a lease: Fast DDS does not take Cyclone's word for it
             await shared_peer.ask("ready", name=name, expected=False)
 
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import asyncio
 import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
+from at_once import at_once
 from two_rclpys import PROGRAMS, Case, Observation, Observer
-from worlds import DOMAINS, new_domain_id
+from worlds import DOMAINS
 
-AT_ONCE = 3
 Both = tuple[Observation, Observation]
 Observed = Callable[[Case], Both]
 
@@ -45,21 +45,6 @@ class Setting:
         return expected, await Observer(domain, case).run(command, ours, expected)
 
 
-_domains: list[int] = []
-
-
 async def run_all(cases: Iterable[Case], setting: Setting) -> list[Both | BaseException]:
     """Both observations of each case, in their order, or what went wrong."""
-    _domains.extend(new_domain_id() for _ in range(AT_ONCE - len(_domains)))
-    free: asyncio.Queue[int] = asyncio.Queue()
-    for domain in _domains:
-        free.put_nowait(domain)
-
-    async def one(case: Case) -> Both:
-        domain = await free.get()
-        try:
-            return await setting.both(case, domain)
-        finally:
-            free.put_nowait(domain)
-
-    return await asyncio.gather(*map(one, cases), return_exceptions=True)
+    return await at_once(partial(setting.both, case) for case in cases)

@@ -87,7 +87,7 @@ async def test_the_peer_reads_our_tokens(world: World, start_peer: Start) -> Non
         (token,) = [token for token in peer.said("token") if "/MP/" in token and "/%to%peer/" in token]
         assert f"/MP/%/%arm/ours/%to%peer/{STRING}/" in token
         assert token.endswith(":1:,5:0,500000000:,:,,")
-        assert any(other.endswith("/NN/%/%arm/ours") for other in peer.said("token"))
+        await until(lambda: any(other.endswith("/NN/%/%arm/ours") for other in peer.said("token")), 10)
         assert await publisher.wait_for_subscribers(10)
         publisher.publish(String(data="first"))
         publisher.publish(String(data="second"))

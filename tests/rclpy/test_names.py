@@ -85,6 +85,19 @@ MORE = {
     "names of types for checkers": ("rclpy.lifecycle.node.Described",),
     "a value of the middleware that rclpy has no name for": ("rclpy.qos.RMW_QOS_DEADLINE_BEST_AVAILABLE",),
     "there under `rclpy.executors` in rclpy": ("rclpy.task.await_or_execute",),
+    "fields with a default, which rclpy sets in constructors": (
+        "rclpy.clock.JumpThreshold.on_clock_change",
+        *(
+            f"rclpy.event_handler.PublisherEventCallbacks.{name}"
+            for name in ("deadline", "incompatible_qos", "incompatible_type", "liveliness", "matched")
+        ),
+        "rclpy.event_handler.PublisherEventCallbacks.use_default_callbacks",
+        *(
+            f"rclpy.event_handler.SubscriptionEventCallbacks.{name}"
+            for name in ("deadline", "incompatible_qos", "incompatible_type", "liveliness", "matched", "message_lost")
+        ),
+        "rclpy.event_handler.SubscriptionEventCallbacks.use_default_callbacks",
+    ),
     "fields that a namedtuple made by a call has as well, unrecorded": tuple(
         f"rclpy.impl.rcutils_logger.CallerId.{name}"
         for name in ("file_path", "function_name", "last_index", "line_number")

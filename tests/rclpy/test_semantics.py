@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import ast
+import asyncio
 import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
+from at_once import AT_ONCE, at_once
 from environments import environment
-from worlds import domain_id
+from worlds import DOMAINS
 
 FOLDER = Path(__file__).parent / "semantics"
-HELPERS = {"show", "quietly", "connected", "spin_until", "main"}
+HELPERS = {"show", "quietly", "until", "let_arrive", "connected", "spin_until", "main"}
 CASES = [
     node.name
     for node in ast.parse((FOLDER / "spinning.py").read_text(encoding="utf-8")).body
@@ -45,22 +48,27 @@ runpy.run_path(sys.argv[0], run_name="__main__")
 pytestmark = pytest.mark.real_time("programs are processes")
 
 
-def started(command: list[str], middleware: str) -> subprocess.Popen[str]:
-    """A program in the domain of this test process, on this machine only."""
-    settings = {"ROS_DOMAIN_ID": str(domain_id()), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+Told = tuple[str, int, str]
+"""What a program printed, its exit code, and its errors."""
+Everything = dict[str, "tuple[Told, Told] | BaseException"]
+
+
+def ended(command: list[str], middleware: str, domain: int) -> Told:
+    """A program that ran in a domain, on this machine only."""
+    settings = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     kept = {key: value for key, value in os.environ.items() if not key.startswith(("ROS_", "RMW_"))}
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    return subprocess.Popen(command, text=True, env={**kept, **settings, "RMW_IMPLEMENTATION": middleware}, **pipes)  # type: ignore[call-overload, no-any-return]
+    environment = {**kept, **settings, "RMW_IMPLEMENTATION": middleware}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=200, check=False)
+    return done.stdout, done.returncode, done.stderr
 
 
-def ended(process: subprocess.Popen[str]) -> tuple[str, int, str]:
-    """What it printed, its exit code, and its errors."""
-    try:
-        output, errors = process.communicate(timeout=200)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        output, errors = process.communicate()
-    return output, process.returncode, errors
+async def run_both(real: list[str], program: list[str], domain: int) -> tuple[Told, Told]:
+    """Under real rclpy and under ours, in domains where neither hears the other."""
+    ours = [sys.executable, "-c", OURS, str(FOLDER.parent)]
+    return await asyncio.gather(
+        asyncio.to_thread(ended, [*real, *program], "rmw_fastrtps_cpp", domain),
+        asyncio.to_thread(ended, [*ours, *program], "rmw_cyclonedds_cpp", domain + DOMAINS),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -73,34 +81,34 @@ def real() -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def ours() -> list[str]:
-    """How ours is started."""
-    return [sys.executable, "-c", OURS, str(FOLDER.parent)]
-
-
-def run_both(real: list[str], ours: list[str], *program: str) -> list[tuple[str, int, str]]:
-    """One after the other: they would hear each other."""
-    first = ended(started([*real, *program], "rmw_fastrtps_cpp"))
-    return [first, ended(started([*ours, *program], "rmw_cyclonedds_cpp"))]
-
-
-@pytest.fixture(scope="module")
-def told(real: list[str], ours: list[str]) -> list[dict[str, str]]:
-    """What real rclpy and ours print, by case."""
-    found = []
-    for output, code, errors in run_both(real, ours, str(FOLDER / "spinning.py"), *CASES):
-        assert code == 0, errors
-        found.append(dict(part.split("\n", 1) for part in output.split("== ")[1:]))
-    return found
+def told(request: pytest.FixtureRequest, real: list[str]) -> Everything:
+    """What all cases that are to be tested print under real rclpy and under ours: those of `spinning` in a few runs."""
+    chosen = [item.callspec.params["case"] for item in request.session.items if item.path == request.path]
+    spinning, signals = ([case for case in chosen if case in all_of_them] for all_of_them in (CASES, SIGNALS))
+    together = [part for number in range(AT_ONCE) if (part := spinning[number::AT_ONCE])]
+    programs = [["spinning.py", *part] for part in together] + [["signals.py", case] for case in signals]
+    jobs = [partial(run_both, real, [str(FOLDER / name), *cases]) for name, *cases in programs]
+    found = asyncio.run(at_once(jobs))
+    return {case: one for (_, *cases), one in zip(programs, found, strict=True) for case in cases}
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_the_same_lines_do_the_same(case: str, told: list[dict[str, str]]) -> None:
-    expected, found = told
-    assert expected[case] and found[case] == expected[case]
+def test_the_same_lines_do_the_same(case: str, told: Everything) -> None:
+    both = told[case]
+    if isinstance(both, BaseException):
+        raise both
+    shown = []
+    for output, code, errors in both:
+        assert code == 0, errors
+        shown.append(dict(part.split("\n", 1) for part in output.split("== ")[1:])[case])
+    expected, found = shown
+    assert expected and found == expected
 
 
 @pytest.mark.parametrize("case", SIGNALS)
-def test_signals_and_shutdowns_do_the_same(case: str, real: list[str], ours: list[str]) -> None:
-    expected, found = run_both(real, ours, str(FOLDER / "signals.py"), case)
+def test_signals_and_shutdowns_do_the_same(case: str, told: Everything) -> None:
+    both = told[case]
+    if isinstance(both, BaseException):
+        raise both
+    expected, found = both
     assert expected[0] and found[:2] == expected[:2], found[2]

@@ -6,33 +6,27 @@ exception of the same kind.
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+from at_once import at_once
 from environments import environment
-from worlds import domain_id
+from worlds import DOMAINS
 
 HERE = Path(__file__).resolve().parent
 PROGRAMS = sorted((HERE / "programs").glob("values_*.py"))
+Both = tuple[dict[str, Any], dict[str, Any]]
 
 
-@pytest.fixture(scope="session")
-def rclpy_python() -> Path:
-    """The Python that has rclpy of Jazzy."""
-    sys.path.insert(0, str(HERE.parent / "interop_rclpy"))
-    from rclpy_peer import REQUIREMENTS
-
-    made = os.environ.get("ROSIDL_PEER_JAZZY")
-    return Path(made, "bin", "python") if made else environment("rclpy-jazzy", REQUIREMENTS["jazzy"])
-
-
-def told(python: Path | str, program: Path, *more: str) -> dict[str, Any]:
-    own = {"ROS_DOMAIN_ID": str(domain_id()), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+def told(python: Path | str, program: Path, *more: str, domain: int) -> dict[str, Any]:
+    own = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     environ = {**os.environ, **own, "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp" if more else "rmw_fastrtps_cpp"}
     done = subprocess.run(
         [str(python), str(HERE / "told.py"), str(program), *more],
@@ -47,9 +41,32 @@ def told(python: Path | str, program: Path, *more: str) -> dict[str, Any]:
     return found
 
 
+async def told_by_both(python: Path, program: Path, domain: int) -> Both:
+    return await asyncio.gather(
+        asyncio.to_thread(told, python, program, domain=domain),
+        asyncio.to_thread(told, sys.executable, program, "ours", domain=domain + DOMAINS),
+    )
+
+
+@pytest.fixture(scope="module")
+def seen(request: pytest.FixtureRequest) -> dict[Path, Both | BaseException]:
+    """What the programs that are to be tested tell, in a Python that has rclpy of Jazzy and in ours."""
+    sys.path.insert(0, str(HERE.parent / "interop_rclpy"))
+    from rclpy_peer import REQUIREMENTS
+
+    made = os.environ.get("ROSIDL_PEER_JAZZY")
+    python = Path(made, "bin", "python") if made else environment("rclpy-jazzy", REQUIREMENTS["jazzy"])
+    programs = [item.callspec.params["program"] for item in request.session.items if item.path == request.path]
+    found = asyncio.run(at_once(partial(told_by_both, python, program) for program in programs))
+    return dict(zip(programs, found, strict=True))
+
+
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda path: path.stem)
-def test_both_give_the_same(rclpy_python: Path, program: Path) -> None:
-    theirs, ours = told(rclpy_python, program), told(sys.executable, program, "ours")
+def test_both_give_the_same(seen: dict[Path, Both | BaseException], program: Path) -> None:
+    both = seen[program]
+    if isinstance(both, BaseException):
+        raise both
+    theirs, ours = both
     lines = program.read_text(encoding="utf-8").splitlines()
     assert len(theirs) > 20, "the program ended early"
     assert list(theirs) == list(ours)

@@ -161,6 +161,23 @@ def test_good_configurations_of_cyclone_are_left_alone(tmp_path: Path) -> None:
         assert list(doctor_machine.cyclonedds_uri(value)) == []
 
 
+@pytest.mark.parametrize(
+    ("domain_id", "text", "expected"),
+    [(150, "32768\t60999\n", [NOTE]), (100, "32768\t60999\n", []), (220, "32768\t60999\n", []), (150, "junk", [])],
+)
+def test_domains_whose_ports_any_socket_may_have_are_told(
+    domain_id: int, text: str, expected: list[str], tmp_path: Path
+) -> None:
+    file = tmp_path / "ip_local_port_range"
+    file.write_text(text)
+    found = list(doctor_machine.discovery_ports(domain_id, file))
+    assert [finding.level for finding in found] == expected
+    assert not found or (
+        "a node of another domain" in found[0].text and found[0].advice == "a domain below 101 is safe"
+    )
+    assert list(doctor_machine.discovery_ports(domain_id, tmp_path / "absent")) == []
+
+
 @pytest.mark.parametrize(("text", "level"), [("212992\n", WARNING), ("4194304", OK), ("junk", NOTE), (None, NOTE)])
 def test_socket_buffers_that_are_too_small_are_told(text: str | None, level: str, tmp_path: Path) -> None:
     file = tmp_path / "rmem_max"

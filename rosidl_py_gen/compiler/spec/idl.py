@@ -267,7 +267,9 @@ def _evaluate(expression: IdlExpression, scope: _Scope, depth: int) -> Scalar:
 
 
 def _number(expression: IdlExpression) -> int | float:
-    text = expression.text.rstrip("dD") if "x" not in expression.text.lower() else expression.text
+    text = expression.text
+    if text[-1] in "dD" and "x" not in text.lower():  # fixed point: no whole number, even without a fraction
+        text = text[:-1] + "e0" * ("e" not in text.lower())
     if len(text) <= 400:
         for convert in (int, lambda digits: int(digits, 0), lambda digits: int(digits, 8), float):
             if convert is not int or not text.lstrip("-").startswith("0") or text.lstrip("-") == "0":

@@ -57,9 +57,8 @@ class MutuallyExclusiveCallbackGroup(CallbackGroup):
         self._lock = threading.Lock()
 
     def can_execute(self, entity: Any) -> bool:
-        with self._lock:
-            assert weakref.ref(entity) in self.entities
-            return self._active_entity is None
+        assert weakref.ref(entity) in self.entities
+        return self._active_entity is None
 
     def beginning_execution(self, entity: Any) -> bool:
         with self._lock:

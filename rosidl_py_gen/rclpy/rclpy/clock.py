@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import IntEnum
 from types import TracebackType
 from typing import Any, TypedDict
@@ -31,6 +32,7 @@ class ClockChange(IntEnum):
     SYSTEM_TIME_NO_CHANGE = 4
 
 
+@dataclass(kw_only=True, eq=False)
 class JumpThreshold:
     """Which jumps of time a callback wants to hear of.
 
@@ -38,38 +40,34 @@ class JumpThreshold:
     begins or ends. ValueError for other signs, and when none is wanted.
     """
 
-    def __init__(
-        self, *, min_forward: Duration | None, min_backward: Duration | None, on_clock_change: bool = True
-    ) -> None:
-        if min_forward is not None and min_forward.nanoseconds <= 0:
+    min_forward: Duration | None
+    min_backward: Duration | None
+    on_clock_change: bool = True
+
+    def __post_init__(self) -> None:
+        if self.min_forward is not None and self.min_forward.nanoseconds <= 0:
             raise ValueError("min_forward must be a positive non-zero duration")
-        if min_backward is not None and min_backward.nanoseconds >= 0:
+        if self.min_backward is not None and self.min_backward.nanoseconds >= 0:
             raise ValueError("min_backward must be a negative non-zero duration")
-        if min_forward is None and min_backward is None and not on_clock_change:
+        if self.min_forward is None and self.min_backward is None and not self.on_clock_change:
             raise ValueError("At least one jump threshold must be enabled")
-        self.min_forward = min_forward
-        self.min_backward = min_backward
-        self.on_clock_change = on_clock_change
 
 
+@dataclass(frozen=True, eq=False)
 class TimeJump:
-    """One jump."""
+    """One jump.
 
-    def __init__(self, clock_change: ClockChange, delta: Duration) -> None:
-        if not isinstance(clock_change, ClockChange):
+    Attributes:
+        clock_change: what happened to the source.
+        delta: how far time jumped; 0 when the source changed.
+    """
+
+    clock_change: ClockChange
+    delta: Duration
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.clock_change, ClockChange):
             raise TypeError("clock_change must be an instance of rclpy.clock.ClockChange")
-        self._clock_change = clock_change
-        self._delta = delta
-
-    @property
-    def clock_change(self) -> ClockChange:
-        """What happened to the source."""
-        return self._clock_change
-
-    @property
-    def delta(self) -> Duration:
-        """How far time jumped; 0 when the source changed."""
-        return self._delta
 
 
 class TimeJumpDictionary(TypedDict):

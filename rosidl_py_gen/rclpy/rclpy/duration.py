@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import total_ordering
 from typing import Protocol
 
 import builtin_interfaces.msg
@@ -16,7 +17,29 @@ class DurationType(Protocol):
     def nanoseconds(self) -> int: ...
 
 
-class Duration:
+@total_ordering
+class _Ordered:
+    """What is compared by its nanoseconds; as in rclpy it has no hash."""
+
+    _nanoseconds: int
+
+    def _comparable(self, other: object) -> int | None:
+        """Nanoseconds of what it can be compared with, None of anything else; may raise TypeError."""
+        raise NotImplementedError
+
+    def __eq__(self, other: object) -> bool:
+        found = self._comparable(other)
+        return NotImplemented if found is None else self._nanoseconds == found
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+    def __lt__(self, other: object) -> bool:
+        found = self._comparable(other)
+        return NotImplemented if found is None else self._nanoseconds < found
+
+
+class Duration(_Ordered):
     """A signed length of time in nanoseconds, of 64 bits.
 
     Fractions of a nanosecond are cut off. Raises OverflowError for what does not fit, infinity included, and ValueError
@@ -40,25 +63,8 @@ class Duration:
     def __str__(self) -> str:
         return "Infinite" if self == Infinite else f"{self.nanoseconds} nanoseconds"
 
-    __hash__ = None  # type: ignore[assignment]  # as in rclpy
-
-    def __eq__(self, other: object) -> bool:
-        return self.nanoseconds == other.nanoseconds if isinstance(other, Duration) else NotImplemented
-
-    def __ne__(self, other: object) -> bool:
-        return self.nanoseconds != other.nanoseconds if isinstance(other, Duration) else NotImplemented
-
-    def __lt__(self, other: object) -> bool:
-        return self.nanoseconds < other.nanoseconds if isinstance(other, Duration) else NotImplemented
-
-    def __le__(self, other: object) -> bool:
-        return self.nanoseconds <= other.nanoseconds if isinstance(other, Duration) else NotImplemented
-
-    def __gt__(self, other: object) -> bool:
-        return self.nanoseconds > other.nanoseconds if isinstance(other, Duration) else NotImplemented
-
-    def __ge__(self, other: object) -> bool:
-        return self.nanoseconds >= other.nanoseconds if isinstance(other, Duration) else NotImplemented
+    def _comparable(self, other: object) -> int | None:
+        return other.nanoseconds if isinstance(other, Duration) else None
 
     def to_msg(self) -> builtin_interfaces.msg.Duration:
         """As builtin_interfaces/Duration; `nanosec` is never negative."""

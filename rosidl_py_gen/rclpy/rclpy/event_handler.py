@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from rclpy._rclpy_pybind11 import EnumOfC
@@ -189,6 +190,7 @@ class _EventCallbacks:
         return {"incompatible_qos": log_qos, "incompatible_type": log_type}
 
 
+@dataclass(kw_only=True, eq=False)
 class SubscriptionEventCallbacks(_EventCallbacks):
     """Functions that are told what happened to a subscription; each gets one of the `...Info` values."""
 
@@ -202,24 +204,13 @@ class SubscriptionEventCallbacks(_EventCallbacks):
         "matched": QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED,
     }
 
-    def __init__(
-        self,
-        *,
-        deadline: Callable[[runtime.CountStatus], Any] | None = None,
-        incompatible_qos: Callable[[runtime.IncompatibleStatus], Any] | None = None,
-        liveliness: Callable[[runtime.LivelinessStatus], Any] | None = None,
-        message_lost: Callable[[runtime.CountStatus], Any] | None = None,
-        incompatible_type: Callable[[runtime.IncompatibleStatus], Any] | None = None,
-        matched: Callable[[runtime.MatchedStatus], Any] | None = None,
-        use_default_callbacks: bool = True,
-    ) -> None:
-        self.deadline = deadline
-        self.incompatible_qos = incompatible_qos
-        self.liveliness = liveliness
-        self.message_lost = message_lost
-        self.incompatible_type = incompatible_type
-        self.matched = matched
-        self.use_default_callbacks = use_default_callbacks
+    deadline: Callable[[runtime.CountStatus], Any] | None = None
+    incompatible_qos: Callable[[runtime.IncompatibleStatus], Any] | None = None
+    liveliness: Callable[[runtime.LivelinessStatus], Any] | None = None
+    message_lost: Callable[[runtime.CountStatus], Any] | None = None
+    incompatible_type: Callable[[runtime.IncompatibleStatus], Any] | None = None
+    matched: Callable[[runtime.MatchedStatus], Any] | None = None
+    use_default_callbacks: bool = True
 
     def create_event_handlers(
         self, callback_group: CallbackGroup, subscription: Handle[Any], topic_name: str
@@ -228,6 +219,7 @@ class SubscriptionEventCallbacks(_EventCallbacks):
         return self._handlers(callback_group, subscription, topic_name)
 
 
+@dataclass(kw_only=True, eq=False)
 class PublisherEventCallbacks(_EventCallbacks):
     """Functions that are told what happened to a publisher; each gets one of the `...Info` values."""
 
@@ -240,22 +232,12 @@ class PublisherEventCallbacks(_EventCallbacks):
         "matched": QoSPublisherEventType.RCL_PUBLISHER_MATCHED,
     }
 
-    def __init__(
-        self,
-        *,
-        deadline: Callable[[runtime.CountStatus], Any] | None = None,
-        liveliness: Callable[[runtime.CountStatus], Any] | None = None,
-        incompatible_qos: Callable[[runtime.IncompatibleStatus], Any] | None = None,
-        incompatible_type: Callable[[runtime.IncompatibleStatus], Any] | None = None,
-        matched: Callable[[runtime.MatchedStatus], Any] | None = None,
-        use_default_callbacks: bool = True,
-    ) -> None:
-        self.deadline = deadline
-        self.liveliness = liveliness
-        self.incompatible_qos = incompatible_qos
-        self.incompatible_type = incompatible_type
-        self.matched = matched
-        self.use_default_callbacks = use_default_callbacks
+    deadline: Callable[[runtime.CountStatus], Any] | None = None
+    liveliness: Callable[[runtime.CountStatus], Any] | None = None
+    incompatible_qos: Callable[[runtime.IncompatibleStatus], Any] | None = None
+    incompatible_type: Callable[[runtime.IncompatibleStatus], Any] | None = None
+    matched: Callable[[runtime.MatchedStatus], Any] | None = None
+    use_default_callbacks: bool = True
 
     def create_event_handlers(
         self, callback_group: CallbackGroup, publisher: Handle[Any], topic_name: str

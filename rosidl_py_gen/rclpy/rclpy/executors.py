@@ -19,7 +19,7 @@ from rclpy.exceptions import InvalidHandle as InvalidHandle
 from rclpy.exceptions import NotInitializedException
 from rclpy.guard_condition import GuardCondition as GuardCondition
 from rclpy.handling import handle_entity
-from rclpy.readiness import ready_entities, ready_waitables, seconds_to_timer
+from rclpy.readiness import ready_entities, ready_waitables
 from rclpy.service import Service as Service
 from rclpy.signals import SignalHandlerGuardCondition as SignalHandlerGuardCondition
 from rclpy.subscription import Subscription as Subscription
@@ -242,23 +242,23 @@ class Executor:
         self, nodes: list[Node] | None, end: float | None, condition: Callable[[], bool]
     ) -> list[tuple[Any, Node]]:
         """What is ready as soon as something is; nothing when something else ends the wait."""
-        handle, has_looked = self.__handle, False
+        handle, has_looked, can_execute = self.__handle, False, self.can_execute
         try:
             while True:
                 seen = handle.news
                 chosen = self.get_nodes() if nodes is None else nodes
-                ready = ready_entities(chosen, self.can_execute)
+                ready, limit, has_waitables = ready_entities(chosen, can_execute)
                 if not has_looked and (end is not None or ready or self._can_go_on(chosen)):
                     has_looked = True
                     handle.driver.wait(timeout_s=0)  # what arrived meanwhile counts, too
                     continue
-                ready = ready_waitables(chosen, self.can_execute) + ready
+                if has_waitables:
+                    ready = ready_waitables(chosen, can_execute) + ready
                 if ready or self._is_shutdown or not handle.ok() or condition() or self._can_go_on(chosen):
                     return ready
                 left = None if end is None else end - self._now_s()
                 if left is not None and left <= 0:
                     return []
-                limit = seconds_to_timer(chosen, self.can_execute)
                 if left is not None and (limit is None or left < limit):
                     limit = left
 
@@ -290,8 +290,8 @@ class Executor:
                 raise ShutdownException
             if not self._context.ok():
                 raise ExternalShutdownException
-            for entity, node in ready:
-                if self.can_execute(entity) and (entity._is_ready() if isinstance(entity, Timer) else True):
+            for number, (entity, node) in enumerate(ready):  # nothing ran since the first was found ready
+                if not number or (self.can_execute(entity) and (not isinstance(entity, Timer) or entity._is_ready())):
                     yielded = True
                     entity._executor_event = True  # it is not ready again before something was taken
                     yield None, entity, node

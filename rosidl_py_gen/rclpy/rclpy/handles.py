@@ -30,6 +30,7 @@ class Closable(Protocol):
 
 T = TypeVar("T")
 C = TypeVar("C", bound=Closable)
+_DESTROYED = "cannot use Destroyable because destruction was requested"
 
 
 class Destroyable:
@@ -57,7 +58,7 @@ class Destroyable:
     def __enter__(self) -> Self:
         with self._users_lock:
             if self._is_destroyed:
-                raise InvalidHandle("cannot use Destroyable because destruction was requested")
+                raise InvalidHandle(_DESTROYED)
             self._users += 1
         return self
 
@@ -217,14 +218,38 @@ class Handle(Destroyable, Generic[C]):
             self._mark()
         return self._may_be_ready
 
+    def is_marked(self) -> bool:
+        """As `is_ready`, without asking: for what is taken by `taken_from` alone."""
+        if not self._may_be_ready or self._is_destroyed:
+            return False
+        self._mark()
+        return True
+
+    def taken_from(self, take: Callable[[C], T]) -> T:
+        """Take something; it stays marked where there is more. InvalidHandle when it was destroyed."""
+        entity = self.valid()
+        self._may_be_ready = False
+        found = take(entity)
+        if self._ask():
+            self._mark()
+        return found
+
     def _mark(self) -> None:
         self._may_be_ready = True
         if self._node is not None:
             self._node.marked.add(self._kind)
 
+    def valid(self) -> C:
+        """The endpoint, for one call that copes with being destroyed meanwhile; InvalidHandle when it was destroyed."""
+        if self._is_destroyed:
+            raise InvalidHandle(_DESTROYED)
+        return self.entity
+
     def arrived(self) -> None:
         """Something may be taken; on the loop."""
-        self._mark()
+        self._may_be_ready = True
+        if self._node is not None:
+            self._node.marked.add(self._kind)
         self.context.arrived()
 
     def _destroy(self) -> None:

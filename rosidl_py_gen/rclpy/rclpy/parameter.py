@@ -36,19 +36,6 @@ if TYPE_CHECKING:
     )
     """What a parameter can hold."""
 
-_FIELDS = {
-    1: "bool_value",
-    2: "integer_value",
-    3: "double_value",
-    4: "string_value",
-    5: "byte_array_value",
-    6: "bool_array_value",
-    7: "integer_array_value",
-    8: "double_array_value",
-    9: "string_array_value",
-}
-"""Number of a type -> field of rcl_interfaces/ParameterValue that holds it."""
-
 
 class Parameter:
     """Name, type and value of a parameter.
@@ -75,30 +62,29 @@ class Parameter:
             """The type of a value; an empty list is a BYTE_ARRAY. TypeError for what no parameter holds."""
             if parameter_value is None:
                 return cls.NOT_SET
-            for plain, type_ in _PLAIN.items():
-                if isinstance(parameter_value, plain):
+            for type_, plain in _CLASSES.items():
+                if isinstance(parameter_value, plain) and plain is not bytes:
                     return cls[type_]
             if not isinstance(parameter_value, (list, tuple, array.array)):
                 raise TypeError(f"The given value is not one of the allowed types '{parameter_value}'.")
-            for plain, type_ in _ARRAYS.items():
+            for type_, plain in _CLASSES.items():
                 if all(isinstance(item, plain) for item in parameter_value):
-                    return cls[type_]
+                    return cls[f"{type_}_ARRAY"]
             raise TypeError(f"The given value is not a list of one of the allowed types '{parameter_value}'.")
 
         def check(self, parameter_value: Any) -> bool:
             """Whether a value is of this type; a bool is an integer, too."""
             if self is Parameter.Type.NOT_SET:
                 return parameter_value is None
-            for plain, type_ in _PLAIN.items():
-                if type_ == self.name:
-                    return isinstance(parameter_value, plain)
-            plain = next(plain for plain, type_ in _ARRAYS.items() if type_ == self.name)
+            plain = _CLASSES[self.name.removesuffix("_ARRAY")]
+            if not self.name.endswith("_ARRAY"):
+                return isinstance(parameter_value, plain)
             sequences = (list, tuple, array.array) if plain in (int, float) else (list, tuple)
-            if not isinstance(parameter_value, sequences) or not all(
-                isinstance(item, plain) for item in parameter_value
-            ):
+            if not isinstance(parameter_value, sequences):
                 return False
-            return plain is not bytes or all(len(item) == 1 for item in parameter_value)
+            return all(
+                isinstance(item, plain) and (not isinstance(item, bytes) or len(item) == 1) for item in parameter_value
+            )
 
     @classmethod
     def from_parameter_msg(cls, param_msg: Any) -> Parameter:
@@ -145,17 +131,11 @@ class Parameter:
         return ParameterMsg(name=self.name, value=self.get_parameter_value())
 
 
-_PLAIN: dict[type, str] = {bool: "BOOL", int: "INTEGER", float: "DOUBLE", str: "STRING"}
-_ARRAYS: dict[type, str] = {
-    bytes: "BYTE_ARRAY",
-    bool: "BOOL_ARRAY",
-    int: "INTEGER_ARRAY",
-    float: "DOUBLE_ARRAY",
-    str: "STRING_ARRAY",
-}
-"""Of a value, or of all items -> name of the type; the first that fits counts."""
+_CLASSES: dict[str, type] = {"BYTE": bytes, "BOOL": bool, "INTEGER": int, "DOUBLE": float, "STRING": str}
+"""Name of a type, without ``_ARRAY`` -> class of a value, or of all items; the first that fits counts."""
 
-
+_FIELDS = {one.value: f"{one.name.lower()}_value" for one in Parameter.Type if one.value}
+"""Number of a type -> field of rcl_interfaces/ParameterValue that holds it."""
 _MOST_VALUES = 1_000_000
 
 

@@ -46,10 +46,13 @@ class AsyncParameterClient:
     ) -> None:
         self.remote_node_name = remote_node_name
         self.node = node
+        self._clients: list[Client] = []
 
         def client(srv_type: Any, name: str) -> Client:
             full = f"{remote_node_name}/{name}"
-            return node.create_client(srv_type, full, qos_profile=qos_profile, callback_group=callback_group)
+            made = node.create_client(srv_type, full, qos_profile=qos_profile, callback_group=callback_group)
+            self._clients.append(made)
+            return made
 
         self._get_parameter_client = client(GetParameters, "get_parameters")
         self._list_parameter_client = client(ListParameters, "list_parameters")
@@ -58,19 +61,9 @@ class AsyncParameterClient:
         self._describe_parameters_client = client(DescribeParameters, "describe_parameters")
         self._set_parameters_atomically_client = client(SetParametersAtomically, "set_parameters_atomically")
 
-    def _clients(self) -> list[Client]:
-        return [
-            self._list_parameter_client,
-            self._set_parameter_client,
-            self._get_parameter_client,
-            self._get_parameter_types_client,
-            self._describe_parameters_client,
-            self._set_parameters_atomically_client,
-        ]
-
     def services_are_ready(self) -> bool:
         """Whether all six services are there."""
-        return all(client.service_is_ready() for client in self._clients())
+        return all(client.service_is_ready() for client in self._clients)
 
     def wait_for_services(self, timeout_sec: float | None = None) -> bool:
         """Wait until they are; None means for ever. Needs no executor. False when the time passed."""

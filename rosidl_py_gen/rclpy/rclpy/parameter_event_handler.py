@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any
 
@@ -17,22 +19,22 @@ from rclpy.qos import QoSProfile, qos_profile_parameter_events
 from rclpy.qos_overriding_options import QoSOverridingOptions as QoSOverridingOptions
 
 
+@dataclass(eq=False)
 class ParameterCallbackHandle:
     """A callback for one parameter; `ParameterEventHandler.remove_parameter_callback` takes it."""
 
-    def __init__(self, parameter_name: str, node_name: str, callback: Callable[[Any], Any]) -> None:
-        self.parameter_name = parameter_name
-        self.node_name = node_name
-        self.callback = callback
-        self.mutex = threading.RLock()
+    parameter_name: str
+    node_name: str
+    callback: Callable[[Any], Any]
+    mutex: AbstractContextManager[Any] = field(init=False, default_factory=threading.RLock)
 
 
+@dataclass(eq=False)
 class ParameterEventCallbackHandle:
     """A callback for all events; `ParameterEventHandler.remove_parameter_event_callback` takes it."""
 
-    def __init__(self, callback: Callable[[Any], Any]) -> None:
-        self.callback = callback
-        self.mutex = threading.RLock()
+    callback: Callable[[Any], Any]
+    mutex: AbstractContextManager[Any] = field(init=False, default_factory=threading.RLock)
 
 
 class ParameterEventHandler:

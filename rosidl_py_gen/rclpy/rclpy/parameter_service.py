@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import weakref
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rcl_interfaces.msg import ListParametersResult, SetParametersResult
 from rcl_interfaces.srv import (
@@ -23,6 +24,8 @@ from rclpy.validate_topic_name import TOPIC_SEPARATOR_STRING
 if TYPE_CHECKING:
     from rclpy.node import Node
 
+_T = TypeVar("_T")
+
 
 class ParameterService:
     """The six services of a node, served by its executor. An unknown name makes the whole answer empty."""
@@ -41,27 +44,16 @@ class ParameterService:
             node.create_service(srv_type, full, callback, qos_profile=qos_profile_parameters)
 
     def _describe_parameters_callback(self, request: Any, response: Any) -> Any:
-        node = self._get_node()
-        try:
-            response.descriptors = [node.describe_parameter(name) for name in request.names]
-        except ParameterNotDeclaredException:
-            response.descriptors = []
+        response.descriptors = _of_all(self._get_node().describe_parameter, request.names)
         return response
 
     def _get_parameters_callback(self, request: Any, response: Any) -> Any:
-        node = self._get_node()
-        try:
-            response.values = [node.get_parameter(name).get_parameter_value() for name in request.names]
-        except (ParameterNotDeclaredException, ParameterUninitializedException):
-            response.values = []
+        found = _of_all(self._get_node().get_parameter, request.names)
+        response.values = [one.get_parameter_value() for one in found]
         return response
 
     def _get_parameter_types_callback(self, request: Any, response: Any) -> Any:
-        node = self._get_node()
-        try:
-            types = [node.get_parameter_type(name) for name in request.names]
-        except ParameterNotDeclaredException:
-            types = []
+        types = _of_all(self._get_node().get_parameter_type, request.names)
         # An undeclared one is told as member, a declared one as number: as in rclpy.
         response.types = [one.value if isinstance(one, Parameter.Type) else one for one in types]
         return response
@@ -96,3 +88,10 @@ class ParameterService:
         if node is None:
             raise ReferenceError("Expected valid node weak reference")
         return node
+
+
+def _of_all(get: Callable[[str], _T], names: Iterable[str]) -> list[_T]:
+    try:
+        return [get(name) for name in names]
+    except (ParameterNotDeclaredException, ParameterUninitializedException):
+        return []

@@ -5,13 +5,13 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from enum import Enum, IntEnum
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from rclpy._rclpy_pybind11 import RMW_QOS_DEADLINE_BEST_AVAILABLE, QoSCompatibility
 from rclpy.duration import Duration
+from rclpy.impl._fields import Checked
 from rosidl_py_gen import runtime
 
-_T = TypeVar("_T")
 _P = TypeVar("_P", bound=IntEnum)
 
 
@@ -137,25 +137,6 @@ QoSDurabilityPolicy = DurabilityPolicy
 QoSLivelinessPolicy = LivelinessPolicy
 
 
-def _checked(slot: str, kinds: tuple[type, ...], kept: Callable[[Any], Any]) -> property:
-    """A field of a profile that takes `kinds` and keeps what `kept` makes of them."""
-
-    def read(self: QoSProfile) -> Any:
-        return getattr(self, slot)
-
-    def write(self: QoSProfile, value: Any) -> None:
-        if not isinstance(value, kinds):
-            expected = " or ".join(kind.__name__ for kind in kinds)
-            raise AssertionError(f"{slot[1:]} must be {expected}, got {value!r:.100}")
-        setattr(self, slot, kept(value))
-
-    return property(read, write)
-
-
-def _same(value: _T) -> _T:
-    return value
-
-
 class _RuntimeProfile(runtime.QoSProfile):
     """A profile for the runtime that can tell what it was made of."""
 
@@ -189,24 +170,14 @@ class QoSProfile:
 
     __slots__ = tuple(f"_{name}" for name in _FIELDS)
 
-    if TYPE_CHECKING:
-        history: HistoryPolicy
-        reliability: ReliabilityPolicy
-        durability: DurabilityPolicy
-        liveliness: LivelinessPolicy
-        lifespan: Duration
-        deadline: Duration
-        liveliness_lease_duration: Duration
-        avoid_ros_namespace_conventions: bool
-    else:
-        history = _checked("_history", (int,), HistoryPolicy)
-        reliability = _checked("_reliability", (int,), ReliabilityPolicy)
-        durability = _checked("_durability", (int,), DurabilityPolicy)
-        liveliness = _checked("_liveliness", (int,), LivelinessPolicy)
-        lifespan = _checked("_lifespan", (Duration,), _same)
-        deadline = _checked("_deadline", (Duration,), _same)
-        liveliness_lease_duration = _checked("_liveliness_lease_duration", (Duration,), _same)
-        avoid_ros_namespace_conventions = _checked("_avoid_ros_namespace_conventions", (bool,), _same)
+    history = Checked[HistoryPolicy](int, made=HistoryPolicy)
+    reliability = Checked[ReliabilityPolicy](int, made=ReliabilityPolicy)
+    durability = Checked[DurabilityPolicy](int, made=DurabilityPolicy)
+    liveliness = Checked[LivelinessPolicy](int, made=LivelinessPolicy)
+    lifespan = Checked[Duration](Duration)
+    deadline = Checked[Duration](Duration)
+    liveliness_lease_duration = Checked[Duration](Duration)
+    avoid_ros_namespace_conventions = Checked[bool](bool)
 
     def __init__(self, **kwargs: Any) -> None:
         if not kwargs.keys() <= _DEFAULTS.keys():
@@ -268,8 +239,6 @@ class QoSProfile:
         made.liveliness_lease_duration = Duration(nanoseconds=profile.liveliness_lease_ns)
         made.avoid_ros_namespace_conventions = profile.avoid_ros_namespace_conventions
         return made
-
-    __hash__ = None  # type: ignore[assignment]  # as in rclpy
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, QoSProfile) and all(getattr(self, name) == getattr(other, name) for name in _FIELDS)
@@ -347,14 +316,7 @@ class QoSPresetProfiles(Enum):
         return cls[name.upper()].value
 
 
-_VERDICTS = {
-    runtime.Compatibility.OK: QoSCompatibility.OK,
-    runtime.Compatibility.WARNING: QoSCompatibility.WARNING,
-    runtime.Compatibility.ERROR: QoSCompatibility.ERROR,
-}
-
-
 def qos_check_compatible(publisher_qos: QoSProfile, subscription_qos: QoSProfile) -> tuple[QoSCompatibility, str]:
     """Whether the two would communicate, and why not; WARNING where the middleware decides."""
     found = runtime.check_compatible(publisher_qos.get_c_qos_profile(), subscription_qos.get_c_qos_profile())
-    return _VERDICTS[found.compatibility], found.reason
+    return QoSCompatibility[found.compatibility.name], found.reason

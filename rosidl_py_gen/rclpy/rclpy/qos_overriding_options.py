@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
@@ -40,37 +41,19 @@ class InvalidQosOverridesError(Exception):
     """The callback refused the profile that parameters gave."""
 
 
+@dataclass(frozen=True, eq=False)
 class QoSOverridingOptions:
     """Which policies have a parameter ``qos_overrides.<topic>.<publisher or subscription>[_<entity_id>].<policy>``.
 
-    `callback` decides on the profile with what they say; `entity_id` tells endpoints of one topic apart.
+    Attributes:
+        policy_kinds: the policies.
+        callback: decides on the profile with what the parameters say.
+        entity_id: tells endpoints of one topic apart.
     """
 
-    def __init__(
-        self,
-        policy_kinds: Iterable[QoSPolicyKind],
-        *,
-        callback: QosCallbackType | None = None,
-        entity_id: str | None = None,
-    ) -> None:
-        self._policy_kinds = policy_kinds
-        self._callback = callback
-        self._entity_id = entity_id
-
-    @property
-    def policy_kinds(self) -> Iterable[QoSPolicyKind]:
-        """The policies."""
-        return self._policy_kinds
-
-    @property
-    def callback(self) -> QosCallbackType | None:
-        """What decides."""
-        return self._callback
-
-    @property
-    def entity_id(self) -> str | None:
-        """What tells endpoints apart."""
-        return self._entity_id
+    policy_kinds: Iterable[QoSPolicyKind]
+    callback: QosCallbackType | None = field(default=None, kw_only=True)
+    entity_id: str | None = field(default=None, kw_only=True)
 
     @classmethod
     def with_default_policies(

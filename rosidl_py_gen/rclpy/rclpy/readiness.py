@@ -40,25 +40,40 @@ class Served(NamedTuple):
     waitables: list[Waitable]
 
 
-def ready_entities(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) -> Found:
-    """What is ready and may run, but waitables; node by node, in rclpy's order."""
+def ready_entities(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) -> tuple[Found, float | None, bool]:
+    """What is ready and may run, but waitables; node by node, in rclpy's order. Then how many seconds it is to the next
+    timer, None while none will be due by itself; and whether there are waitables.
+    """
     found: Found = []
+    least: float | None = None
+    has_waitables = False
     for node in nodes:
         served = node._what_is_served()
-        handle, timers, _, guards, _, _, _ = served
+        handle, timers, _, guards, _, _, waitables = served
         if timers:
-            found += [(one, node) for one in tuple(timers) if one._is_ready() and can_execute(one)]
+            for timer in tuple(timers):
+                if timer._is_ready():
+                    if can_execute(timer):
+                        found.append((timer, node))
+                    continue
+                left = timer.handle.seconds_left()
+                if left is not None and (least is None or left < least) and can_execute(timer):
+                    least = left
         if handle.marked:
             kinds = set()
             while handle.marked:  # one by one, as another thread may add to it; what stays ready marks it again
                 kinds.add(handle.marked.pop())
-            for kind in (SUBSCRIPTIONS, GUARDS, CLIENTS, SERVICES):
+            for kind in (SUBSCRIPTIONS, GUARDS, CLIENTS, SERVICES) if guards or len(kinds) > 1 else kinds:
                 if kind in kinds or kind == GUARDS:
                     entities: list[Any] = served[kind]  # type: ignore[assignment]
-                    found += [(one, node) for one in tuple(entities) if one._is_ready() and can_execute(one)]
+                    for one in tuple(entities):
+                        if one._is_ready() and can_execute(one):
+                            found.append((one, node))
         elif guards:
             found += [(one, node) for one in tuple(guards) if one._is_ready() and can_execute(one)]
-    return found
+        if waitables:
+            has_waitables = True
+    return found, least, has_waitables
 
 
 def ready_waitables(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) -> Found:
@@ -80,14 +95,3 @@ def ready_waitables(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) -
             except InvalidHandle:
                 continue
     return found
-
-
-def seconds_to_timer(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) -> float | None:
-    """How long until a timer is due; None while none will be by itself."""
-    least: float | None = None
-    for node in nodes:
-        for timer in tuple(node._what_is_served().timers):
-            left = timer.handle.seconds_left()
-            if left is not None and (least is None or left < least) and can_execute(timer):
-                least = left
-    return least

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from enum import Enum
 from functools import partial
+from operator import methodcaller
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rclpy.callback_groups import CallbackGroup as CallbackGroup
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen import runtime
 
 MsgType = TypeVar("MsgType")
+_message = methodcaller("take")
+_message_with_info = methodcaller("take_with_info")
 
 
 class Subscription:
@@ -50,7 +53,7 @@ class Subscription:
         event_callbacks: list[EventHandler],
     ) -> None:
         self.__subscription = subscription_impl
-        self._is_ready = subscription_impl.is_ready
+        self._is_ready = subscription_impl.is_marked
         self.msg_type = msg_type
         self.topic = topic
         self.callback = callback
@@ -110,11 +113,9 @@ class Subscription:
 
     def _take(self, executor: Executor) -> Callable[[], Any] | None:
         if self._callback_type is self.CallbackType.MessageOnly:
-            with self.__subscription as handle:
-                message = handle.entity.take()
+            message = self.__subscription.taken_from(_message)
             return None if message is None else self._bound(message)
-        with self.__subscription as handle:
-            found = handle.entity.take_with_info()
+        found = self.__subscription.taken_from(_message_with_info)
         if found is None:
             return None
         message, info = found

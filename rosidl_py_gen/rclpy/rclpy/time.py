@@ -8,7 +8,7 @@ import builtin_interfaces.msg
 
 from rclpy.clock_type import ClockType
 from rclpy.constants import S_TO_NS
-from rclpy.duration import Duration
+from rclpy.duration import Duration, _Ordered
 
 
 class TimeHandle(Protocol):
@@ -20,7 +20,7 @@ class TimeHandle(Protocol):
     def clock_type(self) -> ClockType: ...
 
 
-class Time:
+class Time(_Ordered):
     """A point in time of one kind of clock, in nanoseconds since its zero; never negative.
 
     Times of different kinds can be neither compared, not even with ``==``, nor subtracted: TypeError. Fractions of a
@@ -86,30 +86,12 @@ class Time:
         except ValueError as error:
             raise ValueError("Subtraction leads to negative time.") from error
 
-    __hash__ = None  # type: ignore[assignment]  # as in rclpy
-
-    def _comparable(self, other: Time) -> int:
+    def _comparable(self, other: object) -> int | None:
+        if not isinstance(other, Time):
+            return None
         if self.clock_type != other.clock_type:
             raise TypeError("Can't compare times with different clock types")
         return other.nanoseconds
-
-    def __eq__(self, other: object) -> bool:
-        return self.nanoseconds == self._comparable(other) if isinstance(other, Time) else NotImplemented
-
-    def __ne__(self, other: object) -> bool:
-        return self.nanoseconds != self._comparable(other) if isinstance(other, Time) else NotImplemented
-
-    def __lt__(self, other: object) -> bool:
-        return self.nanoseconds < self._comparable(other) if isinstance(other, Time) else NotImplemented
-
-    def __le__(self, other: object) -> bool:
-        return self.nanoseconds <= self._comparable(other) if isinstance(other, Time) else NotImplemented
-
-    def __gt__(self, other: object) -> bool:
-        return self.nanoseconds > self._comparable(other) if isinstance(other, Time) else NotImplemented
-
-    def __ge__(self, other: object) -> bool:
-        return self.nanoseconds >= self._comparable(other) if isinstance(other, Time) else NotImplemented
 
     def to_msg(self) -> builtin_interfaces.msg.Time:
         """As builtin_interfaces/Time, which does not say the kind of clock."""

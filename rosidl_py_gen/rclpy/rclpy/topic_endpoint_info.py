@@ -5,6 +5,7 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Any
 
+from rclpy.impl._fields import Checked
 from rclpy.qos import QoSHistoryPolicy, QoSPresetProfiles, QoSProfile
 from rclpy.type_hash import TypeHash
 from rosidl_py_gen import runtime
@@ -18,35 +19,61 @@ class TopicEndpointTypeEnum(IntEnum):
     SUBSCRIPTION = 2
 
 
+def _ints(numbers: Any) -> list[int]:
+    for number in numbers:
+        if not isinstance(number, int):
+            raise AssertionError(f"endpoint_gid must be int, got {number!r:.100}")
+    return list(numbers)
+
+
+def _type_hash(given: TypeHash | dict[str, Any]) -> TypeHash:
+    return TypeHash(**given) if isinstance(given, dict) else given
+
+
+def _qos_profile(given: QoSProfile | dict[str, Any]) -> QoSProfile:
+    return QoSProfile(**given) if isinstance(given, dict) else given
+
+
+_DEFAULTS: dict[str, Any] = {
+    "node_name": "",
+    "node_namespace": "",
+    "topic_type": "",
+    "topic_type_hash": {},
+    "endpoint_type": TopicEndpointTypeEnum.INVALID,
+    "endpoint_gid": [],
+    "qos_profile": QoSPresetProfiles.UNKNOWN.value,
+}
+
+
 class TopicEndpointInfo:
     """One publisher or subscription; fields are keywords of the constructor and can be set, of the right type only:
     AssertionError otherwise.
+
+    Attributes:
+        node_name: of the node that has it.
+        node_namespace: of that node.
+        topic_type: ``pkg/msg/Name``.
+        topic_type_hash: as it announces it; a dict is taken for the arguments of one.
+        endpoint_type: publisher or subscription.
+        endpoint_gid: the bytes that identify it.
+        qos_profile: its quality of service; a dict is taken for the arguments of a `QoSProfile`.
     """
 
-    __slots__ = (
-        "_endpoint_gid",
-        "_endpoint_type",
-        "_node_name",
-        "_node_namespace",
-        "_qos_profile",
-        "_topic_type",
-        "_topic_type_hash",
-    )
+    __slots__ = tuple(f"_{name}" for name in _DEFAULTS)
 
-    _node_name: str
-    _node_namespace: str
-    _topic_type: str
+    node_name = Checked[str](str)
+    node_namespace = Checked[str](str)
+    topic_type = Checked[str](str)
+    topic_type_hash = Checked[TypeHash](TypeHash, dict, made=_type_hash)
+    endpoint_type = Checked[TopicEndpointTypeEnum](int, made=TopicEndpointTypeEnum)
+    endpoint_gid = Checked[list[int]](object, made=_ints)
+    qos_profile = Checked[QoSProfile](QoSProfile, dict, made=_qos_profile)
 
     def __init__(self, **kwargs: Any) -> None:
-        if not all(f"_{key}" in self.__slots__ for key in kwargs):
+        if not kwargs.keys() <= _DEFAULTS.keys():
             raise AssertionError(f"Invalid arguments passed to constructor: {kwargs.keys()!r}")
-        self.node_name = kwargs.get("node_name", "")
-        self.node_namespace = kwargs.get("node_namespace", "")
-        self.topic_type = kwargs.get("topic_type", "")
-        self.topic_type_hash = kwargs.get("topic_type_hash", TypeHash())
-        self.endpoint_type = kwargs.get("endpoint_type", TopicEndpointTypeEnum.INVALID)
-        self.endpoint_gid = kwargs.get("endpoint_gid", [])
-        self.qos_profile = kwargs.get("qos_profile", QoSPresetProfiles.UNKNOWN.value)
+        for name, default in _DEFAULTS.items():
+            setattr(self, name, kwargs.get(name, default))
 
     @classmethod
     def _from_runtime(cls, info: runtime.TopicEndpointInfo) -> TopicEndpointInfo:
@@ -60,77 +87,6 @@ class TopicEndpointInfo:
             endpoint_gid=list(info.endpoint_gid),
             qos_profile=QoSProfile._from_runtime(info.qos_profile),
         )
-
-    @property
-    def node_name(self) -> str:
-        """Of the node that has it."""
-        return self._node_name
-
-    @node_name.setter
-    def node_name(self, value: str) -> None:
-        self._node_name = _checked("node_name", value, str)
-
-    @property
-    def node_namespace(self) -> str:
-        """Of the node that has it."""
-        return self._node_namespace
-
-    @node_namespace.setter
-    def node_namespace(self, value: str) -> None:
-        self._node_namespace = _checked("node_namespace", value, str)
-
-    @property
-    def topic_type(self) -> str:
-        """``pkg/msg/Name``."""
-        return self._topic_type
-
-    @topic_type.setter
-    def topic_type(self, value: str) -> None:
-        self._topic_type = _checked("topic_type", value, str)
-
-    @property
-    def topic_type_hash(self) -> TypeHash:
-        """As it announces it."""
-        return self._topic_type_hash
-
-    @topic_type_hash.setter
-    def topic_type_hash(self, value: TypeHash | dict[str, Any]) -> None:
-        self._topic_type_hash = (
-            TypeHash(**value) if isinstance(value, dict) else _checked("topic_type_hash", value, TypeHash)
-        )
-
-    @property
-    def endpoint_type(self) -> TopicEndpointTypeEnum:
-        """Publisher or subscription."""
-        return self._endpoint_type
-
-    @endpoint_type.setter
-    def endpoint_type(self, value: TopicEndpointTypeEnum | int) -> None:
-        self._endpoint_type = TopicEndpointTypeEnum(_checked("endpoint_type", value, int))
-
-    @property
-    def endpoint_gid(self) -> list[int]:
-        """The bytes that identify it."""
-        return self._endpoint_gid
-
-    @endpoint_gid.setter
-    def endpoint_gid(self, value: list[int]) -> None:
-        for number in value:
-            _checked("endpoint_gid", number, int)
-        self._endpoint_gid = value
-
-    @property
-    def qos_profile(self) -> QoSProfile:
-        """Its quality of service."""
-        return self._qos_profile
-
-    @qos_profile.setter
-    def qos_profile(self, value: QoSProfile | dict[str, Any]) -> None:
-        self._qos_profile = (
-            QoSProfile(**value) if isinstance(value, dict) else _checked("qos_profile", value, QoSProfile)
-        )
-
-    __hash__ = None  # type: ignore[assignment]  # as in rclpy
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, TopicEndpointInfo):
@@ -158,9 +114,3 @@ class TopicEndpointInfo:
                 f"  Liveliness lease duration: {qos.liveliness_lease_duration}",
             ]
         )
-
-
-def _checked(name: str, value: Any, kind: type) -> Any:
-    if not isinstance(value, kind):
-        raise AssertionError(f"{name} must be {kind.__name__}, got {value!r:.100}")
-    return value

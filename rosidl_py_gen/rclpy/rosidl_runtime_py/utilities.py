@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from rosidl_parser.definition import NamespacedType
@@ -16,26 +17,17 @@ def get_interface(identifier: str) -> Any:
 
 def get_message(identifier: str) -> Any:
     """The class of a message; ``std_msgs/String`` will do. ValueError if it is none."""
-    interface = import_message_from_namespaced_type(get_message_namespaced_type(identifier))
-    if not is_message(interface):
-        raise ValueError(f"Expected the full name of a message, got '{identifier}'")
-    return interface
+    return _required(identifier, get_message_namespaced_type(identifier), is_message, "a message")
 
 
 def get_service(identifier: str) -> Any:
     """The class of a service; ``std_srvs/SetBool`` will do. ValueError if it is none."""
-    interface = import_message_from_namespaced_type(get_service_namespaced_type(identifier))
-    if not is_service(interface):
-        raise ValueError(f"Expected the full name of a service, got '{identifier}'")
-    return interface
+    return _required(identifier, get_service_namespaced_type(identifier), is_service, "a service")
 
 
 def get_action(identifier: str) -> Any:
     """The class of an action; ``example_interfaces/Fibonacci`` will do. ValueError if it is none."""
-    interface = import_message_from_namespaced_type(get_action_namespaced_type(identifier))
-    if not is_action(interface):
-        raise ValueError(f"Expected the full name of an action, got '{identifier}'")
-    return interface
+    return _required(identifier, get_action_namespaced_type(identifier), is_action, "an action")
 
 
 def get_namespaced_type(identifier: str) -> Any:
@@ -71,6 +63,13 @@ def is_service(interface: Any) -> bool:
 def is_action(interface: Any) -> bool:
     """Whether it is the class of an action."""
     return all(hasattr(interface, name) for name in ("Goal", "Result", "Feedback"))
+
+
+def _required(identifier: str, named: Any, is_wanted: Callable[[Any], bool], wanted: str) -> Any:
+    interface = import_message_from_namespaced_type(named)
+    if not is_wanted(interface):
+        raise ValueError(f"Expected the full name of {wanted}, got '{identifier}'")
+    return interface
 
 
 def _namespaced(identifier: str, kind: str | None) -> Any:

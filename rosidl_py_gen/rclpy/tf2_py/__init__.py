@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -109,21 +109,14 @@ class BufferCore:
 
     def can_transform_core(self, target_frame: str, source_frame: str, time: Any) -> tuple[bool, str]:
         """Whether `lookup_transform_core` would give something, and what is wrong."""
-        try:
-            self.lookup_transform_core(target_frame, source_frame, time)
-        except TransformException as error:
-            return False, str(error)
-        return True, ""
+        return _can(lambda: self.lookup_transform_core(target_frame, source_frame, time))
 
     def can_transform_full_core(
         self, target_frame: str, target_time: Any, source_frame: str, source_time: Any, fixed_frame: str
     ) -> tuple[bool, str]:
         """Whether `lookup_transform_full_core` would give something, and what is wrong."""
-        try:
-            self.lookup_transform_full_core(target_frame, target_time, source_frame, source_time, fixed_frame)
-        except TransformException as error:
-            return False, str(error)
-        return True, ""
+        asked = target_frame, target_time, source_frame, source_time, fixed_frame
+        return _can(lambda: self.lookup_transform_full_core(*asked))
 
     def get_latest_common_time(self, target_frame: str, source_frame: str) -> Time:
         """The newest time at which all between two frames is known; raises as `lookup_transform_core`."""
@@ -190,6 +183,15 @@ class BufferCore:
 
     def _message(self, found: tf.Transform) -> TransformStamped:
         return found.to_message(cls=TransformStamped)
+
+
+def _can(look_up: Callable[[], object]) -> tuple[bool, str]:
+    """Whether that raises no TransformException, and the text of it."""
+    try:
+        look_up()
+    except TransformException as error:
+        return False, str(error)
+    return True, ""
 
 
 @contextmanager

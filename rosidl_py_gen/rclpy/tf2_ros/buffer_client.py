@@ -22,6 +22,7 @@ from tf2_py import (
     LookupException,
     TimeoutException,
     TransformException,
+    _can,
 )
 
 from tf2_ros.buffer_interface import NO_TIME, BufferInterface
@@ -87,11 +88,7 @@ class BufferClient(BufferInterface):
 
     def can_transform(self, target_frame: str, source_frame: str, time: Time, timeout: Duration = NO_TIME) -> bool:
         """Whether `lookup_transform` gives something."""
-        try:
-            self.lookup_transform(target_frame, source_frame, time, timeout)
-        except TransformException:
-            return False
-        return True
+        return _can(lambda: self.lookup_transform(target_frame, source_frame, time, timeout))[0]
 
     def can_transform_full(
         self,
@@ -103,11 +100,8 @@ class BufferClient(BufferInterface):
         timeout: Duration = NO_TIME,
     ) -> bool:
         """Whether `lookup_transform_full` gives something."""
-        try:
-            self.lookup_transform_full(target_frame, target_time, source_frame, source_time, fixed_frame, timeout)
-        except TransformException:
-            return False
-        return True
+        asked = target_frame, target_time, source_frame, source_time, fixed_frame
+        return _can(lambda: self.lookup_transform_full(*asked, timeout))[0]
 
     def destroy(self) -> None:
         """Destroy the action client."""

@@ -1,51 +1,10 @@
 """Rotations and homogeneous matrices; without transforms3d. Quaternions are x, y, z, w, angles radians."""
 
-from tf_transformations.arcball import Arcball as Arcball
-from tf_transformations.arcball import arcball_constrain_to_axis as arcball_constrain_to_axis
-from tf_transformations.arcball import arcball_map_to_sphere as arcball_map_to_sphere
-from tf_transformations.arcball import arcball_nearest_axis as arcball_nearest_axis
-from tf_transformations.matrices import ROTATION_IDENTITY as ROTATION_IDENTITY
-from tf_transformations.matrices import SHEAR_IDENTITY as SHEAR_IDENTITY
-from tf_transformations.matrices import TRANSLATION_IDENTITY as TRANSLATION_IDENTITY
-from tf_transformations.matrices import ZOOM_IDENTITY as ZOOM_IDENTITY
-from tf_transformations.matrices import clip_matrix as clip_matrix
-from tf_transformations.matrices import compose_matrix as compose_matrix
-from tf_transformations.matrices import concatenate_matrices as concatenate_matrices
-from tf_transformations.matrices import decompose_matrix as decompose_matrix
-from tf_transformations.matrices import identity_matrix as identity_matrix
-from tf_transformations.matrices import inverse_matrix as inverse_matrix
-from tf_transformations.matrices import is_same_transform as is_same_transform
-from tf_transformations.matrices import orthogonalization_matrix as orthogonalization_matrix
-from tf_transformations.matrices import projection_from_matrix as projection_from_matrix
-from tf_transformations.matrices import projection_matrix as projection_matrix
-from tf_transformations.matrices import reflection_from_matrix as reflection_from_matrix
-from tf_transformations.matrices import reflection_matrix as reflection_matrix
-from tf_transformations.matrices import rotation_from_matrix as rotation_from_matrix
-from tf_transformations.matrices import rotation_matrix as rotation_matrix
-from tf_transformations.matrices import scale_from_matrix as scale_from_matrix
-from tf_transformations.matrices import scale_matrix as scale_matrix
-from tf_transformations.matrices import shear_from_matrix as shear_from_matrix
-from tf_transformations.matrices import shear_matrix as shear_matrix
-from tf_transformations.matrices import superimposition_matrix as superimposition_matrix
-from tf_transformations.matrices import translation_from_matrix as translation_from_matrix
-from tf_transformations.matrices import translation_matrix as translation_matrix
+from tf_transformations.arcball import *  # noqa: F403
+from tf_transformations.matrices import *  # noqa: F403
+from tf_transformations.rotations import *  # noqa: F403
 from tf_transformations.rotations import _AXES2TUPLE as _AXES2TUPLE
 from tf_transformations.rotations import _NEXT_AXIS as _NEXT_AXIS
 from tf_transformations.rotations import _TUPLE2AXES as _TUPLE2AXES
-from tf_transformations.rotations import euler_from_matrix as euler_from_matrix
-from tf_transformations.rotations import euler_from_quaternion as euler_from_quaternion
-from tf_transformations.rotations import euler_matrix as euler_matrix
-from tf_transformations.rotations import quaternion_about_axis as quaternion_about_axis
-from tf_transformations.rotations import quaternion_conjugate as quaternion_conjugate
-from tf_transformations.rotations import quaternion_from_euler as quaternion_from_euler
-from tf_transformations.rotations import quaternion_from_matrix as quaternion_from_matrix
-from tf_transformations.rotations import quaternion_inverse as quaternion_inverse
-from tf_transformations.rotations import quaternion_matrix as quaternion_matrix
-from tf_transformations.rotations import quaternion_multiply as quaternion_multiply
-from tf_transformations.rotations import quaternion_slerp as quaternion_slerp
-from tf_transformations.rotations import random_quaternion as random_quaternion
-from tf_transformations.rotations import random_rotation_matrix as random_rotation_matrix
+from tf_transformations.vectors import *  # noqa: F403
 from tf_transformations.vectors import _EPS as _EPS
-from tf_transformations.vectors import random_vector as random_vector
-from tf_transformations.vectors import unit_vector as unit_vector
-from tf_transformations.vectors import vector_norm as vector_norm

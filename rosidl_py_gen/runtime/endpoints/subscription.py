@@ -178,7 +178,8 @@ class Subscription(Takeable, Generic[T]):
         return None if found is None else (found[0], self._info(found[1]))
 
     def _take_next(self) -> tuple[T, Sample] | None:
-        self._require_takeable()
+        if self._callback is not None or self._closed or self._scope.closed:
+            self._require_takeable()
         found = self._take()
         if found is None and self._scope.bridge.portal.given is None and self._reader.fetch():
             found = self._take()

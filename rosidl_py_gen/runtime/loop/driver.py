@@ -175,22 +175,29 @@ class Driver:
         if here is None:
             self._take_part(turn)
             return
-        thread = threading.Thread(target=self._take_part_for, args=(turn,), name="rosidl-py-gen driver", daemon=True)
+        ended = threading.Event()  # an interrupted `join` would take the thread to have ended
+        thread = threading.Thread(
+            target=self._take_part_for, args=(turn, ended), name="rosidl-py-gen driver", daemon=True
+        )
         try:
             thread.start()
-            _join(thread)
+            while not ended.wait(LONGEST_S):
+                pass
         except BaseException as error:  # a signal handler's, which may come while the thread begins
             turn.fail(error)
             self.wake()
             with contextlib.suppress(RuntimeError):  # it has not begun, and finds the turn done
                 thread.join()
             raise
+        thread.join()
 
-    def _take_part_for(self, turn: Turn[Any]) -> None:
+    def _take_part_for(self, turn: Turn[Any], ended: threading.Event) -> None:
         try:
             self._take_part(turn)
         except BaseException as error:
             turn.fail(error)
+        finally:
+            ended.set()
 
     def _take_part(self, turn: Turn[Any]) -> None:
         """Run the loop, or wait beside whoever does, until the turn is done."""
@@ -199,7 +206,7 @@ class Driver:
             turns.waiting.append(turn)
             while not turn.is_done:
                 if self._enter(turn):
-                    turns.loop.run_forever()
+                    turns.run()
                     break
                 assert turn.woken is not None
                 left_s = LONGEST_S if turn.end_s is None else min(turn.end_s - time(), LONGEST_S)
@@ -292,11 +299,6 @@ class Driver:
 
 def _never() -> None:
     """What only a time limit ends."""
-
-
-def _join(thread: threading.Thread) -> None:
-    while thread.is_alive():
-        thread.join(LONGEST_S)
 
 
 def _after_fork() -> None:

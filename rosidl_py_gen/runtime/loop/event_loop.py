@@ -53,6 +53,7 @@ class EventLoop(asyncio.SelectorEventLoop):
 
     def __init__(self, selector: EarlySelector | None = None) -> None:
         self._watching = EarlySelector() if selector is None else selector
+        self._callbacks: dict[int, Callable[[], None]] = {}
         super().__init__(self._watching)
 
     def watch(self, descriptor: int, early: Callable[[], bool], callback: Callable[[], None]) -> None:
@@ -60,11 +61,21 @@ class EventLoop(asyncio.SelectorEventLoop):
         `callback` is one of them when that answers True.
         """
         self._watching.functions[descriptor] = early
+        self._callbacks[descriptor] = callback
         self.add_reader(descriptor, callback)
 
     def unwatch(self, descriptor: int) -> None:
         """Undo `watch`; without effect when the loop is closed."""
+        self._callbacks.pop(descriptor, None)
         self._watching.forget(descriptor)
+
+    def look_early(self, timeout: float | None) -> bool:
+        """Wait, and call the functions of `watch`, without a round of the loop; whether it has to make one now."""
+        descriptors = self._watching.call_early(timeout)
+        for descriptor in descriptors:
+            if descriptor in self._callbacks:
+                self.call_soon(self._callbacks[descriptor])
+        return bool(descriptors)
 
 
 class EarlySelector(selectors.DefaultSelector):
@@ -94,13 +105,21 @@ class EarlySelector(selectors.DefaultSelector):
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         events: list[tuple[selectors.SelectorKey, int]] = []
+        for descriptor in self.call_early(timeout):
+            if descriptor in self._keys:
+                events.append((self._keys[descriptor], selectors.EVENT_READ))
+            elif descriptor not in self.functions:
+                events += super().select(0)
+        return events
+
+    def call_early(self, timeout: float | None) -> list[int]:
+        """Wait, and call functions; the descriptors that asyncio has to be told of."""
+        rest: list[int] = []
         for descriptor, _ in self._poll(timeout, _MAX_EVENTS):
             function = self.functions.get(descriptor)
-            if function is None:
-                events += super().select(0)
-            elif function() and descriptor in self._keys:
-                events.append((self._keys[descriptor], selectors.EVENT_READ))
-        return events
+            if function is None or function():
+                rest.append(descriptor)
+        return rest
 
     def close(self) -> None:
         self.functions.clear()

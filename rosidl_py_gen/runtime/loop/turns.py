@@ -2,12 +2,16 @@
 
 Decides when the loop is left: before it waits for something, the selector asks whether what somebody waits for holds,
 and does what other threads want to have done in the loop. Only public ways into asyncio are used: its selector, which
-is handed to the constructor, and `stop`.
+is handed to the constructor, `stop`, and `_set_running_loop`, which is there for those who write loops.
+
+Entering and leaving asyncio's loop costs more than what most arrivals need. So on Linux, while asyncio has nothing to
+do before a certain time, whoever waits stays in front of the loop: `Turns.serve` waits for the same descriptors and
+calls the same functions of `EventLoop.watch`, and the loop itself is entered only when there is something else.
 
 Who may call what, on which thread:
 
-1. `Turns.begin` and `has_waited`: the thread that runs the loop. It also looks on behalf of all that wait, and wakes
-   those whose condition holds.
+1. `Turns.run`, and within it `begin` and `has_waited`: the thread that runs the loop. It also looks on behalf of all
+   that wait, and wakes those whose condition holds.
 2. `Turn.look`: any thread; one at a time asks, and what was found once stays, so that a condition may take something.
 3. `Turns.wake`: any thread, and signal handlers in the middle of anything.
 """
@@ -42,10 +46,10 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-LONGEST_S = 0.1 if sys.platform == "win32" else threading.TIMEOUT_MAX
-"""At a time: on Windows neither a lock nor a select is interrupted by Ctrl-C."""
-_A_DAY_S = 86_400.0
-"""As long as asyncio waits at a time; more may be too much for a selector."""
+LONGEST_S = 0.1 if sys.platform == "win32" else 1.0
+"""At a time that a thread waits. On Windows neither a lock nor a select is interrupted by Ctrl-C, and elsewhere neither
+is by a signal that comes just before, or that the kernel gives to another thread. Its handler runs afterwards.
+"""
 _ROUNDS = 10
 """So many rounds of the loop are made at most when the time is over and there always is something to do."""
 
@@ -81,19 +85,19 @@ class Turn(Generic[T]):
 
     def look(self, last: bool = False) -> bool:
         """Whether it is done, because the condition holds or raises; the `last` look ends it either way."""
-        if self._lock is None:
-            return self._look(last)
-        with self._lock:
-            return self._look(last)
-
-    def _look(self, last: bool) -> bool:
-        if not self.is_done:
-            try:
+        lock = self._lock
+        if lock is not None:
+            lock.acquire()
+        try:
+            if not self.is_done:
                 self.value = value = self._until()
                 if value or last:
                     self.is_done = True
-            except Exception as error:
-                self.error, self.is_done = error, True
+        except Exception as error:
+            self.error, self.is_done = error, True
+        finally:
+            if lock is not None:
+                lock.release()
         return self.is_done
 
     def fail(self, error: BaseException) -> None:
@@ -140,6 +144,8 @@ class Turns:
     """Who runs the loop, who waits beside, and what is to be called in it."""
 
     def __init__(self) -> None:
+        self.is_serving = False
+        """The loop runs, as all that is called can tell, but asyncio was not entered."""
         self.loop = _DrivenLoop(self)
         self.driving: Turn[Any] | None = None
         """That of the thread that runs the loop."""
@@ -153,10 +159,57 @@ class Turns:
         self.may_wait = False
         self._may_end = False
         self._looks = False
+        self._is_idle = self._was_idle = False
+        """asyncio has nothing to do before `_due_s`, unless it was given something since."""
+        self._due_s: float | None = None
+        self._is_over = False
+        """What `stop` says to `serve`."""
+
+    def run(self) -> None:
+        """Run the loop until the wait of who drives is over, or somebody stops it."""
+        if sys.platform == "linux" and self._is_idle and not self.loop.has_news and self.serve():
+            return
+        self._is_idle = False
+        self.loop.run_forever()
+        self._is_idle = self._was_idle and not self.loop.has_news
+
+    def serve(self) -> bool:
+        """Wait as the loop would, and call what is to be called early; False when asyncio has something to do."""
+        loop, look = self.loop, self.loop.look_early
+        self._is_over, self.is_serving = False, True
+        asyncio._set_running_loop(loop)
+        try:
+            while True:
+                due_s = self._due_s
+                left_s = None if due_s is None else due_s - loop.time()
+                if left_s is not None and left_s <= 0:
+                    return False
+                has_more = True
+                try:
+                    has_more = look(self.begin(left_s))
+                finally:
+                    self.has_waited(has_more)
+                if self._is_over:
+                    return True
+                if has_more or loop.has_news:
+                    return False
+        finally:
+            asyncio._set_running_loop(None)
+            self.is_serving = False
+
+    def stop(self) -> None:
+        """Leave the loop after this round."""
+        if self.is_serving:
+            self._is_over = True
+        else:
+            self.loop.leave()
 
     def begin(self, timeout_s: float | None) -> float | None:
         """Before the loop waits: how long it may."""
         self.may_wait, turn, loop = True, self.driving, self.loop
+        if not self.is_serving:
+            self._was_idle = timeout_s is None or timeout_s > 0
+            self._due_s = None if timeout_s is None else loop.time() + timeout_s
         if turn is None:
             return timeout_s
         loop.has_news = False
@@ -170,21 +223,19 @@ class Turns:
             if left_s <= 0:
                 turn.rounds_left -= 1
                 if turn.rounds_left == 0:
-                    loop.stop()
+                    self.stop()
                 self._may_end = timeout_s is None or timeout_s > 0
                 return 0
-            timeout_s = min(left_s, _A_DAY_S) if timeout_s is None else min(timeout_s, left_s)
-        if sys.platform == "win32":
-            return LONGEST_S if timeout_s is None else min(timeout_s, LONGEST_S)
-        return timeout_s
+            timeout_s = left_s if timeout_s is None else min(timeout_s, left_s)
+        return LONGEST_S if timeout_s is None else min(timeout_s, LONGEST_S)
 
-    def has_waited(self, events: list[Any]) -> None:
-        """The loop has waited, and `events` are what asyncio is told of."""
+    def has_waited(self, has_events: bool) -> None:
+        """The loop has waited; whether there is something that asyncio is told of."""
         self.may_wait = False
         if self._may_end:
             self._may_end = False
-            if not events and not self.loop.has_news:
-                self.loop.stop()
+            if not has_events and not self.loop.has_news:
+                self.stop()
 
     def look(self) -> None:
         """Leave the loop, or wake others, when what is waited for holds; in the loop."""
@@ -201,7 +252,7 @@ class Turns:
                 if turn.look() and turn.woken is not None:
                     turn.woken.set()
             if driving is not None and driving.is_done:
-                self.loop.stop()
+                self.stop()
         finally:
             self._looks = False
 
@@ -244,7 +295,7 @@ class _Selector(_Base):
             events = super().select(timeout)
             return events
         finally:
-            turns.has_waited(events)
+            turns.has_waited(bool(events))
 
 
 class _DrivenLoop(_Loop):
@@ -252,7 +303,20 @@ class _DrivenLoop(_Loop):
 
     def __init__(self, turns: Turns) -> None:
         self.has_news = False
+        self._turns = turns
         super().__init__(_Selector(turns))
+
+    def is_running(self) -> bool:
+        """Whether somebody waits, also in front of it."""
+        return self._turns.is_serving or super().is_running()
+
+    def stop(self) -> None:
+        self.has_news = True
+        super().stop()
+
+    def leave(self) -> None:
+        """Stop after this round, on behalf of `Turns`: asyncio need not do any more for that."""
+        super().stop()
 
     def call_soon(
         self, callback: Callable[[Unpack[Ts]], object], *args: Unpack[Ts], context: Context | None = None

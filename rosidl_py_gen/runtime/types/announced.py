@@ -104,6 +104,10 @@ class Announced:
         """All that announce something, as far as their names are known."""
         return {node for told in self.hashes.values() for nodes in told.values() for node in nodes} - {""}
 
+    def has_unnamed(self) -> bool:
+        """Whether something is announced by a node whose name is not known (yet)."""
+        return any("" in nodes for told in self.hashes.values() for nodes in told.values())
+
     def lines(self) -> list[str]:
         """What there is, for people."""
         lines = []

@@ -316,15 +316,18 @@ class _Resolution:
         return "not by a node that has a name"
 
     async def _named_nodes(self, nodes: Collection[str]) -> Collection[str]:
-        """The nodes, or those whose names come a moment later."""
-        if nodes:
-            return nodes
+        """The nodes, or those whose names come a moment later, when there is none but this one."""
         scope = self._scope
+        if set(nodes) - {scope.node_name}:
+            return nodes
 
         def late() -> set[str]:
             return set().union(*(one.nodes() for one in self._candidates()))
 
-        await scope.wait_until(lambda: bool(late()), self._deadline.left_s(_NAMES_PATIENCE_S), lambda: scope.closed)
+        def is_told() -> bool:
+            return bool(late() - {scope.node_name}) or not any(one.has_unnamed() for one in self._candidates())
+
+        await scope.wait_until(is_told, self._deadline.left_s(_NAMES_PATIENCE_S), lambda: scope.closed)
         return late()
 
     def _in_order(self, nodes: Collection[str]) -> list[str]:

@@ -95,7 +95,7 @@ def settings(environ: Mapping[str, str], domain_id: int | None, discovery: str |
         for sentence in found.warnings:
             yield Finding(WARNING, sentence)
         if not on_zenoh(environ):
-            yield from _ports(found.domain_id)
+            yield from discovery_ports(found.domain_id)
     for name in (*_SHOWN_VARIABLES, *PRIVATE_VARIABLES):
         value = environ.get(name, "")
         if value:
@@ -103,7 +103,8 @@ def settings(environ: Mapping[str, str], domain_id: int | None, discovery: str |
     yield from _pitfalls(environ)
 
 
-def _ports(domain_id: int, file: Path = Path("/proc/sys/net/ipv4/ip_local_port_range")) -> Iterator[Finding]:
+def discovery_ports(domain_id: int, file: Path = Path("/proc/sys/net/ipv4/ip_local_port_range")) -> Iterator[Finding]:
+    """Whether Linux may give a port of the domain to any socket."""
     try:
         low, high = map(int, file.read_text().split())
     except (OSError, ValueError):  # not Linux, or hidden
@@ -113,7 +114,7 @@ def _ports(domain_id: int, file: Path = Path("/proc/sys/net/ipv4/ip_local_port_r
         yield Finding(
             NOTE,
             f"the UDP ports of domain {domain_id} begin at {first}, where Linux also takes ports for other programs "
-            f"({low} to {high}): sometimes one will be taken",
+            f"({low} to {high}): sometimes one will be taken, or a node of another domain be found",
             f"a domain below {(low - _FIRST_PORT) // _PORTS} is safe",
         )
 

@@ -14,6 +14,7 @@ from types import CodeType, ModuleType, TracebackType
 from typing import Any
 
 from rosidl_py_gen.tools import ToolError, report
+from rosidl_py_gen.tools.run.shown import shown
 
 _OURS = str(Path(__file__).parents[1])
 
@@ -54,6 +55,7 @@ class Program:
         except BaseException as error:
             # As the interpreter does it, without our frames; what follows, such as the end by SIGINT, is its own part.
             error.__traceback__ = _without_ours(error.__traceback__)
+            shown(error)
             sys.excepthook(type(error), error, error.__traceback__)
             sys.excepthook = _nothing
             raise

@@ -257,6 +257,7 @@ def test_what_is_wrong_is_said_and_located(text: str, problem: str) -> None:
         ("boolean t[0]", 'expected a whole number above 0, found "0"'),
         ("boolean t[2][3]", "arrays of more than one dimension are not supported"),
         ("string<1.5> t", 'expected a whole number above 0, found "1.5"'),
+        ("string<1d> t", 'expected a whole number above 0, found "1d"'),
         ("sequence<boolean, 0> t", 'expected a whole number above 0, found "0"'),
         ("sequence<string<0> > t", 'expected a whole number above 0, found "0"'),
         ("long unsigned t", 'the type "long unsigned" is not supported'),

@@ -14,7 +14,7 @@ def on(msg):
     global total
     total += msg.data
     seen.append(msg.data)
-    time.sleep(0.01)
+    time.sleep(0.01)  # stands for work
 
 
 node.create_subscription(Int32, "in", on, 10)

@@ -9,7 +9,16 @@ from std_msgs.msg import Int32
 rclpy.init()
 node = Node("threads")
 publisher = node.create_publisher(Int32, "count", 10)
-thread = threading.Thread(target=rclpy.spin, args=(node,), daemon=True)
+
+
+def spin():
+    try:
+        rclpy.spin(node)
+    except rclpy.executors.ExternalShutdownException:
+        pass  # or it returns, when it looked just after the rate's timer
+
+
+thread = threading.Thread(target=spin, daemon=True)
 thread.start()
 rate = node.create_rate(20)
 number = 0

@@ -66,7 +66,7 @@ c.server_is_ready()
 
 
 def done(future):
-    executor.spin_until_future_complete(future, 10)
+    executor.spin_until_future_complete(future, 60)
     return future.result()
 
 
@@ -75,7 +75,7 @@ def goal(order, **kwargs):
 
 
 def spin(until):
-    end = time.monotonic() + 10
+    end = time.monotonic() + 60
     while not until() and time.monotonic() < end:
         executor.spin_once(0.1)
     return until()
@@ -132,9 +132,12 @@ get_action_server_names_and_types_by_node(n, "n", "/")
 get_action_client_names_and_types_by_node(n, "n", "/")
 s.destroy()
 c.destroy()
-threading.Thread(target=lambda: executor.spin(), daemon=True).start()
+spinning = threading.Thread(target=lambda: executor.spin(), daemon=True)
+spinning.start()
 short = ActionServer(n, Fibonacci, "short", execute_async, result_timeout=0, callback_group=group)
 c = ActionClient(n, Fibonacci, "short", callback_group=group)
 c.wait_for_server(timeout_sec=10)
 c.send_goal(Fibonacci.Goal(order=3)).status in (0, 4)
+executor.shutdown()
+(spinning.join(20), spinning.is_alive())  # the interpreter of real rclpy may abort while a thread is still in it
 rclpy.shutdown()

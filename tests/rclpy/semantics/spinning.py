@@ -44,10 +44,18 @@ def quietly(f):
         f()
 
 
-def connected(pub, n=1):
+def until(condition):
     end = time.time() + 10
-    while pub.get_subscription_count() < n and time.time() < end:
-        time.sleep(0.02)
+    while not condition() and time.time() < end:
+        time.sleep(0.01)
+
+
+def let_arrive():
+    time.sleep(0.4)  # nothing tells what has arrived before somebody spins
+
+
+def connected(pub, n=1):
+    until(lambda: pub.get_subscription_count() >= n)
 
 
 def spin_until(cond, ex=None, limit=10.0):
@@ -63,7 +71,7 @@ def nobody_spins():
     connected(pub)
     for i in range(6):
         pub.publish(String(data=str(i)))
-    time.sleep(0.3)
+    let_arrive()
     print(got)
     spin_until(lambda: len(got) >= 3)
     rclpy.spin_once(node, timeout_sec=0.1)
@@ -77,7 +85,7 @@ def one_at_a_time():
     connected(pub)
     for i in range(3):
         pub.publish(String(data=str(i)))
-    time.sleep(0.3)
+    let_arrive()
     sizes = []
     for _ in range(20):
         before = len(got)
@@ -101,7 +109,7 @@ def order():
     pub.publish(String())
     cli.call_async(SetBool.Request())
     guard.trigger()
-    time.sleep(0.4)
+    let_arrive()
     spin_until(lambda: len(got) >= 4)
     print(got)
 
@@ -294,7 +302,7 @@ def tasks():
     print(t.cancelled(), t.done())
 
     async def sleeper():
-        await asyncio.sleep(0.1)
+        await asyncio.sleep(0.1)  # refused: asyncio does not run
 
     t = ex.create_task(sleeper)
     show(lambda: ex.spin_until_future_complete(t, 2.0))
@@ -370,14 +378,14 @@ def timers():
     print(
         t.timer_period_ns, t.is_ready(), t.is_canceled(), t.time_until_next_call() > 0, t.time_since_last_call() < 10**8
     )
-    time.sleep(0.35)
+    time.sleep(0.35)  # three and a half periods
     print(t.is_ready(), t.time_until_next_call() < 0)
     rclpy.spin_once(node, timeout_sec=0)
     rclpy.spin_once(node, timeout_sec=0)
     print(len(hits), t.is_ready(), t.time_until_next_call() > 0)
     t.cancel()
     print(t.is_canceled(), t.is_ready(), t.time_until_next_call())
-    time.sleep(0.15)
+    time.sleep(0.15)  # one and a half periods
     rclpy.spin_once(node, timeout_sec=0.1)
     print(len(hits))
     t.reset()
@@ -488,7 +496,19 @@ def graph():
     other.create_publisher(String, "gt", 1)
     other.create_service(SetBool, "gs", print)
     other.create_client(SetBool, "gc")
-    time.sleep(0.5)
+
+    def is_known():
+        if "/ns/other" not in node.get_fully_qualified_node_names():
+            return False
+        by_node = (
+            node.get_publisher_names_and_types_by_node,
+            node.get_service_names_and_types_by_node,
+            node.get_client_names_and_types_by_node,
+        )
+        counts = node.count_publishers("/ns/gt"), node.count_services("/ns/gs"), node.count_clients("/ns/gc")
+        return all(counts) and all(look("other", "/ns") for look in by_node)
+
+    until(is_known)
     print(
         sorted(n for n in node.get_node_names() if n in ("sem", "other")),
         ("other", "/ns") in node.get_node_names_and_namespaces(),
@@ -552,8 +572,10 @@ def created_while_spinning():
     ex.add_node(node)
     th = threading.Thread(target=ex.spin)
     th.start()
-    time.sleep(0.3)
     hit = threading.Event()
+    ex.create_task(hit.set)
+    print(hit.wait(5))  # it spins
+    hit.clear()
     node.create_timer(0.05, hit.set)
     print(hit.wait(5))
     f = Future()
@@ -562,9 +584,9 @@ def created_while_spinning():
     other = Node("o2")
     rclpy.spin_until_future_complete(other, f, timeout_sec=5)
     print(f.done(), time.time() - b < 2)
-    ex.create_task(hit.clear)
-    time.sleep(0.3)
-    print(hit.is_set())
+    cleared = threading.Event()
+    ex.create_task(lambda: (hit.clear(), cleared.set()))
+    print(cleared.wait(5), hit.wait(5))
     ex.shutdown()
     th.join()
 

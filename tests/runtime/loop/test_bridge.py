@@ -196,8 +196,8 @@ async def test_a_reader_that_was_named_for_nothing_calls_nobody(dds: World) -> N
     publisher.publish(Int32(data=1))
     await until(lambda: heard)
     participant: Any = bob.context._core.participant
-    for entity in (*participant._readers, 12345):
-        participant.wake(entity)
+    for entity in (*participant.readers, 12345):
+        participant.pipe.put(entity)
     publisher.publish(Int32(data=2))  # comes through the pipe behind them
     await until(lambda: heard[-1] == 2)
     assert heard == [1, 2]
@@ -216,11 +216,11 @@ def test_what_does_not_fit_the_pipe_is_found_all_the_same(dds: World) -> None:
     for _ in range(2):  # the second time the stream had its error
         for number in range(17_000):  # 16384 handles fill 64 KiB
             to_crowd.publish(Int32(data=number))
-        assert pipe._ferror(participant._pipe.stream)
+        assert pipe._ferror(participant.pipe.stream)
         to_single.publish(Int32(data=1))
         run_on("asyncio", main())
         assert (crowd, single) == ([16_999], [1])
-        assert not pipe._ferror(participant._pipe.stream)
+        assert not pipe._ferror(participant.pipe.stream)
         crowd.clear()
         single.clear()
 

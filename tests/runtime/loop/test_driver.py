@@ -128,14 +128,20 @@ def test_blocking_methods_and_coroutines_run_in_it(world: World, driver: Driver)
 def test_timers_and_async_callbacks_go_on_with_each_wait(driver: Driver, node: Node) -> None:
     steps: list[str] = []
 
+    ticked = asyncio.Event()
+
     async def callback(message: String) -> None:
         steps.append(message.data)
         await asyncio.sleep(0)
-        await asyncio.sleep(0.001)
+        await ticked.wait()
         steps.append("end")
 
+    def tick() -> None:
+        steps.append("tick")
+        ticked.set()
+
     node.create_subscription(String, "t", callback)
-    node.create_timer(0.002, lambda: steps.append("tick"))
+    node.create_timer(0.002, tick)
     node.create_publisher(String, "t").publish(String(data="begin"))
     driver.wait(timeout_s=0)
     assert steps[:1] == ["begin"]
@@ -327,7 +333,13 @@ def test_a_function_is_called_in_the_loop_by_whoever_runs_it(driver: Driver) -> 
     assert driver.call(where) == (thread.ident, True, "mine")
     with pytest.raises(ZeroDivisionError):
         driver.call(lambda: 1 / 0)
-    assert driver.run(asyncio.sleep(0.001, "slept")) == "slept"
+
+    async def rung() -> str:
+        bell = driver.loop.create_future()
+        driver.loop.call_later(0.001, bell.set_result, "rung")
+        return str(await bell)
+
+    assert driver.run(rung()) == "rung"
     stop.append(1)
     driver.wake()
     thread.join(10)
@@ -423,6 +435,29 @@ def test_ctrl_c_ends_the_wait_of_the_main_thread_and_others_go_on(world: World, 
     assert [message.data for message in found] == ["a"]
     publisher.publish(String(data="b"))
     assert driver.wait(subscription.take, timeout_s=10).data == "b"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize("role", ["drives", "waits"])
+def test_a_signal_that_interrupts_no_wait_is_not_overheard(driver: Driver, role: str) -> None:
+    turns = 1
+    if role == "waits":
+        turns, (beside, _) = 2, started(lambda: driver.wait(timeout_s=60))
+        wait_until(lambda: is_driven(driver))
+
+    def send() -> None:
+        wait_until(lambda: is_driven(driver, turns))
+        signal.pthread_kill(threading.get_ident(), signal.SIGINT)  # another thread is interrupted than the main thread
+
+    sender, _ = started(send)
+    began_s = time.monotonic()
+    with handler(signal.SIGINT, signal.default_int_handler), pytest.raises(KeyboardInterrupt):
+        driver.wait(timeout_s=60)
+    assert time.monotonic() - began_s < 30
+    sender.join(10)
+    driver.close()
+    if role == "waits":
+        beside.join(10)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")

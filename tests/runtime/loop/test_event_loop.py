@@ -7,11 +7,12 @@ import os
 import socket
 import sys
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from std_msgs.msg import Int32
-from worlds import rests, until
+from worlds import rests, until, while_the_loop_sleeps
 
 from rosidl_py_gen.runtime import new_event_loop, run
 from rosidl_py_gen.runtime.loop import event_loop
@@ -112,16 +113,12 @@ def test_a_sample_wakes_a_task_without_one_more_round(dds: World, rounds: list[f
         await publisher.wait_for_subscribers(timeout_s=5)
         await subscription.wait_for_publishers(timeout_s=5)
         for number in range(100):
-            sending = asyncio.get_running_loop().run_in_executor(None, late, number)
+            sending = while_the_loop_sleeps(partial(publisher.publish, Int32(data=number)))
             assert (await subscription.receive(timeout_s=5)).data == number
             last.append(rounds[-1])  # 0 when the round that slept was followed by one more
-            await sending
+            sending.join()
             if last[-1]:
                 break
-
-    def late(number: int) -> None:
-        time.sleep(0.02)  # the loop sleeps by now, most of the times
-        publisher.publish(Int32(data=number))
 
     run(main)
     assert last[-1], last

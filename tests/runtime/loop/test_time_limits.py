@@ -83,7 +83,7 @@ def test_expiring_may_add_and_remove() -> None:
     async def until_five() -> None:
         while 5 not in expired:
             await asyncio.sleep(0.01)
-        await asyncio.sleep(0.02)
+        await asyncio.sleep(0.02)  # in which others would expire
 
     loop.run_until_complete(asyncio.wait_for(until_five(), 10))
     loop.close()

@@ -16,6 +16,7 @@ from rosidl_py_gen.base.descriptions import describe
 from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
 from rosidl_py_gen.runtime import CallTimeoutError, TypeDescriptionError, TypeNotFoundError
 from rosidl_py_gen.runtime.transport.dds.names import reply_name, request_name, topic_name
+from rosidl_py_gen.runtime.types import announced
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -121,6 +122,30 @@ async def test_a_node_does_not_ask_one_that_has_its_own_name_and_says_so(world: 
     ) as caught:
         await world.node("robot", overrides=SERVICE_OFF).resolve_type("t", timeout_s=10)
     assert "/robot as this one is" in str(caught.value) and "another name" in str(caught.value)
+
+
+async def test_names_that_come_late_are_waited_for_also_where_this_node_announces_the_type(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As those of Fast DDS do."""
+    told = fresh()
+    robot, asker = told_by(world, told), world.node("asker", overrides=SERVICE_OFF)
+    told.announce(asker, topic_name("/t"))
+    await until(lambda: asker.count_publishers("t") == 2)
+    node_of, late = announced._node_of, ["/robot"]
+
+    def known(graph: Any, endpoint: Any) -> str:
+        name = node_of(graph, endpoint)
+        return "" if name in late else name
+
+    def comes() -> None:
+        late.clear()
+        told.announce(robot, topic_name("/other"))
+
+    monkeypatch.setattr(announced, "_node_of", known)
+    asyncio.get_running_loop().call_later(0.5, comes)
+    assert type_hash(await asker.resolve_type("t", timeout_s=10)) == told.hash
+    assert not late
 
 
 async def test_an_honest_node_is_believed_beside_a_liar_and_a_silent_one(

@@ -12,7 +12,7 @@ import pytest
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
-from rosidl_py_gen.runtime.transport.cyclone import functions, structures, topics
+from rosidl_py_gen.runtime.transport.cyclone import functions, structures
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
 from rosidl_py_gen.runtime.transport.port import TransportError
@@ -85,9 +85,10 @@ def test_types_of_the_domain_are_found_beside_another(participant: Any) -> None:
 
 def test_a_reader_is_found_by_its_guid(participant: Any, pinned: Any) -> None:
     entity = participant.discovery.entities[0]
-    guid = participant.guid_of(entity)
+    guid = API.guid_of(entity)
     assert structures.find_reader(pinned(entity), guid) == cyclone._fast_dds.reader_place is not None
-    assert structures.find_reader(pinned(entity), participant.guid_of(participant.discovery.entities[1])) is None
+    nobody = bytes(byte ^ 255 for byte in guid)  # another reader may lie right behind this one
+    assert structures.find_reader(pinned(entity), nobody) is None
     place = structures.ReaderPlace(entity=8, flags=8)
     assert "a reader" in (structures.let_want_all(pinned(entity), place, guid, True) or "")
 
@@ -105,11 +106,26 @@ def test_the_bytes_of_samples_lie_in_one_place(participant: Any) -> None:
     assert known.content == structures.find_content(API, known.address) and known.content % 8 == 4
 
 
-def test_the_samples_of_one_type_are_not_those_of_another(participant: Any) -> None:
-    slots = structures.find_slots(API)
-    known = participant.type_object(TEXT).address
-    assert slots is not None and structures.are_samples_as_known(API, known, slots)
-    assert not structures.are_samples_as_known(API, known, slots._replace(references=16))
+def test_a_sample_is_shortened_only_where_its_size_is(participant: Any) -> None:
+    address, content = participant.type_object(TEXT)
+    place = structures.find_size(API, address, content)
+    assert place is not None
+    sample = new(participant, HEADER + b"12345678")
+    for elsewhere in (place - 4, place + 4):
+        assert not structures.shorten(API, sample, elsewhere, 4) and API.serdata_size(sample) == 12
+    assert structures.shorten(API, sample, place, 4) and API.serdata_size(sample) == 8
+    number = ct.c_uint32(4)  # which nobody asks for the size
+    assert not structures.shorten(API, sample, ct.addressof(number) - sample, 2) and number.value == 4
+    API.serdata_unref(sample)
+
+
+def test_samples_without_the_functions_of_their_type_are_not_as_known(
+    participant: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    address, content = participant.type_object(TEXT)
+    table_at = structures.table_at
+    monkeypatch.setattr(structures, "table_at", lambda place, which: table_at(place, which) + (place == address))
+    assert structures.find_size(API, address, content) is None
 
 
 def test_every_type_says_that_it_lies_elsewhere_or_the_topic_is_refused(
@@ -118,16 +134,23 @@ def test_every_type_says_that_it_lies_elsewhere_or_the_topic_is_refused(
     monkeypatch.setitem(vars(API), "get_entity_sertype", None)
     monkeypatch.setattr(structures, "find_type", lambda *_: None)
     with pytest.raises(TransportError, match="the type was not found where others have it"):
-        participant._domain.types.create_topic(participant.entity, "rt/new", "pkg::msg::dds_::New_")
+        participant.domain.types.create_topic(participant.entity, "rt/new", "pkg::msg::dds_::New_")
 
 
 # ------------------------------------------------------------------------------------------------------------- samples
 
 
+def reference(sample: int) -> None:
+    """Take a reference to a sample."""
+    API.library.ddsi_serdata_ref(ct.c_void_p(sample))
+
+
 def count(sample: int) -> int:
-    slots = cyclone._fast_dds.slots()
-    assert slots is not None
-    return structures.references(sample, slots)
+    """How many references there are to a sample."""
+    blank = (ct.c_uint32 * 64)()
+    reference(ct.addressof(blank))
+    (place,) = (4 * index for index, number in enumerate(blank) if number)
+    return ct.c_uint32.from_address(sample + place).value
 
 
 def new(participant: Any, data: bytes) -> int:
@@ -150,9 +173,9 @@ def end_of(topic: str) -> DdsEndpoint:
 
 def test_a_write_takes_the_reference_unless_it_never_came_to_the_writer(participant: Any) -> None:
     writer = participant.make_writer(end_of("rt/topic"))
-    for entity, code, left in ((writer._entity, 0, 1), (participant.entity, -12, 2), (0x1234567, -3, 2)):
+    for entity, code, left in ((writer.entity, 0, 1), (participant.entity, -12, 2), (0x1234567, -3, 2)):
         sample = new(participant, HEADER + b"12345678")
-        API.serdata_ref(sample)
+        reference(sample)
         assert API.writecdr(entity, sample) == code
         assert count(sample) == left and (code in functions.NOT_TAKEN) == (left == 2)
         for _ in range(left):
@@ -180,20 +203,25 @@ def test_a_view_outlives_reader_participant_and_domain(dds: World) -> None:
     assert String.decode(view).data == "y" * 3_000_000
 
 
-def test_small_samples_that_wait_to_be_sent_again_are_let_go_before_their_domain(participant: Any) -> None:
-    fast_dds = cyclone._fast_dds
-    request = participant.type_object("std_srvs::srv::dds_::SetBool_Request_").address
-    writer = participant.make_writer(end_of("rt/topic"))
-    held = structures.new_sample(API, request, HEADER + b"1234")
-    assert fast_dds.write(writer._entity, writer.guid, request, HEADER + b"1234", (writer.guid, 1)) == 0
-    fast_dds.release({request})
-    assert fast_dds.outgoing == {}
-    assert count(held) == 1
-    API.serdata_unref(held)
+def test_nobody_but_cyclone_keeps_a_sample_with_an_identity(participant: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    kind = "std_srvs::srv::dds_::SetBool_Request_"
+    writer = participant.make_writer(DdsEndpoint("rt/requests", kind, DEFAULT))
+    made: list[int] = []
+
+    def new_sample(*arguments: Any) -> int:
+        made.append(make(*arguments))
+        reference(made[-1])
+        return made[-1]
+
+    make = structures.new_sample
+    monkeypatch.setattr(structures, "new_sample", new_sample)
+    assert writer.write_for(HEADER + b"1234", (writer.guid, 1))
+    assert [count(sample) for sample in made] == [1]
+    API.serdata_unref(made[0])
 
 
 def test_a_description_of_a_topic_is_copied(participant: Any) -> None:
     name = "a" * 255
-    assert topics.create_opaque(API, participant.entity, "rt/long", name) > 0
+    assert participant.domain.types.create_topic(participant.entity, "rt/long", name) > 0
     with pytest.raises(TransportError, match="may have 255 characters"):
-        participant._domain.types.create_topic(participant.entity, "rt/longer", name + "a")
+        participant.domain.types.create_topic(participant.entity, "rt/longer", name + "a")

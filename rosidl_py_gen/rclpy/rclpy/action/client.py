@@ -15,11 +15,12 @@ from action_msgs.srv import CancelGoal
 from unique_identifier_msgs.msg import UUID
 
 from rclpy.executors import await_or_execute
-from rclpy.impl.action_endpoints import ActionEndpoints
+from rclpy.impl.action_endpoints import ActionEndpoints, ActionWaitable
 from rclpy.qos import QoSProfile, qos_profile_action_status_default, qos_profile_services_default
 from rclpy.task import Future
-from rclpy.type_support import check_for_type_support
-from rclpy.waitable import NumberOfEntities, Waitable
+from rclpy.type_support import check_for_type_support as check_for_type_support
+from rclpy.waitable import NumberOfEntities
+from rclpy.waitable import Waitable as Waitable
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
@@ -41,8 +42,6 @@ class ClientGoalHandle:
         self._goal_id = goal_id
         self._goal_response = goal_response
         self._status: int = GoalStatus.STATUS_UNKNOWN
-
-    __hash__ = None  # type: ignore[assignment]  # as in rclpy
 
     def __eq__(self, other: object) -> bool:
         return bool(self._goal_id == other.goal_id) if isinstance(other, ClientGoalHandle) else NotImplemented
@@ -100,8 +99,9 @@ def _waited_for(future: Future[Any]) -> Any:
 class _Requests:
     """Requests to one of the services, by number, and what each is for."""
 
-    def __init__(self, client: runtime.Client[Any, Any], owner: ActionClient) -> None:
+    def __init__(self, client: runtime.Client[Any, Any], owner: ActionClient, endpoints: ActionEndpoints) -> None:
         self.client = client
+        self._endpoints = endpoints
         self.arrived: deque[tuple[int, concurrent.futures.Future[Any]]] = deque()
         self._owner = weakref.ref(owner)
         self._numbers = itertools.count(1)
@@ -113,14 +113,14 @@ class _Requests:
         owner = self._owner()
         assert owner is not None
         future: Future[Any] = Future()
-        with owner._endpoints:
+        with self._endpoints:
             sent = self.client.send_request(request)
         with self._lock:
             number = next(self._numbers)
             self._pending[number] = future, subject
         future.add_done_callback(partial(self._forget, number))
         owner.add_future(future)
-        sent.add_done_callback(partial(self._on_response, number, owner._endpoints.context.notify))
+        sent.add_done_callback(partial(self._on_response, number, self._endpoints.context.notify))
         return future
 
     def _forget(self, number: int, future: Future[Any]) -> None:
@@ -145,7 +145,7 @@ class _Requests:
             return self._pending.get(number), sent
 
 
-class ActionClient(Waitable):
+class ActionClient(ActionWaitable):
     """Sends goals to the servers of an action; the executor of the node takes what they answer.
 
     Args:
@@ -173,18 +173,12 @@ class ActionClient(Waitable):
         feedback_sub_qos_profile: QoSProfile = QoSProfile(depth=10),  # noqa: B008  # as in rclpy
         status_sub_qos_profile: QoSProfile = qos_profile_action_status_default,
     ) -> None:
-        super().__init__(node.default_callback_group if callback_group is None else callback_group)
-        check_for_type_support(action_type)
-        self._node = node
-        self._action_type = action_type
+        super().__init__(node, action_type, action_name, callback_group, "action_client")
         self._action_name = action_name
         self._goal_handles: dict[bytes, weakref.ref[ClientGoalHandle]] = {}
         self._feedback_callbacks: dict[bytes, Callable[[Any], Any]] = {}
         self._ended: list[bytes] = []
-        self._logger = node.get_logger().get_child("action_client")
         impl = action_type.Impl
-        with node.handle:
-            self._endpoints = ActionEndpoints(node.handle, action_name)
         with self._endpoints.being_made() as made:
             goal, result, cancel = (
                 made.client(impl.SendGoalService, "send_goal", goal_service_qos_profile.get_c_qos_profile()),
@@ -194,8 +188,8 @@ class ActionClient(Waitable):
             feedback_qos, status_qos = feedback_sub_qos_profile, status_sub_qos_profile
             self._feedback = made.subscription(impl.FeedbackMessage, "feedback", feedback_qos.get_c_qos_profile())
             self._status = made.subscription(impl.GoalStatusMessage, "status", status_qos.get_c_qos_profile())
-        self._requests = {"goal": _Requests(goal, self), "cancel": _Requests(cancel, self)}
-        self._requests["result"] = _Requests(result, self)
+        services = {"goal": goal, "cancel": cancel, "result": result}
+        self._requests = {kind: _Requests(one, self, self._endpoints) for kind, one in services.items()}
         node.add_waitable(self)
 
     # ---------------------------------------------------------------------------------------------------- waitable
@@ -265,15 +259,6 @@ class ActionClient(Waitable):
         """Two subscriptions and three clients."""
         return NumberOfEntities(num_subs=2, num_clients=3)
 
-    def add_to_wait_set(self, wait_set: WaitSet) -> None:
-        """Nothing to add: what comes wakes the executor by itself."""
-
-    def __enter__(self) -> None:
-        self._endpoints.__enter__()
-
-    def __exit__(self, t: object, v: object, tb: object) -> None:
-        self._endpoints.__exit__()
-
     # ------------------------------------------------------------------------------------------------------- goals
 
     def send_goal(self, goal: Any, **kwargs: Any) -> Any:
@@ -327,8 +312,3 @@ class ActionClient(Waitable):
         """Wait until they are, or the time has passed; nobody has to spin."""
         limit = None if timeout_sec is None else max(0.0, timeout_sec)
         return self._endpoints.context.wait(self.server_is_ready, limit)
-
-    def destroy(self) -> None:
-        """End it."""
-        self._endpoints.destroy_when_not_in_use()
-        self._node.remove_waitable(self)

@@ -16,12 +16,13 @@ from rclpy.action.server_goal import GoalEvent as GoalEvent
 from rclpy.action.server_goal import ServerGoalHandle as ServerGoalHandle
 from rclpy.clock import Clock
 from rclpy.executors import await_or_execute
-from rclpy.impl.action_endpoints import ActionEndpoints
+from rclpy.impl.action_endpoints import ActionWaitable
 from rclpy.qos import QoSProfile, qos_profile_action_status_default, qos_profile_services_default
 from rclpy.task import Future
 from rclpy.time import Time
-from rclpy.type_support import check_for_type_support
-from rclpy.waitable import NumberOfEntities, Waitable
+from rclpy.type_support import check_for_type_support as check_for_type_support
+from rclpy.waitable import NumberOfEntities
+from rclpy.waitable import Waitable as Waitable
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ def default_cancel_callback(cancel_request: Any) -> CancelResponse:
     return CancelResponse.REJECT
 
 
-class ActionServer(Waitable):
+class ActionServer(ActionWaitable):
     """Serves an action; the executor of the node takes requests and runs the callbacks.
 
     Args:
@@ -101,22 +102,16 @@ class ActionServer(Waitable):
         status_pub_qos_profile: QoSProfile = qos_profile_action_status_default,
         result_timeout: float = 900,
     ) -> None:
-        super().__init__(node.default_callback_group if callback_group is None else callback_group)
         self.register_handle_accepted_callback(handle_accepted_callback)
         self.register_goal_callback(goal_callback)
         self.register_cancel_callback(cancel_callback)
         self.register_execute_callback(execute_callback)
-        check_for_type_support(action_type)
-        self._node = node
-        self._action_type = action_type
+        super().__init__(node, action_type, action_name, callback_group, "action_server")
         self._result_timeout_ns = int(result_timeout * 10**9)
         self._goal_handles: dict[bytes, ServerGoalHandle] = {}
         self._result_futures: dict[bytes, Future[Any]] = {}
         self._ended_ns: dict[bytes, int] = {}
-        self._logger = node.get_logger().get_child("action_server")
         impl = action_type.Impl
-        with node.handle:
-            self._endpoints = ActionEndpoints(node.handle, action_name)
         with self._endpoints.being_made() as made:
             goal, cancel, result = goal_service_qos_profile, cancel_service_qos_profile, result_service_qos_profile
             self._services = {
@@ -291,15 +286,6 @@ class ActionServer(Waitable):
         """Three services, and the timer of expiry."""
         return NumberOfEntities(num_timers=1, num_services=3)
 
-    def add_to_wait_set(self, wait_set: WaitSet) -> None:
-        """Nothing to add: what comes wakes the executor by itself."""
-
-    def __enter__(self) -> None:
-        self._endpoints.__enter__()
-
-    def __exit__(self, t: object, v: object, tb: object) -> None:
-        self._endpoints.__exit__()
-
     # --------------------------------------------------------------------------------------------------- callbacks
 
     def register_handle_accepted_callback(self, handle_accepted_callback: Callable[[Any], Any] | None) -> None:
@@ -326,5 +312,4 @@ class ActionServer(Waitable):
             goal.destroy()
         for future in list(self._result_futures.values()):
             self.remove_future(future)
-        self._endpoints.destroy_when_not_in_use()
-        self._node.remove_waitable(self)
+        super().destroy()

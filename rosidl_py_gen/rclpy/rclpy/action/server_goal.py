@@ -26,8 +26,6 @@ class ServerGoalHandle:
         self._is_destroyed = False
         self._lock = threading.RLock()
 
-    __hash__ = None  # type: ignore[assignment]  # as in rclpy
-
     def __eq__(self, other: object) -> bool:
         return bool(self.goal_id == other.goal_id) if isinstance(other, ServerGoalHandle) else NotImplemented
 

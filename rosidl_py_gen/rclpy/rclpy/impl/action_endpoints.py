@@ -6,12 +6,17 @@ import contextlib
 from typing import TYPE_CHECKING, Any
 
 from rclpy.handles import ContextHandle, Destroyable
+from rclpy.type_support import check_for_type_support
+from rclpy.waitable import Waitable
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from rclpy.callback_groups import CallbackGroup
     from rclpy.handles import Handle
+    from rclpy.node import Node
+    from rclpy.waitable import WaitSet
 
 
 class ActionEndpoints(Destroyable):
@@ -63,3 +68,32 @@ class ActionEndpoints(Destroyable):
         for endpoint in reversed(self._made):
             endpoint.close()
         self.context.notify()
+
+
+class ActionWaitable(Waitable):
+    """What clients and servers of actions have in common: a node, a type and endpoints."""
+
+    def __init__(
+        self, node: Node, action_type: Any, action_name: str, group: CallbackGroup | None, logger: str
+    ) -> None:
+        super().__init__(node.default_callback_group if group is None else group)
+        check_for_type_support(action_type)
+        self._node = node
+        self._action_type = action_type
+        self._logger = node.get_logger().get_child(logger)
+        with node.handle:
+            self._endpoints = ActionEndpoints(node.handle, action_name)
+
+    def add_to_wait_set(self, wait_set: WaitSet) -> None:
+        """Nothing to add: what comes wakes the executor by itself."""
+
+    def __enter__(self) -> None:
+        self._endpoints.__enter__()
+
+    def __exit__(self, t: object, v: object, tb: object) -> None:
+        self._endpoints.__exit__()
+
+    def destroy(self) -> None:
+        """End it."""
+        self._endpoints.destroy_when_not_in_use()
+        self._node.remove_waitable(self)

@@ -17,7 +17,12 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.transport.cyclone import functions
-from rosidl_py_gen.runtime.transport.cyclone.functions import DCPS_PARTICIPANT, endpoint_at, participant_at
+from rosidl_py_gen.runtime.transport.cyclone.functions import (
+    DCPS_PARTICIPANT,
+    BuiltinEndpoint,
+    BuiltinParticipant,
+    lent,
+)
 from rosidl_py_gen.runtime.transport.cyclone.pipe import putw
 from rosidl_py_gen.runtime.transport.cyclone.qos import read_profile, read_property, read_user_data
 from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR
@@ -26,7 +31,7 @@ from rosidl_py_gen.runtime.transport.discovered import EndpointFound, Lost, Part
 from rosidl_py_gen.runtime.transport.type_names import ros_type
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
     from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent
@@ -83,109 +88,88 @@ class DiscoveryReaders:
         fast_dds.notice(self._readers[DCPS_PARTICIPANT])
         self.sink: Callable[[list[DiscoveryEvent]], None] | None = None
         self._lock = threading.Lock()
-        self._pointers = (ct.c_void_p * _BATCH)()
-        self._infos = (ct.c_ubyte * (64 * _BATCH))()
-        self._events: deque[DiscoveryEvent] = deque()
         self.guids: dict[int, bytes] = {}
         """By local handle, what is known so far; to be looked at first, then `endpoint_guid` asked."""
         self._lost: deque[int] = deque()
+
+    def _lent(self, reader: int, look: Callable[..., int], *states: int) -> Iterator[tuple[int, int, bool, int]]:
+        """All that a reader has: where it lies until the next one, its state, whether it has data, and its handle."""
+        count = _BATCH
+        while count == _BATCH:
+            pointers, infos = (ct.c_void_p * _BATCH)(), (ct.c_ubyte * (64 * _BATCH))()  # asks for loans
+            count = look(reader, pointers, infos, _BATCH, _BATCH, *states)
+            try:
+                for index in range(count):
+                    yield pointers[index] or 0, *_info(infos, 64 * index)
+            finally:
+                if count > 0:
+                    self._api.return_loan(reader, pointers, count)
 
     def _on_participants(self, reader: int, stream: int) -> None:
         """Called by Cyclone in a thread of its own, before it takes anything else from those that it has found."""
         self._fast_dds.notice(reader)
         try:
-            self._greet_new(reader)  # before the loop takes them
+            for pointer, *_ in self._lent(reader, self._api.read_mask, _NEW):
+                self._meet(lent(pointer, BuiltinParticipant))  # before the loop takes it
         finally:
             putw(reader, stream)
 
-    def _greet_new(self, reader: int) -> None:
-        pointers, infos = (ct.c_void_p * _BATCH)(), (ct.c_ubyte * (64 * _BATCH))()
-        count = _BATCH
-        while count == _BATCH:
-            pointers[0] = None
-            count = self._api.read_mask(reader, pointers, infos, _BATCH, _BATCH, _NEW)
-            if count <= 0:
-                return
-            try:
-                for index in range(count):
-                    participant = participant_at(pointers[index] or 0)
-                    self._meet(bytes(participant.key), participant.qos)
-            finally:
-                self._api.return_loan(reader, pointers, count)
-
-    def _meet(self, guid: bytes, qos: int) -> None:
-        """Note the addresses of a participant on Fast DDS, and greet it when it is new."""
+    def _meet(self, participant: BuiltinParticipant) -> None:
+        """Note the addresses of one on Fast DDS, and greet it when it is new."""
+        guid = bytes(participant.key)
         if guid.startswith(FAST_DDS_VENDOR):
             prefix = guid[:_PREFIX_BYTES]
             is_new = prefix not in self._addresses
-            self._addresses[prefix] = read_property(self._api, qos, _ADDRESSES)
+            self._addresses[prefix] = read_property(self._api, participant.qos, _ADDRESSES)
             if is_new:
                 self._greet(guid, self._addresses[prefix])
 
     # ---------------------------------------------------------------------------------------------------- events
 
-    def fetch(self) -> None:
-        """Move all news into the list of events."""
-        with self._lock:
-            participants = self._readers[DCPS_PARTICIPANT]
-            self._fast_dds.look(participants)
-            for topic, reader in self._readers.items():
-                news: list[DiscoveryEvent] = []
-                while self._fetch_batch(topic, reader, news) == _BATCH:
-                    pass
-                if reader == participants:
-                    self._fast_dds.settle(participants, news)
-                self._events.extend(news)
-
     def report(self) -> None:
         """Pass all news to the sink."""
-        self.fetch()
+        with self._lock:
+            news = list(self._news())
         for complaint in self._fast_dds.complaints():
             get_root_logger().warning(complaint)
-        events = [self._events.popleft() for _ in range(len(self._events))]
-        if events and self.sink is not None:
-            self.sink(events)
+        if news and self.sink is not None:
+            self.sink(news)
 
-    def _fetch_batch(self, topic: int, reader: int, news: list[DiscoveryEvent]) -> int:
-        pointers = self._pointers
-        pointers[0] = None  # ask for loans
-        count: int = self._api.take(reader, pointers, self._infos, _BATCH, _BATCH)
-        if count <= 0:
-            return 0
-        try:
-            for index in range(count):
-                state, valid, handle = _info(self._infos, 64 * index)
-                event = self._event(topic, pointers[index] or 0, handle, valid)
-                if isinstance(event, EndpointFound) and event.wire_name.startswith(_OF_DDS):
-                    continue
-                news.append(event)
-                if valid and state != _ALIVE:  # came and went since the last look; nothing else will tell
-                    self._forget_later(handle)
-                    self._addresses.pop(event.guid[:_PREFIX_BYTES] if topic == DCPS_PARTICIPANT else b"", None)
-                    news.append(Lost(event.guid))
-        finally:
-            self._api.return_loan(reader, pointers, count)
-        return count
+    def _news(self) -> Iterator[DiscoveryEvent]:
+        for topic, reader in self._readers.items():
+            is_participant = topic == DCPS_PARTICIPANT
+            if is_participant:
+                self._fast_dds.look(reader)
+            events: list[DiscoveryEvent] = []
+            for pointer, state, is_valid, handle in self._lent(reader, self._api.take):
+                if is_valid:
+                    events += self._participant(pointer) if is_participant else self._endpoint(topic, pointer, handle)
+                if not is_valid or state != _ALIVE:  # or came and went since the last look; nothing else will tell
+                    guid = bytes(lent(pointer, BuiltinParticipant).key)  # where all builtin samples have theirs
+                    events.append(Lost(guid))
+                    if is_participant:
+                        self._addresses.pop(guid[:_PREFIX_BYTES], None)
+                    else:
+                        self._forget_later(handle)
+            if is_participant:
+                self._fast_dds.settle(reader, events)
+            yield from events
 
-    def _event(self, topic: int, pointer: int, handle: int, valid: bool) -> DiscoveryEvent:
-        if topic == DCPS_PARTICIPANT:
-            participant = participant_at(pointer)
-            guid = bytes(participant.key)
-            if not valid:
-                self._addresses.pop(guid[:_PREFIX_BYTES], None)
-                return Lost(guid)
-            self._meet(guid, participant.qos)  # perhaps before Cyclone's thread has come to it
-            return ParticipantFound(guid, parse_user_data(read_user_data(self._api, participant.qos)).get("enclave"))
-        endpoint = endpoint_at(pointer)
-        guid = bytes(endpoint.key)
-        if not valid:
-            self._forget_later(handle)
-            return Lost(guid)
-        self.guids[handle] = guid
+    def _participant(self, pointer: int) -> Iterator[ParticipantFound]:
+        participant = lent(pointer, BuiltinParticipant)
+        self._meet(participant)  # perhaps before Cyclone's thread has come to it
+        told = parse_user_data(read_user_data(self._api, participant.qos))
+        yield ParticipantFound(bytes(participant.key), told.get("enclave"))
+
+    def _endpoint(self, topic: int, pointer: int, handle: int) -> Iterator[EndpointFound]:
+        endpoint = lent(pointer, BuiltinEndpoint)
+        self.guids[handle] = guid = bytes(endpoint.key)
+        name, type = endpoint.topic_name.decode(errors="replace"), endpoint.type_name.decode(errors="replace")
+        if name.startswith(_OF_DDS):
+            return
         is_writer = topic == functions.DCPS_PUBLICATION
         told = parse_user_data(read_user_data(self._api, endpoint.qos))
-        name, type = endpoint.topic_name.decode(errors="replace"), endpoint.type_name.decode(errors="replace")
-        return EndpointFound(
+        yield EndpointFound(
             guid,
             bytes(endpoint.participant_key),
             is_writer,
@@ -236,6 +220,6 @@ class DiscoveryReaders:
             pointer = look_up(entity, handle)
             if not pointer:
                 return None
-            guid = self.guids[handle] = bytes(endpoint_at(pointer).key)
+            guid = self.guids[handle] = bytes(lent(pointer, BuiltinEndpoint).key)
             api.builtintopic_free_endpoint(pointer)
         return guid

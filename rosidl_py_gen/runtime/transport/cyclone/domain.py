@@ -13,6 +13,7 @@ from __future__ import annotations
 import os
 import socket
 import threading
+import time
 from typing import TYPE_CHECKING, ClassVar
 
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
@@ -24,6 +25,9 @@ from rosidl_py_gen.runtime.transport.port import TransportError
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
 
+_PATIENCE_S = 5.0
+_LOOK_S = 0.001
+"""How long `leave` waits for writes, and how often it looks: to be told of each would cost more than they do."""
 _FIRST_PORT, _PORTS_PER_DOMAIN, _FIRST_UNICAST, _PORTS_PER_INDEX = 7400, 250, 10, 2
 
 
@@ -39,10 +43,13 @@ class Domain:
         self._domain_id = domain_id
         self._xml = xml
         self._users = 0
-        self._fast_dds = fast_dds
+        self.is_left = False
+        """Nobody uses it any more, and it ends as soon as nobody writes."""
+        self.writing: list[int] = []
+        """Threads that make a sample or write it just now: types and memory of the domain are in use there."""
+        self._end_lock = threading.Lock()
+        self._has_ended = False
         self.types = TypeObjects(api, fast_dds.prepare)
-        self.drops_type_lookups = False
-        """See `FastDds.drop_type_lookups`."""
         code = api.create_domain(domain_id, xml.encode())
         self._handle = 0 if code == functions.PRECONDITION_NOT_MET else code
         if self._handle == 0:
@@ -85,15 +92,28 @@ class Domain:
             return domain
 
     def leave(self) -> None:
-        """Undo one `join`."""
+        """Undo one `join`; the last one waits for other threads that write. Where it is called in a signal handler that
+        interrupted a write, the domain ends with that.
+        """
         with Domain._lock:
             self._users -= 1
             if self._users == 0:
                 del self._open[self._domain_id]
-                self._fast_dds.release(self.types.addresses())
-                self.types.close()
-                if self._handle:
-                    self._api.delete(self._handle)
+                self.is_left = True
+                end_s, here = time.monotonic() + _PATIENCE_S, threading.get_ident()
+                while any(one != here for one in tuple(self.writing)) and time.monotonic() < end_s:
+                    time.sleep(_LOOK_S)
+                self.end_if_unused()
+
+    def end_if_unused(self) -> None:
+        """After `leave`, and after each write from then on."""
+        with self._end_lock:
+            if self.writing or self._has_ended:
+                return
+            self._has_ended = True
+        self.types.close()
+        if self._handle:
+            self._api.delete(self._handle)
 
     @classmethod
     def abandon(cls) -> None:

@@ -25,14 +25,20 @@ from rosidl_py_gen.runtime.transport.cyclone.functions import NOT_TAKEN, SAMPLE_
 from rosidl_py_gen.runtime.transport.cyclone.sockets import LARGE_BYTES, warn_about_socket_buffers
 from rosidl_py_gen.runtime.transport.cyclone.structures import bytes_at, content_at
 from rosidl_py_gen.runtime.transport.port import TransportError
-from rosidl_py_gen.runtime.transport.samples import in_fours
+from rosidl_py_gen.runtime.transport.qos import Reliability
+from rosidl_py_gen.runtime.transport.samples import ReceiveQueue, in_fours
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rosidl_py_gen.runtime.transport.cyclone.discovery import DiscoveryReaders
+    from rosidl_py_gen.runtime.transport.cyclone.domain import Domain
     from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
+    from rosidl_py_gen.runtime.transport.cyclone.pipe import ArrivalPipe
     from rosidl_py_gen.runtime.transport.cyclone.topics import TypeObject
     from rosidl_py_gen.runtime.transport.dds.correlation import Identity
-    from rosidl_py_gen.runtime.transport.samples import Payload, ReceiveQueue, Sink
+    from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
+    from rosidl_py_gen.runtime.transport.samples import Payload, Sink
 
 _BATCH = 32
 """Samples per take. More only helps when the queue is deeper; the arrays cost 72 bytes a piece."""
@@ -42,22 +48,24 @@ _LARGE_SAMPLE = 65536
 view of them dies."""
 
 _OFFERED = {
-    "deadline": "offered_deadline_missed",
-    "liveliness": "liveliness_lost",
-    "matched": "publication_matched",
+    "deadline": ("offered_deadline_missed", 1),
+    "liveliness": ("liveliness_lost", 1),
+    "matched": ("publication_matched", 1),
 }
 _REQUESTED = {
-    "deadline": "requested_deadline_missed",
-    "message_lost": "sample_lost",
-    "matched": "subscription_matched",
+    "deadline": ("requested_deadline_missed", 1),
+    "liveliness": ("liveliness_changed", 2),
+    "message_lost": ("sample_lost", 1),
+    "matched": ("subscription_matched", 1),
 }
-"""The status of DDS that counts an event."""
+"""The status of DDS that counts an event, and how many of its numbers do."""
 
 _by_reference = ct.byref
 _address = ct.c_void_p
 _size = ct.c_size_t
 _one = ct.c_size_t(1)
 _time_ns = time.time_ns
+_thread = threading.get_ident
 _info_fields = struct.Struct("=12x?3xq8xQ24x").unpack_from
 """valid_data, source timestamp and publication handle of dds_sample_info_t (64 bytes)."""
 _local_lock = threading.Lock()
@@ -70,12 +78,12 @@ class Host(Protocol):
 
     api: functions.Api
     fast_dds: FastDds
+    domain: Domain
     domain_id: int
     discovery: DiscoveryReaders
+    pipe: ArrivalPipe
     buffers: TakeBuffers
-
-    def guid_of(self, entity: int) -> bytes:
-        """The entity's GUID in network order."""
+    readers: dict[int, CycloneReader]
 
     def type_object(self, type: str) -> TypeObject:
         """What stands for a type that has endpoints."""
@@ -83,32 +91,49 @@ class Host(Protocol):
     def release_topic(self, topic: str, type: str) -> None:
         """An endpoint of it is gone."""
 
-    def watch(self, reader: CycloneReader) -> None:
-        """Tell the sink of that reader when something arrived."""
 
-    def unwatch(self, entity: int) -> None:
-        """Undo `watch`."""
+class _Endpoint:
+    """What writers and readers have in common.
 
-    def wake(self, entity: int) -> None:
-        """Tell the sink of that reader: something is in its queue already."""
+    Attributes:
+        entity: 0 once it is closed.
+    """
+
+    _statuses: Mapping[str, tuple[str, int]]
+
+    def __init__(self, owner: Host, entity: int, end: DdsEndpoint) -> None:
+        """`end` has the profile that went through `qos.effective`."""
+        self._owner = owner
+        self._api = owner.api
+        self.entity = entity
+        self.topic = end.topic
+        self.type = end.type
+        self._key = (owner.domain_id, end.topic)
+        self.guid = owner.api.guid_of(entity)
+
+    def event_counts(self, event: str) -> tuple[int, ...] | None:
+        """See `port.Writer` and `port.Reader`."""
+        return self._api.counts(self.entity, *self._statuses[event])
 
 
 # -------------------------------------------------------------------------------------------------------------- writer
 
 
-class CycloneWriter:
+class CycloneWriter(_Endpoint):
     """See `port.Writer`."""
 
-    def __init__(self, owner: Host, entity: int, topic: str, type: str) -> None:
-        self._owner = owner
-        self._topic = topic
-        self._type = type
-        self._key = (owner.domain_id, topic)
-        self._entity = entity
-        self._api = api = owner.api
-        self._copy, self._write = api.bare_copy, api.bare_write
-        self._type_object = _address(owner.type_object(type).address)
-        self.guid = owner.guid_of(entity)
+    _statuses = _OFFERED
+
+    def __init__(self, owner: Host, entity: int, end: DdsEndpoint) -> None:
+        super().__init__(owner, entity, end)
+        api = owner.api
+        self._copy = api.bare_copy
+        address = owner.type_object(end.type).address
+        self._type_object = _address(address)
+        self._functions = owner.fast_dds.samples(address)
+        self._write = api.bare_write if self._functions is None else self._functions.write_plain
+        self._domain = owner.domain
+        self._writing = owner.domain.writing
         handle = ct.c_uint64()
         api.check(api.get_instance_handle(entity, ct.byref(handle)), "read an instance handle")
         self.handle = handle.value
@@ -119,19 +144,29 @@ class CycloneWriter:
             data = in_fours(data)
         size = len(data)
         iov = pack_iov(address_of(data), size)
-        if size < _LARGE_SAMPLE:
-            sample = self._copy(self._type_object, SAMPLE_WITH_DATA, _one, iov, _size(size))
-        else:
-            if size > LARGE_BYTES:
-                warn_about_socket_buffers(size)
-            sample = self._api.copy_large(self._type_object, SAMPLE_WITH_DATA, 1, iov, size)
-        if not sample:
-            raise TransportError(f"Cyclone DDS does not take {data[:8].hex()}... ({size} bytes): no serialized message")
-        code = self._write(self._entity, _address(sample))
+        if size > LARGE_BYTES:
+            warn_about_socket_buffers(size)
+        domain, writing, here = self._domain, self._writing, _thread()
+        writing.append(here)
+        try:
+            if domain.is_left:
+                raise ClosedError(f"the writer of {self.topic} is closed")
+            if size < _LARGE_SAMPLE:
+                sample = self._copy(self._type_object, SAMPLE_WITH_DATA, _one, iov, _size(size))
+            else:
+                sample = self._api.copy_large(self._type_object, SAMPLE_WITH_DATA, 1, iov, size)
+            if not sample:
+                what = f"{data[:8].hex()}... ({size} bytes)"
+                raise TransportError(f"Cyclone DDS does not take {what}: no serialized message")
+            code = self._write(self.entity, _address(sample))
+            if code in NOT_TAKEN:
+                self._api.serdata_unref(sample)
+        finally:
+            writing.remove(here)
+            if domain.is_left:
+                domain.end_if_unused()
         if code == 0 and self._key not in _local_readers:
             return True
-        if code in NOT_TAKEN:
-            self._api.serdata_unref(sample)
         return self._is_written(code, data)
 
     def write_for(self, data: Payload, identity: Identity) -> bool:
@@ -139,10 +174,22 @@ class CycloneWriter:
         data = in_fours(data)
         if len(data) > LARGE_BYTES:
             warn_about_socket_buffers(len(data))
-        if self._entity == 0:
-            raise ClosedError(f"the writer of {self._topic} is closed")
-        address = self._owner.type_object(self._type).address
-        return self._is_written(self._owner.fast_dds.write(self._entity, self.guid, address, data, identity), data)
+        if self.entity == 0:
+            raise ClosedError(f"the writer of {self.topic} is closed")
+        if self._functions is None:
+            raise TransportError(f"Cyclone DDS cannot say whose a sample is: {self._owner.fast_dds.refusal}")
+        address = self._type_object.value or 0
+        domain, writing, here = self._domain, self._writing, _thread()
+        writing.append(here)
+        try:
+            if domain.is_left:
+                raise ClosedError(f"the writer of {self.topic} is closed")
+            code = self._functions.write(self.entity, self.guid[12:], address, data, identity)
+        finally:
+            writing.remove(here)
+            if domain.is_left:
+                domain.end_if_unused()
+        return self._is_written(code, data)
 
     def _is_written(self, code: int, data: Payload) -> bool:
         if code == 0:
@@ -152,35 +199,30 @@ class CycloneWriter:
             return True
         if code == functions.TIMEOUT:
             return False
-        if self._entity == 0:
-            raise ClosedError(f"the writer of {self._topic} is closed")
-        self._api.check(code, f"write {len(data)} bytes to {self._topic}")
+        if self.entity == 0:
+            raise ClosedError(f"the writer of {self.topic} is closed")
+        self._api.check(code, f"write {len(data)} bytes to {self.topic}")
         return True
 
     def matched_readers(self) -> list[bytes]:
-        return self._owner.discovery.matched(self._entity, is_writer=True)
+        return self._owner.discovery.matched(self.entity, is_writer=True)
 
     def has_readers(self) -> bool:
         status = functions.MatchedStatus()
-        return self._api.bare_matched(self._entity, _by_reference(status)) == 0 and status.current > 0
+        return self._api.bare_matched(self.entity, _by_reference(status)) == 0 and status.current > 0
 
     def all_acknowledged(self) -> bool:
-        code = self._api.wait_for_acks(self._entity, 0)
+        code = self._api.wait_for_acks(self.entity, 0)
         return code == 0 or (code != functions.TIMEOUT and self._api.check(code, "wait for acknowledgements") == 0)
 
-    def event_counts(self, event: str) -> tuple[int, ...] | None:
-        status = _OFFERED[event]
-        return self._api.counts(self._entity, status, 1)
-
     def assert_liveliness(self) -> None:
-        self._api.check(self._api.assert_liveliness(self._entity), "assert liveliness")
+        self._api.check(self._api.assert_liveliness(self.entity), "assert liveliness")
 
     def close(self) -> None:
-        entity, self._entity = self._entity, 0
+        entity, self.entity = self.entity, 0
         if entity:
             self._api.delete(entity)
-            self._owner.release_topic(self._topic, self._type)
-            self._owner.fast_dds.sweep()
+            self._owner.release_topic(self.topic, self.type)
 
 
 # -------------------------------------------------------------------------------------------------------------- reader
@@ -203,37 +245,31 @@ class TakeBuffers:
         self.info_bytes = memoryview(self.infos)
 
 
-class CycloneReader:
+class CycloneReader(_Endpoint):
     """See `port.Reader`."""
 
-    def __init__(
-        self, owner: Host, entity: int, topic: str, type: str, queue: ReceiveQueue, *, is_reliable: bool
-    ) -> None:
-        self._owner = owner
-        self.topic = topic
-        self.is_reliable = is_reliable
-        self.type = type
-        self._key = (owner.domain_id, topic)
-        self.entity = entity
-        self.queue = queue
+    _statuses = _REQUESTED
+
+    def __init__(self, owner: Host, entity: int, end: DdsEndpoint) -> None:
+        super().__init__(owner, entity, end)
+        self.is_reliable = end.qos.reliability is Reliability.RELIABLE
+        self.queue = ReceiveQueue(end.qos)
         self.sink: Sink | None = None
-        self._api = owner.api
         self._take = owner.api.bare_take
-        address, self._content = owner.type_object(type)
+        address, self._content = owner.type_object(end.type)
         self._functions = owner.fast_dds.samples(address)
         self._size_of, self._unref = owner.api.serdata_size, owner.api.serdata_unref
         self._buffers = owner.buffers
         self._guids = owner.discovery.guids
         self._large_bytes = 0
-        self.guid = owner.guid_of(entity)
-        owner.watch(self)
+        owner.readers[entity] = self
         with _local_lock:
             _local_readers[self._key] = (*_local_readers.get(self._key, ()), self)
 
     def set_sink(self, sink: Sink | None) -> None:
         self.sink = sink
         if sink is not None and (self.fetch() or self.queue.items):
-            self._owner.wake(self.entity)
+            self._owner.pipe.put(self.entity)
 
     def fetch(self) -> bool:
         """Move all samples from DDS into the queue; returns whether there were any. From any thread."""
@@ -269,7 +305,7 @@ class CycloneReader:
                 size = size_of(sample)
                 data: Payload | None = None
                 if functions_of_ours is not None and functions_of_ours.sends:
-                    data = self._owner.fast_dds.local_content(sample)
+                    data = functions_of_ours.identified(sample, size)
                 if data is not None:
                     unref(sample)
                 elif content is None:
@@ -303,12 +339,6 @@ class CycloneReader:
     def matched_writers(self) -> list[bytes]:
         return self._owner.discovery.matched(self.entity, is_writer=False)
 
-    def event_counts(self, event: str) -> tuple[int, ...] | None:
-        if event == "liveliness":
-            return self._api.counts(self.entity, "liveliness_changed", 2)
-        status = _REQUESTED[event]
-        return self._api.counts(self.entity, status, 1)
-
     def writer_guid(self, handle: int) -> bytes | None:
         guid = self._guids.get(handle)
         return guid or self._owner.discovery.endpoint_guid(self.entity, handle, is_writer=False)
@@ -323,7 +353,7 @@ class CycloneReader:
                 _local_readers[self._key] = left
             else:
                 del _local_readers[self._key]
-        self._owner.unwatch(entity)
+        self._owner.readers.pop(entity, None)
         with self._owner.buffers.lock:
             self.entity = 0
         self._api.delete(entity)

@@ -15,13 +15,14 @@ import signal
 import struct
 import sys
 import threading
+from contextlib import contextmanager
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rosidl_py_gen.runtime.transport.port import TransportError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
 _set_handler = import_module("_signal").signal
 """`signal.signal` without its Python wrapper, which looks for an enum member: 7 us, on the way of each reply."""
@@ -30,12 +31,12 @@ TIMEOUT = -10
 PRECONDITION_NOT_MET = -4
 NOT_TAKEN = frozenset({-3, -9, -12})
 """What `dds_writecdr` answers when it never came to the writer, and left the reference to the sample with us."""
-INFINITE = 2**63 - 1
 SAMPLE_WITH_DATA = 2
 DCPS_PARTICIPANT, DCPS_PUBLICATION, DCPS_SUBSCRIPTION = 0x7FFF0001, 0x7FFF0003, 0x7FFF0004
 """Pseudo handles of the builtin topics."""
 
 
+_Lent = TypeVar("_Lent", bound=ct.Structure)
 _is_windows = sys.platform == "win32"
 
 
@@ -84,17 +85,9 @@ class BuiltinEndpoint(ct.Structure):
     )
 
 
-_ParticipantPointer, _EndpointPointer = ct.POINTER(BuiltinParticipant), ct.POINTER(BuiltinEndpoint)
-
-
-def participant_at(address: int) -> BuiltinParticipant:
-    """What a reader of `DCPS_PARTICIPANT` has lent."""
-    return ct.cast(address, _ParticipantPointer).contents
-
-
-def endpoint_at(address: int) -> BuiltinEndpoint:
-    """What a reader of one of the other builtin topics has lent, or a writer or reader was asked for."""
-    return ct.cast(address, _EndpointPointer).contents
+def lent(address: int, kind: type[_Lent]) -> _Lent:
+    """What a reader of a builtin topic has lent, or a writer or reader was asked for."""
+    return ct.cast(address, ct.POINTER(kind)).contents
 
 
 class TopicDescriptor(ct.Structure):
@@ -156,7 +149,6 @@ _FUNCTIONS = {
 _SHORT = {
     "p:pizpz": "ddsi_serdata_from_ser_iov",
     "p:pzzp": "ddsi_serdata_to_ser_ref",
-    "p:p": "ddsi_serdata_ref",
     "-:p": "ddsi_serdata_unref",
     "-:pp": "ddsi_serdata_to_ser_unref",
     "u:p": "ddsi_serdata_size",
@@ -202,6 +194,22 @@ class Api:
     if TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Callable[..., Any]: ...
+
+    def guid_of(self, entity: int) -> bytes:
+        """The entity's GUID in network order."""
+        buffer = ct.create_string_buffer(16)
+        self.check(self.get_guid(entity, buffer), "read a GUID")
+        return buffer.raw
+
+    @contextmanager
+    def pinned(self, entity: int) -> Iterator[int]:
+        """The address of an entity, which stays there for as long."""
+        found = ct.c_void_p()
+        self.check(self.entity_pin(entity, ct.byref(found)), "look at an entity")
+        try:
+            yield found.value or 0
+        finally:
+            self.entity_unpin(found)
 
     def counts(self, entity: int, status: str, number: int) -> tuple[int, ...]:
         """The first counts of a status, such as ``sample_lost``: all of them begin with 32 bit numbers."""

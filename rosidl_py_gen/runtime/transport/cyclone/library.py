@@ -42,12 +42,6 @@ _WHEELS = {
 """Packages that bring the library, and where they have it. Beside these cyclonedds has another copy, for compilers."""
 
 
-class _Address(ct.Structure):
-    """Dl_info."""
-
-    _fields_ = (("file", ct.c_char_p), ("base", ct.c_void_p), ("name", ct.c_char_p), ("address", ct.c_void_p))
-
-
 @dataclass(frozen=True)
 class Library:
     """One that has all we need.
@@ -152,10 +146,9 @@ def _file_of(library: ct.CDLL, name: str) -> str:
         tell = ct.CDLL(None).dladdr
     except (AttributeError, OSError, TypeError):  # Windows
         return name
-    address = _Address()
-    tell.argtypes = (ct.c_void_p, ct.c_void_p)
-    told = tell(ct.cast(library["dds_create_participant"], ct.c_void_p), ct.byref(address))
-    return os.path.realpath(os.fsdecode(address.file)) if told and address.file else name
+    told = (ct.c_char_p * 4)()  # Dl_info, which begins with the name of the file
+    is_known = tell(ct.cast(library["dds_create_participant"], ct.c_void_p), told)
+    return os.path.realpath(os.fsdecode(told[0])) if is_known and told[0] else name
 
 
 def has_wheel() -> bool:

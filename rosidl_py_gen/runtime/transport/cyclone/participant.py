@@ -16,11 +16,11 @@ Rules a newcomer would otherwise break:
 
 from __future__ import annotations
 
-import ctypes as ct
 import os
 import threading
 from collections import defaultdict
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -34,15 +34,14 @@ from rosidl_py_gen.runtime.transport.cyclone.domain import Domain
 from rosidl_py_gen.runtime.transport.cyclone.endpoints import CycloneReader, CycloneWriter, TakeBuffers
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds.catchup import EarlySamples
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds.greeting import ask_writers, greet
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import NEIGHBOUR, FastDds
 from rosidl_py_gen.runtime.transport.cyclone.pipe import ArrivalPipe, putw
-from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, participant_qos
-from rosidl_py_gen.runtime.transport.dds.names import endpoint_user_data, participant_user_data
+from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, new_qos
+from rosidl_py_gen.runtime.transport.dds.names import participant_user_data
 from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant
 from rosidl_py_gen.runtime.transport.discovered import EndpointFound
 from rosidl_py_gen.runtime.transport.port import DiscoveryRange
 from rosidl_py_gen.runtime.transport.qos import Reliability, effective
-from rosidl_py_gen.runtime.transport.samples import ReceiveQueue
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -94,31 +93,31 @@ class CycloneParticipant(DdsParticipant):
         self._lock = threading.Lock()
         self._topics: dict[tuple[str, str], list[int]] = {}
         self._idle_topics: dict[tuple[str, str], None] = {}
-        self._readers: dict[int, CycloneReader] = {}
+        self.readers: dict[int, CycloneReader] = {}
+        """By their entities: those that `collect` looks at when `pipe` names them."""
         self.buffers = TakeBuffers()
         self._is_local = is_local
         with ExitStack() as undo:
-            self._pipe = ArrivalPipe()
-            undo.callback(self._pipe.close)
-            self._domain = Domain.join(_api, _fast_dds, domain_id, xml)
-            undo.callback(self._domain.leave)
+            self.pipe = ArrivalPipe()
+            undo.callback(self.pipe.close)
+            self.domain = Domain.join(_api, _fast_dds, domain_id, xml)
+            undo.callback(self.domain.leave)
             self._listener: int = _api.create_listener(None)
             undo.callback(_api.delete_listener, self._listener)
-            _api.lset_data_available_arg(self._listener, putw, self._pipe.stream, True)
+            _api.lset_data_available_arg(self._listener, putw, self.pipe.stream, True)
             self._early = EarlySamples(_api, _fast_dds, self._listener)
             undo.callback(self._early.close)
-            with participant_qos(_api, user_data) as qos:
+            with new_qos(_api, user_data) as qos:
                 what = f"create a participant in domain {domain_id}"
                 self.entity = _api.check(_api.create_participant(domain_id, qos, None), what)
             undo.callback(_api.delete, self.entity)
-            if IGNORES_TYPES in _library.lacks and not self._domain.drops_type_lookups:
-                self._domain.drops_type_lookups = True
-                _fast_dds.drop_type_lookups(self.entity)
+            if IGNORES_TYPES in _library.lacks:  # before anybody answers
+                self.domain.types.create_topic(self.entity, NEIGHBOUR, NEIGHBOUR)
             self._publisher = _api.check(_api.create_publisher(self.entity, None, None), "create a publisher")
             self._subscriber = _api.check(_api.create_subscriber(self.entity, None, None), "create a subscriber")
-            self.guid = self.guid_of(self.entity)
+            self.guid = _api.guid_of(self.entity)
             self.discovery = DiscoveryReaders(
-                *(_api, _fast_dds, self.entity, self._listener, self._pipe.stream),
+                *(_api, _fast_dds, self.entity, self._listener, self.pipe.stream),
                 greet=partial(greet, self.guid, is_local=is_local),
             )
             self._early.learn(self.discovery.entities[0])
@@ -136,41 +135,32 @@ class CycloneParticipant(DdsParticipant):
     @property
     def capabilities(self) -> dict[str, str]:
         """See `port.Participant`."""
-        self.fast_dds.slots()
-        return self.fast_dds.capabilities().shown()
+        _ = self.fast_dds.slots  # which decides about services
+        return self.fast_dds.capabilities()
 
     # ------------------------------------------------------------------------------------------------ endpoints
 
-    def guid_of(self, entity: int) -> bytes:
-        """The entity's GUID in network order."""
-        buffer = ct.create_string_buffer(16)
-        _api.check(_api.get_guid(entity, buffer), "read a GUID")
-        return buffer.raw
-
     def make_writer(self, end: DdsEndpoint) -> CycloneWriter:
-        profile = effective(end.qos, is_writer=True)
-        with endpoint_qos(_api, profile, _user_data(end), is_writer=True) as cqos:
-            entity = self._create(_api.create_writer, self._publisher, end.topic, end.type, cqos, None)
-        return CycloneWriter(self, entity, end.topic, end.type)
+        end = replace(end, qos=effective(end.qos, is_writer=True))
+        with endpoint_qos(_api, end, is_writer=True) as cqos:
+            entity = self._create(_api.create_writer, self._publisher, end, cqos, None)
+        return CycloneWriter(self, entity, end)
 
     def make_reader(self, end: DdsEndpoint) -> CycloneReader:
-        profile = effective(end.qos, is_writer=False)
-        is_reliable = profile.reliability is Reliability.RELIABLE
-        with endpoint_qos(_api, profile, _user_data(end), is_writer=False, ignore_local=end.ignore_local) as cqos:
-            create = partial(self._create, _api.create_reader, self._subscriber, end.topic, end.type, cqos)
-            entity = self._early.create_reader(create, is_reliable=is_reliable)
-        return CycloneReader(self, entity, end.topic, end.type, ReceiveQueue(profile), is_reliable=is_reliable)
+        end = replace(end, qos=effective(end.qos, is_writer=False))
+        with endpoint_qos(_api, end, is_writer=False) as cqos:
+            create = partial(self._create, _api.create_reader, self._subscriber, end, cqos)
+            entity = self._early.create_reader(create, is_reliable=end.qos.reliability is Reliability.RELIABLE)
+        return CycloneReader(self, entity, end)
 
-    def _create(
-        self, create: Callable[..., int], parent: int, topic: str, type: str, qos: int, listener: int | None
-    ) -> int:
+    def _create(self, create: Callable[..., int], parent: int, end: DdsEndpoint, qos: int, listener: int | None) -> int:
         if self._closed:
             raise ClosedError("this participant is closed")
-        handle = self._hold_topic(topic, type)
+        handle = self._hold_topic(end.topic, end.type)
         try:
-            return _api.check(create(parent, handle, qos, listener), f"create an endpoint of {topic} ({type})")
+            return _api.check(create(parent, handle, qos, listener), f"create an endpoint of {end.topic} ({end.type})")
         except BaseException:
-            self.release_topic(topic, type)
+            self.release_topic(end.topic, end.type)
             raise
 
     def _hold_topic(self, topic: str, type: str) -> int:
@@ -178,14 +168,14 @@ class CycloneParticipant(DdsParticipant):
             held = self._topics.get((topic, type))
             self._idle_topics.pop((topic, type), None)
             if held is None:
-                handle = self._domain.types.create_topic(self.entity, topic, type)
+                handle = self.domain.types.create_topic(self.entity, topic, type)
                 held = self._topics[topic, type] = [handle, 0]
             held[1] += 1
             return held[0]
 
     def type_object(self, type: str) -> TypeObject:
         """What stands for a type that has endpoints."""
-        return self._domain.types[type]
+        return self.domain.types[type]
 
     def release_topic(self, topic: str, type: str) -> None:
         """Give back what `_hold_topic` took.
@@ -205,18 +195,6 @@ class CycloneParticipant(DdsParticipant):
 
     # ------------------------------------------------------------------------------------------------- arrivals
 
-    def watch(self, reader: CycloneReader) -> None:
-        """Let `collect` know a reader."""
-        self._readers[reader.entity] = reader
-
-    def unwatch(self, entity: int) -> None:
-        """Undo `watch`."""
-        self._readers.pop(entity, None)
-
-    def wake(self, entity: int) -> None:
-        """Let `collect` look at a reader that nothing may arrive for any more."""
-        self._pipe.put(entity)
-
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
         pass_on = self.listen_for_nodes(sink)
 
@@ -225,7 +203,7 @@ class CycloneParticipant(DdsParticipant):
             pass_on(events)
 
         self.discovery.sink = take
-        self._pipe.put(self.discovery.entities[0])
+        self.pipe.put(self.discovery.entities[0])
 
     def _note_writers(self, events: list[DiscoveryEvent]) -> None:
         """Those on Fast DDS are asked what they have written, when Cyclone has had time to connect them."""
@@ -243,7 +221,7 @@ class CycloneParticipant(DdsParticipant):
 
     def _ask_writers(self, writers: list[EndpointFound]) -> None:
         readers: defaultdict[tuple[str, str], list[bytes]] = defaultdict(list)
-        for reader in list(self._readers.values()):
+        for reader in list(self.readers.values()):
             if reader.is_reliable:
                 readers[reader.topic, reader.type].append(reader.guid)
         asked: defaultdict[str, list[tuple[bytes, bytes]]] = defaultdict(list)
@@ -259,14 +237,14 @@ class CycloneParticipant(DdsParticipant):
         self.read_nodes()
 
     def fileno(self) -> int | None:
-        return self._pipe.fileno()
+        return self.pipe.fileno()
 
     def set_notify(self, notify: Callable[[], None] | None) -> None:
-        if notify is not None or self._pipe.fileno() is None:
-            self._pipe.read_in_thread(notify)
+        if notify is not None or self.pipe.fileno() is None:
+            self.pipe.read_in_thread(notify)
 
     def collect(self) -> list[Sink]:
-        named, readers = self._pipe.read(), self._readers
+        named, readers = self.pipe.read(), self.readers
         if named is None:
             named = (*self.discovery.entities, *readers)
         sinks: list[Sink] = []
@@ -288,14 +266,10 @@ class CycloneParticipant(DdsParticipant):
             return
         self.forget_nodes()
         self._closed = True
-        for reader in list(self._readers.values()):
+        for reader in list(self.readers.values()):
             reader.close()
         self._undo.close()
         self.discovery.close()
-
-
-def _user_data(end: DdsEndpoint) -> bytes:
-    return endpoint_user_data(end.type_hash, client_id=end.client_id, service_id=end.service_id)
 
 
 def _without_shared_memory() -> str:

@@ -19,6 +19,7 @@ from __future__ import annotations
 import ctypes as ct
 import os
 import struct
+from contextlib import nullcontext
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
@@ -36,12 +37,12 @@ TYPE_FUNCTIONS, SAMPLE_FUNCTIONS = 0, WORD
 """Where a type has the addresses of its two tables."""
 _TABLE_WORDS, _SLOTS = 17, 20
 """So many functions are copied, and looked for."""
-_SAMPLE_KIND, _SAMPLE_TYPE, _TYPE_DOMAIN = 16, 24, 40
+_TYPE_DOMAIN = 40
 _ENTITY_BYTES, _READER_BYTES, _DOMAIN_BYTES = 2048, 1024, 16384
 _PAGE = 4096
 _CONTENT = bytes.fromhex("00010000") + bytes(range(65, 81))
-_fragment = struct.Struct("=Q12xIHH")
-"""The packet, where the fragment ends in the message, where submessage and payload begin in the packet."""
+_fragment = struct.Struct("=Q16xHH")
+"""The packet, and where submessage and payload begin in it."""
 _PACKET = 48
 _out = struct.Struct("=8xQQi4xQ")
 """Room, size of the submessages, whether there are parameters, the message if there is one; then the iov."""
@@ -53,6 +54,9 @@ _AnyFunction = ct.PYFUNCTYPE(ct.c_void_p, *[ct.c_void_p] * 4)
 
 bytes_at = ct.PYFUNCTYPE(ct.py_object, ct.c_void_p, ct.c_ssize_t)(("PyBytes_FromStringAndSize", ct.pythonapi))
 """`ctypes.string_at` without its Python wrapper."""
+_for_ever: dict[tuple[int, int, int | None], Table] = {}
+_direct = nullcontext(bytes_at)
+"""In the place of a `Peek`, where the same kind of object was seen through one."""
 
 
 class Peek:
@@ -136,16 +140,23 @@ def put_table(type_object: int, which: int, table: Table) -> None:
     ct.c_void_p.from_address(type_object + which).value = ct.addressof(table)
 
 
+def replace_function(type_object: int, which: int, slot: int, function: int | None) -> None:
+    """Let the type have a copy of its table with another function in that slot; types that shared a table share it."""
+    key = table_at(type_object, which), slot, function
+    table = _for_ever.setdefault(key, copied_table(type_object, which))
+    table[slot] = function
+    put_table(type_object, which, table)
+
+
 # -------------------------------------------------------------------------------------------------- tables and samples
 
 
 class Slots(NamedTuple):
-    """Places of functions in the tables, and of the number of references in a sample."""
+    """Places of functions in the tables."""
 
     from_ser: int
     to_ser_ref: int
     derive_sertype: int
-    references: int
 
 
 def find_slots(api: Api) -> Slots | None:
@@ -167,14 +178,7 @@ def find_slots(api: Api) -> Slots | None:
         if len(called) != 1 or called[0][0] != table:
             return None
         places.append(called[0][1])
-    api.serdata_ref(ct.addressof(blank))
-    counted = [4 * index for index, number in enumerate(blank) if number]
-    return Slots(*places, *counted) if len(counted) == 1 else None
-
-
-def references(sample: int, slots: Slots) -> int:
-    """How many there are to a sample of ours."""
-    return ct.c_uint32.from_address(sample + slots.references).value
+    return Slots(*places)
 
 
 def new_sample(api: Api, type_object: int, data: bytes) -> int:
@@ -204,23 +208,34 @@ def find_content(api: Api, type_object: int) -> int | None:
     return distance if not found and 0 < distance < _PAGE else None
 
 
-def are_samples_as_known(api: Api, type_object: int, slots: Slots) -> bool:
-    """Whether a sample of that type names the type and its functions where they are looked for, and is counted."""
-    sample = new_sample(api, type_object, _CONTENT)
-    with Peek() as peek:
-        counts = []
-        for change in (api.serdata_ref, api.serdata_unref, None):
-            counts.append(int.from_bytes(peek(sample + slots.references, 4), "little"))
-            if change is not None:
-                change(sample)
-        is_known = (
-            counts == [1, 2, 1]
-            and peek.word(sample) == peek.word(type_object + SAMPLE_FUNCTIONS)
-            and peek.word(sample + _SAMPLE_TYPE) == type_object
-            and peek(sample + _SAMPLE_KIND, 1)[0] == SAMPLE_WITH_DATA
-        )
-    api.serdata_unref(sample)
-    return is_known
+def find_size(api: Api, type_object: int, content: int) -> int | None:
+    """Where a sample says how many bytes follow its first four; None when it is not found, or samples do not have the
+    functions of their type.
+
+    Args:
+        content: how far behind its beginning its bytes lie.
+    """
+    places = []
+    for data in (_CONTENT, _CONTENT * 40):
+        sample = new_sample(api, type_object, data)
+        is_known = table_at(sample, 0) == table_at(type_object, SAMPLE_FUNCTIONS)
+        head = struct.unpack(f"={content // 4}I", bytes_at(sample, content // 4 * 4))
+        places.append({4 * at for at, number in enumerate(head) if is_known and number == len(data) - 4})
+        api.serdata_unref(sample)
+    found = places[0] & places[1]
+    return found.pop() if len(found) == 1 else None
+
+
+def shorten(api: Api, sample: int, place: int, count: int) -> bool:
+    """Let a sample of ours end so many bytes earlier; False when Cyclone does not say that it does."""
+    size, number = api.serdata_size(sample), ct.c_uint32.from_address(sample + place)
+    if number.value + 4 != size:
+        return False
+    number.value -= count
+    if api.serdata_size(sample) == size - count:
+        return True
+    number.value += count
+    return False
 
 
 def content_at(address: int, size: int) -> ct.Array[ct.c_ubyte]:
@@ -292,29 +307,20 @@ class Packets:
         """How far behind the iov a packet being made has the address of its data."""
         self._has_received = False
 
-    def received(self, fragment: int) -> tuple[bytes, int, int, int, int]:
-        """What stands before a message, with the 4 bytes it begins with.
-
-        Returns:
-            The bytes, the address of the packet, where the submessage and the payload begin in it, and where the
-            fragment ends in the message.
+    def received(self, fragment: int) -> tuple[bytes, bytes]:
+        """What stands before a message: all of the packet up to there, and the last submessage of it.
 
         Raises:
             ValueError: it is not as known.
         """
-        if self._has_received:
-            packet, last, begin, payload = _fragment.unpack(bytes_at(fragment, _fragment.size))
-            before = bytes_at(packet + _PACKET, payload + 4)
-        else:
-            with Peek() as peek:
-                packet, last, begin, payload = _fragment.unpack(
-                    peek(fragment, _fragment.size).ljust(_fragment.size, b"\0")
-                )
-                before = peek(packet + _PACKET, payload + 4)
+        with _direct if self._has_received else Peek() as read:
+            found = read(fragment, _fragment.size).ljust(_fragment.size, b"\0")
+            packet, begin, payload = _fragment.unpack(found)
+            before = read(packet + _PACKET, payload)
         if before[:4] != b"RTPS":
             raise ValueError(f"no packet: {before[:20].hex()}")
         self._has_received = True
-        return before, packet + _PACKET, begin, payload, last
+        return before, before[begin:]
 
     def announce_parameters(self, iov: int, writer_id: bytes) -> bool:
         """Set the flag in the packet that `iov` belongs to; False when no packet is being made.
@@ -322,19 +328,15 @@ class Packets:
         Raises:
             ValueError: it does not look like a packet of that writer.
         """
-        if self._data is None:
-            with Peek() as peek:
-                out = peek(iov - _out.size, _out.size).ljust(_out.size, b"\0")
-        else:
-            out = bytes_at(iov - _out.size, _out.size)
-        room, size, has_parameters, message = _out.unpack(out)
-        if message or not rtps.DATA_FRAG_BYTES <= size <= room:
-            return False  # no packet is being made: the sample is copied for somebody
-        if has_parameters:
-            return False  # Cyclone has put some in, for a reader that wants hashes of keys
-        if self._data is None:
-            with Peek() as peek:
-                self._data = find_packet(peek, iov, _OUT_HEAD + size, writer_id)
+        with _direct if self._data is not None else Peek() as read:
+            out = read(iov - _out.size, _out.size).ljust(_out.size, b"\0")
+            room, size, has_parameters, message = _out.unpack(out)
+            if message or not rtps.DATA_FRAG_BYTES <= size <= room:
+                return False  # no packet is being made: the sample is copied for somebody
+            if has_parameters:
+                return False  # Cyclone has put some in, for a reader that wants hashes of keys
+            if isinstance(read, Peek):
+                self._data = find_packet(read, iov, _OUT_HEAD + size, writer_id)
         if self._data is not None:
             address = ct.c_void_p.from_address(iov + self._data).value or 0
             data = bytes_at(address, _OUT_HEAD + size) if address else b""

@@ -70,8 +70,11 @@ class TypeObjects:
                 return api.check(
                     api.create_topic_sertype(participant, topic.encode(), ct.byref(used_up), None, None, None), what
                 )
-            entity = api.check(create_opaque(api, participant, topic, dds_type), what)
-            address = type_of(api, entity, dds_type)
+            descriptor = TopicDescriptor(
+                size=1, align=1, type_name=dds_type.encode(), op_count=len(_OPS), ops=ct.addressof(_OPS)
+            )  # which is copied
+            entity = api.check(api.create_topic(participant, ct.byref(descriptor), topic.encode(), None, None), what)
+            address = self._type_of(entity, dds_type)
             if address is None:
                 raise TransportError(
                     f"Cyclone DDS could not {what}: this library has no dds_get_entity_sertype, and the type was not "
@@ -81,13 +84,18 @@ class TypeObjects:
             self._prepare(found, dds_type)
             return entity
 
+    def _type_of(self, topic: int, dds_type: str) -> int | None:
+        api = self._api
+        if api.get_entity_sertype is None:
+            with api.pinned(topic) as address:
+                return structures.find_type(address, dds_type.encode(), api.sertype_version)
+        found = ct.c_void_p()
+        api.check(api.get_entity_sertype(topic, ct.byref(found)), f"find the type {dds_type}")
+        return found.value
+
     def __getitem__(self, dds_type: str) -> TypeObject:
         """That of a type that has topics."""
         return self._known[dds_type]
-
-    def addresses(self) -> set[int]:
-        """Of all of them."""
-        return {known.address for known in self._known.values()}
 
     def close(self) -> None:
         """Give the type objects back, before the domain is deleted."""
@@ -95,25 +103,3 @@ class TypeObjects:
             for known in self._known.values():
                 self._api.sertype_unref(known.address)
             self._known.clear()
-
-
-def create_opaque(api: Api, participant: int, topic: str, dds_type: str) -> int:
-    """The first topic of a type; the library copies what it is told."""
-    descriptor = TopicDescriptor(
-        size=1, align=1, type_name=dds_type.encode(), op_count=2, ops=ct.addressof(_OPS), flags=0
-    )
-    entity: int = api.create_topic(participant, ct.byref(descriptor), topic.encode(), None, None)
-    return entity
-
-
-def type_of(api: Api, topic: int, dds_type: str) -> int | None:
-    """The address of the type object of a topic."""
-    found = ct.c_void_p()
-    if api.get_entity_sertype is not None:
-        api.check(api.get_entity_sertype(topic, ct.byref(found)), f"find the type {dds_type}")
-        return found.value
-    api.check(api.entity_pin(topic, ct.byref(found)), f"look at a topic of {dds_type}")
-    try:
-        return structures.find_type(found.value or 0, dds_type.encode(), api.sertype_version)
-    finally:
-        api.entity_unpin(found)

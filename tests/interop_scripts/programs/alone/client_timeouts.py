@@ -28,7 +28,7 @@ servers = rclpy.create_node("serves")
 executor = SingleThreadedExecutor()
 executor.add_node(servers)
 servers.create_service(Trigger, "work", work)
-servers.create_service(SetBool, "slow", lambda request, response: time.sleep(0.3) or response)
+servers.create_service(SetBool, "slow", lambda request, response: time.sleep(0.3) or response)  # longer than calls wait
 
 
 def broken(request, response):

@@ -74,7 +74,7 @@ late.pub.publish(Int32(data=99))
 while 99 not in late.seen:
     alone.wait(0.01)
 print(late.seen, len(together.get_nodes()))
-together.shutdown()
-thread.join()
+together.shutdown(5)  # at times a thread of real rclpy stays under load
+thread.join(5)
 rclpy.shutdown()
 print("ended")

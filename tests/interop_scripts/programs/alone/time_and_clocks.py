@@ -18,6 +18,10 @@ def tell(what):
         print(type(error).__name__, error if isinstance(error, TypeError) else "")
 
 
+def let_sleep():
+    time.sleep(0.05)  # the thread sleeps by now; if it does not yet, this shows less, and prints the same
+
+
 rclpy.init()
 node = rclpy.create_node("clocks")
 clock = node.get_clock()
@@ -66,7 +70,7 @@ print(ros.now(), jumps[0], len(jumps) > 2, jumps[-1])
 woken = []
 thread = threading.Thread(target=lambda: woken.append(ros.sleep_until(Time(seconds=30, clock_type=ClockType.ROS_TIME))))
 thread.start()
-time.sleep(0.05)
+let_sleep()
 print(woken)
 ros.set_ros_time_override(Time(seconds=31, clock_type=ClockType.ROS_TIME))
 thread.join(10)
@@ -77,7 +81,7 @@ ros.set_ros_time_override(Time(seconds=1, clock_type=ClockType.ROS_TIME))
 print(len(jumps) == count)
 thread = threading.Thread(target=lambda: woken.append(clock.sleep_for(Duration(seconds=100))))
 thread.start()
-time.sleep(0.05)
+let_sleep()
 rclpy.shutdown()
 thread.join(10)
 print(woken)

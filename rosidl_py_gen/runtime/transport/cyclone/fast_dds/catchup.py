@@ -19,9 +19,11 @@ one, in the creating thread.
 from __future__ import annotations
 
 import ctypes as ct
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.transport.cyclone import functions, structures
+from rosidl_py_gen.runtime.transport.port import TransportError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -46,10 +48,8 @@ class EarlySamples:
         """Find out how readers look: from one of a builtin topic, of which no peer is told."""
         fast_dds = self._fast_dds
         if fast_dds.reader_place is None and not fast_dds.early_refusal:
-            guid, pinned = ct.create_string_buffer(16), ct.c_void_p()
-            if self._api.get_guid(builtin_reader, guid) == 0 == self._api.entity_pin(builtin_reader, ct.byref(pinned)):
-                fast_dds.reader_place = structures.find_reader(pinned.value or 0, guid.raw)
-                self._api.entity_unpin(pinned)
+            with self._api.pinned(builtin_reader) as address:
+                fast_dds.reader_place = structures.find_reader(address, self._api.guid_of(builtin_reader))
             if fast_dds.reader_place is None:
                 fast_dds.early_refusal = "readers do not look as known in this library"
 
@@ -67,15 +67,11 @@ class EarlySamples:
         self._ask(entity, None)
 
     def _ask(self, entity: int, is_reliable: bool | None) -> None:
-        """Set the flag."""
-        api, place = self._api, self._fast_dds.reader_place
-        guid, pinned = ct.create_string_buffer(16), ct.c_void_p()
-        if place is None or api.get_guid(entity, guid) != 0 or api.entity_pin(entity, ct.byref(pinned)) != 0:
-            return
-        try:
-            wrong = structures.let_want_all(pinned.value or 0, place, guid.raw, is_reliable)
-        finally:
-            api.entity_unpin(pinned)
+        """Set the flag, unless the reader is gone."""
+        place, wrong = self._fast_dds.reader_place, None
+        if place is not None:
+            with suppress(TransportError), self._api.pinned(entity) as address:
+                wrong = structures.let_want_all(address, place, self._api.guid_of(entity), is_reliable)
         if wrong is not None:
             self._fast_dds.early_refusal = f"Cyclone DDS does not behave as known: {wrong}"
 

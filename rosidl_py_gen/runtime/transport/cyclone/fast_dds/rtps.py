@@ -26,7 +26,7 @@ _PID_END, _PID_IDENTITY, _PID_IDENTITY_EARLIER = 1, 0x0083, 0x800F
 """Fast DDS up to 2.9 knows the last only, later ones send both."""
 _VENDORS_OF_EARLIER = (FAST_DDS_VENDOR, b"\x01\x01")
 """Whose parameters above 0x8000 mean what they mean to Fast DDS (itself and RTI)."""
-_both = struct.Struct("<HH16siI HH16siI I").pack
+_both = struct.Struct("<HH16siI HH16siI I")
 _numbers = (struct.Struct(">HH").unpack_from, struct.Struct("<HH").unpack_from)
 _sequence_numbers = (struct.Struct(">iI").unpack_from, struct.Struct("<iI").unpack_from)
 
@@ -35,11 +35,17 @@ def parameter_list(identity: Identity) -> bytes:
     """Both forms of the identity, and the end of the list; little-endian as all we send."""
     guid, sequence = identity
     high, low = sequence >> 32, sequence & 0xFFFFFFFF
-    return _both(
+    return _both.pack(
         *(_PID_IDENTITY, IDENTITY_BYTES, guid, high, low),
         *(_PID_IDENTITY_EARLIER, IDENTITY_BYTES, guid, high, low),
         _PID_END,
     )
+
+
+def identity_in(parameters: bytes) -> Identity:
+    """What `parameter_list` made them of."""
+    _, _, guid, high, low, *_ = _both.unpack(parameters)
+    return guid, high << 32 | low
 
 
 def read_submessage(packet: bytes, submessage: bytes, *, is_reply: bool) -> Identity | None:

@@ -7,8 +7,8 @@ them with some functions replaced by ours.
 - Receiving (`from_ser`): the parameters are read from the packet, and the sample becomes one with an identity, as
   `correlation.identified` makes it.
 - Sending (`to_ser_ref`): called while Cyclone makes a packet, whether the first time or to repeat a lost one. The
-  parameters go in front of the message, and a flag in the packet says so. Readers of this process need no packet: who
-  takes the sample puts the identity in.
+  sample has the parameters in front of the message, where Cyclone does not look; they go into the packet, and a flag
+  says so. Readers of this process need no packet: who takes the sample puts the identity in.
 
 Rules, each with a test:
 
@@ -20,7 +20,6 @@ Rules, each with a test:
   Cyclone tells of a new participant in its own thread before it takes anything else from it, and that puts them in
   (`notice`); whoever reads discovery takes them out again when it was none of Fast DDS (`settle`).
 - They must not run when the interpreter is gone: contexts are closed at exit, which ends all threads of Cyclone.
-- A small sample may not outlive its domain, whose pool it goes back to: `release` is called before that is deleted.
 
 Source: docs/internals/dds.md 2 to 5; docs/internals/protocol.md 5.3.
 """
@@ -28,18 +27,18 @@ Source: docs/internals/dds.md 2 to 5; docs/internals/protocol.md 5.3.
 from __future__ import annotations
 
 import ctypes as ct
+import os
 import platform
 import sys
 import threading
-from collections import deque
-from typing import TYPE_CHECKING, Any, NamedTuple
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.runtime.transport.cyclone import functions, structures, topics
-from rosidl_py_gen.runtime.transport.cyclone.capabilities import UNBOUND, YES, Capabilities
+from rosidl_py_gen.runtime.transport.cyclone import functions, structures
 from rosidl_py_gen.runtime.transport.cyclone.config import IGNORES_TYPES
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds import rtps
 from rosidl_py_gen.runtime.transport.cyclone.functions import SAMPLE_WITH_DATA, address_of, pack_iov
-from rosidl_py_gen.runtime.transport.cyclone.structures import SAMPLE_FUNCTIONS, TYPE_FUNCTIONS
+from rosidl_py_gen.runtime.transport.cyclone.structures import SAMPLE_FUNCTIONS, TYPE_FUNCTIONS, bytes_at
 from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR, IDENTITY_BYTES, identified
 from rosidl_py_gen.runtime.transport.discovered import Lost
 
@@ -54,50 +53,57 @@ if TYPE_CHECKING:
 _BAD_PARAMETER = -3
 _DISCARDED = 1
 """What `from_ser` answers after 11.0.1 beside NULL, when it has made no sample."""
-_PATIENCE = 4
-"""See `FastDds.sweep`."""
+_MARK = b"\0\1" + os.urandom(6)
+"""Begins samples with an identity that are to be sent; what comes from the network cannot begin so."""
+_BEFORE_PARAMETERS = len(_MARK) + 4
+_HIDDEN_BYTES = _BEFORE_PARAMETERS + rtps.PARAMETERS_BYTES
+"""The mark, the id of the writer, the parameters; the message follows."""
 
+_UNBOUND = "Cyclone DDS before 11 finds no nodes on Fast DDS then; data may leave by the address that a peer announces"
+_CAPABILITIES = (
+    ("refusal", "services of nodes on Fast DDS", "services of Fast DDS nodes cannot be used here, topics can"),
+    (
+        "early_refusal",
+        "first samples of nodes on Fast DDS",
+        "what Fast DDS nodes send in their first second may be lost here",
+    ),
+    (
+        "lookup_refusal",
+        "nodes on Fast DDS that ask each other for types",
+        "Fast DDS nodes that ask each other for types, as those of Kilted do, may end this process",
+    ),
+    ("loopback_refusal", "localhost mode on the loopback interface alone", ""),
+)
+"""What not every libddsc can do for us: where it stands why not, what it is called in `Context.capabilities` and by the
+doctor, and what the log says once nodes on Fast DDS are there."""
 _LOOKUP_REPLY = b"DDS::Builtin::TypeLookup_Reply"
+NEIGHBOUR = "rosidl_py_gen_neighbour"
+"""The name of a type that every domain has where `TypeLookup_Reply` has to be found beside one."""
 _Ptr, _Size = ct.c_void_p, ct.c_size_t
 _FromSer = (_Ptr, _Ptr, ct.c_int, _Ptr, _Size)
 _ToSerRef = (_Ptr, _Ptr, _Size, _Size, _Ptr)
 _make_nothing = ct.CFUNCTYPE(*_FromSer)(lambda *_: None)
-_for_ever: dict[int, structures.Table] = {}
 _ensure_thread_state = ct.PYFUNCTYPE(ct.c_int)(("PyGILState_Ensure", ct.pythonapi))
 
 
-class _Threads(threading.local):
-    """Threads of Cyclone's in which a sample was looked into.
+_thread = threading.local()
+"""Of Cyclone's, in which a sample was looked into: `is_known`.
 
-    Python makes its state of a foreign thread anew for each call, which takes longer than the call (a service call from
-    rclpy: 363 us, with the state kept 294). One more reference keeps it; what it takes stays until the process ends.
-    """
-
-    is_known = False
-
-
-_thread = _Threads()
-
-
-class _Outgoing(NamedTuple):
-    """A sample with an identity that Cyclone may still send, or send again."""
-
-    packed: bytes
-    """Parameters and message."""
-    address: int
-    """Where these lie."""
-    writer_id: bytes
-    identity: Identity
-    type_object: int
+Python makes its state of a foreign thread anew for each call, which takes longer than the call (a service call from
+rclpy: 363 us, with the state kept 294). One more reference keeps it; what it takes stays until the process ends.
+"""
 
 
 class _Samples:
     """The functions for samples of requests, or of replies: a copy of Cyclone's table, with ours in it."""
 
-    def __init__(self, owner: FastDds, type_object: TypeObject, slots: structures.Slots, *, is_reply: bool) -> None:
+    def __init__(
+        self, owner: FastDds, type_object: TypeObject, slots: structures.Slots, size_place: int, *, is_reply: bool
+    ) -> None:
         self._owner = owner
         self._is_reply = is_reply
         self._slots = slots
+        self._size_place = size_place
         self.content = type_object.content or 0
         self.table = structures.copied_table(type_object.address, SAMPLE_FUNCTIONS)
         self._plain_receive = ct.PYFUNCTYPE(*_FromSer)(self.table[slots.from_ser] or 0)
@@ -112,46 +118,74 @@ class _Samples:
         """Whether received samples are looked into."""
         self.table[self._slots.from_ser] = self._receivers[look]
 
-    def prepare_sending(self) -> None:
-        """To be called before a sample with an identity is written."""
-        self.sends = True
-        self.table[self._slots.to_ser_ref] = ct.cast(self._to_ser_ref_function, _Ptr).value
+    def write(self, entity: int, writer_id: bytes, type_object: int, data: bytes, identity: Identity) -> int:
+        """Send a sample that has its identity in front, where Cyclone does not look; returns Cyclone's code.
+
+        Args:
+            data: header and message; the length is a multiple of four.
+        """
+        api, code = self._owner.api, _BAD_PARAMETER
+        sample = structures.new_sample(api, type_object, _MARK + writer_id + rtps.parameter_list(identity) + data)
+        if not sample:
+            return code
+        if structures.shorten(api, sample, self._size_place, _HIDDEN_BYTES):
+            self.sends = True
+            self.table[self._slots.to_ser_ref] = ct.cast(self._to_ser_ref_function, _Ptr).value
+            code = functions.undisturbed(api.writecdr, entity, sample)
+        else:
+            self._owner.distrust("the size of a sample")
+        if code in functions.NOT_TAKEN:
+            api.serdata_unref(sample)
+        return code
+
+    def write_plain(self, entity: int, sample: ct.c_void_p) -> int:
+        """Send a sample without an identity, which our functions see, too, once there were others."""
+        write = self._owner.api.bare_write
+        return functions.undisturbed(write, entity, sample) if self.sends else write(entity, sample)
+
+    def identified(self, sample: int, size: int) -> bytes | None:
+        """A sample of this process with its identity, as a received one; None when it has none.
+
+        Args:
+            size: what Cyclone takes for it.
+        """
+        if size < len(_MARK) or bytes_at(sample + self.content, len(_MARK)) != _MARK:
+            return None
+        data = bytes_at(sample + self.content, _HIDDEN_BYTES + size)
+        return identified(data[_HIDDEN_BYTES:], rtps.identity_in(data[_BEFORE_PARAMETERS:_HIDDEN_BYTES]))
 
     def _receive(self, type_object: int, kind: int, fragment: int, size: int) -> Any:
         """Make a sample of received fragments."""
         owner = self._owner
-        if not _thread.is_known:
+        if not hasattr(_thread, "is_known"):
             _thread.is_known = True
             _ensure_thread_state()
+        plain = self._plain_receive(type_object, kind, fragment, size)
+        if plain in (None, _DISCARDED) or kind != SAMPLE_WITH_DATA or owner.refusal is not None:
+            return plain
         try:
-            before, packet, begin, payload, last = owner.packets.received(fragment)
-            identity = rtps.read_submessage(before, before[begin:payload], is_reply=self._is_reply)
+            identity = rtps.read_submessage(*owner.packets.received(fragment), is_reply=self._is_reply)
         except Exception as err:  # not to be raised into Cyclone
             owner.distrust(f"a received sample, {err!r}")
             identity = None
-        if identity is None or kind != SAMPLE_WITH_DATA or size <= 4 or owner.refusal is not None:
-            return self._plain_receive(type_object, kind, fragment, size)
-        head = identified(before[payload:], identity)
-        joined = None
-        rest = packet + payload + 4
-        if last < size:
-            joined = self._plain_receive(type_object, kind, fragment, size)
-            if joined in (None, _DISCARDED):
-                return joined
-            rest = joined + self.content + 4
-        iov = pack_iov(address_of(head), len(head)) + pack_iov(rest, size - 4)
+        if identity is None:
+            return plain
+        begin = plain + self.content
+        head = identified(bytes_at(begin, 4), identity)
+        iov = pack_iov(address_of(head), len(head)) + pack_iov(begin + 4, size - 4)
         sample = owner.api.serdata_from_ser_iov(type_object, kind, 2, iov, size + IDENTITY_BYTES)
-        if joined is not None:
-            owner.api.serdata_unref(joined)
+        owner.api.serdata_unref(plain)
         return sample
 
     def _to_ser_ref(self, sample: int, offset: int | None, size: int, iov: int) -> Any:
         """Say where the bytes for a packet lie: the first ones with the parameters in front."""
         result = self._plain_to_ser_ref(sample, offset or 0, size, iov)
-        if not offset:
-            outgoing = self._owner.outgoing.get(sample)
-            if outgoing is not None and self._owner.announce_parameters(iov, outgoing.writer_id):
-                structures.put_iov(iov, outgoing.address, rtps.PARAMETERS_BYTES + size)
+        begin = sample + self.content
+        if bytes_at(begin, len(_MARK)) == _MARK:
+            message = begin + _HIDDEN_BYTES + (offset or 0)
+            if not offset and self._owner.announce_parameters(iov, bytes_at(begin + len(_MARK), 4)):
+                message, size = message - rtps.PARAMETERS_BYTES, rtps.PARAMETERS_BYTES + size
+            structures.put_iov(iov, message, size)
         return result
 
 
@@ -169,37 +203,30 @@ class FastDds:
         """Why their first samples are not asked for; empty when they are."""
         self.lookup_refusal = ""
         """Why they may not ask each other for types; empty when they may."""
-        self._loopback = UNBOUND if IGNORES_TYPES in lacks else YES
+        self.loopback_refusal = _UNBOUND if IGNORES_TYPES in lacks else ""
+        """Why localhost mode uses other network interfaces; empty when it does not."""
         self._told: set[str] = set()
-        self._slots: structures.Slots | None = None
         self._samples: dict[tuple[int, bool], _Samples] = {}
         """By the address of Cyclone's table, and whether they are replies."""
         self._tables: dict[int, _Samples] = {}
         """By the address of our table."""
-        self._kept: dict[int, structures.Table] = {}
-        """Tables of types, by the address of Cyclone's. For ever."""
         self._lock = threading.Lock()
         """Held while the following changes; never during a call into Cyclone that takes a lock."""
         self._unread: set[int] = set()
         """Readers of participants that have something."""
         self._peers: set[tuple[int, bytes]] = set()
         """Participants on Fast DDS, each with the reader that told of it."""
-        self.outgoing: dict[int, _Outgoing] = {}
-        """Samples with an identity by their address. We hold a reference of each, so that no other gets its address."""
-        self._to_forget: deque[int] = deque()
-        """Their addresses, in the order in which they are looked at."""
 
     # ------------------------------------------------------------------------------------------- what can be done
 
-    def capabilities(self) -> Capabilities:
-        """What of all this works here, as far as it was tried."""
-        return Capabilities(
-            self.refusal or YES, self.early_refusal or YES, self.lookup_refusal or YES, loopback=self._loopback
-        )
+    def capabilities(self) -> dict[str, str]:
+        """What of all this works here, as far as it was tried: each ``"yes"`` or why not."""
+        return {name: getattr(self, reason) or "yes" for reason, name, _ in _CAPABILITIES}
 
     def complaints(self) -> list[str]:
         """What to tell the user about Fast DDS peers, each once, when there are some."""
-        new = [one for one in self.capabilities().complaints() if one not in self._told] if self._peers else []
+        told = [f"{what}: {why}" for reason, _, what in _CAPABILITIES if what and (why := getattr(self, reason))]
+        new = [one for one in told if one not in self._told] if self._peers else []
         self._told.update(new)
         return new
 
@@ -207,36 +234,31 @@ class FastDds:
         """Something is not as known: from now on nothing is replaced in samples, and services are refused."""
         self.refusal = f"Cyclone DDS does not behave as known: {what}"
 
+    @cached_property
     def slots(self) -> structures.Slots | None:
         """Where the functions are; looked for once."""
-        if self._slots is None:
-            self._slots = structures.find_slots(self.api)
-            if self._slots is None and self.refusal is None:
-                self.refusal = "the functions for samples were not found in this library"
-        return self._slots
+        found = structures.find_slots(self.api)
+        if found is None and self.refusal is None:
+            self.refusal = "the functions for samples were not found in this library"
+        return found
 
-    def drop_type_lookups(self, participant: int) -> None:
-        """Let Cyclone drop what peers tell each other of their types, of which it dies in some versions.
-
-        To be called when a domain was opened, before anybody answers.
-        """
-        slots, name = self.slots(), "rosidl_py_gen_neighbour"
-        neighbour = topics.type_of(self.api, topics.create_opaque(self.api, participant, name, name), name)
-        version = self.api.sertype_version
-        found = neighbour and structures.find_type_of_domain(neighbour, _LOOKUP_REPLY, version)
+    def _drop_type_lookups(self, neighbour: int) -> None:
+        """Let Cyclone drop what peers tell each other of their types, of which it dies in some versions."""
+        slots = self.slots
+        found = structures.find_type_of_domain(neighbour, _LOOKUP_REPLY, self.api.sertype_version)
         if slots is None or not found:
             self.lookup_refusal = "the type of their answers was not found in this library"
             return
-        table = structures.copied_table(found, SAMPLE_FUNCTIONS)
-        table[slots.from_ser] = ct.cast(_make_nothing, _Ptr).value
-        structures.put_table(found, SAMPLE_FUNCTIONS, _for_ever.setdefault(found, table))
+        structures.replace_function(found, SAMPLE_FUNCTIONS, slots.from_ser, ct.cast(_make_nothing, _Ptr).value)
 
     def prepare(self, type_object: TypeObject, dds_type: str) -> None:
         """Replace the functions of the type of a request or reply; other types are left alone."""
         is_reply, address = dds_type.endswith("_Response_"), type_object.address
+        if dds_type == NEIGHBOUR:
+            self._drop_type_lookups(address)
         if self.refusal is not None or not (is_reply or dds_type.endswith("_Request_")):
             return
-        slots = self.slots()
+        slots = self.slots
         if slots is None:
             return
         original = structures.table_at(address, SAMPLE_FUNCTIONS)
@@ -245,20 +267,17 @@ class FastDds:
             if type_object.content is None or (samples is not None and samples.content != type_object.content):
                 self.refusal = "the bytes of samples do not lie in one place"
                 return
-            if not structures.are_samples_as_known(self.api, address, slots):
-                self.refusal = "samples do not look as known in this library"
-                return
             if samples is None:
-                samples = self._samples[original, is_reply] = _Samples(self, type_object, slots, is_reply=is_reply)
+                size_place = structures.find_size(self.api, address, type_object.content)
+                if size_place is None:
+                    self.refusal = "samples do not look as known in this library"
+                    return
+                samples = _Samples(self, type_object, slots, size_place, is_reply=is_reply)
+                self._samples[original, is_reply] = samples
                 self._tables[ct.addressof(samples.table)] = samples
                 samples.look_into_received(True)  # until somebody has read who is there
-            functions_of_type = structures.table_at(address, TYPE_FUNCTIONS)
-            table = self._kept.get(functions_of_type)
-            if table is None:
-                table = self._kept[functions_of_type] = structures.copied_table(address, TYPE_FUNCTIONS)
-                # Endpoints would get a type of their own, with the original functions for samples.
-                table[slots.derive_sertype] = None
-        structures.put_table(address, TYPE_FUNCTIONS, table)
+        # Endpoints would get a type of their own, with the original functions for samples.
+        structures.replace_function(address, TYPE_FUNCTIONS, slots.derive_sertype, None)
         structures.put_table(address, SAMPLE_FUNCTIONS, samples.table)
 
     # -------------------------------------------------------------------------------------------- participants
@@ -290,7 +309,6 @@ class FastDds:
         with self._lock:
             self._unread.discard(reader)
             self._peers = {peer for peer in self._peers if peer[0] != reader}
-        self.sweep()
 
     def _look_into_received(self, look: bool) -> None:
         for samples in self._samples.values():
@@ -301,67 +319,6 @@ class FastDds:
     def samples(self, type_object: int) -> _Samples | None:
         """The functions for samples of that type, if some of them are ours."""
         return self._tables.get(structures.table_at(type_object, SAMPLE_FUNCTIONS))
-
-    def write(self, entity: int, writer_guid: bytes, type_object: int, data: bytes, identity: Identity) -> int:
-        """Send a sample with its identity; returns Cyclone's code.
-
-        Args:
-            data: header and message; the length is a multiple of four.
-        """
-        packed = rtps.parameter_list(identity) + data
-        address: int = address_of(packed)
-        iov = pack_iov(address + rtps.PARAMETERS_BYTES, len(data))
-        sample = self.api.serdata_from_ser_iov(type_object, SAMPLE_WITH_DATA, 1, iov, len(data))
-        samples = self.samples(type_object)
-        if not sample or samples is None:
-            if sample:
-                self.api.serdata_unref(sample)
-            return _BAD_PARAMETER
-        if not samples.sends:
-            samples.prepare_sending()
-        self.api.serdata_ref(sample)
-        self.outgoing[sample] = _Outgoing(packed, address, writer_guid[12:], identity, type_object)
-        self._to_forget.append(sample)  # whatever interrupts the write
-        code: int = functions.undisturbed(self.api.writecdr, entity, sample)
-        if code in functions.NOT_TAKEN:
-            self.api.serdata_unref(sample)
-        self.sweep(_PATIENCE)
-        return code
-
-    def sweep(self, patience: int | None = None) -> None:
-        """Forget samples that Cyclone has forgotten, because everybody has them or their writer is gone.
-
-        Args:
-            patience: after so many that have to be kept the others are not looked at; None looks at all.
-        """
-        with self._lock:
-            for _ in range(len(self._to_forget)):
-                sample = self._to_forget.popleft()
-                assert self._slots is not None
-                if structures.references(sample, self._slots) == 1:
-                    del self.outgoing[sample]
-                    self.api.serdata_unref(sample)
-                    continue
-                self._to_forget.append(sample)
-                if patience is not None:
-                    patience -= 1
-                    if patience == 0:
-                        return
-
-    def release(self, type_objects: Collection[int]) -> None:
-        """Forget all samples of these types, whose domain is about to be deleted."""
-        with self._lock:
-            for sample in [one for one in self._to_forget if self.outgoing[one].type_object in type_objects]:
-                self._to_forget.remove(sample)
-                del self.outgoing[sample]
-                self.api.serdata_unref(sample)
-
-    def local_content(self, sample: int) -> bytes | None:
-        """The bytes of a sample with an identity for a reader of this process; None when it has none."""
-        outgoing = self.outgoing.get(sample)
-        if outgoing is None:
-            return None
-        return identified(memoryview(outgoing.packed)[rtps.PARAMETERS_BYTES :], outgoing.identity)
 
     def announce_parameters(self, iov: int, writer_id: bytes) -> bool:
         """Set the flag in the packet that `iov` belongs to; False when that does not look like a packet of ours."""

@@ -1,0 +1,36 @@
+"""Fields of objects that take values of some types only, as rclpy's setters do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar, overload
+
+_T = TypeVar("_T")
+
+
+class Checked(Generic[_T]):
+    """A field over the slot of its name with an underscore; AssertionError for what is of none of `kinds`.
+
+    Args:
+        kinds: what can be set.
+        made: what is kept of a value; None keeps the value itself.
+    """
+
+    def __init__(self, *kinds: type, made: Callable[[Any], _T] | None = None) -> None:
+        self._kinds, self._made = kinds, made
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name, self._slot = name, f"_{name}"
+
+    @overload
+    def __get__(self, instance: None, owner: type) -> Checked[_T]: ...
+    @overload
+    def __get__(self, instance: object, owner: type) -> _T: ...
+    def __get__(self, instance: object, owner: type) -> Any:
+        return self if instance is None else getattr(instance, self._slot)
+
+    def __set__(self, instance: object, value: _T | int | dict[str, Any]) -> None:
+        if not isinstance(value, self._kinds):
+            expected = " or ".join(kind.__name__ for kind in self._kinds)
+            raise AssertionError(f"{self._name} must be {expected}, got {value!r:.100}")
+        setattr(instance, self._slot, value if self._made is None else self._made(value))

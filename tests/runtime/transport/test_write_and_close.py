@@ -1,0 +1,82 @@
+"""Contexts that are closed while other threads, or an interrupted one, publish: an error, and never a crash."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen.runtime import ClosedError, Context, Node
+
+if TYPE_CHECKING:
+    from worlds import World
+
+STRING: Any = get_message("std_msgs/msg/String")
+
+
+def test_a_domain_ends_when_threads_that_write_are_done(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    context = Context(discovery="localhost")
+    publisher = Node("n", context=context).create_publisher(STRING, "t")
+    writer: Any = publisher._writer
+    domain, order, said = writer._domain, list[str](), list[str]()
+    copy, end = writer._copy, domain.end_if_unused
+    began = threading.Event()
+
+    def slow(*given: Any) -> Any:
+        began.set()
+        while not domain.is_left:
+            time.sleep(0.001)  # until the other thread is about to end the domain
+        order.append("copied")
+        return copy(*given)
+
+    def publish() -> None:
+        try:
+            publisher.publish(STRING(data="x"))
+        except ClosedError as error:
+            said.append(str(error))
+
+    monkeypatch.setattr(writer, "_copy", slow)
+    monkeypatch.setattr(domain, "end_if_unused", lambda: (order.append("ended"), end()))
+    thread = threading.Thread(target=publish)
+    thread.start()
+    assert began.wait(20)
+    context.close()
+    thread.join(20)
+    assert order[0] == "copied" and "ended" in order
+    assert said == ["the writer of rt/t is closed"] and domain.writing == []
+    with pytest.raises(ClosedError):
+        publisher.publish(STRING(data="x"))
+
+
+CLOSES_IN_A_HANDLER = """
+import signal, sys
+from rosidl_py_gen import get_message
+from rosidl_py_gen.runtime import ClosedError, Context, Node
+
+string = get_message("std_msgs/msg/String")
+context = Context(discovery="localhost")
+publisher = Node("n", context=context).create_publisher(string, "t")
+signal.signal(signal.SIGALRM, lambda *_: context.close())
+signal.setitimer(signal.ITIMER_REAL, float(sys.argv[1]))
+try:
+    while True:
+        publisher.publish(string(data="x"))
+except ClosedError as error:
+    print(error)
+with Context(discovery="localhost") as context:  # the domain can be joined again
+    Node("n", context=context).create_publisher(string, "t").publish(string(data="x"))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_a_signal_handler_that_closes_the_context_of_an_interrupted_publish(dds: World) -> None:
+    for number in range(8):
+        command = [sys.executable, "-c", CLOSES_IN_A_HANDLER, str(0.05 + number / 900)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+        assert (done.returncode, done.stderr) == (0, ""), done
+        assert "closed" in done.stdout

@@ -1,0 +1,137 @@
+"""What ``rosidl-py run`` prints of exceptions that help a program's author: Ctrl-C, and messages that are not there."""
+
+from __future__ import annotations
+
+import re
+import signal
+from pathlib import Path
+
+import pytest
+from compiler_worlds import write
+from run_programs import PACKAGE_XML, run
+
+pytestmark = pytest.mark.real_time("programs are processes")
+
+INTERRUPTED = """
+import os
+import signal
+import sys
+import threading
+
+import rclpy
+from rclpy.node import Node
+from std_srvs.srv import Empty
+
+MAIN = threading.main_thread().ident
+
+
+WANTED = {"driver.py", "client.py"} if sys.argv[1] == "callback" else {"driver.py"}
+
+
+def interrupt():
+    found = set()
+    while not found >= WANTED:
+        found, frame = set(), sys._current_frames()[MAIN]
+        while frame is not None:
+            found.add(os.path.basename(frame.f_code.co_filename))
+            frame = frame.f_back
+    signal.pthread_kill(MAIN, signal.SIGINT)
+
+
+def tick():
+    client.wait_for_service()
+
+
+def fail():
+    node.get_parameters(["nothing"])
+
+
+rclpy.init()
+node = Node("interrupted")
+client = node.create_client(Empty, "nobody")
+thread = threading.Thread(target=interrupt, daemon=True)
+if sys.argv[1] == "callback":
+    node.create_timer(0.001, tick)
+if sys.argv[1] == "own":
+    signal.raise_signal(signal.SIGINT)
+if sys.argv[1] == "error":
+    fail()
+thread.start()
+rclpy.spin(node)
+"""
+
+
+def frames(text: str) -> list[tuple[str, str]]:
+    """File and function of each frame of a traceback."""
+    return [(Path(file).name, name) for file, name in re.findall(r'File "(.*)", line \d+, in (.*)', text)]
+
+
+@pytest.mark.parametrize(
+    ("case", "calls"),
+    [
+        ("spin", [("program.py", "<module>"), ("__init__.py", "spin")]),
+        (
+            "callback",
+            [
+                ("program.py", "<module>"),
+                ("__init__.py", "spin"),
+                ("program.py", "tick"),
+                ("client.py", "wait_for_service"),
+            ],
+        ),
+        ("own", [("program.py", "<module>")]),
+    ],
+)
+def test_ctrl_c_shows_the_program_and_what_it_called(case: str, calls: list[tuple[str, str]], tmp_path: Path) -> None:
+    write(tmp_path, {"program.py": INTERRUPTED})
+    found = run("program.py", case, cwd=tmp_path)
+    shown = frames(found.stderr)
+    if case == "own":  # raised by a function of C, which the signal module wraps
+        shown = [one for one in shown if one[0] != "signal.py"]
+    assert shown == calls
+    assert found.stderr.splitlines()[-1] == "KeyboardInterrupt" and found.returncode == -signal.SIGINT
+
+
+def test_of_other_exceptions_nothing_is_hidden(tmp_path: Path) -> None:
+    write(tmp_path, {"program.py": INTERRUPTED})
+    found = run("program.py", "error", cwd=tmp_path)
+    shown = frames(found.stderr)
+    assert shown[:2] == [("program.py", "<module>"), ("program.py", "fail")] and len(shown) > 3, found.stderr
+
+
+@pytest.mark.parametrize(
+    ("line", "hint"),
+    [
+        ("from robot_msgs.msg import Arm", 'There is no message package "robot_msgs". If'),
+        ("import robot.srv", 'There is no message package "robot". If'),
+        ("from robot import action", 'There is no message package "robot". If'),
+        (
+            "from sensor_msg.msg import Image",
+            'There is no message package "sensor_msg"; did you mean "sensor_msgs"? If',
+        ),
+        ("import rosidl_runtime_py.utilities as u\nu.get_message('robot_msgs/msg/Arm')", '"robot_msgs". If'),
+        ("import std_msgs.srv", "which defines no such messages."),
+        ("import robot", None),
+    ],
+)
+def test_messages_that_are_not_there_are_named(line: str, hint: str | None, tmp_path: Path) -> None:
+    write(tmp_path, {"program.py": line})
+    found = run("program.py", cwd=tmp_path)
+    last = [one for one in found.stderr.splitlines() if one.startswith("ModuleNotFoundError: No module named ")]
+    below = found.stderr.partition(last[0])[2].strip()
+    assert found.returncode == 1 and len(last) == 1
+    if hint is None:
+        assert below == ""
+    else:
+        assert hint in below and "\n" not in below
+        assert "--path FOLDER" in below or "std_msgs" in line
+
+
+def test_what_the_hint_says_helps(tmp_path: Path) -> None:
+    files = {"elsewhere/robot_msgs/package.xml": PACKAGE_XML.format("robot_msgs")}
+    files |= {"elsewhere/robot_msgs/msg/Arm.msg": "float64 angle\n"}
+    files |= {"here/program.py": "from robot_msgs.msg import Arm\nprint(Arm(angle=1.0))"}
+    write(tmp_path, files)
+    assert "--path FOLDER" in run("program.py", cwd=tmp_path / "here").stderr
+    found = run("--path", "../elsewhere", "program.py", cwd=tmp_path / "here")
+    assert found.stdout == "robot_msgs.msg.Arm(angle=1.0)\n"
