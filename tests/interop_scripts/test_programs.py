@@ -12,6 +12,7 @@ from two_rclpys import (
     Case,
     Graph,
     Interrupt,
+    Observation,
     Parameters,
     Printed,
     Publish,
@@ -186,7 +187,7 @@ CASES = [
     Case("waits_for_service", (Printed("waiting again"), Interrupt())),
     Case("waits_for_service", (Printed("waiting again"), Interrupt(signal.SIGTERM))),
     Case("fails_in_pool"),
-    Case("leaves_early"),
+    Case("leaves_early", leaves_threads=True),
 ]
 
 
@@ -195,3 +196,14 @@ CASES = [
 def test_a_program_does_the_same(case: Case, observed: Observed) -> None:
     if different := difference(case, *observed(case)):
         pytest.fail(different, pytrace=False)
+
+
+def test_an_abort_of_real_rclpy_is_looked_over_only_where_a_thread_stays_in_it() -> None:
+    aborted = Observation(output=["main ends"], errors=["terminate called without an active exception"], code=-6)
+    ended = Observation(output=["main ends"], code=0)
+    stays = Case("leaves_early", leaves_threads=True)
+    assert not difference(stays, aborted, ended)
+    assert difference(Case("talker"), aborted, ended)
+    assert difference(stays, ended, aborted)
+    assert difference(stays, aborted, Observation(output=["main ends"], code=1))
+    assert difference(stays, aborted, Observation(code=0))
