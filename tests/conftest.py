@@ -1,5 +1,5 @@
 """Settings all tests share: hypothesis without deadlines, how long the fuzzers run, Ctrl-C as in a terminal, and which
-tests are quick: those without processes, DDS, Zenoh and oracles, with a tenth of the examples.
+tests are quick: without processes, DDS, Zenoh and oracles, with a tenth of the examples and of a test's many cases.
 """
 
 from __future__ import annotations
@@ -36,8 +36,13 @@ NOT_QUICK = re.compile(
     r"|against_rclpy|rclpy_flavour/test_codec|second_start_needs|classes_are_those_of_everybody|without_it_nothing_changes"
     r"|test_bag_record|no_more_memory_than|far_deeper|deeper than|test_random_tables"
     r"|companions/|tools/test_run|files_end_soon|line_of_a_megabyte|every_count_is_as_large|what_breaks_off_says|time_limits_end_at_their_time"
+    r"|fuzz/|_random|against_|cdr/test_peers|tables/test_(dataset|blocks|writing|many)|bags/test_edges|test_threads_and_loops|changes/test_wire"
+    r"|test_docstrings|test_public_face|however_well_it_compresses|very_deep_and_very_wide|works_on_zenoh_is|none_of_many_calls"
+    r"|interrupts_no_wait|hundred_goals|thousand_goals|every_message_of_the_checkout|for_the_same_reason|every_recorded_sample"
 )
 """Tests and files of tests that start processes, or take long by themselves."""
+MOST_CASES = 40
+"""Of one test in a quick run, or a tenth of them: evenly spread, the same ones every time."""
 OF_PROCESSES = {
     "dds",
     "network",
@@ -139,7 +144,8 @@ def _is_quick(config: pytest.Config) -> bool:
     return str(config.getoption("-m")) == "quick"
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    cases: dict[str, list[pytest.Item]] = {}
     for item in items:
         fixtures = set(getattr(item, "fixturenames", ()))
         if "memory" in fixtures:
@@ -147,6 +153,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         transport = getattr(getattr(item, "callspec", None), "params", {}).get("world", "memory")
         if transport == "memory" and not fixtures & OF_PROCESSES and not NOT_QUICK.search(item.nodeid):
             item.add_marker(pytest.mark.quick)
+            cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    if _is_quick(config):
+        kept = {item for of_one in cases.values() for item in of_one[:: _step(len(of_one))]}
+        config.hook.pytest_deselected(items=[item for item in items if item not in kept])
+        items[:] = [item for item in items if item in kept]
+
+
+def _step(cases: int) -> int:
+    return max(1, cases // max(MOST_CASES, cases // 10))
 
 
 @pytest.fixture(autouse=True)
