@@ -80,6 +80,8 @@ async def test_they_drive_our_lifecycle_node(dds: Any, shared_peer: Peer) -> Non
     try:
         await shared_peer.ask("subscribe", topic=f"{name}/transition_event", type=EVENT)
         await shared_peer.ask("matched", topic=f"{name}/transition_event")
+        while not node.count_subscribers(f"{name}/transition_event"):  # it has to know them, too
+            await asyncio.sleep(0.02)
         await shared_peer.ask("client", name=f"{name}/change_state", type=CHANGE)
         await shared_peer.ask("client", name=f"{name}/get_state", type=GET)
         for transition, works, state in STEPS:

@@ -331,14 +331,21 @@ class Observer:
                 return None
 
     async def _settled(self, look: Callable[[], Any], expected: Any) -> Any:
-        """What is seen when it is as expected, or when nothing of it changed for a while."""
+        """What is seen when it is as expected, or when it is whole and nothing of it changed for a while."""
         seen, since = look(), self._loop.time()
-        while seen != expected and self._loop.time() < since + (1.5 if any(seen) and expected is None else 15):
+        while seen != expected and self._loop.time() < since + (1.5 if expected is None and self._is_whole() else 15):
             await asyncio.sleep(0.05)
             now = look()
             if now != seen:
                 seen, since = now, self._loop.time()
         return seen
+
+    def _is_whole(self) -> bool:
+        """Whether there are nodes, and every endpoint is known that they told of themselves, and whose it is."""
+        graph = self._node._look()
+        nodes = [node for participant in graph._participants.values() for node in participant.nodes]
+        told = {guid for node in nodes for guid in (*node.writer_gids, *node.reader_gids)}
+        return len(nodes) > 1 and graph.names_are_known() and told <= graph.endpoints.keys()
 
     def _graph(self) -> Any:
         node = self._node

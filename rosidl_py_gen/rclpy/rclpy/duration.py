@@ -43,10 +43,12 @@ class Duration(_Ordered):
     """A signed length of time in nanoseconds, of 64 bits.
 
     Fractions of a nanosecond are cut off. Raises OverflowError for what does not fit, infinity included, and ValueError
-    for NaN.
+    for NaN and for text.
     """
 
     def __init__(self, *, seconds: float = 0, nanoseconds: int = 0) -> None:
+        if isinstance(seconds, (str, bytes)):  # repeated S_TO_NS times it would take a gigabyte to be no number
+            raise ValueError(f"seconds is a number, found {seconds!r}")
         total = int(seconds * S_TO_NS) + int(nanoseconds)
         if not -(2**63) <= total < 2**63:
             raise OverflowError("Total nanoseconds value is too large to store in C duration.")

@@ -5,6 +5,7 @@ import sys
 import time
 
 import rclpy
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.executors import ExternalShutdownException
 from rclpy.signals import SignalHandlerOptions
 
@@ -27,7 +28,7 @@ print("started")
 try:
     while not told:
         rclpy.spin_once(node, timeout_sec=0.05)
-except ExternalShutdownException:  # or not: the context is shut down by another thread of rclpy
+except (ExternalShutdownException, RCLError):  # or neither: the context is shut down by another thread of rclpy
     pass
 for _ in range(0 if "no" in sys.argv or "after" in sys.argv else 200):
     if rclpy.ok():
