@@ -359,6 +359,14 @@ async def rests(for_s: float, cpu_s: float) -> bool:
     return False
 
 
+def held_up(cpu_s: float = 0.05) -> float:
+    """How many times as long as on an idle machine work takes here just now; 1 or a little more where it is idle."""
+    began, cpu = time.perf_counter(), time.thread_time()
+    while time.thread_time() - cpu < cpu_s:
+        pass
+    return (time.perf_counter() - began) / (time.thread_time() - cpu)
+
+
 _SHORT_LEASE = "<Domain><Discovery><LeaseDuration>2s</LeaseDuration></Discovery></Domain>"
 SHORT_LEASE = {"CYCLONEDDS_URI": f"<CycloneDDS>{_SHORT_LEASE}</CycloneDDS>"}
 """For processes that are killed: they are missed after 2 s, not 10."""

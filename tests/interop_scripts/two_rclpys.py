@@ -26,6 +26,7 @@ from rosidl_py_gen.runtime import Context, Node, ParameterNotDeclaredError, QoSP
 
 PROGRAMS = Path(__file__).parent / "programs"
 PATIENCE_S = 30
+_SETTLED_S = 1.5
 _DIFFERS = (
     (re.compile(r"^(\[\w+\] )\[\d+\.\d+\] ", re.MULTILINE), r"\1"),
     (
@@ -322,7 +323,8 @@ class Observer:
                 await self._until(lambda: sum(process.text(name).count(text) for name in streams) >= count)
                 return None
             case Graph():
-                return await self._settled(self._graph, expected)
+                await process.idle()  # not amid its start
+                return await self._settled(process, expected)
             case Parameters(node):
                 return await self._parameters(node)
             case Interrupt(number):
@@ -330,13 +332,18 @@ class Observer:
                 process.process.send_signal(number)
                 return None
 
-    async def _settled(self, look: Callable[[], Any], expected: Any) -> Any:
-        """What is seen when it is as expected, or when it is whole and nothing of it changed for a while."""
-        seen, since = look(), self._loop.time()
-        while seen != expected and self._loop.time() < since + (1.5 if expected is None and self._is_whole() else 15):
+    async def _settled(self, process: _Process, expected: Any) -> Any:
+        """What is seen of the graph when it is as expected, or when it is whole and stays so while the program, which
+        has nothing to do, sleeps.
+        """
+        seen, since = self._graph(), self._loop.time()
+        end = since + PATIENCE_S
+        while seen != expected and self._loop.time() < end:
+            if expected is None and self._is_whole() and self._loop.time() >= since + _SETTLED_S:
+                break
             await asyncio.sleep(0.05)
-            now = look()
-            if now != seen:
+            now = self._graph()
+            if now != seen or not (process.sleeps() or process.ended.is_set()):
                 seen, since = now, self._loop.time()
         return seen
 

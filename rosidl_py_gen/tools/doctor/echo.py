@@ -22,8 +22,9 @@ async def main(domain_id: int, discovery: str, mark: str) -> None:
     """Answer until somebody ends this process."""
     there, back = topics(mark)
     async with Session(Network(domain_id=domain_id, discovery=discovery)) as session:
-        out = session.node.create_publisher(Time, back)
-        async for message in session.node.create_subscription(Time, there):
+        out, messages = session.node.create_publisher(Time, back), session.node.create_subscription(Time, there)
+        print("ready", flush=True)
+        async for message in messages:
             out.publish(message)
 
 

@@ -6,10 +6,12 @@ they are; type hashes came with Iron. Nothing else is known of a peer, so nothin
 
 from __future__ import annotations
 
+import asyncio
 import os
 import subprocess
 import sys
 from collections import Counter, defaultdict
+from contextlib import suppress
 from itertools import chain, islice
 from time import monotonic
 from typing import TYPE_CHECKING
@@ -41,7 +43,7 @@ _VENDORS = {
 """Numbers of the OMG (dds-foundation.org, "DDS-RTPS vendor and product ids"); the first byte is 1."""
 _ROS = {True: "ROS Iron or later", False: "ROS Humble or earlier (no type hashes)", None: "ROS"}
 _ON_ZENOH = "does `rosidl-py zenoh-router` run on each machine, and do the routers connect with each other?"
-_FOUND_S, _ANSWER_S, _END_S = 5.0, 2.0, 2.0
+_START_S, _FOUND_S, _ANSWER_S, _END_S = 20.0, 5.0, 5.0, 2.0
 _MAX_NAMES, _MAX_MISMATCHES = 20, 20
 
 
@@ -59,7 +61,7 @@ class SelfTest:
         self._process = subprocess.Popen(
             [sys.executable, "-m", "rosidl_py_gen.tools.doctor.echo", *arguments],
             stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
         )
         self.guid = b""
@@ -70,6 +72,8 @@ class SelfTest:
         there, back = topics(self._mark)
         node = self._session.node
         out, answers = node.create_publisher(Time, there), node.create_subscription(Time, back)
+        if not await self._has_started():
+            return Finding(NOTE, f"the second process of the self-test did not start within {_START_S:.0f} s")
         began = monotonic()
         try:
             await out.wait_for_subscribers(_FOUND_S)
@@ -89,6 +93,14 @@ class SelfTest:
         text = f"two processes of this machine found each other ({found_s:.1f} s), a message went there and back"
         return Finding(OK, f"{text} ({trip_ms:.1f} ms)", data={"found_s": found_s, "round_trip_ms": trip_ms})
 
+    async def _has_started(self) -> bool:
+        """Whether it has its node, or has ended; on a busy machine that takes longer than to be found."""
+        assert self._process.stdout is not None
+        with suppress(asyncio.TimeoutError):
+            await asyncio.wait_for(asyncio.to_thread(self._process.stdout.readline), _START_S)
+            return True
+        return False
+
     def _failed(self, text: str) -> Finding:
         if self._process.poll() not in (None, 0):
             return Finding(NOTE, f"the second process of the self-test ended with {self._process.returncode}")
@@ -106,6 +118,8 @@ class SelfTest:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
 
 
 # --------------------------------------------------------------------------------------------------------------- peers

@@ -8,6 +8,12 @@ from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import SetBool
 
+def spin(executor):
+    try:
+        executor.spin()
+    except AttributeError:
+        pass  # real rclpy's, when shutdown in another thread comes between two looks
+
 
 class Both(Node):
     def __init__(self):
@@ -40,7 +46,7 @@ def main():
     node = Both()
     executor = MultiThreadedExecutor(num_threads=4)
     executor.add_node(node)
-    thread = threading.Thread(target=executor.spin, daemon=True)
+    thread = threading.Thread(target=spin, args=(executor,), daemon=True)
     thread.start()
     print("done", node.done.wait(20))
     executor.shutdown()

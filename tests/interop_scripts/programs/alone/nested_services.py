@@ -8,6 +8,12 @@ from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
+def spin(executor):
+    try:
+        executor.spin()
+    except AttributeError:
+        pass  # real rclpy's, when shutdown in another thread comes between two looks
+
 
 class Chain(Node):
     def __init__(self):
@@ -38,7 +44,7 @@ node = Chain()
 caller = rclpy.create_node("caller")
 executor = MultiThreadedExecutor(num_threads=8)
 executor.add_node(node)
-thread = threading.Thread(target=executor.spin, daemon=True)
+thread = threading.Thread(target=spin, args=(executor,), daemon=True)
 thread.start()
 client = caller.create_client(Trigger, "outer")
 client.wait_for_service()

@@ -9,6 +9,12 @@ from std_msgs.msg import Int32
 
 rclpy.init()
 
+def spin(executor):
+    try:
+        executor.spin()
+    except AttributeError:
+        pass  # real rclpy's, when shutdown in another thread comes between two looks
+
 
 class Worker(Node):
     def __init__(self, number):
@@ -29,7 +35,7 @@ for worker in workers:
     executor = SingleThreadedExecutor()
     executor.add_node(worker)
     executors.append(executor)
-threads = [threading.Thread(target=executor.spin, daemon=True) for executor in executors]
+threads = [threading.Thread(target=spin, args=(executor,), daemon=True) for executor in executors]
 for thread in threads:
     thread.start()
 alone = threading.Event()
@@ -61,7 +67,7 @@ together = MultiThreadedExecutor(num_threads=4)
 for worker in workers:
     worker.seen.clear()
     together.add_node(worker)
-thread = threading.Thread(target=together.spin, daemon=True)
+thread = threading.Thread(target=spin, args=(together,), daemon=True)
 thread.start()
 publish(workers[0], 0)
 while any(len(worker.seen) < 10 for worker in workers):
