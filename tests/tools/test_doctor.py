@@ -11,7 +11,8 @@ import subprocess
 import sys
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 from std_msgs.msg import Bool, String
@@ -23,6 +24,7 @@ from rosidl_py_gen.runtime.graph.state import ParticipantInfo
 from rosidl_py_gen.runtime.transport.port import DiscoveryRange, DomainSettings
 from rosidl_py_gen.tools.doctor import machine as doctor_machine
 from rosidl_py_gen.tools.doctor import network as doctor_network
+from rosidl_py_gen.tools.doctor import peers as doctor_peers
 from rosidl_py_gen.tools.doctor.findings import BROKEN, NOTE, OK, WARNING, Finding, careful, for_strangers
 from rosidl_py_gen.tools.doctor.network import Interface
 from rosidl_py_gen.tools.doctor.peers import make
@@ -32,6 +34,8 @@ if TYPE_CHECKING:
 
     from conftest import Tool
     from worlds import World
+
+    from rosidl_py_gen.tools.session import Session
 
 
 def levels(findings: Iterable[Finding], word: str) -> list[str]:
@@ -248,6 +252,24 @@ def test_other_domains_are_told_by_their_ports(tmp_path: Path) -> None:
 
 
 # ------------------------------------------------------------------------------------------------- peers and strangers
+
+
+@pytest.mark.real_time("a process")
+async def test_a_second_process_that_starts_late_is_no_firewall(
+    memory: World, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    late = tmp_path / "python"
+    late.write_text("#!/bin/sh\nexec sleep 60\n")
+    late.chmod(0o700)
+    monkeypatch.setattr(sys, "executable", str(late))
+    monkeypatch.setattr(doctor_peers, "_START_S", 0.1)
+    node = memory.node("doctor")
+    test = doctor_peers.SelfTest(cast("Session", SimpleNamespace(node=node, context=node.context)))
+    try:
+        found = await test.result()
+    finally:
+        test.close()
+    assert (found.level, found.text) == (NOTE, "the second process of the self-test did not start within 0 s")
 
 
 @pytest.mark.parametrize(
