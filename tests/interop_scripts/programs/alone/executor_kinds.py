@@ -27,9 +27,12 @@ print(executor.add_node(node))
 
 
 def took(what):
-    start = time.monotonic()
-    what()
-    passed = time.monotonic() - start
+    times = []
+    for _ in range(4):  # the least of them tells how long it waits, also on a busy machine
+        start = time.monotonic()
+        what()
+        times.append(time.monotonic() - start)
+    passed = min(times)
     return "none" if passed < 0.05 else "some" if passed < 1.5 else "long"
 
 
