@@ -87,14 +87,16 @@ def pytest_configure(config: pytest.Config) -> None:
             os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", str(_MEMORY))
     # Of several mypys the first reads the stubs of numpy; two at a time may not share what they have read.
     os.environ.setdefault("MYPY_CACHE_DIR", f"{cache_folder()}/mypy-{os.environ.get('PYTEST_XDIST_WORKER', 'alone')}")
+    if config.getoption("--hypothesis-seed") is None:
+        config.option.hypothesis_seed = os.environ.get("ROSIDL_TEST_SEED") or None
     settings.register_profile(
         "project",
         max_examples=examples(100),
         deadline=None,
         print_blob=True,
         suppress_health_check=[HealthCheck.too_slow],
-        # CI tries the same examples every time, so that it fails for the change at hand, and once more those of a seed
-        # that it prints; everybody else tries new ones.
+        # Where peers are required, the same examples every time unless a seed is given: CI gives one and prints it.
+        # Everybody else tries new ones.
         derandomize="ROSIDL_TEST_REQUIRE_PEERS" in os.environ and not config.getoption("--hypothesis-seed"),
     )
     settings.load_profile("project")

@@ -12,6 +12,7 @@ import asyncio
 import contextlib
 import os
 import signal
+import socket
 import sys
 import threading
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
@@ -153,6 +154,8 @@ class _Signals:
     """Handlers of SIGINT and SIGTERM: the first signal cancels `task`, the next one insists.
 
     Python's own handlers, not the loop's: those run on the loop, and a callback that never returns would keep it.
+    A signal that comes just before the loop waits, or that the kernel gives to another thread, interrupts no wait, and
+    Python calls its handler afterwards only. So each signal writes to a socket that the loop reads.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -160,6 +163,8 @@ class _Signals:
         self.task: asyncio.Task[Any] | None = None
         self._ending = False
         self._previous: dict[int, Any] = {}
+        self._sockets: tuple[socket.socket, socket.socket] | None = None
+        self._previous_descriptor = -1
         self.stopped = False
         """A signal came."""
         self.insisted = False
@@ -167,13 +172,26 @@ class _Signals:
 
     def __enter__(self) -> _Signals:
         if threading.current_thread() is threading.main_thread():
+            if sys.platform != "win32":  # there asyncio's loop does it
+                self._wake_loop()
             for number in (signal.SIGINT, signal.SIGTERM):
                 self._previous[number] = signal.signal(number, self._on_signal)
         return self
 
+    def _wake_loop(self) -> None:
+        self._sockets = reading, writing = socket.socketpair()
+        for end in self._sockets:
+            end.setblocking(False)
+        self._loop.add_reader(reading, reading.recv, 4096)
+        self._previous_descriptor = signal.set_wakeup_fd(writing.fileno(), warn_on_full_buffer=False)
+
     def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, _: TracebackType | None) -> None:
         for number, previous in self._previous.items():
             signal.signal(number, signal.SIG_DFL if previous is None else previous)  # None: not made in Python
+        if self._sockets is not None:
+            signal.set_wakeup_fd(self._previous_descriptor)
+            for end in self._sockets:
+                end.close()
 
     def begin_end(self) -> None:
         """What a signal meets from now on is the end itself."""

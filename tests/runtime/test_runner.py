@@ -182,6 +182,27 @@ run(main)
         assert process.returncode == 0
 
 
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="threads have no signal masks here")
+def test_a_ctrl_c_that_another_thread_gets_wakes_the_loop() -> None:
+    text = """
+async def main():
+    async with Node("n"):
+        work = asyncio.create_task(asyncio.to_thread(select.select, [sys.stdin], [], [], 30))
+        await asyncio.sleep(0)
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # not that of the thread, which has begun
+        print("working", flush=True)
+        await work
+run(main)
+print(signal.set_wakeup_fd(-1))
+"""
+    with program(text) as process:
+        lines_until(process, "working")
+        process.send_signal(signal.SIGINT)
+        wait_for_patience(process)
+        assert process.communicate("\n", timeout=20) == ("-1\n", "")
+        assert process.returncode == 0
+
+
 def test_a_second_ctrl_c_during_work_of_a_thread_ends_without_traceback() -> None:
     text = """
 def work():
