@@ -20,7 +20,7 @@ from types import ModuleType
 
 import pytest
 from environments import cache_folder
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, is_hypothesis_test, settings
 from scale import examples
 
 from rosidl_py_gen.runtime.transport.cyclone import library
@@ -64,6 +64,8 @@ NOT_EVERYWHERE = {
 """What some machines do not have, and the imports that need it."""
 
 
+_SHRINKING_S = 900
+"""Of a random test: Hypothesis takes up to 300 s to make a failing example small, and has told nothing before."""
 _MEMORY = Path("/dev/shm")
 _ENOUGH_BYTES = 4 << 30
 
@@ -149,6 +151,8 @@ def _is_quick(config: pytest.Config) -> bool:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     cases: dict[str, list[pytest.Item]] = {}
     for item in items:
+        if is_hypothesis_test(getattr(item, "obj", None)):
+            item.add_marker(pytest.mark.timeout(_SHRINKING_S))
         fixtures = set(getattr(item, "fixturenames", ()))
         if "memory" in fixtures:
             fixtures.discard("tool")

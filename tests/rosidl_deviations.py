@@ -244,8 +244,10 @@ DEVIATIONS = (
             "struct Sample { long long; };",
             "struct Sample { long double; };",
             'struct Sample { @unit(TRUE="m") long x; };',
+            "typedef sequence<long::msg::Other> t; struct Sample { long x; };",
         ),
-        problem=r'expected a (name|basic type|message name)|^\S+ expected (".*found "[a-z0-9]|"\)", found "=")',
+        problem=r"expected a (name|basic type|message name)|"
+        r'^\S+ expected (".*found "[a-z0-9]|".* a basic type, found "::"|"\)", found "=")',
     ),
 )
 

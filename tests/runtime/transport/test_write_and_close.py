@@ -1,4 +1,4 @@
-"""Contexts that are closed while other threads, or an interrupted one, publish: an error, and never a crash."""
+"""Contexts that are closed while other threads, or an interrupted one, use them: an error, and never a crash."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from rosidl_py_gen import get_message
-from rosidl_py_gen.runtime import ClosedError, Context, Node
+from rosidl_py_gen.runtime import ClosedError, Context, Driver, Node
 
 if TYPE_CHECKING:
     from worlds import World
@@ -51,6 +51,28 @@ def test_a_domain_ends_when_threads_that_write_are_done(dds: World, monkeypatch:
     assert said == ["the writer of rt/t is closed"] and domain.writing == []
     with pytest.raises(ClosedError):
         publisher.publish(STRING(data="x"))
+
+
+def test_discovery_that_a_thread_looks_at_is_not_deleted(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    with Driver() as driver, Context(discovery="localhost", driver=driver) as context, dds.node("other") as other:
+        discovery: Any = context._core.participant.discovery  # type: ignore[attr-defined]
+        looking, closed, ends = threading.Event(), threading.Event(), list[bool]()
+        look = discovery._endpoint
+
+        def slow(topic: int, pointer: int, handle: int) -> Any:
+            looking.set()
+            ends.append(closed.wait(0.5))
+            return look(topic, pointer, handle)
+
+        monkeypatch.setattr(discovery, "_endpoint", slow)
+        other.create_publisher(STRING, "t")
+        thread = threading.Thread(target=driver.wait, args=(looking.is_set, 20))
+        thread.start()
+        assert looking.wait(20)
+        context.close()
+        closed.set()
+        thread.join(20)
+        assert ends and not any(ends)
 
 
 CLOSES_IN_A_HANDLER = """

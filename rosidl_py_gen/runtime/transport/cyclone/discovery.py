@@ -87,7 +87,8 @@ class DiscoveryReaders:
         self.entities = tuple(self._readers.values())
         fast_dds.notice(self._readers[DCPS_PARTICIPANT])
         self.sink: Callable[[list[DiscoveryEvent]], None] | None = None
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
+        self._is_stopped = False
         self.guids: dict[int, bytes] = {}
         """By local handle, what is known so far; to be looked at first, then `endpoint_guid` asked."""
         self._lost: deque[int] = deque()
@@ -129,7 +130,7 @@ class DiscoveryReaders:
     def report(self) -> None:
         """Pass all news to the sink."""
         with self._lock:
-            news = list(self._news())
+            news = [] if self._is_stopped else list(self._news())
         for complaint in self._fast_dds.complaints():
             get_root_logger().warning(complaint)
         if news and self.sink is not None:
@@ -186,6 +187,11 @@ class DiscoveryReaders:
         self._lost.append(handle)
         if len(self._lost) > _REMEMBERED:
             self.guids.pop(self._lost.popleft(), None)
+
+    def stop(self) -> None:
+        """The readers are about to be deleted, and what they lent with them: wait for a thread that looks at it."""
+        with self._lock:
+            self._is_stopped = True
 
     def close(self) -> None:
         """The participant and its readers are deleted."""

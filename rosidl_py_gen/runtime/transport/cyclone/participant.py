@@ -268,6 +268,7 @@ class CycloneParticipant(DdsParticipant):
         self._closed = True
         for reader in list(self.readers.values()):
             reader.close()
+        self.discovery.stop()
         self._undo.close()
         self.discovery.close()
 
