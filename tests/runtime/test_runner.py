@@ -163,35 +163,26 @@ def test_a_signal_before_the_first_step_ends_the_program(monkeypatch: pytest.Mon
     assert steps == []
 
 
-def test_ctrl_c_during_work_of_a_thread_waits_for_it() -> None:
-    text = """
+GIVEN_TO_THE_THREAD = "signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})"  # it has begun, with its own mask
+
+
+@pytest.mark.parametrize("first", ["pass", GIVEN_TO_THE_THREAD], ids=["as the kernel likes", "another thread gets it"])
+def test_ctrl_c_during_work_of_a_thread_waits_for_it(first: str) -> None:
+    text = f"""
+begin = threading.Event()
 def work():
+    begin.wait()
+    time.sleep(0.2)  # until the loop waits
     print("working", flush=True)
     select.select([sys.stdin], [], [], 30)
     print("worked", flush=True)
 async def main():
     async with Node("n"):
-        await asyncio.to_thread(work)
-run(main)
-"""
-    with program(text) as process:
-        lines_until(process, "working")
-        process.send_signal(signal.SIGINT)
-        wait_for_patience(process)
-        assert process.communicate("\n", timeout=20) == ("worked\n", "")
-        assert process.returncode == 0
-
-
-@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="threads have no signal masks here")
-def test_a_ctrl_c_that_another_thread_gets_wakes_the_loop() -> None:
-    text = """
-async def main():
-    async with Node("n"):
-        work = asyncio.create_task(asyncio.to_thread(select.select, [sys.stdin], [], [], 30))
+        task = asyncio.create_task(asyncio.to_thread(work))
         await asyncio.sleep(0)
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # not that of the thread, which has begun
-        print("working", flush=True)
-        await work
+        {first}
+        begin.set()
+        await task
 run(main)
 print(signal.set_wakeup_fd(-1))
 """
@@ -199,7 +190,7 @@ print(signal.set_wakeup_fd(-1))
         lines_until(process, "working")
         process.send_signal(signal.SIGINT)
         wait_for_patience(process)
-        assert process.communicate("\n", timeout=20) == ("-1\n", "")
+        assert process.communicate("\n", timeout=20) == ("worked\n-1\n", "")
         assert process.returncode == 0
 
 
