@@ -18,6 +18,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -40,6 +41,8 @@ import rclpy
 rclpy.init()
 node = rclpy.create_node("start")
 """
+LIMIT_S = 120.0
+"""How long processes may take for their figures. Real rclpy's receiver was once seen not to end."""
 Process = subprocess.Popen[str]
 Start = Callable[..., Process]
 
@@ -181,9 +184,15 @@ def real(python: str) -> Start:
 
 def measured(reporter: Process, *others: Process) -> dict[str, float]:
     """What one of some processes reports; all have ended then."""
+    hung = threading.Timer(LIMIT_S, reporter.kill)
+    hung.start()
     try:
-        return figures(reporter)
+        found = figures(reporter)
+        if not found:
+            raise SystemExit(f"{reporter.args}: no figures, or none within {LIMIT_S:g} s")
+        return found
     finally:
+        hung.cancel()
         for process in (reporter, *others):
             process.stdin.close()
         for process in (reporter, *others):

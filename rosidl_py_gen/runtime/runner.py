@@ -225,10 +225,7 @@ def _die(number: int) -> NoReturn:
 
 def _end_tasks(loop: asyncio.AbstractEventLoop) -> None:
     """Cancel what is left, wait for it, and tell of what failed meanwhile."""
-    for task in end_tasks(loop):
-        if not task.cancelled() and (error := task.exception()) is not None:
-            message = "a task failed while the program ended"
-            loop.call_exception_handler({"message": message, "exception": error, "task": task})
+    _cancel_tasks(loop)
     loop.run_until_complete(loop.shutdown_asyncgens())
     try:
         _end_threads(loop)
@@ -236,6 +233,14 @@ def _end_tasks(loop: asyncio.AbstractEventLoop) -> None:
         # Threads that do not end would keep the interpreter, too. Peers shall see us go nevertheless.
         open_contexts.close_all()
         _die(signal.SIGINT)
+    _cancel_tasks(loop)  # those of callbacks that were called while it waited for threads
+
+
+def _cancel_tasks(loop: asyncio.AbstractEventLoop) -> None:
+    for task in end_tasks(loop):
+        if not task.cancelled() and (error := task.exception()) is not None:
+            message = "a task failed while the program ended"
+            loop.call_exception_handler({"message": message, "exception": error, "task": task})
 
 
 def _end_threads(loop: asyncio.AbstractEventLoop) -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import logging
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 import warnings
 from typing import TYPE_CHECKING, Any
@@ -244,6 +246,30 @@ def test_tasks_that_fail_while_the_program_ends_are_told_and_do_not_hide_the_res
 
 
 # -------------------------------------------------------------------------------------------- loops that run already
+
+
+def test_tasks_of_callbacks_that_are_called_while_it_waits_for_threads_are_ended(
+    memory: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    began = threading.Event()
+    ends = []
+
+    async def tick() -> None:
+        began.set()
+        try:
+            await asyncio.Event().wait()
+        finally:
+            ends.append(threading.current_thread())
+
+    async def main() -> None:
+        asyncio.get_running_loop().run_in_executor(None, began.wait, 30)
+        node.create_timer(0.02, tick)
+
+    node = memory.node("n")
+    run(main)
+    assert began.is_set() and set(ends) == {threading.current_thread()}
+    gc.collect()
+    assert not caplog.records
 
 
 async def test_run_and_spin_in_a_running_loop_say_what_to_write_and_close_nothing(memory: World) -> None:
