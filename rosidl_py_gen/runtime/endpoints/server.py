@@ -3,8 +3,8 @@
 Decides how requests are answered: plain handlers on the event loop, async ones as tasks, many at once. A handler that
 raises is logged and sends nothing, as in ROS; its client runs into its timeout.
 
-Before a response is sent, what its client reads must be connected, else it would be lost: that is waited for as long as
-the port says.
+Before a response is sent, what its client reads must be connected, else it would be lost: that is waited for, longer
+than rmw_cyclonedds does, as discovery is late on busy machines.
 """
 
 from __future__ import annotations
@@ -36,6 +36,10 @@ RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
 
 _RESPONSE_HINT = "; it makes the response itself and returns it"
+_PATIENCE_S = 5.0
+"""So long a response waits for its client's reader. Endpoints of a Fast DDS participant are known up to 1.2 s after it
+knows ours and calls (docs/internals/dds.md 6). rmw_cyclonedds waits 0.1 s (docs/internals/protocol.md 5.2).
+"""
 _POLL_S = 0.01
 """Between two looks whether a client's reader is connected, which nothing announces."""
 
@@ -232,9 +236,9 @@ class ServiceServer(Takeable, ServiceEnd[RequestT, ResponseT]):
             self._scope.start(self._send_later(asker, data))
 
     async def _send_later(self, asker: RequestId, data: bytes) -> None:
-        hears, patience_s = partial(self._port.hears, asker), self._port.patience_s(asker)
+        hears = partial(self._port.hears, asker)
         try:
-            is_there = await self._scope.wait_until(hears, patience_s, lambda: self._closed, poll_s=_POLL_S)
+            is_there = await self._scope.wait_until(hears, _PATIENCE_S, lambda: self._closed, poll_s=_POLL_S)
         except ClosedError:
             return
         if is_there:

@@ -15,9 +15,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.service_ends import ServicePeers
     from rosidl_py_gen.runtime.transport.service_port import Reply, Request, RequestId, Service
 
-_PATIENCE_S = 0.1
-"""As on DDS."""
-
 
 class Inbox(Reader, Protocol):
     """What is read, of one end of a service."""
@@ -92,9 +89,6 @@ class MemoryServer(ServerEnd):
 
     def _is_connected(self, client: MemoryClient) -> bool:
         return client.inbox.guid in self._writer.matched_readers()
-
-    def patience_s(self, to: RequestId) -> float:
-        return _PATIENCE_S
 
     def asked_by(self, to: RequestId) -> tuple[bytes, int]:
         asker: _Asker = to

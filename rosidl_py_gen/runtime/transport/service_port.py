@@ -154,9 +154,6 @@ class ServerPort(Protocol):
     def hears(self, to: RequestId) -> bool:
         """Whether a response would arrive, as far as that can be told."""
 
-    def patience_s(self, to: RequestId) -> float:
-        """How long a response waits for that, seconds."""
-
     def asked_by(self, to: RequestId) -> tuple[bytes, int]:
         """The client of a request, 16 bytes, and its number, as introspection shows them."""
 

@@ -129,6 +129,8 @@ int main(int argc, char **argv) {
   struct channel server = {"c_add", NULL, false, 0, 0}, client = {"py_add", NULL, false, 0, 0};
   server.reader = check(dds_create_reader(participant, topic(&example_interfaces_srv_dds__AddTwoInts_Request__desc, "rq/c_addRequest"), qos, NULL), "server");
   server.writer = check(dds_create_writer(participant, topic(&example_interfaces_srv_dds__AddTwoInts_Response__desc, "rr/c_addReply"), qos, NULL), "server");
+  const char *id = "clientid= 1.10.f3.7.0.a.0.1.0.0.0.1.0.0.0.2;"; /* as rmw_cyclonedds: a server waits for the reader */
+  dds_qset_userdata(qos, id, strlen(id));
   client.reader = check(dds_create_reader(participant, topic(&example_interfaces_srv_dds__AddTwoInts_Response__desc, "rr/py_addReply"), qos, NULL), "client");
   client.writer = check(dds_create_writer(participant, topic(&example_interfaces_srv_dds__AddTwoInts_Request__desc, "rq/py_addRequest"), qos, NULL), "client");
   dds_delete_qos(qos);

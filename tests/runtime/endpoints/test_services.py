@@ -49,6 +49,26 @@ async def test_a_reply_to_the_same_number_of_another_client_is_nobody_elses(dds:
     assert (await call).sum == 3
 
 
+@pytest.mark.parametrize("late_s", [3.0, 8.0])
+async def test_a_response_waits_for_the_reader_of_its_client(
+    memory: World, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch, late_s: float
+) -> None:
+    """On a busy machine discovery brings it later than the request, more than the 0.1 s that rmw_cyclonedds waits."""
+    alice, bob = memory.pair()
+    server: Any = alice.create_service(AddTwoInts, "add", add)
+    client = bob.create_client(AddTwoInts, "add")
+    time_s = asyncio.get_running_loop().time
+    there_s = time_s() + late_s
+    monkeypatch.setattr(server._port, "hears", lambda _: time_s() >= there_s)
+    call = client.call(Request(a=1, b=2), timeout_s=10)
+    if late_s < 5:
+        assert (await call).sum == 3 and time_s() >= there_s and not caplog.records
+        return
+    with pytest.raises(CallTimeoutError):
+        await call
+    assert "a response of /add was lost: its client's reader never appeared" in caplog.text
+
+
 @pytest.mark.every_transport
 async def test_a_plain_and_an_async_handler_answer(world: World) -> None:
     alice, bob = world.pair()

@@ -29,10 +29,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.samples import Payload
     from rosidl_py_gen.runtime.transport.service_port import Reply, Request, RequestId, Service
 
-_PATIENCE_S = 0.1
-"""So long a response waits for its client's reader (docs/internals/protocol.md 5.2)."""
-_FAST_DDS_PATIENCE_S = 5.0
-"""Endpoints of a Fast DDS participant are known up to 1.2 s after it knows ours and calls (docs/internals/dds.md 6)."""
 _Asker: TypeAlias = "tuple[ClientId, int, bytes | None, int]"
 """What a `RequestId` is: the client, the number of its request, the GUID of its request writer (None when it vanished
 before it was known) and the local handle of that writer."""
@@ -172,10 +168,6 @@ class DdsServer(ServerEnd):
             return False
         self._listening.add((client, guid))
         return True
-
-    def patience_s(self, to: RequestId) -> float:
-        asker: _Asker = to
-        return _FAST_DDS_PATIENCE_S if isinstance(asker[0], bytes) else _PATIENCE_S
 
     def asked_by(self, to: RequestId) -> tuple[bytes, int]:
         asker: _Asker = to

@@ -334,10 +334,6 @@ class ZenohServer(_End):
         """A response goes where its query came from."""
         return True
 
-    def patience_s(self, to: RequestId) -> float:
-        """Nothing is waited for."""
-        return 0.0
-
     def asked_by(self, to: RequestId) -> tuple[bytes, int]:
         asker: _Asker = to
         return asker
