@@ -245,9 +245,6 @@ def test_tasks_that_fail_while_the_program_ends_are_told_and_do_not_hide_the_res
     assert "a task failed while the program ended" in caplog.text and "while ending" in caplog.text
 
 
-# -------------------------------------------------------------------------------------------- loops that run already
-
-
 def test_tasks_of_callbacks_that_are_called_while_it_waits_for_threads_are_ended(
     memory: World, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -270,6 +267,9 @@ def test_tasks_of_callbacks_that_are_called_while_it_waits_for_threads_are_ended
     assert began.is_set() and set(ends) == {threading.current_thread()}
     gc.collect()
     assert not caplog.records
+
+
+# -------------------------------------------------------------------------------------------- loops that run already
 
 
 async def test_run_and_spin_in_a_running_loop_say_what_to_write_and_close_nothing(memory: World) -> None:
