@@ -29,8 +29,11 @@ def _echo(request, response):
     return response
 
 
-def serve(peer, name, type, how, values=None, node="", note=""):
-    """`how`: `echo` answers with the request's fields, `fixed` with `values`, `set_bool` and `trigger` with `note`."""
+def serve(peer, name, type, how, values=None, node="", note="", depth=10):
+    """`how`: `echo` answers with the request's fields, `fixed` with `values`, `set_bool` and `trigger` with `note`.
+
+    `depth`: how many replies it keeps for clients that have not got them.
+    """
     requests = peer.things["requests", name] = []
     handlers = {"echo": _echo, "fixed": _answer(values), "set_bool": _set_bool}
 
@@ -42,7 +45,9 @@ def serve(peer, name, type, how, values=None, node="", note=""):
         return handlers[how](request, response)
 
     node = peer.nodes.get(node, peer.node)
-    peer.things["service", name] = node.create_service(messages.load(type), name, handler)
+    peer.things["service", name] = node.create_service(
+        messages.load(type), name, handler, qos_profile=QoSProfile(depth=depth)
+    )
 
 
 def serve_slowly(peer, name, type, threads, seconds):
