@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from conftest import Tool
 
 LOOPBACK = "tcp/127.0.0.1:0"
+PANIC = r"(\nthread 'rx-\d+' \(\d+\) panicked at \S+/zenoh/src/net/routing/dispatcher/resource\.rs:[\s\S]*)?"
+"""What a router of Zenoh 1.10 may say when one that it is connected with ends: `unregister_router_entities` meets a
+resource whose context is gone, as in eclipse-zenoh/zenoh issue 2624. It ends well all the same.
+"""
 
 
 @asynccontextmanager
@@ -55,9 +59,9 @@ async def test_a_router_serves_until_a_signal_ends_it(tool: Tool, number: signal
 
 async def test_routers_in_a_line_carry_data_from_end_to_end(tool: Tool) -> None:
     async with (
-        router(tool) as left,
-        router(tool, "--connect", left) as middle,
-        router(tool, "--connect", middle) as right,
+        router(tool, err=PANIC) as left,
+        router(tool, "--connect", left, err=PANIC) as middle,
+        router(tool, "--connect", middle, err=PANIC) as right,
     ):
         with client(left) as first, client(right) as last:
             received = first.declare_subscriber("a/b")
