@@ -343,11 +343,11 @@ async def test_events_of_a_service_and_an_action_of_theirs_are_recorded(
     options = ("--services", service, "--actions", action, "-o", str(bag), "--max-cache-size", "0")
     process = await tool.start("bag", "record", *options)
     assert process.stderr is not None
-    left = {f"recording {name} [{kind}]" for name, kind in expected.items()}
+    left, said = {f"recording {name} [{kind}]" for name, kind in expected.items()}, []
     while left:
-        line = (await asyncio.wait_for(process.stderr.readline(), WITHIN_S)).decode()
-        assert line, left
-        left.discard(line.strip())
+        said.append((await asyncio.wait_for(process.stderr.readline(), WITHIN_S)).decode())
+        assert said[-1], (left, said, await tool.end(process))
+        left.discard(said[-1].strip())
     for topic in expected:
         listeners = 1 if topic.endswith("_event") else 2  # their client of the action, too
         await shared_peer.ask("until_subscribed", topic=topic, count=listeners)
