@@ -89,6 +89,7 @@ def pytest_configure(config: pytest.Config) -> None:
             os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", str(_MEMORY))
     # Of several mypys the first reads the stubs of numpy; two at a time may not share what they have read.
     os.environ.setdefault("MYPY_CACHE_DIR", f"{cache_folder()}/mypy-{os.environ.get('PYTEST_XDIST_WORKER', 'alone')}")
+    os.environ.setdefault("PYTHONFAULTHANDLER", "1")  # a process that crashes says where
     if config.getoption("--hypothesis-seed") is None:
         config.option.hypothesis_seed = os.environ.get("ROSIDL_TEST_SEED") or None
     settings.register_profile(
