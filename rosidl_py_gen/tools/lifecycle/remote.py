@@ -69,7 +69,7 @@ async def lifecycle_of(network: Network, node: str, timeout_s: float) -> AsyncIt
     """
     async with Session(network) as session:
         name = await find_node(session, node, timeout_s)
-        if not await session.wait_for(lambda: name in lifecycle_nodes(session.node, hidden=True), min(timeout_s, 1)):
+        if not await session.wait_for(lambda: name in lifecycle_nodes(session.node, hidden=True), timeout_s):
             raise ToolError(f"{name} is no lifecycle node: it serves no {name}{_MARK}")
         try:
             yield RemoteLifecycle(session.node, name, timeout_s)
