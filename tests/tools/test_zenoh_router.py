@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from conftest import Tool
 
 LOOPBACK = "tcp/127.0.0.1:0"
-PANIC = r"(\nthread 'rx-\d+' \(\d+\) panicked at \S+/zenoh/src/net/routing/dispatcher/resource\.rs:[\s\S]*)?"
+_FRAMES = r"(?:(?:called|stack| ).*\n?)*"
+PANIC = rf"(?:\nthread 'rx-\d+' \(\d+\) panicked at \S+/zenoh/src/net/routing/dispatcher/resource\.rs.*\n?{_FRAMES})*"
 """What a router of Zenoh 1.10 may say when one that it is connected with ends: `unregister_router_entities` meets a
 resource whose context is gone, as in eclipse-zenoh/zenoh issue 2624. It ends well all the same.
 """
