@@ -420,6 +420,27 @@ def test_only_packets_as_known_are_changed_and_one_that_is_not_ends_it(packet: P
     assert (fast_dds.refusal is None) is is_known
 
 
+def written(number: int) -> Packet:
+    """The packet of a sample with that number."""
+    return Packet(bytes(12) + bytes((rtps.DATA, 1)) + WRITTEN[2:16] + bytes(4) + number.to_bytes(4, "little"))
+
+
+def test_what_earlier_packets_left_is_not_taken_for_the_place_of_the_packet() -> None:
+    """Cyclone does not clear that memory: the address of a packet may stand there twice, or that of an older one."""
+    fast_dds, packet, older = FastDds(cyclone._api), written(7), written(6)
+    packet.words[18] = packet.words[19]
+    packet.words[16] = packet.words[30] = older.words[19]
+    before = older.data.raw
+    assert fast_dds.announce_parameters(packet.iov, WRITER)
+    assert packet.data.raw[53] == 1 | rtps.HAS_PARAMETERS and older.data.raw == before
+    other = written(8)
+    other.words[18] = ct.addressof(ct.create_string_buffer(256))
+    for _ in range(2):
+        assert fast_dds.announce_parameters(other.iov, WRITER)
+    assert other.data.raw[53] == 1 | rtps.HAS_PARAMETERS
+    assert fast_dds.refusal is None and fast_dds.packets._data == 112
+
+
 @pytest.mark.parametrize(("word", "value"), [(1, 1), (3, 1), (4, 1)], ids=["room", "other parameters", "has a message"])
 def test_what_is_no_packet_being_made_is_left_alone_without_distrust(word: int, value: int) -> None:
     fast_dds = FastDds(cyclone._api)

@@ -47,6 +47,8 @@ _PACKET = 48
 _out = struct.Struct("=8xQQi4xQ")
 """Room, size of the submessages, whether there are parameters, the message if there is one; then the iov."""
 _OUT_HEAD = 40
+_number = struct.Struct("<iI").unpack_from
+"""The number of a sample, 15 bytes behind the flags of its submessage."""
 _FIRST_OUT, _LAST_OUT = 16, 472
 _READER_KIND = (5).to_bytes(4, "little")
 _RELIABLE, _WANTS_ALL = 1, 2
@@ -335,10 +337,13 @@ class Packets:
                 return False  # no packet is being made: the sample is copied for somebody
             if has_parameters:
                 return False  # Cyclone has put some in, for a reader that wants hashes of keys
+            place = self._data
             if isinstance(read, Peek):
-                self._data = find_packet(read, iov, _OUT_HEAD + size, writer_id)
-        if self._data is not None:
-            address = ct.c_void_p.from_address(iov + self._data).value or 0
+                places = find_packets(read, iov, _OUT_HEAD + size, writer_id)
+                place = places[-1] if places else None
+                self._data = place if len(places) == 1 else None  # of several the next packet tells
+        if place is not None:
+            address = ct.c_void_p.from_address(iov + place).value or 0
             data = bytes_at(address, _OUT_HEAD + size) if address else b""
             flags = _flags_of_packet(data, writer_id)
             if flags:
@@ -347,13 +352,20 @@ class Packets:
         raise ValueError(out.hex())
 
 
-def find_packet(peek: Peek, iov: int, size: int, writer_id: bytes) -> int | None:
-    """How far behind the iov the address of a packet of that writer stands."""
+def find_packets(peek: Peek, iov: int, size: int, writer_id: bytes) -> list[int]:
+    """How far behind the iov addresses of packets of that writer stand; that of the newest comes last.
+
+    The one being made has its address in one place. Others are what is left of earlier use of that memory, which may be
+    the same address.
+    """
+    found = []
     for place in range(_FIRST_OUT, _LAST_OUT, WORD):
         address = peek.word(iov + place)
-        if address >= _PAGE and _flags_of_packet(peek(address, size), writer_id):
-            return place
-    return None
+        data = peek(address, size) if address >= _PAGE else b""
+        flags = _flags_of_packet(data, writer_id)
+        if flags:
+            found.append((_number(data, flags + 15), place))
+    return [place for _, place in sorted(found)]
 
 
 def _flags_of_packet(data: bytes, writer_id: bytes) -> int:
