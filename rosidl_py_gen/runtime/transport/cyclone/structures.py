@@ -330,18 +330,19 @@ class Packets:
         Raises:
             ValueError: it does not look like a packet of that writer.
         """
-        with _direct if self._data is not None else Peek() as read:
+        place = self._data  # which another thread may set meanwhile
+        with _direct if place is not None else Peek() as read:
             out = read(iov - _out.size, _out.size).ljust(_out.size, b"\0")
             room, size, has_parameters, message = _out.unpack(out)
             if message or not rtps.DATA_FRAG_BYTES <= size <= room:
                 return False  # no packet is being made: the sample is copied for somebody
             if has_parameters:
                 return False  # Cyclone has put some in, for a reader that wants hashes of keys
-            place = self._data
             if isinstance(read, Peek):
                 places = find_packets(read, iov, _OUT_HEAD + size, writer_id)
                 place = places[-1] if places else None
-                self._data = place if len(places) == 1 else None  # of several the next packet tells
+                if len(places) == 1:  # of several the next packet tells
+                    self._data = place
         if place is not None:
             address = ct.c_void_p.from_address(iov + place).value or 0
             data = bytes_at(address, _OUT_HEAD + size) if address else b""
