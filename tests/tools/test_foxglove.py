@@ -219,10 +219,20 @@ async def test_a_viewer_may_bring_its_own_type(node: Node, watching: Any) -> Non
     async with watching() as seen:
         await seen.offer(1, "/mine", "viewers/msg/Mine", schemaEncoding="ros2msg", schema="int8 x\n")
         await seen.publish(1, b"\0\1\0\0\5")
+        await seen.until(lambda: "/own" in seen.channels)
         await seen.offer(2, "/own", "viewers/msg/Own")  # announced by the node
         await seen.publish(2, b"\0\1\0\0\6")
         received: Any = await heard.receive(20)
         assert received.x == 6 and seen.warnings() == ""
+
+
+async def test_a_type_that_nobody_knows_yet_is_waited_for(node: Node, watching: Any) -> None:
+    async with watching() as seen:
+        await seen.offer(1, "/late", "viewers/msg/Late")
+        await seen.publish(1, b"\0\1\0\0\7")
+        heard = node.create_subscription(compile_text("viewers/msg/Late", "int8 x\n"), "late")
+        received: Any = await heard.receive(20)
+        assert received.x == 7 and seen.warnings() == ""
 
 
 CDR, STRING = "cdr", "std_msgs/msg/String"

@@ -52,6 +52,13 @@ async def test_what_cannot_be_done_says_why(memory: World, tool: Tool) -> None:
     assert len(json.loads(every.out)) > 20
 
 
+async def test_services_that_come_after_the_name_of_their_node_are_waited_for(memory: World, tool: Tool) -> None:
+    late, answer = memory.node("late"), GetState.Response()
+    answer.current_state.id, answer.current_state.label = 2, "inactive"
+    asyncio.get_running_loop().call_later(2, late.create_service, GetState, "/late/get_state", lambda _: answer)
+    assert (await tool("lifecycle", "get", "/late")).out == "inactive [2]\n"
+
+
 async def test_all_lifecycle_nodes_are_asked_at_once(memory: World, tool: Tool) -> None:
     silent = memory.node("silent")
     servers = [silent.create_service(GetState, "/silent/get_state"), silent.create_client(GetState, "/gone/get_state")]

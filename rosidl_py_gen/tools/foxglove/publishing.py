@@ -2,7 +2,8 @@
 
 Decides that every message is decoded before it goes to ROS: what is no message of the topic's type is refused, and the
 viewers are told which field is wrong. The type is the one that is announced for the topic; for a topic that nobody has
-it is the one the viewer names, known here or defined by the viewer.
+it is the one the viewer names, known here or defined by the viewer. A type that is neither may belong to a node that is
+not found yet, so it is waited for as what users name in commands is.
 """
 
 from __future__ import annotations
@@ -109,17 +110,27 @@ class Publishing:
         if offer.encoding not in _ENCODINGS:
             raise ToolError(f'its encoding is "{printable(offer.encoding)[:40]}", not {" or ".join(_ENCODINGS)}')
         name = str(split_ros_name(offer.schema_name, "msg"))
-        there = dict(self._session.node.get_topic_names_and_types()).get(topic, [])
-        if name in there:
+        if self._is_there(topic, name):
             return await types.message_class(self._session, topic, name, self._paths)
-        if there:
-            raise ToolError(f"its type is {', '.join(there)}, not {name}")
         try:
             return await asyncio.to_thread(get_message, name, path=self._paths)
         except TypeNotFoundError:
-            if offer.schema_encoding != "ros2msg":
+            if offer.schema_encoding == "ros2msg":
+                return await self._compile(name, offer.schema)
+            if not await self._session.wait_for(lambda: self._is_there(topic, name)):
                 raise
-        return await self._compile(name, offer.schema)
+        return await types.message_class(self._session, topic, name, self._paths)
+
+    def _is_there(self, topic: str, name: str) -> bool:
+        """Whether somebody has the topic with this type.
+
+        Raises:
+            ToolError: it has another one.
+        """
+        there = dict(self._session.node.get_topic_names_and_types()).get(topic, [])
+        if there and name not in there:
+            raise ToolError(f"its type is {', '.join(there)}, not {name}")
+        return bool(there)
 
     async def _compile(self, name: str, schema: bytes) -> type[Message]:
         if len(schema) > _MAX_SCHEMA_BYTES:
