@@ -15,6 +15,7 @@ import functools
 import inspect
 import itertools
 import os
+import re
 import sys
 import tempfile
 import threading
@@ -52,6 +53,11 @@ atexit.register(GENERATED.cleanup)
 generate(search_path([interfaces_dir()], ament="", bundled=False), PACKAGES, Path(GENERATED.name))
 sys.path.insert(0, GENERATED.name)
 
+WAITS = re.compile(
+    r"topic \S+ does not appear to be published yet; waiting for it\n|"
+    r"Waiting for at least \d+ matching subscription\(s\) on \S+\.\.\.\n"
+)
+"""What commands say while something takes long, which a busy machine makes it."""
 FIRST_DOMAIN, DOMAINS = 10, 45
 """Twice as many as `DOMAINS`, and none above 100: no other socket is given their ports (docs/guide/network.md)."""
 _LOCAL_ENDPOINTS = ("tcp/127.0.0.1:", "tls/127.0.0.1:", "tcp/localhost:", "tls/localhost:", "tcp/[::1]:")
@@ -367,9 +373,9 @@ def held_up(cpu_s: float = 0.05) -> float:
     return (time.perf_counter() - began) / (time.thread_time() - cpu)
 
 
-_SHORT_LEASE = "<Domain><Discovery><LeaseDuration>2s</LeaseDuration></Discovery></Domain>"
+_SHORT_LEASE = "<Domain><Discovery><LeaseDuration>6s</LeaseDuration></Discovery></Domain>"
 SHORT_LEASE = {"CYCLONEDDS_URI": f"<CycloneDDS>{_SHORT_LEASE}</CycloneDDS>"}
-"""For processes that are killed: they are missed after 2 s, not 10."""
+"""For processes that are killed: they are missed after 6 s, not 10."""
 _SOON_MISSED = "<LeaseDuration>5s</LeaseDuration><SPDPInterval>1s</SPDPInterval>"
 SOON_MISSED = "CYCLONEDDS_URI", f"<CycloneDDS><Domain><Discovery>{_SOON_MISSED}</Discovery></Domain></CycloneDDS>"
 """For contexts that Fast DDS shall miss when they are closed: after 5 s, not 10. Five announcements in that time are

@@ -13,10 +13,11 @@ from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node
+    from rosidl_py_gen.tools.session import Network
 
 _PROGRAM, _VARIABLE = "rosidl-py", "_ROSIDL_PY_COMPLETE"
 _PATIENCE_S = 1.5
-"""How long a node may take to list its parameters."""
+"""How long a node may take to list its parameters, unless ``--spin-time`` is longer."""
 
 
 def run(shell: str) -> int:
@@ -71,19 +72,22 @@ def _names(what: str, context: click.Context) -> list[str]:
 
     from rosidl_py_gen.tools.session import Session
 
+    network: Network = context.params.get("network", {})
+
     async def look() -> list[str]:
-        async with Session(context.params.get("network", {})) as session:
+        async with Session(network) as session:
             if what == "parameters":
-                return await _parameters(session.node, context.params["node"])
+                patience_s = max(network.get("spin_time_s") or 0.0, _PATIENCE_S)
+                return await _parameters(session.node, context.params["node"], patience_s)
             await session.wait_until_quiet()
             return _listed(what, session.node)
 
     return asyncio.run(look())
 
 
-async def _parameters(node: Node, name: str) -> list[str]:
+async def _parameters(node: Node, name: str, patience_s: float) -> list[str]:
     client = node.create_parameter_client(name if name.startswith("/") else f"/{name}")
-    return list((await client.list(timeout_s=_PATIENCE_S)).names)
+    return list((await client.list(timeout_s=patience_s)).names)
 
 
 def _listed(what: str, node: Node) -> list[str]:

@@ -23,9 +23,10 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime import Node
 
-_MIN_S, _QUIET_S, _ALONE_S, _MAX_S = 0.2, 0.1, 1.0, 2.0
+_MIN_S, _QUIET_S, _LATE_S, _ALONE_S, _MAX_S = 0.2, 0.1, 0.5, 1.0, 2.0
 """When nothing is said: peers are asked at once and answer within milliseconds on a quiet network; those that answer
-later, over wireless links or when busy, are waited for as long as news keep coming."""
+later, over wireless links or when busy, are waited for as long as news keep coming: longer apart while nodes have told
+of endpoints that were not found."""
 _ANNOUNCE_DELAY_S = 0.05
 """Most commands are over before it is worth telling peers of their endpoints; DDS would hold up the end, by 0.1 to
 0.2 s, until all of them had acknowledged that."""
@@ -140,23 +141,28 @@ class Session:
         if self._spin_time_s is not None:
             await asyncio.sleep(self._began + self._spin_time_s - now_s())
             return
-        last = [self._began + _MIN_S - _QUIET_S]
+        listened_s = min(now_s() - self._began, _MIN_S)
+        """Without what held this process up: others could not be heard then."""
+        last_s = 0.0
 
         async def watch() -> None:
+            nonlocal last_s
             async for _ in self.node.graph_changes():
-                last[0] = max(last[0], now_s())
+                last_s = listened_s
 
-        def end() -> float:
+        def enough_s() -> float:
             if len(self.node.get_nodes()) <= 1:
-                return self._began + _ALONE_S
+                return _ALONE_S
             if any(one.is_ros and one.announces_hashes is None for one in self.context.participants()):
-                return self._began + _MAX_S  # every ROS participant has endpoints: these will come
-            return min(last[0] + _QUIET_S, self._began + _MAX_S)
+                return _MAX_S  # every ROS participant has endpoints: these will come
+            quiet_s = _QUIET_S if self.node.endpoints_are_known() else _LATE_S
+            return min(max(_MIN_S, last_s + quiet_s), _MAX_S)
 
         watching = asyncio.ensure_future(watch())
         try:
-            while (now := now_s()) < (until := end()):
-                await asyncio.sleep(min(until - now, _QUIET_S))
+            while (step_s := min(enough_s() - listened_s, _QUIET_S)) > 0:
+                await asyncio.sleep(step_s)
+                listened_s += step_s
         finally:
             watching.cancel()
 
@@ -190,7 +196,7 @@ class Session:
         try:
             await asyncio.wait_for(watch(), timeout_s)
         except asyncio.TimeoutError:
-            return False
+            return bool(is_there())  # it may have come while this process was held up
         return True
 
     async def find(self, kind: str, name: str, known: Callable[[], list[str]], timeout_s: float | None = None) -> str:

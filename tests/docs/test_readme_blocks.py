@@ -56,8 +56,11 @@ async def test_a_program_runs_alone(dds: World, folder: Path, block: Block, then
             publisher = dds.node("newcomer").create_publisher("std_msgs/msg/String", "chatter")
             loud = dds.nodes[-1].create_subscription("std_msgs/msg/String", "chatter_loud")
             assert await publisher.wait_for_subscribers(20) and await loud.wait_for_publishers(20)
-            publisher.publish({"data": "hello"})
-            assert (await loud.receive(10))["data"] == "HELLO"
+            answer = asyncio.ensure_future(loud.receive(20))
+            while not answer.done():  # the program may not know our subscription yet
+                publisher.publish({"data": "hello"})
+                await asyncio.wait([answer], timeout=0.2)
+            assert answer.result()["data"] == "HELLO"
             running.send_signal(signal.SIGINT)
         output, errors = await asyncio.to_thread(running.communicate, timeout=40)
     finally:

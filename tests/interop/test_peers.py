@@ -174,7 +174,7 @@ async def test_a_peer_that_is_killed_disappears_and_may_return(
 ) -> None:
     client = dds.node("tester").create_client(AddTwoInts, "/c_add")
     for _ in range(2):
-        with run_peer(cyclone_peer, lease_s=2):
+        with run_peer(cyclone_peer, lease_s=6):
             await connected(client)
             assert (await client.call(AddTwoInts.Request(a=1, b=2), timeout_s=10)).sum == 3
         await until(lambda: not client.service_is_available(), 60)  # killed, so it takes the lease

@@ -133,7 +133,7 @@ class Peer:
         assert self._process.stdin is not None
         self._process.stdin.close()
         try:
-            assert self._process.wait(10) == 0, f"peer {self.name} did not end well"
+            assert self._process.wait(90) == 0, f"peer {self.name} did not end well"
         finally:
             self.kill()
 

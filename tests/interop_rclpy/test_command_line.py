@@ -14,7 +14,7 @@ import pytest
 import yaml
 from rclpy_peer import Peer
 from rclpy_worlds import fresh
-from worlds import ROOT, start_process, until
+from worlds import ROOT, WAITS, start_process, until
 
 from rosidl_py_gen.bags import BagReader
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 STRINGS, BASIC, FIBONACCI = "test_msgs/msg/Strings", "test_msgs/srv/BasicTypes", "test_msgs/action/Fibonacci"
 WITHIN_S = 40
+PATIENT = "--timeout", "20"
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class Tool:
                 process.kill()
                 await process.wait()
         assert process.returncode is not None
-        return Ended(process.returncode, out.decode(), err.decode())
+        return Ended(process.returncode, out.decode(), WAITS.sub("", err.decode()))
 
     async def __call__(self, *words: str) -> str:
         """What a command prints that succeeds."""
@@ -110,7 +111,7 @@ async def looked(peer: Peer, tool: Tool) -> Looked:
         lists = ("topic list -t", "service list -t", "action list -t", "node list", "lifecycle nodes", "param list")
         about = (f"action info {action}", f"node info /{peer.name} --json", f"graph --json --node {peer.name}")
         words = (*lists, "lifecycle get", *about, "doctor --json")
-        answers = await asyncio.gather(*(tool(*one.split(), "--spin-time", "6") for one in words))
+        answers = await asyncio.gather(*(tool(*one.split(), "--spin-time", "10") for one in words))
         said = {" ".join(one.split()[:2]): answer for one, answer in zip(words, answers, strict=True)}
         _looked[peer] = Looked(topic, service, action, node, managed, said)
         await peer.ask("unpublish", topic=topic)
@@ -202,11 +203,11 @@ async def test_parameters_are_read_and_set(shared_peer: Peer, tool: Tool) -> Non
     await shared_peer.ask("add_node", name=name)
     await shared_peer.ask("declare", node=name, parameters={"speed": 1.5, "arm.names": ["a", "ü"], "count": 3})
     listed, got, done, described, wrong = await asyncio.gather(
-        tool("param", "list", f"/{name}", "--param-type"),
-        tool("param", "get", f"/{name}", "arm.names"),
-        tool("param", "set", f"/{name}", "speed", "2.5"),
-        tool("param", "describe", f"/{name}", "count"),
-        tool.end(await tool.start("param", "set", f"/{name}", "speed", "fast")),
+        tool("param", "list", f"/{name}", "--param-type", *PATIENT),
+        tool("param", "get", f"/{name}", "arm.names", *PATIENT),
+        tool("param", "set", f"/{name}", "speed", "2.5", *PATIENT),
+        tool("param", "describe", f"/{name}", "count", *PATIENT),
+        tool.end(await tool.start("param", "set", f"/{name}", "speed", "fast", *PATIENT)),
     )
     assert "  arm.names (type: string array)\n" in listed
     assert (got, done) == ("String values are: ['a', 'ü']\n", "Set parameter successful\n")
@@ -220,11 +221,11 @@ async def test_parameters_are_dumped_and_loaded(shared_peer: Peer, tool: Tool, t
     name = fresh("holder").strip("/")
     await shared_peer.ask("add_node", name=name)
     await shared_peer.ask("declare", node=name, parameters={"speed": 1.5, "arm.names": ["a", "ü"], "count": 3})
-    dumped = yaml.safe_load(await tool("param", "dump", f"/{name}"))[f"/{name}"]["ros__parameters"]
+    dumped = yaml.safe_load(await tool("param", "dump", f"/{name}", *PATIENT))[f"/{name}"]["ros__parameters"]
     assert (dumped["speed"], dumped["arm"], dumped["count"]) == (1.5, {"names": ["a", "ü"]}, 3)
     file = tmp_path / "holder.yaml"
     file.write_text(f"/{name}:\n  ros__parameters: {{count: 4}}\n")
-    assert await tool("param", "load", f"/{name}", str(file)) == "Set parameter count successful\n"
+    assert await tool("param", "load", f"/{name}", str(file), *PATIENT) == "Set parameter count successful\n"
     assert await shared_peer.ask("parameters", node=name, names=["count"]) == [4]
     await shared_peer.ask("remove_node", name=name)
 
@@ -254,8 +255,10 @@ async def test_ctrl_c_cancels_a_goal_of_theirs(shared_peer: Peer, tool: Tool, sh
 async def test_a_lifecycle_node_is_led_through_its_states(shared_peer: Peer, tool: Tool) -> None:
     name = fresh("managed")
     await shared_peer.ask("lifecycle_node", name=name.strip("/"))
-    assert await tool("lifecycle", "set", name, "configure") == "Transitioning successful\n"
-    state, possible = await asyncio.gather(tool("lifecycle", "get", name), tool("lifecycle", "list", name))
+    assert await tool("lifecycle", "set", name, "configure", *PATIENT) == "Transitioning successful\n"
+    state, possible = await asyncio.gather(
+        tool("lifecycle", "get", name, *PATIENT), tool("lifecycle", "list", name, *PATIENT)
+    )
     assert (state, "- activate [3]\n" in possible) == ("inactive [2]\n", True)
     await shared_peer.ask("remove_node", name=name.strip("/"))
 

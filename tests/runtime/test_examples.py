@@ -170,7 +170,7 @@ def test_points_are_turned_and_filtered() -> None:
         async with Node("asker") as node:
             near = node.create_subscription(Marker, "points_near")
             out = node.create_publisher(Marker, "points")
-            assert await out.wait_for_subscribers(10) and await near.wait_for_publishers(10)
+            assert await out.wait_for_subscribers(30) and await near.wait_for_publishers(30)
             answer = asyncio.ensure_future(near.receive(timeout_s=20))
             while not answer.done():  # the other side may know our publisher, and not our subscription yet
                 out.publish(Marker(points=[Point(x=1.0, z=7.0), Point(y=6.0), Point(y=2.0)]))
@@ -221,7 +221,7 @@ def test_a_cloud_is_filtered_with_all_its_fields() -> None:
         async with Node("lidar") as node:
             near = node.create_subscription(PointCloud2, "points_filtered", qos=SENSOR_DATA)
             out = node.create_publisher(PointCloud2, "points", SENSOR_DATA)
-            assert await out.wait_for_subscribers(10) and await near.wait_for_publishers(10)
+            assert await out.wait_for_subscribers(30) and await near.wait_for_publishers(30)
             answer = asyncio.ensure_future(near.receive(timeout_s=20))
             while not answer.done():  # best effort: the other side may not be ready when we are
                 out.publish(array_to_pointcloud(points, header=Header(frame_id="lidar"), cls=PointCloud2))

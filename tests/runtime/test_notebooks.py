@@ -74,7 +74,7 @@ class Notebook:
     async def printed(self, cell: str, text: str) -> None:
         """Wait until a cell's output is that text."""
         while self.prints.get(cell) != text:
-            self._look(await self._client.get_iopub_msg(timeout=5))
+            self._look(await self._client.get_iopub_msg(timeout=KERNEL_S))
 
 
 async def in_notebook(folder: Path, use: Callable[[Notebook], Awaitable[None]]) -> None:
@@ -99,7 +99,7 @@ async def in_notebook(folder: Path, use: Callable[[Notebook], Awaitable[None]]) 
         await manager.shutdown_kernel(now=True)
 
 
-@pytest.mark.timeout(60)
+@pytest.mark.timeout(180)
 @pytest.mark.parametrize("transport", ["MemoryTransport()", "None"], ids=["memory", "dds"])
 async def test_a_node_lives_in_a_notebook(tmp_path: Path, transport: str) -> None:
     async def use(notebook: Notebook) -> None:

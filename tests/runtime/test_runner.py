@@ -126,6 +126,8 @@ def test_a_second_sigterm_ends_a_callback_that_never_returns(first: signal.Signa
 @pytest.mark.parametrize("uses_dds", [True, False])
 def test_one_signal_ends_a_waiting_program_at_once_and_cleans_up(number: signal.Signals, uses_dds: bool) -> None:
     text = f"""
+from rosidl_py_gen.runtime.loop import driver, portal
+driver._PATIENCE_S = portal._PATIENCE_S = 60  # with calls that do not end
 async def main():
     context = {"Context()" if uses_dds else "Context(transport=MemoryTransport())"}
     async with context, Node("n", context=context):
@@ -141,9 +143,9 @@ print(run(main))
         lines_until(process, "up")
         process.send_signal(number)
         start = time.monotonic()
-        assert process.communicate(timeout=20) == ("cleaned up\nNone\n", "")
+        assert process.communicate(timeout=60) == ("cleaned up\nNone\n", "")
         assert process.returncode == 0
-        assert time.monotonic() - start < 4.5  # patience with calls that do not end is 5
+        assert time.monotonic() - start < 40
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -15,6 +15,7 @@ import in_process
 import pytest
 from worlds import (
     GENERATED,
+    WAITS,
     dds,
     memory,
     network,
@@ -83,7 +84,7 @@ class Tool:
             process.kill()
             raise
         assert process.returncode is not None
-        return Ended(process.returncode, out.decode(), err.decode())
+        return Ended(process.returncode, out.decode(), WAITS.sub("", err.decode()))
 
 
 @pytest.fixture
@@ -126,6 +127,7 @@ def run_here(
             except SystemExit as end:
                 code = end.code
         assert isinstance(code, int)
-        return (code, *capsys.readouterr())
+        out, err = capsys.readouterr()
+        return code, out, WAITS.sub("", err)
 
     return run

@@ -285,7 +285,7 @@ async def test_a_bag_is_played_at_its_rate_with_the_quality_of_then(network: Wor
     latched = node.create_subscription(String, "map", qos=LATCHED)
     clock = node.create_subscription(Clock, "clock", qos=QoSProfile(depth=100))
     process = await tool.start(
-        *("bag", "play", str(path), "--remap", "/words:=/heard", "--rate", "2", "--clock", "50", "--delay", "0.2")
+        *("bag", "play", str(path), "--remap", "/words:=/heard", "--rate", "2", "--clock", "50", "--delay", "2")
     )
     times = []
     for number in range(20):

@@ -37,7 +37,7 @@ async def complete(tool: Tool, line: str, **environment: str) -> list[str]:
 async def offered(what: str, incomplete: str, **params: Any) -> list[str]:
     """What is offered behind these parameters, asked in a thread as a loop runs here."""
     context = click.Context(click.Command("x"))
-    context.params.update(params, network={"spin_time_s": 3})
+    context.params.update(params, network={"spin_time_s": 5})
     items = await asyncio.to_thread(complete_names, what, context, incomplete)
     return [item.value for item in items]
 
@@ -51,12 +51,12 @@ async def test_names_come_from_the_live_graph(dds: World, tool: Tool) -> None:
     node.declare_parameter("max_speed", 1.0)
     await until(lambda: other.count_services("/drive/_action/get_result") == 1)
     topics, hidden, services, nodes, recorded, excluded, actions, parameters, nobody = await asyncio.gather(
-        complete(tool, "rosidl-py topic echo --spin-time 3 /"),
-        complete(tool, "rosidl-py topic echo --spin-time 3 /_"),
-        complete(tool, "rosidl-py service call --spin-time 3 /st"),
-        complete(tool, "rosidl-py graph --spin-time 3 --node /"),
-        complete(tool, "rosidl-py bag record --spin-time 3 --topics /rosout /sp"),
-        complete(tool, "rosidl-py bag record --spin-time 3 --all --exclude-actions /other /"),
+        complete(tool, "rosidl-py topic echo --spin-time 5 /"),
+        complete(tool, "rosidl-py topic echo --spin-time 5 /_"),
+        complete(tool, "rosidl-py service call --spin-time 5 /st"),
+        complete(tool, "rosidl-py graph --spin-time 5 --node /"),
+        complete(tool, "rosidl-py bag record --spin-time 5 --topics /rosout /sp"),
+        complete(tool, "rosidl-py bag record --spin-time 5 --all --exclude-actions /other /"),
         offered("actions", "/"),
         offered("parameters", "max", node="base"),
         offered("parameters", "max", node="/nobody"),

@@ -113,9 +113,9 @@ async def test_describe_shows_limits(memory: World, tool: Tool) -> None:
 async def test_what_is_dumped_can_be_loaded(network: World, tool: Tool, tmp_path: Path) -> None:
     node, file = drive(network), tmp_path / "drive.yaml"
     printed, written, as_json = await asyncio.gather(
-        tool("param", "dump", "/drive"),
-        tool("param", "dump", "/drive", "-o", str(file)),
-        tool("param", "dump", "/drive", "--json"),
+        tool("param", "dump", "/drive", "--timeout", "20"),
+        tool("param", "dump", "/drive", "--timeout", "20", "-o", str(file)),
+        tool("param", "dump", "/drive", "--timeout", "20", "--json"),
     )
     assert (written.out, file.read_text()) == ("", printed.out)
     assert json.loads(as_json.out)["/drive"]["arm.names"] == ["a", "b"]

@@ -143,7 +143,7 @@ async def test_echo_shows_what_passes(network: World, tool: Tool) -> None:
     node, server = serve(network)
     server.configure_introspection(node.clock, SERVICES_DEFAULT, IntrospectionState.CONTENTS)
     process = await tool.start("service", "echo", "/add", "--json")
-    await until(lambda: node.count_subscribers("/add/_service_event") > 0, 10)
+    await until(lambda: node.count_subscribers("/add/_service_event") > 0, 25)
     client = node.create_client(AddTwoInts, "/add")
     await client.call(AddTwoInts.Request(a=2, b=3), 5)
     assert process.stdout is not None

@@ -80,6 +80,32 @@ async def test_names_are_known_when_every_endpoint_is_of_a_node(dds: World) -> N
         assert names_are_known()
 
 
+async def test_endpoints_are_known_when_all_that_nodes_tell_of_are_found(dds: World) -> None:
+    dds.node("base").create_publisher(String, "/speed")
+    async with Session({}) as session:
+        graph, node = session.node._scope.graph, session.node
+        await until(lambda: "/base" in node.get_node_names() and node.endpoints_are_known())
+        participant = b"\1\x0f" + bytes(10) + b"\0\0\1\xc1"
+        late = participant[:12] + b"\0\0\1\4"
+        graph.apply(ParticipantFound(participant, "/"))
+        graph.set_nodes(participant, [NodeEntities("/", "slow", frozenset([late]), frozenset())])
+        assert not node.endpoints_are_known()
+        graph.set_nodes(participant, [NodeEntities("/", "slow", frozenset(), frozenset())])
+        assert node.endpoints_are_known()
+
+
+async def test_a_command_listens_longer_when_it_was_held_up(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    loop, held_up_s = asyncio.get_running_loop(), 0.0
+    monkeypatch.setattr(session, "now_s", lambda: loop.time() + held_up_s)
+    async with Session({}) as made:
+        waiting = asyncio.ensure_future(made.wait_until_quiet())
+        loop.call_later(0.3, dds.node, "late")
+        await asyncio.sleep(0)
+        held_up_s = 5.0
+        await waiting
+        assert "/late" in made.node.get_node_names()
+
+
 @pytest.mark.parametrize("error", [None, ToolError("wrong")])
 def test_a_command_listens_while_it_is_loaded_and_not_any_more_when_it_is_over(
     dds: World, monkeypatch: pytest.MonkeyPatch, error: ToolError | None

@@ -28,14 +28,14 @@ Bool: Any = get_message("std_msgs/msg/Bool")
 )
 async def test_echo_says_why_nothing_comes(dds: World, tool: Any, arguments: list[str], reason: str) -> None:
     publisher = dds.node("talker").create_publisher(String, "/words")
-    done = await tool("topic", "echo", "/words", *arguments, "--timeout", "4")
+    done = await tool("topic", "echo", "/words", *arguments, "--timeout", "8")
     assert f"warning: no messages on /words from node /talker to this command: {reason}" in done.err
     assert done.code == 1 and publisher.subscription_count == 0
 
 
 async def test_pub_says_why_nobody_listens(dds: World, tool: Any) -> None:
     dds.node("listener").create_subscription(String, "/words")
-    done = await tool("topic", "pub", "/words", "std_msgs/msg/Bool", "data: true", "-w", "1", "--timeout", "4")
+    done = await tool("topic", "pub", "/words", "std_msgs/msg/Bool", "data: true", "-w", "1", "--timeout", "8")
     reason = "types differ, std_msgs/msg/Bool and std_msgs/msg/String"
     assert f"warning: no messages on /words from this command to node /listener: {reason}" in done.err
 

@@ -84,7 +84,7 @@ async def test_echo_says_what_is_missing(memory: World, tool: Tool) -> None:
 async def test_the_tree_shows_parents_rates_delays_and_nodes(memory: World, tool: Tool) -> None:
     await robot(memory, late_s=0.5)
     plain, data, mermaid = await asyncio.gather(
-        tool("tf", "tree"), tool("tf", "tree", "--json"), tool("tf", "tree", "--format", "mermaid")
+        tool("tf", "tree"), tool("tf", "tree", "--json", "--wait-time", "6"), tool("tf", "tree", "--format", "mermaid")
     )
     assert plain.out == (
         "map\n"
@@ -259,7 +259,8 @@ def test_boxes_of_a_picture_do_not_overlap() -> None:
 async def test_everything_works_between_processes_on_dds(dds: World, tool: Tool) -> None:
     await robot(dds)
     tree, echo = await asyncio.gather(
-        tool("tf", "tree", "--json"), tool("tf", "echo", "map", "lidar", "--once", "--json", "--timeout", "20")
+        tool("tf", "tree", "--json", "--wait-time", "6"),
+        tool("tf", "echo", "map", "lidar", "--once", "--json", "--timeout", "20"),
     )
     answer = json.loads(tree.out)
     assert {one["frame"]: one["publishers"] for one in answer["frames"]} == {

@@ -79,7 +79,7 @@ async def test_only_what_the_filter_lets_through_is_shown(network: World, tool: 
         "\ufffd[31mneedle\t3\n".encode(),
         b"next line\n",
     ):
-        assert await asyncio.wait_for(process.stdout.readline(), 10) == expected
+        assert await asyncio.wait_for(process.stdout.readline(), 25) == expected
     process.send_signal(signal.SIGINT)
     assert (await tool.end(process)).code == 0
 
@@ -112,12 +112,12 @@ async def test_publishers_that_offer_less_are_heard_too_when_they_come_later(nod
     durable = node.create_publisher(STRING, "/words", LATCHED)
     durable.publish({"data": "latched"})
     process = await tool.start("topic", "echo", "/words", "--field", "data")
-    assert await asyncio.wait_for(process.stdout.readline(), 10) == b"latched\n"
+    assert await asyncio.wait_for(process.stdout.readline(), 25) == b"latched\n"
     careless = node.create_publisher(STRING, "/words", QoSProfile().best_effort())
-    assert await careless.wait_for_subscribers(10)
+    assert await careless.wait_for_subscribers(25)
     careless.publish({"data": "careless"})
     await process.stdout.readline()
-    assert await asyncio.wait_for(process.stdout.readline(), 10) == b"careless\n"
+    assert await asyncio.wait_for(process.stdout.readline(), 25) == b"careless\n"
     process.send_signal(signal.SIGINT)
     ended = await tool.end(process)
     assert ended.code == 0
@@ -130,7 +130,7 @@ async def test_quality_of_service_can_be_given(node: Node, tool: Any) -> None:
         *("topic", "echo", "/words", STRING, "--qos-profile", "parameters", "--qos-reliability", "best_effort"),
         *("--qos-depth", "3", "--qos-liveliness-lease-duration-seconds", "2.5"),
     )
-    await until(lambda: len(node.get_subscriptions_info_by_topic("/words")) == 1, 10)
+    await until(lambda: len(node.get_subscriptions_info_by_topic("/words")) == 1, 25)
     (info,) = node.get_subscriptions_info_by_topic("/words")
     qos = info.qos_profile
     assert (qos.reliability.name, qos.durability.name, qos.liveliness_lease_ns) == ("BEST_EFFORT", "VOLATILE", 2.5e9)
@@ -143,7 +143,7 @@ async def test_no_more_are_shown_than_the_rate_allows(memory: World, tool: Any) 
     publisher = memory.node("talker").create_publisher("std_msgs/msg/Int32", "/count")
     words = ("--field", "data", "--csv", "--filter", "m.data % 2 == 0", "--max-rate", "2.5", "--timeout", "0.3")
     process = await tool.start("topic", "echo", "/count", *words)
-    assert await publisher.wait_for_subscribers(10)
+    assert await publisher.wait_for_subscribers(25)
     for number in range(20):
         publisher.publish({"data": number})
         await asyncio.sleep(0.1)
@@ -157,7 +157,7 @@ async def test_no_more_are_shown_than_the_rate_allows(memory: World, tool: Any) 
 async def test_nothing_is_said_of_a_rate_that_is_not_reached(memory: World, tool: Any, rate: str | None) -> None:
     publisher = memory.node("talker").create_publisher(STRING, "/words")
     process = await tool.start("topic", "echo", "/words", "--field", "data", *(["--max-rate", rate] if rate else []))
-    assert await publisher.wait_for_subscribers(10)
+    assert await publisher.wait_for_subscribers(25)
     for word in ("a", "b"):
         publisher.publish({"data": word})
         await asyncio.sleep(0.01)
@@ -170,7 +170,7 @@ async def test_a_topic_as_fast_as_the_rate_is_shown_in_full(memory: World, tool:
     """However unevenly its messages come."""
     publisher = memory.node("talker").create_publisher("std_msgs/msg/Int32", "/count")
     process = await tool.start("topic", "echo", "/count", "--field", "data", "--csv", "--max-rate", "10")
-    assert await publisher.wait_for_subscribers(10)
+    assert await publisher.wait_for_subscribers(25)
     for number in range(20):
         publisher.publish({"data": number})
         await asyncio.sleep(0.09 if number % 2 else 0.11)
@@ -182,7 +182,7 @@ async def test_a_topic_as_fast_as_the_rate_is_shown_in_full(memory: World, tool:
 async def test_the_dropped_are_told_when_echo_is_interrupted(memory: World, tool: Any) -> None:
     publisher = memory.node("talker").create_publisher(STRING, "/words")
     process = await tool.start("topic", "echo", "/words", "--field", "data", "--max-rate", "0.1")
-    assert await publisher.wait_for_subscribers(10)
+    assert await publisher.wait_for_subscribers(25)
     for word in ("a", "b", "c"):
         publisher.publish({"data": word})
     await asyncio.sleep(1)
@@ -194,7 +194,7 @@ async def test_the_dropped_are_told_when_echo_is_interrupted(memory: World, tool
 
 async def test_a_topic_that_comes_later_is_waited_for(node: Node, tool: Any) -> None:
     process = await tool.start("topic", "echo", "/late", "--once", "--timeout", "20")
-    assert await asyncio.wait_for(process.stderr.readline(), 10) == (
+    assert await asyncio.wait_for(process.stderr.readline(), 25) == (
         b"topic /late does not appear to be published yet; waiting for it\n"
     )
     node.create_publisher(STRING, "/late", LATCHED).publish({"data": "here"})

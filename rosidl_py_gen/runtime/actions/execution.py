@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 
-_PATIENCE_S = 0.1
+_PATIENCE_S = 2.0
 _HEARTBEAT_S = 0.01
 
 
@@ -37,8 +37,8 @@ class FeedbackReadiness:
     A client that has just appeared may be connected with the goal service before it is with the feedback topic, and
     what is published until then is lost. So is what a reliable DDS writer sends before a new reader has had its first
     heartbeat, which comes a few milliseconds after they were connected (measured: the first feedback of every tenth
-    new client). So up to 100 ms are given to connections, as service replies do (docs/internals/protocol.md 5.2), and
-    10 ms to the heartbeat. Goals of known clients wait for nothing.
+    new client). So up to 2 s are given to connections, as endpoints of Fast DDS may be known 1.2 s late
+    (docs/internals/dds.md 6), and 10 ms to the heartbeat. Goals of known clients wait for nothing.
     """
 
     def __init__(self, scope: Scope, goals: ServiceServer[Any, Any], feedback: Publisher[Any]) -> None:

@@ -226,6 +226,11 @@ class Graph:
             if endpoint.channel.kind != "bare"  # of the participant itself, or of no ROS
         )
 
+    def endpoints_are_known(self) -> bool:
+        """Whether every endpoint that nodes have told of was found; see `Node.endpoints_are_known`."""
+        nodes = [node for participant in list(self._participants.values()) for node in participant.nodes]
+        return all(self.endpoints.keys() >= node.reader_gids | node.writer_gids for node in nodes)
+
     def nodes(self) -> list[NodeInfo]:
         """Every node of every ROS participant; two nodes of one name are two entries."""
         return [

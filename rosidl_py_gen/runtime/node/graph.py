@@ -131,6 +131,13 @@ class GraphMethods:
         """
         return self._look().names_are_known()
 
+    def endpoints_are_known(self) -> bool:
+        """Whether every endpoint that nodes have told of was found.
+
+        It stays untrue where a node on rmw_cyclonedds of Jazzy has closed a subscription, of which it tells on.
+        """
+        return self._look().endpoints_are_known()
+
     def get_node_names(self) -> list[str]:
         """Fully qualified names of all nodes, sorted; two nodes of one name are listed twice."""
         return sorted(node.fully_qualified_name for node in self.get_nodes())

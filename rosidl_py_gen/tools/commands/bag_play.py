@@ -184,7 +184,7 @@ _ALTERNATIVES = (
     "acked_ms",
     type=click.IntRange(0),
     metavar="MILLISECONDS",
-    help="At the end, wait until all is acknowledged; 0 is for ever. Else for a second at most.",
+    help="At the end, wait until all is acknowledged; 0 is for ever. Else for 5 s at most.",
 )
 @click.option("--publish-service-requests", "publish_requests", is_flag=True, help="Send requests instead of events.")
 @click.option("--send-actions-as-client", "actions_as_client", is_flag=True, help="The same for actions.")

@@ -9,7 +9,7 @@ from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
 from rosidl_py_gen.runtime import run
 from rosidl_py_gen.tools.session import Network, Session
 
-LIFE_S = 20
+LIFE_S = 60
 """Nobody needs it longer, should the doctor be killed."""
 
 

@@ -43,7 +43,7 @@ _VENDORS = {
 """Numbers of the OMG (dds-foundation.org, "DDS-RTPS vendor and product ids"); the first byte is 1."""
 _ROS = {True: "ROS Iron or later", False: "ROS Humble or earlier (no type hashes)", None: "ROS"}
 _ON_ZENOH = "does `rosidl-py zenoh-router` run on each machine, and do the routers connect with each other?"
-_START_S, _FOUND_S, _ANSWER_S, _END_S = 20.0, 5.0, 5.0, 2.0
+_START_S, _FOUND_S, _ANSWER_S, _END_S = 20.0, 10.0, 10.0, 2.0
 _MAX_NAMES, _MAX_MISMATCHES = 20, 20
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _MIN_DEPTH = 10
 _MAX_NOTES = 10
-_ACKNOWLEDGED_S = 1.0
+_ACKNOWLEDGED_S = 5.0
 
 
 def unplayable(channel: BagTopic) -> str:
@@ -90,7 +90,7 @@ class Senders:
         await while_there_is_time(one.wait_for_subscribers(timeout_s) for one in self._publishers)
 
     async def acknowledged(self, timeout_ms: int | None) -> None:
-        """Wait until what was published has arrived; None for a second at most, 0 as long as it takes.
+        """Wait until what was published has arrived; None for 5 s at most, 0 as long as it takes.
 
         When the user said how long, what did not arrive is told.
         """

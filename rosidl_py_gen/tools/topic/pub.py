@@ -21,7 +21,7 @@ from rosidl_py_gen.tools.session import Network, Session
 from rosidl_py_gen.tools.topic import qos as topic_qos
 from rosidl_py_gen.tools.topic.stdin import documents
 
-_ACKNOWLEDGED_S = 1.0
+_ACKNOWLEDGED_S = 5.0
 _NOTE_EVERY_S = 1.0
 _STDIN = "-"
 

@@ -89,7 +89,7 @@ static void call(struct channel *client, int count) {
     REQUEST request = {own, number, number, 100};
     check(dds_write(client->writer, &request), "call");
     bool done = false;
-    for (int tries = 0; tries < 2000 && !done; tries++) {
+    for (int tries = 0; tries < 20000 && !done; tries++) {
       void *sample[1] = {NULL};
       dds_sample_info_t info[1];
       if (dds_take(client->reader, sample, info, 1, 1) > 0) {

@@ -82,7 +82,7 @@ def read(peer, ended):
     for line in sys.stdin:
         peer.executor.create_task(execute, peer, line)
     peer.executor.create_task(ended.set)
-    threading.Event().wait(5)
+    threading.Event().wait(60)
     os._exit(1)  # something hangs
 
 

@@ -23,5 +23,5 @@ def end():
     raise RuntimeError("the end")
 
 
-node.create_timer(0.3, end)
+node.create_timer(2.0, end)
 rclpy.spin(node)

@@ -45,7 +45,7 @@ for wrong in (lambda: stamp < 3, lambda: Time(seconds=-1), lambda: stamp + stamp
     except Exception as error:
         print(type(error).__name__)
 ticks = []
-timer = node.create_timer(0.05, lambda: ticks.append(timer.time_until_next_call() > 0))
+timer = node.create_timer(0.5, lambda: ticks.append(timer.time_until_next_call() > 0))
 while len(ticks) < 3:
     executor.spin_once(timeout_sec=1)
 timer.cancel()

@@ -362,7 +362,7 @@ def executors():
     begin = time.time()
     a.spin_once(timeout_sec=0)
     a.spin_once(timeout_sec=0.3)
-    print(0.2 < time.time() - begin < 1)
+    print(0.2 < time.time() - begin < 30)
     show(lambda: a.wait_for_ready_callbacks(timeout_sec=0.1))
     show(lambda: a.wait_for_ready_callbacks(timeout_sec=0.1, condition=lambda: True))
     with SingleThreadedExecutor() as c:
@@ -374,22 +374,22 @@ def executors():
 
 def timers():
     hits = []
-    t = node.create_timer(0.1, lambda: hits.append(1))
+    t = node.create_timer(1.0, lambda: hits.append(1))
     print(
-        t.timer_period_ns, t.is_ready(), t.is_canceled(), t.time_until_next_call() > 0, t.time_since_last_call() < 10**8
+        t.timer_period_ns, t.is_ready(), t.is_canceled(), t.time_until_next_call() > 0, t.time_since_last_call() < 10**9
     )
-    time.sleep(0.35)  # three and a half periods
+    time.sleep(3.5)  # three and a half periods
     print(t.is_ready(), t.time_until_next_call() < 0)
     rclpy.spin_once(node, timeout_sec=0)
     rclpy.spin_once(node, timeout_sec=0)
     print(len(hits), t.is_ready(), t.time_until_next_call() > 0)
     t.cancel()
     print(t.is_canceled(), t.is_ready(), t.time_until_next_call())
-    time.sleep(0.15)  # one and a half periods
+    time.sleep(1.5)  # one and a half periods
     rclpy.spin_once(node, timeout_sec=0.1)
     print(len(hits))
     t.reset()
-    print(t.is_canceled(), t.time_until_next_call() > 5 * 10**7)
+    print(t.is_canceled(), t.time_until_next_call() > 5 * 10**8)
     t.timer_period_ns = 2 * 10**8
     print(t.timer_period_ns)
     print(node.destroy_timer(t), node.destroy_timer(t))
@@ -415,7 +415,7 @@ def rates():
     th.start()
     begin = time.time()
     [r.sleep() for _ in range(10)]
-    print(0.15 < time.time() - begin < 1)
+    print(0.15 < time.time() - begin < 30)
     print(node.destroy_rate(r))
     show(r.sleep)
     r = node.create_rate(0.1)
@@ -551,9 +551,16 @@ def waiting():
     print(wait_for_message(String, node, "wm", time_to_wait=0.2))
     p = node.create_publisher(String, "wm", 1)
     t = node.create_timer(0.05, lambda: None)
-    w = threading.Timer(0.3, lambda: [p.publish(String(data="z")) or time.sleep(0.05) for _ in range(10)])
+    ended = threading.Event()
+
+    def publish():
+        while not ended.wait(0.05):
+            p.publish(String(data="z"))
+
+    w = threading.Timer(0.3, publish)
     w.start()
-    print(wait_for_message(String, node, "wm", time_to_wait=5)[1].data)
+    print(wait_for_message(String, node, "wm", time_to_wait=20)[1].data)
+    ended.set()
     w.join()
     print(t.time_since_last_call() > 2 * 10**8)
 
@@ -583,7 +590,7 @@ def created_while_spinning():
     b = time.time()
     other = Node("o2")
     rclpy.spin_until_future_complete(other, f, timeout_sec=5)
-    print(f.done(), time.time() - b < 2)
+    print(f.done(), time.time() - b < 4.5)
     cleared = threading.Event()
     ex.create_task(lambda: (hit.clear(), cleared.set()))
     print(cleared.wait(5), hit.wait(5))

@@ -187,7 +187,7 @@ async def test_a_publisher_that_falls_silent_is_told_with_both_counts_and_their_
 
 async def test_dds_tells_of_deadlines_and_liveliness(dds: World) -> None:
     alice, bob = dds.pair()
-    qos = QoSProfile(deadline_ns=100_000_000, liveliness=Liveliness.MANUAL_BY_TOPIC, liveliness_lease_ns=200_000_000)
+    qos = QoSProfile(deadline_ns=100_000_000, liveliness=Liveliness.MANUAL_BY_TOPIC, liveliness_lease_ns=2_000_000_000)
     late: list[CountStatus] = []
     alive: list[LivelinessStatus] = []
     missed: list[CountStatus] = []

@@ -8,7 +8,7 @@ import statistics
 import sys
 from typing import TYPE_CHECKING
 
-from worlds import ROOT, start_process
+from worlds import ROOT, held_up, start_process
 
 if TYPE_CHECKING:
     from worlds import World
@@ -49,9 +49,11 @@ async def test_what_was_lost_comes_soon(dds: World) -> None:
     assert dds
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "CYCLONEDDS_URI": LOSES_A_TENTH}
     viewer = await start_process(sys.executable, "-c", VIEWER, env=environment, stdout=asyncio.subprocess.PIPE)
+    busy = [held_up()]
     camera = await start_process(sys.executable, "-c", CAMERA, env=environment)
     printed, _ = await asyncio.wait_for(viewer.communicate(), 60)
     took_s = [float(line) for line in printed.split()]
     assert viewer.returncode == 0 and len(took_s) == MESSAGES
-    assert statistics.median(took_s) < 0.15, sorted(took_s)
+    busy.append(held_up())
+    assert statistics.median(took_s) < 0.15 * statistics.mean(busy), (sorted(took_s), busy)
     camera.kill()

@@ -30,7 +30,7 @@ executor = MultiThreadedExecutor(num_threads=4)
 executor.add_node(node)
 
 
-def most_at_once(group_of):
+def most_at_once(group_of, patience_s):
     lock, now, most, calls = threading.Lock(), [], [], []
     both = threading.Barrier(2)
 
@@ -40,7 +40,7 @@ def most_at_once(group_of):
             most.append(len(now))
             calls.append(1)
         try:
-            both.wait(0.1)
+            both.wait(patience_s)
         except threading.BrokenBarrierError:
             pass
         with lock:
@@ -57,10 +57,10 @@ def most_at_once(group_of):
 
 
 exclusive, reentrant = MutuallyExclusiveCallbackGroup(), ReentrantCallbackGroup()
-print(most_at_once(lambda: exclusive))
-print(most_at_once(lambda: reentrant) >= 2)
-print(most_at_once(lambda: None))
-print(most_at_once(MutuallyExclusiveCallbackGroup) >= 2)
+print(most_at_once(lambda: exclusive, 0.1))
+print(most_at_once(lambda: reentrant, 20) >= 2)
+print(most_at_once(lambda: None, 0.1))
+print(most_at_once(MutuallyExclusiveCallbackGroup, 20) >= 2)
 counting = Counting()
 guard = node.create_guard_condition(lambda: counting.calls.append("call"), callback_group=counting)
 guard.trigger()

@@ -1,6 +1,5 @@
 """A service and a client that are watched: who asked whom, with contents or without, and no more."""
 
-import time
 
 import rclpy
 from rclpy.node import Node
@@ -32,12 +31,11 @@ def call():
 
 
 def drain():
-    quiet_since = time.monotonic()
-    while time.monotonic() < quiet_since + 0.3:
+    empty = 0
+    while empty < 15:
         seen.clear()
         rclpy.spin_once(node, timeout_sec=0.02)
-        if seen:
-            quiet_since = time.monotonic()
+        empty = 0 if seen else empty + 1
 
 
 print(ServiceIntrospectionState.METADATA, SetBool.Event.__name__)
