@@ -141,9 +141,8 @@ class Session:
         if self._spin_time_s is not None:
             await asyncio.sleep(self._began + self._spin_time_s - now_s())
             return
-        listened_s = min(now_s() - self._began, _MIN_S)
-        """Without what held this process up: others could not be heard then."""
         last_s = 0.0
+        listened_s = min(now_s() - self._began, _MIN_S)  # without what holds this process up: others are not heard then
 
         async def watch() -> None:
             nonlocal last_s
