@@ -141,13 +141,13 @@ class Session:
         if self._spin_time_s is not None:
             await asyncio.sleep(self._began + self._spin_time_s - now_s())
             return
-        last_s = 0.0
+        last_s, news = 0.0, False
         listened_s = min(now_s() - self._began, _MIN_S)  # without what holds this process up: others are not heard then
 
         async def watch() -> None:
-            nonlocal last_s
+            nonlocal news
             async for _ in self.node.graph_changes():
-                last_s = listened_s
+                news = True
 
         def enough_s() -> float:
             if len(self.node.get_nodes()) <= 1:
@@ -162,6 +162,8 @@ class Session:
             while (step_s := min(enough_s() - listened_s, _QUIET_S)) > 0:
                 await asyncio.sleep(step_s)
                 listened_s += step_s
+                if news:
+                    last_s, news = listened_s, False
         finally:
             watching.cancel()
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -320,6 +319,8 @@ def test_help_is_quick_and_loads_little() -> None:
 
 
 def _cpu_of_help() -> float:
+    import resource  # not on Windows
+
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     assert "--filter" in process("--help").stdout
     after = resource.getrusage(resource.RUSAGE_CHILDREN)

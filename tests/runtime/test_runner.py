@@ -127,7 +127,8 @@ def test_a_second_sigterm_ends_a_callback_that_never_returns(first: signal.Signa
 def test_one_signal_ends_a_waiting_program_at_once_and_cleans_up(number: signal.Signals, uses_dds: bool) -> None:
     text = f"""
 from rosidl_py_gen.runtime.loop import driver, portal
-driver._PATIENCE_S = portal._PATIENCE_S = 60  # with calls that do not end
+from rosidl_py_gen.runtime.transport.cyclone import domain
+driver._PATIENCE_S = portal._PATIENCE_S = domain._PATIENCE_S = 60  # with calls that do not end
 async def main():
     context = {"Context()" if uses_dds else "Context(transport=MemoryTransport())"}
     async with context, Node("n", context=context):

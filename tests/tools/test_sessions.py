@@ -20,6 +20,8 @@ from rosidl_py_gen.tools.messages import type_and_values
 from rosidl_py_gen.tools.session import Network, Session, listening
 
 if TYPE_CHECKING:
+    from collections.abc import AsyncIterator
+
     from worlds import World
 
 
@@ -104,6 +106,59 @@ async def test_a_command_listens_longer_when_it_was_held_up(dds: World, monkeypa
         held_up_s = 5.0
         await waiting
         assert "/late" in made.node.get_node_names()
+
+
+class Told:
+    """A node whose graph changes at some times, in seconds, and knows another node from the first of them on."""
+
+    context: Any = None
+
+    def __init__(self, times: list[float], *, endpoints_are_known: bool = True) -> None:
+        self._times, self.seen, self._known = times, 0, endpoints_are_known
+
+    async def graph_changes(self) -> AsyncIterator[None]:
+        began = session.now_s()
+        for time in self._times:
+            await asyncio.sleep(began + time - session.now_s())
+            self.seen += 1
+            yield
+
+    def get_nodes(self) -> list[str]:
+        return ["own", "other"] if self.seen else ["own"]
+
+    def endpoints_are_known(self) -> bool:
+        return self._known
+
+    def participants(self) -> list[Any]:
+        return []
+
+
+@pytest.mark.parametrize(
+    ("news", "are_known", "seen", "took_s"),
+    [
+        ([], True, 0, 1.0),  # nobody is there
+        ([0.05], True, 1, 0.2),
+        ([0.16 + 0.06 * number for number in range(8)], True, 8, 0.7),
+        ([0.05, 0.28, 0.9], True, 1, 0.2),
+        ([0.05, 0.28, 0.9], False, 2, 0.8),
+        ([0.05 * number for number in range(1, 100)], True, 39, 2.0),
+    ],
+)
+async def test_a_command_listens_while_news_come(
+    memory: World, news: list[float], are_known: bool, seen: int, took_s: float
+) -> None:
+    made, told = object.__new__(Session), Told(news, endpoints_are_known=are_known)
+    made._spin_time_s, made._began = None, session.now_s()
+    made.node = made.context = told  # type: ignore[assignment]
+    await made.wait_until_quiet()
+    assert told.seen == pytest.approx(seen, abs=1)
+    assert session.now_s() - made._began == pytest.approx(took_s, abs=0.101)
+
+
+async def test_what_came_while_a_command_was_held_up_counts(memory: World) -> None:
+    made, looks = object.__new__(Session), iter([False, False, True])
+    made.node = Told([])  # type: ignore[assignment]
+    assert await made.wait_for(lambda: next(looks), 0.1)
 
 
 @pytest.mark.parametrize("error", [None, ToolError("wrong")])

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 
-_PATIENCE_S = 2.0
+_SOON_S, _PATIENCE_S = 0.1, 2.0
 _HEARTBEAT_S = 0.01
 
 
@@ -37,8 +37,9 @@ class FeedbackReadiness:
     A client that has just appeared may be connected with the goal service before it is with the feedback topic, and
     what is published until then is lost. So is what a reliable DDS writer sends before a new reader has had its first
     heartbeat, which comes a few milliseconds after they were connected (measured: the first feedback of every tenth
-    new client). So up to 2 s are given to connections, as endpoints of Fast DDS may be known 1.2 s late
-    (docs/internals/dds.md 6), and 10 ms to the heartbeat. Goals of known clients wait for nothing.
+    new client). So 100 ms are given to connections, up to 2 s to those of nodes that are not wholly known, as endpoints
+    of Fast DDS may be 1.2 s late (docs/internals/dds.md 6), and 10 ms to the heartbeat. While all clients are known,
+    goals wait for nothing.
     """
 
     def __init__(self, scope: Scope, goals: ServiceServer[Any, Any], feedback: Publisher[Any]) -> None:
@@ -54,9 +55,18 @@ class FeedbackReadiness:
 
     async def wait(self) -> None:
         """Return when every client is connected, or those who are not have had their time."""
-        patience_s, poll_s = _PATIENCE_S, _HEARTBEAT_S
-        if not await self._scope.wait_until(lambda: not self._missing(), patience_s, lambda: False, poll_s=poll_s):
-            self._unreachable |= self._missing()
+        graph, time = self._scope.graph, asyncio.get_running_loop().time
+        soon_s = time() + _SOON_S
+
+        def is_over() -> bool:
+            missing = self._missing()
+            return time() >= soon_s and all(graph.names_are_known(m) and graph.endpoints_are_known(m) for m in missing)
+
+        def is_ready() -> bool:
+            return not self._missing() or is_over()
+
+        await self._scope.wait_until(is_ready, _PATIENCE_S, lambda: False, poll_s=_HEARTBEAT_S)
+        self._unreachable |= self._missing()
         known = self._goals.matched_clients()
         await asyncio.sleep(_HEARTBEAT_S)
         self._known = known

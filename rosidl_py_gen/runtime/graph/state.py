@@ -218,18 +218,23 @@ class Graph:
 
     # -------------------------------------------------------------------------------------------------------- lists
 
-    def names_are_known(self) -> bool:
-        """Whether every ROS participant has told its nodes, and every endpoint is of one of them."""
-        return all(one.nodes for one in self.participants() if one.is_ros) and not any(
+    def names_are_known(self, of: bytes | None = None) -> bool:
+        """Whether every ROS participant, or that `of` a GUID, has told its nodes, and all endpoints are of these."""
+        return all(one.nodes for one in self.participants() if one.is_ros and of in (None, one.guid)) and not any(
             self.node_of(endpoint) == UNKNOWN_NODE
             for endpoint in list(self.endpoints.values())
             if endpoint.channel.kind != "bare"  # of the participant itself, or of no ROS
+            and of in (None, endpoint.participant_guid)
         )
 
-    def endpoints_are_known(self) -> bool:
-        """Whether every endpoint that nodes have told of was found; see `Node.endpoints_are_known`."""
-        nodes = [node for participant in list(self._participants.values()) for node in participant.nodes]
-        return all(self.endpoints.keys() >= node.reader_gids | node.writer_gids for node in nodes)
+    def endpoints_are_known(self, of: bytes | None = None) -> bool:
+        """Whether every endpoint was found that nodes, or those of the participant `of` a GUID, have told of."""
+        return all(
+            self.endpoints.keys() >= node.reader_gids | node.writer_gids
+            for guid, participant in list(self._participants.items())
+            if participant.enclave is not None and of in (None, guid)
+            for node in participant.nodes
+        )
 
     def nodes(self) -> list[NodeInfo]:
         """Every node of every ROS participant; two nodes of one name are two entries."""

@@ -6,8 +6,9 @@ Source: docs/internals/protocol.md 9.8.
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import RosidlError, printable
@@ -21,11 +22,15 @@ from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.types.announced import TYPE_HASH, some
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine
+
     from rosidl_py_gen.runtime.endpoints.scope import Scope
 
 SERVICE = "type_description_interfaces/srv/GetTypeDescription"
 _ENDPOINTS_PATIENCE_S = 1.0
 """A node's endpoints are usually known some milliseconds after its name, or before it."""
+_AGAIN_S = 1.0
+"""After this time without an answer it is asked once more."""
 _PARTS = {
     "srv": "; a service is announced as its messages: ask for its _Request or _Response, or give the type_hash",
     "action": "; an action is announced as its messages: ask for its _SendGoal_Request, _GetResult_Response or "
@@ -100,9 +105,23 @@ async def ask_type_description(
         request = srv.GetTypeDescription_Request(
             type_name=type_name, type_hash=wanted_hash, include_type_sources=include_sources
         )
-        return await client.call(request, timeout_s)
+        return await _asked_again(lambda: client.call(request, timeout_s))
     finally:
         client.close()
+
+
+async def _asked_again(call: Callable[[], Coroutine[Any, Any, bytes]]) -> bytes:
+    """The first answer; a server on Fast DDS drops that to a client it does not know yet (docs/interop.md)."""
+    calls = [asyncio.ensure_future(call())]
+    try:
+        if not (await asyncio.wait(calls, timeout=_AGAIN_S))[0]:
+            calls.append(asyncio.ensure_future(call()))
+        done, _ = await asyncio.wait(calls, return_when=asyncio.FIRST_COMPLETED)
+        return done.pop().result()
+    finally:
+        for one in calls:
+            one.cancel()
+        await asyncio.gather(*calls, return_exceptions=True)
 
 
 def described_by(who: str, answer: bytes) -> srv.GetTypeDescription_Response:

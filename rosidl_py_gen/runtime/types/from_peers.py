@@ -42,8 +42,6 @@ _PATIENCE_S = 3.0
 """How long a node may take to answer, where others could be asked."""
 _SERVICE_PATIENCE_S = 1.0
 """The same for a node whose service is not known: it may have none."""
-_ROUNDS = 3
-"""How often a node with the service is asked that does not answer: answers get lost (docs/interop.md)."""
 _NAMES_PATIENCE_S = 4.0
 """With Fast DDS the names of nodes may follow by 3 s (docs/internals/protocol.md 6)."""
 _LATE_S = 2.0
@@ -292,27 +290,22 @@ class _Resolution:
                 self._scope.logger.warning(f"{error}; it is asked for again")
             else:
                 return
-        failures: dict[str, str] = {}
+        failures = []
         told = await self._named_nodes(nodes)
         asked = self._in_order(told)
-        for _ in range(_ROUNDS):
-            silent = []
-            for index, node in enumerate(asked):
-                try:
-                    answer = await self._ask(node, name, wanted, len(asked) - index)
-                    await asyncio.to_thread(self._take, node, name, wanted, answer)
-                except ClosedError:
-                    raise
-                except RosidlError as error:
-                    failures[node] = str(error)
-                    if isinstance(error, CallTimeoutError):
-                        silent.append(node)
-                    continue
-                await asyncio.to_thread(keep_description, wanted, answer)
-                return
-            asked = [node for node in silent if self._serves(node) and not self._deadline.is_over()]
+        for index, node in enumerate(asked):
+            try:
+                answer = await self._ask(node, name, wanted, len(asked) - index)
+                await asyncio.to_thread(self._take, node, name, wanted, answer)
+            except ClosedError:
+                raise
+            except RosidlError as error:
+                failures.append(str(error))
+                continue
+            await asyncio.to_thread(keep_description, wanted, answer)
+            return
         raise TypeDescriptionError(
-            "; ".join(failures.values()) or f"{name} {wanted} is announced, but {self._nobody_asked(told)}"
+            "; ".join(failures) or f"{name} {wanted} is announced, but {self._nobody_asked(told)}"
         )
 
     def _nobody_asked(self, told: Collection[str]) -> str:

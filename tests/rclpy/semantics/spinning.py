@@ -559,9 +559,11 @@ def waiting():
 
     w = threading.Timer(0.3, publish)
     w.start()
-    print(wait_for_message(String, node, "wm", time_to_wait=20)[1].data)
-    ended.set()
-    w.join()
+    try:
+        print(wait_for_message(String, node, "wm", time_to_wait=20)[1].data)
+    finally:
+        ended.set()
+        w.join()
     print(t.time_since_last_call() > 2 * 10**8)
 
 

@@ -30,6 +30,7 @@ from rosidl_py_gen.runtime import (
     Time,
     UnknownGoalError,
 )
+from rosidl_py_gen.runtime.graph.state import Graph
 from rosidl_py_gen.runtime.time.values import TimeRangeError
 
 S = GoalStatus
@@ -54,6 +55,26 @@ async def test_feedback_published_at_once_arrives_completely(world: World) -> No
         await handle.result(timeout_s=5)
         got = [list(item.sequence) async for item in handle.feedback()]
         assert got == [[number, index] for index in range(50)] and handle.feedback_dropped == 0
+
+
+@pytest.mark.parametrize(("is_known", "after_s"), [(True, 0.1), (False, 2.0)])
+async def test_handlers_wait_for_feedback_subscriptions_longer_while_a_client_is_not_wholly_known(
+    memory: World, monkeypatch: pytest.MonkeyPatch, is_known: bool, after_s: float
+) -> None:
+    """Of a client that has none."""
+    monkeypatch.setattr(Graph, "endpoints_are_known", lambda self, of: is_known)
+    time, began = asyncio.get_running_loop().time, list[float]()
+
+    async def execute(handle: Any) -> Any:
+        began.append(time())
+        return result()
+
+    memory.node("server").create_action_server(Fibonacci, "fib", execute)
+    bare = memory.node("bare").create_client(Fibonacci.SendGoal, "fib/_action/send_goal")
+    asked = time()
+    await bare.call(Fibonacci.SendGoal.Request(goal=goal()), 5)
+    await until(lambda: began)
+    assert began[0] - asked == pytest.approx(after_s, abs=0.05)
 
 
 async def test_feedback_that_nobody_takes_is_dropped_oldest_first_and_counted(world: World) -> None:

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 _PAUSE_S = 1.0
 """Between two attempts of rmw_zenoh_cpp."""
-_FIRST_LOOK_S = 2.0
+_FIRST_LOOK_S = 1.0
 _LOOK_S = 0.001
 
 

@@ -1,5 +1,6 @@
 """A service and a client that are watched: who asked whom, with contents or without, and no more."""
 
+import time
 
 import rclpy
 from rclpy.node import Node
@@ -31,11 +32,13 @@ def call():
 
 
 def drain():
-    empty = 0
-    while empty < 15:
+    quiet_since, looks = time.monotonic(), 0
+    while looks < 15 or time.monotonic() < quiet_since + 0.3:
         seen.clear()
         rclpy.spin_once(node, timeout_sec=0.02)
-        empty = 0 if seen else empty + 1
+        looks += 1
+        if seen:
+            quiet_since, looks = time.monotonic(), 0
 
 
 print(ServiceIntrospectionState.METADATA, SetBool.Event.__name__)
