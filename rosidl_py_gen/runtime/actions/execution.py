@@ -58,12 +58,12 @@ class FeedbackReadiness:
         graph, time = self._scope.graph, asyncio.get_running_loop().time
         soon_s = time() + _SOON_S
 
-        def is_over() -> bool:
-            missing = self._missing()
-            return time() >= soon_s and all(graph.names_are_known(m) and graph.endpoints_are_known(m) for m in missing)
-
         def is_ready() -> bool:
-            return not self._missing() or is_over()
+            missing = self._missing()
+            return not missing or (
+                time() >= soon_s
+                and all(graph.names_are_known(one) and graph.endpoints_are_known(one) for one in missing)
+            )
 
         await self._scope.wait_until(is_ready, _PATIENCE_S, lambda: False, poll_s=_HEARTBEAT_S)
         self._unreachable |= self._missing()

@@ -117,7 +117,7 @@ async def _asked_again(call: Callable[[], Coroutine[Any, Any, bytes]]) -> bytes:
         if not (await asyncio.wait(calls, timeout=_AGAIN_S))[0]:
             calls.append(asyncio.ensure_future(call()))
         done, _ = await asyncio.wait(calls, return_when=asyncio.FIRST_COMPLETED)
-        return done.pop().result()
+        return min(done, key=lambda one: one.exception() is not None).result()
     finally:
         for one in calls:
             one.cancel()
