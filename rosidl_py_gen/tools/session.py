@@ -141,8 +141,8 @@ class Session:
         if self._spin_time_s is not None:
             await asyncio.sleep(self._began + self._spin_time_s - now_s())
             return
-        last_s, news = 0.0, False
         listened_s = min(now_s() - self._began, _MIN_S)  # without what holds this process up: others are not heard then
+        last_s, news = listened_s, False
 
         async def watch() -> None:
             nonlocal news
@@ -185,20 +185,20 @@ class Session:
         if timeout_s is None:
             timeout_s = NAMED_TIMEOUT_S if self._spin_time_s is None else self._spin_time_s
 
-        async def watch() -> None:
+        async def watch() -> bool:
             if is_there():
-                return
+                return True
             async for _ in self.node.graph_changes():
                 if is_there():
-                    return
+                    return True
+            return False  # it was closed
 
         if is_there():  # even when there is no time to begin to watch
             return True
         try:
-            await asyncio.wait_for(watch(), timeout_s)
+            return await asyncio.wait_for(watch(), timeout_s)
         except asyncio.TimeoutError:
             return bool(is_there())  # it may have come while this process was held up
-        return True
 
     async def find(self, kind: str, name: str, known: Callable[[], list[str]], timeout_s: float | None = None) -> str:
         """The full name of a topic, service, action or node that somebody has; waits until it appears.

@@ -54,28 +54,30 @@ class FeedbackReadiness:
         return self._goals.matched_clients() == self._known
 
     async def wait(self) -> None:
-        """Return when every client is connected, or those who are not have had their time."""
+        """Return when every client is connected, or those who are not have had their time.
+
+        Clients that come meanwhile have theirs with the next goal.
+        """
         graph, time = self._scope.graph, asyncio.get_running_loop().time
-        soon_s = time() + _SOON_S
+        soon_s, known = time() + _SOON_S, self._goals.matched_clients()
 
         def is_ready() -> bool:
-            missing = self._missing()
+            missing = self._missing(known)
             return not missing or (
                 time() >= soon_s
                 and all(graph.names_are_known(one) and graph.endpoints_are_known(one) for one in missing)
             )
 
         await self._scope.wait_until(is_ready, _PATIENCE_S, lambda: False, poll_s=_HEARTBEAT_S)
-        self._unreachable |= self._missing()
-        known = self._goals.matched_clients()
+        self._unreachable |= self._missing(known)
         await asyncio.sleep(_HEARTBEAT_S)
         self._known = known
 
-    def _missing(self) -> set[bytes]:
-        """The participants that have clients, but no subscription to feedback."""
-        participant_of = self._scope.graph.participant_of
-        clients = {participant_of(guid) or guid for guid in self._goals.matched_clients()}
-        self._unreachable &= clients
+    def _missing(self, among: list[bytes]) -> set[bytes]:
+        """The participants that have some of these clients, but no subscription to feedback."""
+        participant_of, matched = self._scope.graph.participant_of, self._goals.matched_clients()
+        self._unreachable &= {participant_of(guid) or guid for guid in matched}
+        clients = {participant_of(guid) or guid for guid in matched if guid in among}
         return clients - {participant_of(guid) for guid in self._feedback.matched_subscriptions()} - self._unreachable
 
 

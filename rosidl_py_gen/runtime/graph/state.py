@@ -220,7 +220,8 @@ class Graph:
 
     def names_are_known(self, of: bytes | None = None) -> bool:
         """Whether every ROS participant, or that `of` a GUID, has told its nodes, and all endpoints are of these."""
-        return all(one.nodes for one in self.participants() if one.is_ros and of in (None, one.guid)) and not any(
+        found = list(self._participants.items())
+        return all(one.nodes for guid, one in found if one.enclave is not None and of in (None, guid)) and not any(
             self.node_of(endpoint) == UNKNOWN_NODE
             for endpoint in list(self.endpoints.values())
             if endpoint.channel.kind != "bare"  # of the participant itself, or of no ROS
@@ -229,7 +230,7 @@ class Graph:
 
     def endpoints_are_known(self, of: bytes | None = None) -> bool:
         """Whether every endpoint was found that nodes, or those of the participant `of` a GUID, have told of."""
-        return all(
+        return (of is None or of in self._participants) and all(
             self.endpoints.keys() >= node.reader_gids | node.writer_gids
             for guid, participant in list(self._participants.items())
             if participant.enclave is not None and of in (None, guid)

@@ -22,15 +22,13 @@ from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.types.announced import TYPE_HASH, some
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
-
     from rosidl_py_gen.runtime.endpoints.scope import Scope
 
 SERVICE = "type_description_interfaces/srv/GetTypeDescription"
 _ENDPOINTS_PATIENCE_S = 1.0
 """A node's endpoints are usually known some milliseconds after its name, or before it."""
-_AGAIN_S = 1.0
-"""After this time without an answer it is asked once more."""
+_AGAIN_S, _LOOK_S = 1.0, 0.02
+"""After this time without an answer it is asked once more; between two looks whether it was asked."""
 _PARTS = {
     "srv": "; a service is announced as its messages: ask for its _Request or _Response, or give the type_hash",
     "action": "; an action is announced as its messages: ask for its _SendGoal_Request, _GetResult_Response or "
@@ -105,17 +103,24 @@ async def ask_type_description(
         request = srv.GetTypeDescription_Request(
             type_name=type_name, type_hash=wanted_hash, include_type_sources=include_sources
         )
-        return await _asked_again(lambda: client.call(request, timeout_s))
+        return await _asked_again(scope, client, request, timeout_s)
     finally:
         client.close()
 
 
-async def _asked_again(call: Callable[[], Coroutine[Any, Any, bytes]]) -> bytes:
+async def _asked_again(
+    scope: Scope, client: Client[srv.GetTypeDescription_Request, bytes], request: Any, timeout_s: float | None
+) -> bytes:
     """The first answer; a server on Fast DDS drops that to a client it does not know yet (docs/interop.md)."""
-    calls = [asyncio.ensure_future(call())]
+    calls = [asyncio.ensure_future(client.call(request, timeout_s))]
+
+    def is_asked() -> bool:
+        return client.pending_count > 0 or calls[0].done()
+
     try:
+        await scope.wait_until(is_asked, timeout_s, lambda: scope.closed, poll_s=_LOOK_S)
         if not (await asyncio.wait(calls, timeout=_AGAIN_S))[0]:
-            calls.append(asyncio.ensure_future(call()))
+            calls.append(asyncio.ensure_future(client.call(request, timeout_s)))
         done, _ = await asyncio.wait(calls, return_when=asyncio.FIRST_COMPLETED)
         return min(done, key=lambda one: one.exception() is not None).result()
     finally:

@@ -26,7 +26,7 @@ from rosidl_py_gen.runtime.endpoints.service_parts import CallTimeoutError
 from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.transport.discovered import Channel
 from rosidl_py_gen.runtime.types.announced import TYPE_HASH, announced, givers, is_complete, some
-from rosidl_py_gen.runtime.types.ask import TypeDescriptionError, ask_type_description, described_by
+from rosidl_py_gen.runtime.types.ask import SERVICE, TypeDescriptionError, ask_type_description, described_by
 from rosidl_py_gen.types.cache import MAX_BYTES, keep_description, load_description
 
 if TYPE_CHECKING:
@@ -339,12 +339,16 @@ class _Resolution:
         return bool(self._scope.graph.on(Channel("reply", f"{node}/get_type_description"), writers=True))
 
     async def _ask(self, node: str, name: str, wanted: str, remaining: int) -> bytes:
-        limit_s = _PATIENCE_S if self._serves(node) else _SERVICE_PATIENCE_S
-        left_s = self._deadline.left_s()
-        if left_s is not None:
-            limit_s = min(limit_s, left_s / remaining)
-        service = self._names.resolve_service(f"{node}/get_type_description")
-        return await ask_type_description(self._scope, service, name, wanted, True, limit_s)
+        scope, service = self._scope, self._names.resolve_service(f"{node}/get_type_description")
+
+        def limit_s(at_most_s: float) -> float:
+            left_s = self._deadline.left_s()
+            return at_most_s if left_s is None else min(at_most_s, left_s / remaining)
+
+        patience_s = limit_s(_SERVICE_PATIENCE_S)
+        if not await scope.wait_until(lambda: self._serves(node), patience_s, lambda: scope.closed):
+            raise CallTimeoutError(f"no server of {service} ({SERVICE}) appeared in {patience_s:.3g} s")
+        return await ask_type_description(scope, service, name, wanted, True, limit_s(_PATIENCE_S))
 
     def _take(self, who: str, name: str, wanted: str, answer: bytes) -> None:
         """Use an answer; raises `TypeDescriptionError` for one that is about something else. Runs in a thread."""

@@ -98,8 +98,9 @@ class Publishing:
             topic = full_topic_name(self._session, offer.topic)
             offered.cls = await self._class(topic, offer)
             offered.publisher = self._session.node.create_publisher(offered.cls, topic, BEST_AVAILABLE)
+            patience_s = 5.0 if self._session.node.count_subscribers(topic) else 1.0
             with suppress(WaitTimeoutError):
-                await offered.publisher.wait_for_subscribers(1.0)
+                await offered.publisher.wait_for_subscribers(patience_s)
         except RosidlError as error:
             self._server.tell(offer.topic, f"{offer.topic} cannot be published: {error}")
             return

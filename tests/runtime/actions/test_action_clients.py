@@ -9,6 +9,7 @@ import math
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -30,6 +31,7 @@ from rosidl_py_gen.runtime import (
     Time,
     UnknownGoalError,
 )
+from rosidl_py_gen.runtime.actions.execution import FeedbackReadiness
 from rosidl_py_gen.runtime.graph.state import Graph
 from rosidl_py_gen.runtime.time.values import TimeRangeError
 
@@ -75,6 +77,25 @@ async def test_handlers_wait_for_feedback_subscriptions_longer_while_a_client_is
     await bare.call(Fibonacci.SendGoal.Request(goal=goal()), 5)
     await until(lambda: began)
     assert began[0] - asked == pytest.approx(after_s, abs=0.05)
+
+
+async def test_a_client_that_comes_while_another_is_waited_for_has_its_own_time(
+    memory: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Graph, "endpoints_are_known", lambda self, of: False)
+    monkeypatch.setattr(Graph, "participant_of", lambda self, guid: guid)
+    loop, clients, hears = asyncio.get_running_loop(), [b"a"], list[bytes]()
+    goals = SimpleNamespace(matched_clients=lambda: [*clients])
+    ends: Any = goals, SimpleNamespace(matched_subscriptions=lambda: [*hears])
+    readiness, began = FeedbackReadiness(memory.node("server")._scope, *ends), loop.time()
+    loop.call_later(1.0, clients.append, b"b")
+    loop.call_later(1.2, hears.append, b"a")
+    loop.call_later(2.5, hears.append, b"b")
+    for connected_s in (1.2, 2.5):
+        assert not readiness.is_given()
+        await readiness.wait()
+        assert loop.time() - began == pytest.approx(connected_s, abs=0.05)
+    assert readiness.is_given()
 
 
 async def test_feedback_that_nobody_takes_is_dropped_oldest_first_and_counted(world: World) -> None:

@@ -147,3 +147,23 @@ def test_endpoints_find_their_node_or_a_placeholder() -> None:
     assert graph.of_node("n", "/ns", writers=True) == []
     graph.apply(Lost(GUID))
     assert graph.nodes() == []
+
+
+def test_a_participant_is_wholly_known_whatever_others_lack() -> None:
+    graph, other = Graph(), PREFIX[:-1] + b"\5\0\0\1\xc1"
+    writer = found(PREFIX + b"\0\0\6\3", GUID, "rt/t", "std_msgs::msg::dds_::String_", DEFAULT)
+    late = found(other[:12] + b"\0\0\7\3", other, "rt/t", "std_msgs::msg::dds_::String_", DEFAULT)
+
+    def known(of: bytes | None = None) -> tuple[bool, bool]:
+        return graph.names_are_known(of), graph.endpoints_are_known(of)
+
+    assert known(GUID) == (True, False)  # who that is is not known
+    for one in (writer, ParticipantFound(GUID, "/"), ParticipantFound(other, "/")):
+        graph.apply(one)
+    assert (known(GUID), known(other)) == ((False, True), (False, True))
+    graph.set_nodes(GUID, [NodeEntities("/", "n", frozenset(), frozenset([writer.guid]))])
+    graph.set_nodes(other, [NodeEntities("/", "o", frozenset(), frozenset([late.guid]))])
+    assert (known(GUID), known(other), known()) == ((True, True), (True, False), (True, False))
+    graph.set_nodes(other, [NodeEntities("/", "o", frozenset(), frozenset())])
+    graph.apply(late)
+    assert (known(GUID), known(other), known()) == ((True, True), (False, True), (False, True))
