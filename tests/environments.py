@@ -14,6 +14,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -24,6 +25,10 @@ from typing import NoReturn
 
 import pytest
 from locks import lock
+
+SHARED_MEMORY_LOST = re.compile(r"\S+ [^\n]*RTPS_TRANSPORT_SHM[^\n]* Error\] [^\n]*open_and_lock_file failed[^\n]*\n")
+"""What Fast DDS prints among a program's output when another run on this machine has just taken the shared memory it
+wanted; it goes on with UDP."""
 
 _PYTHON = Path("Scripts", "python.exe") if os.name == "nt" else Path("bin", "python")
 _MARKER = "requirements.txt"  # written last: who has it is whole

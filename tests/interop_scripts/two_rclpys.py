@@ -22,12 +22,15 @@ from pathlib import Path
 from pprint import pformat
 from typing import Any
 
+from environments import SHARED_MEMORY_LOST
+
 from rosidl_py_gen.runtime import Context, Node, ParameterNotDeclaredError, QoSProfile
 
 PROGRAMS = Path(__file__).parent / "programs"
 PATIENCE_S = 30
 _SETTLED_S = 1.5
 _DIFFERS = (
+    (SHARED_MEMORY_LOST, ""),
     (re.compile(r"^(\[\w+\] )\[\d+\.\d+\] ", re.MULTILINE), r"\1"),
     (
         re.compile(r"^Traceback \(most recent call last\):\n(?: .*\n|\n|During .*\n|The above .*\n)*", re.MULTILINE),
