@@ -15,6 +15,7 @@ import numpy as np
 
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.base.output import json_value
 from rosidl_py_gen.cdr.arrays import DTYPES, UnfitValueError, coerce, shorten
 from rosidl_py_gen.cdr.message import Field, Message, require_message
 from rosidl_py_gen.cdr.records import known_record_type
@@ -74,17 +75,6 @@ def to_json(message: Message, *, indent: int | None = None) -> str:
     except TypeError:
         validate(message)
         raise
-
-
-def json_value(value: Any) -> Any:
-    """A plain value with NaN and the infinities as strings."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
-    if isinstance(value, dict):
-        return {key: json_value(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [json_value(item) for item in value]
-    return value
 
 
 def from_json(cls: type[M], text: str | bytes) -> M:

@@ -6,6 +6,7 @@ runs, so that ``--help`` is quick.
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from importlib import import_module
@@ -91,7 +92,7 @@ def _cli(context: click.Context, /, **arguments: Any) -> None:
         context.color = False
     if context.invoked_subcommand is None:
         if not _says_what_is_wanted(context, arguments):
-            click.echo(context.get_help(), err=True)
+            reports.echo(context.get_help(), err=True)
             raise click.exceptions.Exit(2)  # as click does for commands that take no_args_is_help
         if arguments["selection"] and not arguments["selection"].strip(":;, "):
             context.fail(f"--filter {arguments['selection']!r} names nothing")
@@ -244,10 +245,12 @@ def main(arguments: list[str] | None = None) -> None:
         _report(RosidlError(f"{place}{error.strerror or error}"), as_json)
         sys.exit(1)
     except click.ClickException as wrong:
-        wrong.show()
+        shown = io.StringIO()
+        wrong.show(shown)
+        reports.echo(shown.getvalue().rstrip("\n"), err=True)
         sys.exit(wrong.exit_code)
     except (click.Abort, KeyboardInterrupt):
-        click.echo("interrupted; every file written is whole", err=True)
+        reports.echo("interrupted; every file written is whole", err=True)
         sys.exit(130)
 
 

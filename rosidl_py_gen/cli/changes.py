@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-import click
-
+from rosidl_py_gen.cli import reports
 from rosidl_py_gen.compiler.changes.wire import Reading
 from rosidl_py_gen.errors import printable
 
@@ -54,7 +53,7 @@ def show(found: Comparison, breaking: Sequence[str]) -> None:
 
 
 def _line(text: str, colour: str = "") -> None:
-    click.echo(click.style(printable(text), fg=colour) if colour else printable(text))
+    reports.echo((printable(text), colour))
 
 
 def _details(change: TypeChange) -> Iterator[tuple[str, str]]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import click
-
 from rosidl_py_gen.cli import reports
 from rosidl_py_gen.compiler.generate import load, notes_of
 from rosidl_py_gen.compiler.spec.find import search_path
@@ -20,5 +18,5 @@ def run(names: tuple[str, ...], paths: tuple[str, ...], as_json: bool) -> int:
         reports.print_json({"interfaces": interfaces, "errors": [], "notes": reports.rows(notes)})
     else:
         reports.print_notes(notes)
-        click.echo(f"{len(found)} interfaces in {len(packages)} packages: no problems")
+        reports.echo(f"{len(found)} interfaces in {len(packages)} packages: no problems")
     return 0

@@ -9,6 +9,7 @@ from rosidl_py_gen.cli import changes, reports
 from rosidl_py_gen.cli.sources import SourceError, opened, source_of
 from rosidl_py_gen.compiler.changes.compare import Sort, chosen, compare
 from rosidl_py_gen.compiler.spec.resolve import split_filter
+from rosidl_py_gen.errors import printable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -48,7 +49,7 @@ def run(
         reports.print_json(changes.document(old, new, found, breaking, notes))
     else:
         for note in notes:
-            reports.print_line(f"note: {note}", "yellow")
+            reports.print_line(f"note: {printable(note)}", "yellow")
         changes.show(found, breaking)
     return 1 if breaking else 0
 

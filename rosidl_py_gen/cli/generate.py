@@ -82,12 +82,12 @@ def _print(result: Run, out: str, check: bool, as_json: bool) -> None:
     reports.print_problems(result.problems)
     if check:
         for name in changes.written:
-            click.echo(f"would write {Path(out) / name}")
+            reports.echo(f"would write {Path(out) / name}")
         for name in changes.removed:
-            click.echo(f"would remove {Path(out) / name}")
+            reports.echo(f"would remove {Path(out) / name}")
     packages = len({name.package for name in result.names})
     verb = "would be written" if check else "written"
-    click.echo(
+    reports.echo(
         f"{len(result.names)} interfaces in {packages} packages: {len(changes.written)} files {verb}, "
         f"{len(changes.removed)} removed, {changes.unchanged} unchanged"
     )
@@ -118,4 +118,4 @@ def _list(search: SearchPath, wanted: list[str], as_json: bool) -> None:
     for package, used in rows:
         note = "" if used else "  (hidden by the one above)"
         place = package.origin if package.origin == "bundled" else str(package.folder)
-        click.echo(f"{click.style(package.name.ljust(width), bold=used)}  {len(package.files):3}  {place}{note}")
+        reports.echo((package.name.ljust(width), "bold" if used else ""), f"  {len(package.files):3}  {place}{note}")

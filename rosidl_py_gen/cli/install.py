@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import click
-
 from rosidl_py_gen.cli import reports
 from rosidl_py_gen.compiler.spec.find import search_path
 from rosidl_py_gen.compiler.spec.resolve import split_filter
@@ -21,5 +19,5 @@ def run(action: str, paths: tuple[str, ...], selection: str, force: bool, as_jso
     if as_json:
         reports.print_json({action: changed})
     else:
-        click.echo(f"{action}ed {', '.join(changed) or 'nothing'}")
+        reports.echo(f"{action}ed {', '.join(changed) or 'nothing'}")
     return 0

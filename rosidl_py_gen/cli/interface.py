@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
-
-import click
-
 from rosidl_py_gen.base.descriptions import describe
 from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.cli import reports
 from rosidl_py_gen.compiler.spec.definition import full_text, read_checked, source_text
 from rosidl_py_gen.compiler.spec.find import search_path
 from rosidl_py_gen.compiler.spec.resolve import Library
@@ -19,11 +16,11 @@ def run(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> int:
     library = Library(search_path(paths))
     owner = read_checked(library, top)
     if as_json:
-        click.echo(json.dumps({"hash": library.type_hash(str(top)), **describe(str(top), library.rows)}, indent=2))
+        reports.print_json({"hash": library.type_hash(str(top)), **describe(str(top), library.rows)})
         return 0
     if full:
-        click.echo(full_text(library, owner), nl=False)
+        reports.echo(full_text(library, owner).removesuffix("\n"))
         return 0
-    click.echo(click.style(f"# {top}  {library.type_hash(str(top))}", bold=True))
-    click.echo(source_text(library, owner), nl=False)
+    reports.echo((f"# {top}  {library.type_hash(str(top))}", "bold"))
+    reports.echo(source_text(library, owner).removesuffix("\n"))
     return 0

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator
 
-import click
-
 from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.cli import reports
 from rosidl_py_gen.compiler.codegen.layout import Layouts
 from rosidl_py_gen.compiler.codegen.plan import (
     Block,
@@ -51,16 +49,9 @@ def run(name: str, paths: tuple[str, ...], as_json: bool) -> int:
     rows = list(_rows(plan.steps, 0))
     columns = ("depth", "offset", "bytes", "step", "contents")
     if as_json:
-        click.echo(
-            json.dumps(
-                {
-                    "name": plan.name,
-                    "fixed_size": plan.fixed_size,
-                    "max_size": plan.max_size,
-                    "steps": [dict(zip(columns, row, strict=True)) for row in rows],
-                },
-                indent=2,
-            )
+        steps = [dict(zip(columns, row, strict=True)) for row in rows]
+        reports.print_json(
+            {"name": plan.name, "fixed_size": plan.fixed_size, "max_size": plan.max_size, "steps": steps}
         )
         return 0
     _print(plan, rows)
@@ -68,17 +59,17 @@ def run(name: str, paths: tuple[str, ...], as_json: bool) -> int:
 
 
 def _print(plan: Plan, rows: list[Row]) -> None:
-    click.echo(click.style(plan.name, bold=True))
+    reports.echo((plan.name, "bold"))
     if plan.fixed_size is not None:
-        click.echo(f"fixed size: {plan.fixed_size} bytes behind the 4-byte header")
+        reports.echo(f"fixed size: {plan.fixed_size} bytes behind the 4-byte header")
     else:
         most = "unbounded" if plan.max_size is None else f"at most {plan.max_size} bytes behind the 4-byte header"
-        click.echo(f"variable size: {most}")
+        reports.echo(f"variable size: {most}")
     if plan.heavy:
-        click.echo(f"{plan.weight} leaves: others call it instead of writing it in line")
-    click.echo(f"{'offset':>10}  {'bytes':>10}  step")
+        reports.echo(f"{plan.weight} leaves: others call it instead of writing it in line")
+    reports.echo(f"{'offset':>10}  {'bytes':>10}  step")
     for depth, offset, size, what, contents in rows:
-        click.echo(f"{offset:>10}  {size:>10}  {'    ' * depth}{click.style(what, fg='cyan')} {contents}")
+        reports.echo(f"{offset:>10}  {size:>10}  {'    ' * depth}", (what, "cyan"), f" {contents}")
 
 
 def _rows(steps: Iterable[Step], depth: int) -> Iterator[Row]:

@@ -1,4 +1,7 @@
-"""How problems and notes look, on a terminal and as JSON."""
+"""The output of this command line: text, problems and notes, on a terminal and as JSON.
+
+The other modules print only by these functions, because names and texts of definitions are not trusted.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from typing import Any
 
 import click
 
+from rosidl_py_gen.base.output import json_text, printable_lines
 from rosidl_py_gen.errors import Problem, printable
 
 
@@ -18,9 +22,25 @@ def rows(problems: Iterable[Problem]) -> list[dict[str, str | int]]:
 
 def print_json(data: Any) -> None:
     """JSON for programs, on standard output."""
-    import json
+    echo(json_text(data, indent=2))
 
-    click.echo(json.dumps(data, indent=2))
+
+def echo(*parts: str | tuple[str, str], err: bool = False) -> None:
+    """Print one or more lines.
+
+    Args:
+        parts: texts; those with a style, ``"bold"`` or a colour, are pairs of the text and the style.
+        err: print to standard error.
+    """
+    shown = (part if isinstance(part, tuple) else (part, "") for part in parts)
+    text = "".join(_styled(printable_lines(text), style) for text, style in shown)
+    click.echo(text, err=err, color=False if os.environ.get("NO_COLOR") else None)
+
+
+def _styled(text: str, style: str) -> str:
+    if style == "bold":
+        return click.style(text, bold=True)
+    return click.style(text, fg=style) if style else text
 
 
 def print_problems(problems: Iterable[Problem]) -> None:
@@ -28,7 +48,7 @@ def print_problems(problems: Iterable[Problem]) -> None:
     for problem in problems:
         first, *rest = problem.with_caret().split("\n")
         where = first.removesuffix(printable(problem.text))
-        print_line(click.style(where, bold=True) + click.style(first[len(where) :], fg="red"))
+        echo((where, "bold"), (first[len(where) :], "red"), err=True)
         for line in rest:
             print_line(line)
 
@@ -41,8 +61,7 @@ def print_notes(notes: Iterable[Problem]) -> None:
 
 def print_line(text: str, colour: str = "") -> None:
     """A line on standard error."""
-    shown = click.style(text, fg=colour) if colour else text
-    click.echo(shown, err=True, color=False if os.environ.get("NO_COLOR") else None)
+    echo((text, colour), err=True)
 
 
 def count(problems: Sequence[Problem]) -> str:

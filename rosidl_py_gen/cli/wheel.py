@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
-
 from rosidl_py_gen.cli import reports
 from rosidl_py_gen.compiler.spec.find import search_path
 from rosidl_py_gen.distribution.build import build, packages_asked_for
@@ -21,11 +19,11 @@ def run(names: tuple[str, ...], paths: tuple[str, ...], out: str, no_dependencie
         )
         return 0
     for one in built:
-        click.echo(str(one.path))
+        reports.echo(str(one.path))
     made = {"rosidl-py-gen", *(one.package for one in built)}
     needed = {tuple(text.split("==")) for one in built for text in one.requires}
     if left := sorted(pair for pair in needed if pair[0].partition(">")[0] not in made):
         versions = ", ".join("==".join(pair) for pair in left)
         why = "" if no_dependencies else ", because they are installed here"
-        click.echo(f"needed, and not made{why}: {versions}; name packages to make wheels of them", err=True)
+        reports.echo(f"needed, and not made{why}: {versions}; name packages to make wheels of them", err=True)
     return 0

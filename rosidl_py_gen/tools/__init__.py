@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import atexit
 import gc
+import io
 import os
 import sys
 import warnings
@@ -25,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen import __version__
+from rosidl_py_gen.base.output import printable_lines
 from rosidl_py_gen.base.resources import extra_missing
 from rosidl_py_gen.errors import RosidlError, printable
 
@@ -207,7 +209,9 @@ def reporting() -> Iterator[None]:
     try:
         yield
     except click.ClickException as wrong:
-        wrong.show()
+        shown = io.StringIO()
+        wrong.show(shown)
+        click.echo(printable_lines(shown.getvalue()), err=True, nl=False)
         sys.exit(wrong.exit_code)
     except (click.Abort, KeyboardInterrupt):
         sys.exit(130)

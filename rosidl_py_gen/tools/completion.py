@@ -39,7 +39,7 @@ def complete_names(what: str, context: click.Context, incomplete: str) -> list[C
         return [
             CompletionItem(name)
             for name in _names(what, context)
-            if name.startswith(incomplete) and ("/_" in incomplete or "/_" not in name)
+            if name.startswith(incomplete) and name.isprintable() and ("/_" in incomplete or "/_" not in name)
         ]
     return []
 
@@ -58,7 +58,7 @@ def complete_bag_names(kind: str, context: click.Context, incomplete: str) -> li
                 with BagReader(place) as reader:
                     owners = (owner(one.name, one.type_name) for one in reader.topics.values())
                     names |= {one.name for one in owners if one.kind == kind}
-        return [CompletionItem(name) for name in sorted(names) if name.startswith(incomplete)]
+        return [CompletionItem(name) for name in sorted(names) if name.startswith(incomplete) and name.isprintable()]
     return []
 
 

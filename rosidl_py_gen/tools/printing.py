@@ -6,12 +6,12 @@ quotes.
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import sys
 from typing import TYPE_CHECKING, Any
 
+from rosidl_py_gen.base.output import json_text, printable_lines
 from rosidl_py_gen.errors import printable
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def line(text: str = "", style: str = "") -> None:
     Raises:
         BrokenPipeError: nobody reads any more.
     """
-    text = "\n".join("\t".join(map(printable, one.split("\t"))) for one in text.split("\n"))
+    text = printable_lines(text)
     if style and is_terminal():
         from rich.style import Style
 
@@ -65,18 +65,12 @@ def document(data: Any, *, in_stream: bool = False) -> None:
     Args:
         in_stream: one of several, each of which takes one line.
     """
-    line(_json(data, 2 if is_terminal() and not in_stream else None))
+    line(json_text(data, indent=2 if is_terminal() and not in_stream else None))
 
 
 def json_line(data: Any) -> None:
     """JSON on one line, also on terminals: one of a stream of values."""
-    line(_json(data))
-
-
-def _json(data: Any, indent: int | None = None) -> str:
-    from rosidl_py_gen.cdr.convert import json_value  # with numpy, which most answers do without
-
-    return json.dumps(json_value(data), ensure_ascii=False, indent=indent)
+    line(json_text(data))
 
 
 def table(rows: Iterable[Sequence[str]], *headings: str) -> None:

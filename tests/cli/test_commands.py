@@ -338,3 +338,25 @@ def test_it_runs_as_a_module_too() -> None:
         [sys.executable, "-m", "rosidl_py_gen.cli", "--version"], capture_output=True, text=True, timeout=60
     )
     assert (done.returncode, done.stdout.strip()) == (0, f"rosidl-py-gen, version {__version__}")
+
+
+def test_text_of_definitions_cannot_steer_a_terminal(shell: Shell) -> None:
+    hostile = "\x1b]0;title\x07\x9b2J\u202e"
+    texts = {"ws": f"# {hostile}\r\nstring s\n", "new": f"# {hostile}\r\nstring s 'x{hostile}'\n"}
+    for folder, text in texts.items():
+        write(shell.folder / folder, {"a_msgs/package.xml": "<package/>", "a_msgs/msg/A.msg": text})
+    commands = [
+        ("interface", "a_msgs/msg/A", "--path", "ws"),
+        ("interface", "a_msgs/msg/A", "--path", "ws", "--full"),
+        ("interface", "a_msgs/msg/A", "--path", "new", "--json"),
+        ("diff", "ws", "new"),
+        ("diff", "ws", "new", "--json"),
+        ("diff", "ws", f"git:{hostile}"),
+        ("--filter", hostile, "--path", "ws"),
+        (hostile,),
+    ]
+    for command in commands:
+        answer = shell(*command)
+        shown = answer.out + answer.err
+        assert shown and shown.replace("\n", "").isprintable(), command
+    assert shell(*commands[0]).out.splitlines()[1:] == ["# \ufffd]0;title\ufffd\ufffd2J\ufffd", "string s"]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any
 
+from rosidl_py_gen.base.output import json_text
 from rosidl_py_gen.tools import printing
 from rosidl_py_gen.tools.graph.picture import COUNTERPARTS
 
@@ -49,7 +49,7 @@ def as_json(picture: Picture) -> str:
         for role in COUNTERPARTS:
             one[role] = [_row(picture, edge) for edge in picture.of(node) if edge.role == role]
         nodes.append(one)
-    return json.dumps({"domain": picture.domain_id, "nodes": nodes}, indent=2) + "\n"
+    return json_text({"domain": picture.domain_id, "nodes": nodes}, indent=2) + "\n"
 
 
 def _row(picture: Picture, edge: Edge) -> dict[str, Any]:

@@ -19,12 +19,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from rosidl_py_gen import RosidlError, found_packages
 from rosidl_py_gen.base.names import KINDS, did_you_mean
 from rosidl_py_gen.errors import printable, shown_path
-from rosidl_py_gen.tools import ToolError
+from rosidl_py_gen.tools import ToolError, printing
 
 if TYPE_CHECKING:
     from rosidl_py_gen.tools.run.program import Program
@@ -76,10 +74,10 @@ def check(program: Program) -> int:
             findings.modules.add(file)
             waiting += _checked(file, name, findings, program.function if file == start else None)
     for place, line, text in sorted(findings.lines):
-        click.echo(printable(f"{place}:{line}: {text}"))
+        printing.line(printable(f"{place}:{line}: {text}"))
     count, files = len(findings.lines), len(findings.modules)
     of = f"in {files} file{'s' if files != 1 else ''}"
-    click.echo(f"{count or 'nothing'} missing {of}")
+    printing.line(f"{count or 'nothing'} missing {of}")
     return 1 if findings.lines else 0
 
 

@@ -15,8 +15,7 @@ import click
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.compiler.spec.workspace import Workspace, package_around, workspace_around
-from rosidl_py_gen.errors import printable
-from rosidl_py_gen.tools import ToolError
+from rosidl_py_gen.tools import ToolError, printing
 from rosidl_py_gen.tools.run.program import Program
 from rosidl_py_gen.types.import_hook import ImportHookWarning, install_import_hook
 
@@ -42,7 +41,7 @@ def _make_importable(place: Path, paths: Sequence[str]) -> None:
     real = PathFinder.find_spec("rclpy")
     if real is not None and real.origin is not None:
         text = f"rclpy is {_shim()}, not {Path(real.origin).parent}; so are its companions and all messages"
-        click.echo(f"warning: {printable(text)}", err=True)
+        printing.note(f"warning: {text}")
         warnings.filterwarnings("ignore", category=ImportHookWarning)
     install_import_hook(flavour="rclpy", path=paths, around=_around(place), shadow=True)
 
@@ -170,5 +169,5 @@ def _list(words: Sequence[str], paths: Sequence[str]) -> int:
         if words and not found and not places:
             _of_package(package, (), paths)
         for name in sorted(found):
-            click.echo(f"{package} {name}")
+            printing.line(f"{package} {name}")
     return 0

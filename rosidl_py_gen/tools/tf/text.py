@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.cdr.convert import json_value
+from rosidl_py_gen.base.output import json_text
 from rosidl_py_gen.tools import printing
 from rosidl_py_gen.tools.tf.frames import Frame, Frames, sources
 
@@ -84,4 +83,4 @@ def plain(frame: Frame, names: dict[Any, str]) -> dict[str, Any]:
 def as_json(frames: Frames, names: dict[Any, str]) -> str:
     """One object: the roots, and all other frames."""
     found = [plain(frame, names) for frame in sorted(frames.frames.values(), key=lambda one: one.name)]
-    return json.dumps(json_value({"roots": frames.roots(), "frames": found}), indent=2) + "\n"
+    return json_text({"roots": frames.roots(), "frames": found}, indent=2) + "\n"

@@ -1,0 +1,59 @@
+"""Text for people and JSON for programs, both of data that is not trusted.
+
+The commands print only what passed through here, or through `errors.printable`: text of peers, of definition files
+and of recordings could otherwise steer a terminal, or reorder what it shows.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from typing import Any
+
+from rosidl_py_gen.errors import printable
+
+_SUSPECT = re.compile("[^\n -~]")
+
+
+def printable_lines(text: str) -> str:
+    """Return the text with everything replaced that could steer a terminal, except line breaks and tabs."""
+    lines = text.replace("\r\n", "\n").split("\n")
+    return "\n".join("\t".join(map(printable, line.split("\t"))) for line in lines)
+
+
+def json_text(data: Any, *, indent: int | None = None) -> str:
+    """Return valid JSON on one line, or indented, that can be printed on a terminal without a loss.
+
+    NaN and the infinities become the strings that `rosidl_py_gen.to_json` writes; control characters, bidirectional
+    ones too, become escapes.
+    """
+    try:
+        text = json.dumps(data, ensure_ascii=False, allow_nan=False, indent=indent)
+    except ValueError:
+        text = json.dumps(json_value(data), ensure_ascii=False, allow_nan=False, indent=indent)
+    return escape_json(text)
+
+
+def json_value(value: Any) -> Any:
+    """Return a plain value with NaN and the infinities as strings."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
+    if isinstance(value, dict):
+        return {key: json_value(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_value(item) for item in value]
+    return value
+
+
+def escape_json(text: str) -> str:
+    r"""Return JSON text with the characters that a terminal does not show as ``\u`` escapes: the same values."""
+    return _SUSPECT.sub(_escaped, text)
+
+
+def _escaped(found: re.Match[str]) -> str:
+    char = found[0]
+    if char.isprintable():
+        return char
+    units = char.encode("utf-16-be", "surrogatepass").hex()
+    return "".join(f"\\u{units[at : at + 4]}" for at in range(0, len(units), 4))
