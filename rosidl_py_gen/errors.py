@@ -58,8 +58,13 @@ class Problem:
         return f"{self}\n    {left}{shown}{right}\n    {caret}"
 
 
-def printable(text: str) -> str:
-    """The text with what could steer a terminal replaced; definition files and names in them are not trusted."""
+def printable(text: str, max_length: int | None = None) -> str:
+    """Return the text without what could steer a terminal, at most `max_length` characters of it.
+
+    Definition files, names in them, and what peers send are not trusted.
+    """
+    if max_length is not None and len(text) > max_length:
+        text = f"{text[: max_length - 3]}..."
     return text if text.isprintable() else "".join(char if char.isprintable() else "\ufffd" for char in text)
 
 

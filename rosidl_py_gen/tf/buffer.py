@@ -16,9 +16,10 @@ from rosidl_py_gen.base.waiting import Waiters
 from rosidl_py_gen.runtime import Durability, Duration, QoSProfile
 from rosidl_py_gen.sync.filters import call_all
 from rosidl_py_gen.tf.errors import InvalidTransformError, TransformError, TransformTimeoutError
+from rosidl_py_gen.tf.history import FrameInfo, Link
 from rosidl_py_gen.tf.messages import frame_and_stamp
 from rosidl_py_gen.tf.transform import Transform
-from rosidl_py_gen.tf.tree import FrameInfo, FrameTree, Link
+from rosidl_py_gen.tf.tree import FrameTree
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine

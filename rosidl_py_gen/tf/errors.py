@@ -1,5 +1,7 @@
 """Why a transform cannot be told."""
 
+from typing import Literal
+
 from rosidl_py_gen.errors import RosidlError
 
 
@@ -16,7 +18,17 @@ class ConnectivityError(TransformError):
 
 
 class ExtrapolationError(TransformError):
-    """The frames are connected, but not at that time; tf2's ExtrapolationException."""
+    """The frames are connected, but not at that time; tf2's ExtrapolationException.
+
+    Attributes:
+        frame: child frame of the transform that has no data at that time.
+        direction: where that time is, seen from the data: ``past`` or ``future``.
+    """
+
+    def __init__(self, text: str, *, frame: str = "", direction: Literal["", "past", "future"] = "") -> None:
+        super().__init__(text)
+        self.frame = frame
+        self.direction = direction
 
 
 class TransformTimeoutError(TransformError, TimeoutError):

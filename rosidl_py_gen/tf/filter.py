@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.errors import RosidlError, printable
 from rosidl_py_gen.sync.filters import DEPTH, MessageFilter, call_all, require_stamps, span_ns, whole
 from rosidl_py_gen.sync.stamps import StampError, header_stamp
 from rosidl_py_gen.tf.errors import ExtrapolationError, InvalidTransformError, TransformError
@@ -135,7 +135,7 @@ class TransformFilter(MessageFilter):
         if self._on_drop is not None:
             self._on_drop(one.message, reason)
         elif self._nodes and not self.dropped & (self.dropped - 1):  # now and then, by itself and not by the clock
-            what = f'of frame "{one.frame}" at {one.stamp / NS_PER_S:.9f}'
+            what = f'of frame "{printable(one.frame, 100)}" at {one.stamp / NS_PER_S:.9f}'
             text = f"dropped a message {what} that waited for its transform ({self.dropped} so far): {reason}"
             self._nodes[0].logger.warning(text)
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 import numpy as np
 
 from rosidl_py_gen.base.stamps import set_stamp
+from rosidl_py_gen.errors import printable
 from rosidl_py_gen.numpy import ConversionError, pointcloud_to_array, quaternion_to_matrix
 from rosidl_py_gen.sync.stamps import header_stamp
 from rosidl_py_gen.tf.algebra import product
@@ -46,7 +47,8 @@ def transformed(transform: Transform, message: T) -> T:
     given: Any = message
     frame, _ = frame_and_stamp(message)
     if frame != transform.source:
-        raise ConversionError(f'header.frame_id: "{frame}", but the transform is from "{transform.source}"')
+        found = printable(frame, 100)
+        raise ConversionError(f'header.frame_id: "{found}", but the transform is from "{transform.source}"')
     moved = copy(given)
     moved.header = copy(given.header)
     moved.header.frame_id = transform.target

@@ -21,6 +21,7 @@ from rosidl_py_gen.tf import (
     Transform,
     TransformBroadcaster,
     TransformBuffer,
+    TransformError,
     TransformTimeoutError,
     UnknownFrameError,
 )
@@ -64,13 +65,19 @@ def test_what_was_seen_before_is_found_where_it_is_now() -> None:
     assert found.stamp == 3 * S
 
 
+LATE = (
+    'from "lidar" to "map": the transform of "base_link" in "odom" needs extrapolation into the future: '
+    "asked for 4.0*, 1 s after the latest, 3.0*"
+)
+
+
 @pytest.mark.parametrize(
     ("question", "error", "text"),
     [
         (("map", "base_lnk"), UnknownFrameError, 'the source frame "base_lnk" is not known; did you mean "base_link"'),
         (("nowhere", "map"), UnknownFrameError, "known: base_link, camera, lidar, map, odom, tool"),
         (("map", "camera"), ConnectivityError, '"map" and "camera" are not connected.*trees of "map" and "tool"'),
-        (("map", "lidar", 4 * S), ExtrapolationError, 'from "lidar" to "map": "base_link": asked for 4.0*, 1 s after'),
+        (("map", "lidar", 4 * S), ExtrapolationError, LATE),
         (("map", "lidar", S // 2), ExtrapolationError, "0.5 s before the earliest, 1.000000000"),
         (("tool", "camera", 2 * S), ExtrapolationError, "only 1.000000000 is in the buffer"),
         (("", "map"), InvalidTransformError, "the target frame is empty"),
@@ -82,6 +89,65 @@ def test_errors_say_what_is_missing_and_what_is_known(question: Any, error: type
     with pytest.raises(error, match=text):
         buffer.lookup(*question)
     assert not buffer.can_transform(*question)
+
+
+def test_an_extrapolation_names_a_transform_between_the_two_frames() -> None:
+    buffer = TransformBuffer()
+    for stamp in (1, 2):  # odom lacks the time, too, but nothing between camera and lidar needs it
+        buffer.set_transform(moved("odom", "base", stamp))
+        buffer.set_transform(moved("base", "lidar", stamp))
+    for stamp in (1, 2, 3, 4):
+        buffer.set_transform(moved("base", "camera", stamp))
+        buffer.set_transform(moved("base", "wheel", stamp + 4))
+    for target, source, time, frame, direction in (
+        ("camera", "lidar", 3 * S, "lidar", "future"),
+        ("lidar", "camera", 3 * S, "lidar", "future"),
+        ("camera", "lidar", S // 2, "lidar", "past"),
+        ("wheel", "camera", 4 * S, "wheel", "past"),
+        ("odom", "camera", 3 * S, "base", "future"),
+        ("base", "wheel", 3 * S, "wheel", "past"),
+    ):
+        with pytest.raises(ExtrapolationError, match=f'of "{frame}" in .* into the {direction}') as raised:
+            buffer.lookup(target, source, time)
+        assert (raised.value.frame, raised.value.direction) == (frame, direction)
+
+
+def test_a_stamp_far_in_the_future_blocks_no_more_than_two_later_transforms() -> None:
+    buffer = TransformBuffer()
+    buffer.set_transform(moved("map", "base", 1))
+    buffer.set_transform(moved("map", "base", 2**31 - 1))
+    for stamp in (2, 3):
+        with pytest.raises(InvalidTransformError, match="before the latest"):
+            buffer.set_transform(moved("map", "base", stamp))
+    buffer.set_transform(moved("map", "base", 4, 7))
+    assert buffer.lookup("map", "base").stamp == 4 * S and buffer.can_transform("map", "base", 2 * S)
+    buffer.set_transform(moved("map", "base", 100))
+    for _ in range(9):  # the same again, or by turns with what is right: still refused
+        with pytest.raises(InvalidTransformError):
+            buffer.set_transform(moved("map", "base", 4))
+    for stamp in range(5, 10):
+        with pytest.raises(InvalidTransformError):
+            buffer.set_transform(moved("map", "base", stamp))
+        buffer.set_transform(moved("map", "base", 100 + stamp))
+
+
+def test_names_of_peers_are_cut_in_error_texts() -> None:
+    long = "\x1b[31m" * 100_000
+    buffer = filled()
+    for child in ("a", "b"):
+        buffer.set_transform(moved(long + child, child, 1))
+    buffer.set_transform(moved("a", "c", 1))
+    buffer.set_transform(moved("a", "c", 2))
+    for target, source, time in (
+        ("nowhere", "map", 0), ("a", "b", 0), (long + "a", long + "b", 0), (long + "a", "c", 9 * S), (long, "map", 0),
+    ):  # fmt: skip
+        with pytest.raises((TransformError, InvalidTransformError)) as raised:
+            buffer.lookup(target, source, time)
+        assert len(str(raised.value)) < 3000 and "\x1b" not in str(raised.value)
+    for parent, child in ((long, long), (long, ""), (long, "map"), ("map", long)):
+        with pytest.raises(InvalidTransformError) as refused:
+            buffer.set_transform(moved(parent, child, 1, rotation=9 * QUARTER))
+        assert len(str(refused.value)) < 500 and "\x1b" not in str(refused.value)
 
 
 def test_an_empty_buffer_says_so() -> None:

@@ -201,16 +201,15 @@ def _named() -> Iterator[None]:
         yield
     except (tf.TransformError, tf.InvalidTransformError) as error:
         kind = next(named for ours, named in _NAMES if isinstance(error, ours))
-        raise kind(_begun(str(error)) if kind is ExtrapolationException else str(error)) from None
+        raise kind(_text(error)) from None
 
 
-def _begun(text: str) -> str:
-    """The text with the beginning that tf2 gives it, which programs look for."""
-    if "before the earliest" in text:
-        return f"Lookup would require extrapolation into the past. {text}"
-    if "after the latest" in text:
-        return f"Lookup would require extrapolation into the future. {text}"
-    return f"Lookup would require extrapolation. {text}"
+def _text(error: tf.TransformError | tf.InvalidTransformError) -> str:
+    """The error's text; of an extrapolation with the beginning that tf2 gives it, which programs look for."""
+    if not isinstance(error, tf.ExtrapolationError):
+        return str(error)
+    into = f" into the {error.direction}" if error.direction else ""
+    return f"Lookup would require extrapolation{into}. {error}"
 
 
 def _nanoseconds(time: Any) -> int:

@@ -28,6 +28,8 @@ from tf2_py import (
 from tf2_ros.buffer_interface import NO_TIME, BufferInterface
 
 _PADDING = Duration(seconds=2.0)
+_MAX_TEXT = 2000
+"""Number of characters that an exception has of a server's text; tf2's texts have some 200."""
 _ERRORS = {
     TF2Error.LOOKUP_ERROR: LookupException,
     TF2Error.CONNECTIVITY_ERROR: ConnectivityException,
@@ -120,7 +122,7 @@ class BufferClient(BufferInterface):
         _done(answer, None)
         found: Any = answer.result().result
         if found.error.error != TF2Error.NO_ERROR:
-            raise _ERRORS.get(found.error.error, TransformException)(found.error.error_string)
+            raise _ERRORS.get(found.error.error, TransformException)(found.error.error_string[:_MAX_TEXT])
         return found.transform
 
 

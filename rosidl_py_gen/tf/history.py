@@ -1,0 +1,149 @@
+"""The transforms of one frame over time, as a plain object.
+
+Times are nanoseconds. Decides which transforms are taken, how long they are kept, and what lies between two of them.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
+from rosidl_py_gen.tf.algebra import Quaternion, Vector, mix, slerp
+
+_MAX_REFUSED = 2
+"""Number of transforms in a row, with rising stamps, that a frame refuses as too old; the next one replaces the newer
+ones. tf2 refuses all of them until it is cleared: one stamp far in the future would block the frame for ever. A larger
+number blocks it longer, with a smaller one a late packet could replace what is right."""
+
+
+class Link(NamedTuple):
+    """How a frame lies in its parent."""
+
+    parent: str
+    translation: Vector
+    rotation: Quaternion
+
+
+@dataclass(frozen=True, slots=True)
+class FrameInfo:
+    """What is known of a frame.
+
+    Attributes:
+        parent: of the newest transform; None for the root of a tree.
+        oldest, newest: nanoseconds, None for static frames and roots.
+        count: transforms that are kept.
+    """
+
+    parent: str | None
+    is_static: bool
+    oldest: int | None
+    newest: int | None
+    count: int
+
+
+class StaticFrame:
+    """A frame that never moves: the last transform counts, at all times."""
+
+    def __init__(self) -> None:
+        self.link: Link | None = None
+
+    def insert(self, _: int, link: Link) -> bool:
+        self.link = link
+        return True
+
+    def at(self, _: int) -> Link:
+        assert self.link is not None
+        return self.link
+
+    def latest(self) -> tuple[int, str]:
+        return 0, self.at(0).parent
+
+    def info(self) -> FrameInfo:
+        return FrameInfo(self.at(0).parent, True, None, None, 1)
+
+
+class MovingFrame:
+    """A frame with transforms over time, oldest first."""
+
+    def __init__(self, cache_time: int) -> None:
+        self._cache_time = cache_time
+        self.stamps: list[int] = []
+        self._links: list[Link] = []
+        self._refused: list[tuple[int, Link]] = []
+
+    def insert(self, stamp: int, link: Link) -> bool:
+        """False when it is older than what is kept, and does not replace that; see `_MAX_REFUSED`."""
+        stamps, links, refused = self.stamps, self._links, self._refused
+        if stamps and stamp < stamps[-1] - self._cache_time:
+            if refused and stamp <= refused[-1][0]:
+                refused.clear()
+            refused.append((stamp, link))
+            if len(refused) <= _MAX_REFUSED:
+                return False
+            stamps[:], links[:] = (list(column) for column in zip(*refused[:-1], strict=True))
+        refused.clear()
+        at = bisect_right(stamps, stamp)
+        if link not in links[bisect_left(stamps, stamp) : at]:  # else it was said again
+            stamps.insert(at, stamp)
+            links.insert(at, link)
+        old = bisect_left(stamps, stamps[-1] - self._cache_time)
+        del stamps[:old], links[:old]
+        return True
+
+    def at(self, time: int) -> Link:
+        """Raises `NoDataError`."""
+        stamps, links = self.stamps, self._links
+        if self.lacks(time):
+            raise NoDataError
+        if time == 0 or time == stamps[-1]:
+            return links[-1]
+        if time == stamps[0]:
+            return links[0]
+        after = bisect_right(stamps, time)
+        one, two = links[after - 1], links[after]
+        if one.parent != two.parent:  # reparented in between: the older one counts until then
+            return one
+        ratio = (time - stamps[after - 1]) / (stamps[after] - stamps[after - 1])
+        moved = mix(one.translation, two.translation, ratio)
+        return Link(one.parent, moved, slerp(one.rotation, two.rotation, ratio))
+
+    def lacks(self, time: int) -> bool:
+        """Return True if `at` has no transform for `time`."""
+        return not self.stamps or (time != 0 and not self.stamps[0] <= time <= self.stamps[-1])
+
+    def nearest(self, time: int) -> Link | None:
+        """The transform whose stamp is next to a time that `at` has none for."""
+        return (self._links[0 if time < self.stamps[0] else -1]) if self.stamps else None
+
+    def why_not(self, time: int) -> tuple[str, Literal["", "past", "future"]]:
+        """Return in words why `at` has no transform for `time`, and the direction to extrapolate into."""
+        if not self.stamps:
+            return f"nothing is in the buffer, {shown_time(time)} was asked for", ""
+        first, last = self.stamps[0], self.stamps[-1]
+        direction: Literal["past", "future"] = "past" if time < first else "future"
+        asked = f"needs extrapolation into the {direction}: asked for {shown_time(time)}"
+        if first == last:
+            return f"{asked}, but only {shown_time(first)} is in the buffer", direction
+        if time > last:
+            return f"{asked}, {(time - last) / NS_PER_S:.6g} s after the latest, {shown_time(last)}", direction
+        return f"{asked}, {(first - time) / NS_PER_S:.6g} s before the earliest, {shown_time(first)}", direction
+
+    def latest(self) -> tuple[int, str]:
+        return (self.stamps[-1], self._links[-1].parent) if self.stamps else (0, "")
+
+    def info(self) -> FrameInfo:
+        if not self.stamps:
+            return FrameInfo(None, False, None, None, 0)
+        return FrameInfo(self._links[-1].parent, False, self.stamps[0], self.stamps[-1], len(self.stamps))
+
+
+class NoDataError(Exception):
+    """A frame has no transform at that time."""
+
+
+def shown_time(time: int) -> str:
+    """Return a time as seconds with nine decimals."""
+    sec, rest = sec_nanosec(abs(time))
+    return f"{'-' if time < 0 else ''}{sec}.{rest:09}"
