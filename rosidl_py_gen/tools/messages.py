@@ -19,7 +19,7 @@ from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import EncodeError, InvalidNameError, TypeNotFoundError
-from rosidl_py_gen.tools import ToolError
+from rosidl_py_gen.tools import ToolError, values
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,11 +29,8 @@ if TYPE_CHECKING:
 M = TypeVar("M", bound=Message)
 
 _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 TRUNCATE = 128
 _TYPE = re.compile(r"\w+(/\w+){1,2}\Z")
-MAX_TEXT = 1 << 20
-"""Characters of a value on the command line."""
 
 
 class _Shown(NamedTuple):
@@ -108,24 +105,6 @@ def to_yaml(value: Any, *, flow: bool | None = False) -> str:
     return text.removesuffix("...\n")  # the end mark behind a scalar
 
 
-def from_yaml(text: str) -> Any:
-    """The value of a YAML or JSON text from the command line.
-
-    Raises:
-        ToolError: no YAML, with line and column.
-    """
-    if len(text) > MAX_TEXT:
-        raise ToolError(f"a value of {len(text)} characters; at most {MAX_TEXT} are taken")
-    try:
-        return yaml.load(text, Loader=_Loader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        place = f"{mark.line + 1}:{mark.column + 1}: " if mark else ""
-        raise ToolError(f"not YAML: {place}{error.problem or error.context}: {text[:200]!r}") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise ToolError(f"not YAML: {error}") from None
-
-
 def type_and_values(words: Sequence[str], *, stdin: bool = False) -> tuple[str | None, str]:
     """What ``[TYPE] [VALUES]`` on a command line mean: both may be left out, a type has a ``/`` and no blanks.
 
@@ -141,7 +120,7 @@ def type_and_values(words: Sequence[str], *, stdin: bool = False) -> tuple[str |
         expected = "no values beside --stdin" if stdin else "values in one word: put them between '"
         raise ToolError(f"cannot make sense of {' '.join(rest)[:200]!r}; expected {expected}")
     if stdin:
-        return name, sys.stdin.read(MAX_TEXT + 1)
+        return name, sys.stdin.read(values.MAX_JSON + 1)
     return name, rest[0] if rest else ""
 
 
@@ -158,13 +137,13 @@ def message_from(cls: type[M], text: str) -> M:
 
 def message_and_stamps(cls: type[M], text: str) -> tuple[M, list[Any]]:
     """A message, as of `message_from`, and the times in it that shall be now: ``header: auto``, ``stamp: now``."""
-    value = from_yaml(text) if text.strip() else {}
+    value = values.parse_value(text) if text.strip() else {}
     if value is None:
         value = {}
     if not isinstance(value, dict):
         raise ToolError(f"{cls.__name__} takes a mapping such as '{{{_example(cls)}}}', got {text[:200]!r}")
     paths: list[_Path] = []
-    value = _without_stamps(cls, value, (), paths)
+    value = _without_stamps(cls, values.fit(cls, value), (), paths)
     try:
         message = from_dict(cls, value)
     except (EncodeError, InvalidNameError, TypeNotFoundError) as error:

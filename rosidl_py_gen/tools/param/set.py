@@ -1,23 +1,84 @@
-"""``param set`` and ``param delete``, which sets no value."""
+"""``param set`` and ``param delete``, which sets no value.
+
+A value is read as in a parameter file. Where the node refuses that, the value is converted to the type of the
+parameter: `3.0` to an integer, `"NaN"` to a double, `[1, 2.5]` to doubles, `5` to a text.
+"""
 
 from __future__ import annotations
 
-from rosidl_py_gen.runtime import Parameter, ParameterValue, parse_parameter_value
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.runtime import (
+    InvalidParameterValueError,
+    Parameter,
+    ParameterFileError,
+    ParameterNotDeclaredError,
+    ParameterType,
+    ParameterValue,
+    SetResult,
+    parameter_value,
+    parse_parameter_value,
+)
 from rosidl_py_gen.tools import ToolError, printing
 from rosidl_py_gen.tools.param.remote import parameters_of
 from rosidl_py_gen.tools.session import Network
+from rosidl_py_gen.tools.values import as_bool, as_float, as_integer, as_text, parse_value
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.runtime import ParameterClient
 
 
 async def run(network: Network, node: str, name: str, value: str | None, timeout_s: float, as_json: bool) -> int:
     """What the command does."""
-    wanted = ParameterValue() if value is None else parse_parameter_value(value)
     async with parameters_of(network, node, timeout_s) as client:
-        (result,) = await client.set([Parameter(name, wanted)], timeout_s)
+        result = await _set(client, name, value, timeout_s)
     reason = f": {result.reason}" if result.reason else ""
     if as_json:
         printing.document({"successful": result.successful, "reason": result.reason})
     elif not result.successful:
-        raise ToolError(f"{'Setting' if wanted.is_set else 'Deleting'} parameter failed{reason}")
+        raise ToolError(f"{'Deleting' if value is None else 'Setting'} parameter failed{reason}")
     else:
-        printing.line(f"{'Set parameter successful' if wanted.is_set else 'Deleted parameter successfully'}{reason}")
+        done = "Deleted parameter successfully" if value is None else "Set parameter successful"
+        printing.line(f"{done}{reason}")
     return 0 if result.successful else 1
+
+
+async def _set(client: ParameterClient, name: str, text: str | None, timeout_s: float) -> SetResult:
+    wanted, wrong, result = ParameterValue(), None, None
+    try:
+        wanted = ParameterValue() if text is None else parse_parameter_value(text)
+        (result,) = await client.set([Parameter(name, wanted)], timeout_s)
+        if result.successful or text is None:
+            return result
+    except ParameterFileError as error:
+        wrong = error
+    assert text is not None
+    try:
+        fitted = fit_parameter(text, await client.types(name, timeout_s))
+    except (ToolError, ParameterNotDeclaredError):
+        fitted = None
+    if fitted is None or fitted == wanted:
+        if result is None:
+            raise wrong or AssertionError
+        return result
+    (result,) = await client.set([Parameter(name, fitted)], timeout_s)
+    return result
+
+
+def fit_parameter(text: str, kind: ParameterType) -> ParameterValue | None:
+    """Return the parameter value of this type that a text means; None if it does not mean one."""
+    convert = {
+        ParameterType.BOOL: as_bool,
+        ParameterType.INTEGER: as_integer,
+        ParameterType.DOUBLE: lambda value: float(value) if type(value) is int else as_float(value),
+        ParameterType.STRING: as_text,
+    }
+    parsed = parse_value(text)
+    scalar = ParameterType[kind.name.removesuffix("_ARRAY")] if kind.is_array and kind.name != "BYTE_ARRAY" else kind
+    if scalar not in convert or isinstance(parsed, list) is not kind.is_array:
+        return None
+    try:
+        found = [convert[scalar](item) for item in parsed] if kind.is_array else convert[scalar](parsed)
+        return parameter_value(found, kind)
+    except (InvalidParameterValueError, OverflowError):
+        return None

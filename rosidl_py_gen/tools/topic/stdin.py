@@ -14,7 +14,7 @@ from collections.abc import AsyncGenerator
 from concurrent.futures import CancelledError
 
 from rosidl_py_gen.tools import ToolError
-from rosidl_py_gen.tools.messages import MAX_TEXT
+from rosidl_py_gen.tools.values import MAX_JSON, MAX_TEXT
 
 _AT_ONCE, _AHEAD = 1 << 16, 16
 
@@ -44,15 +44,19 @@ async def documents() -> AsyncGenerator[str, None]:
 
 
 async def _lines() -> AsyncGenerator[str, None]:
-    left = b""
+    begun: list[bytes] = []
+    length = 0
     async for data in _chunks():
-        *whole, left = (left + data).split(b"\n")
-        for line in whole:
-            yield _text(line)
-        if len(left) > MAX_TEXT:
-            raise ToolError(f"standard input: a line of more than {MAX_TEXT} bytes")
-    if left:
-        yield _text(left)
+        first, *more = data.split(b"\n")
+        begun.append(first)
+        length += len(first)
+        for line in more:
+            yield _text(b"".join(begun))
+            begun, length = [line], len(line)
+        if length > MAX_JSON:
+            raise ToolError(f"standard input: a line of more than {MAX_JSON} bytes")
+    if length:
+        yield _text(b"".join(begun))
 
 
 def _text(line: bytes) -> str:
