@@ -10,6 +10,7 @@ Source: docs/internals/protocol.md 8.1, 8.4, 8.5.
 
 from __future__ import annotations
 
+import asyncio
 import uuid
 from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
@@ -33,7 +34,7 @@ from rosidl_py_gen.runtime.actions.client_goal import (
     GoalProgress,
     GoalRejectedError,
 )
-from rosidl_py_gen.runtime.actions.results import ResultClient
+from rosidl_py_gen.runtime.actions.results import FIRST_RETRY_DELAY_S, REGISTRATION_TIMEOUT_S, ResultClient
 from rosidl_py_gen.runtime.actions.states import ZERO_ID, ActionError, CancelCode, GoalStatus, UnknownGoalError
 from rosidl_py_gen.runtime.actions.status import find_status
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_goal_id
@@ -176,7 +177,8 @@ class ActionClient(Composite, Generic[ActionT_co]):
             response = await self._call_send_goal(request, deadline, timeout_s)
             if not response.accepted:
                 raise GoalRejectedError(f"action server {self.name} rejected the goal {goal!r:.200}")
-            progress.on_accepted(Time.from_msg(response.stamp))
+            now_s = self._scope.bridge.running_loop().time()
+            progress.on_accepted(Time.from_msg(response.stamp), now_s)
             self._ask_result(progress)
         except BaseException:
             self._goals.pop(goal_id, None)
@@ -256,9 +258,28 @@ class ActionClient(Composite, Generic[ActionT_co]):
         """
         goal_id = require_goal_id(goal_id)
         what = f"goal {goal_id.hex()}"
-        if goal_id not in await self._ask_cancel(goal_id, None, what, timeout_s):
+        deadline, delay_s = Deadline(timeout_s), FIRST_RETRY_DELAY_S
+        left_s = timeout_s
+        while True:
+            try:
+                canceled = await self._ask_cancel(goal_id, None, what, left_s)
+                break
+            except UnknownGoalError:
+                left_s = deadline.left_s()
+                if not self._is_early(goal_id) or (left_s is not None and left_s <= delay_s):
+                    raise
+            await asyncio.sleep(delay_s)
+            delay_s, left_s = 2 * delay_s, deadline.left_s()
+        if goal_id not in canceled:
             # rclpy servers answer 0 with an empty list when they refuse.
             raise CancelRejectedError(f"action server {self.name} refused to cancel {what}")
+
+    def _is_early(self, goal_id: bytes) -> bool:
+        """Return True if the server may not have registered the goal yet that it accepted; see `results.py`."""
+        progress = self._goals.get(goal_id)
+        if progress is None or progress.accepted_s is None:
+            return False
+        return self._scope.bridge.running_loop().time() - progress.accepted_s < REGISTRATION_TIMEOUT_S
 
     cancel_goal_sync = blocking(cancel_goal)
 

@@ -56,6 +56,7 @@ class GoalProgress:
         self.goal_id = goal_id
         self.status = GoalStatus.UNKNOWN
         self.accepted_stamp: Time | None = None
+        self.accepted_s: float | None = None
         self.feedback: Stream[Any] = Stream(feedback_depth)
         self.outcome: tuple[GoalStatus, Any] | None = None
         self.error: BaseException | None = None
@@ -66,9 +67,9 @@ class GoalProgress:
         """Whether the result is in, or will never be."""
         return self.outcome is not None or self.error is not None
 
-    def on_accepted(self, stamp: Time) -> None:
-        """The server wants the goal."""
-        self.accepted_stamp = stamp
+    def on_accepted(self, stamp: Time, now_s: float) -> None:
+        """Record the acceptance, at `stamp` by the server's clock and at `now_s` by the event loop's."""
+        self.accepted_stamp, self.accepted_s = stamp, now_s
         if self.status is GoalStatus.UNKNOWN:
             self.status = GoalStatus.ACCEPTED
 

@@ -13,6 +13,9 @@ Two things are looked at from time to time, because nothing announces them:
   is asked. That one does not know the goal, and the old one no longer takes in what we send, while one that lives
   does that within milliseconds: then the goal has ended with it.
 
+A server of rclcpp sends the goal response before it registers the goal, so that a request in between is answered with
+UNKNOWN. A server that may have accepted the goal and answers so within `REGISTRATION_TIMEOUT_S` is asked again.
+
 There is no task and no future per goal, only what the client of a service keeps for a request: results are awaited for
 as long as goals run, also while plain code lets no event loop run. Source: docs/internals/protocol.md 8.3, 8.5.
 """
@@ -48,6 +51,11 @@ _DENIALS = 3
 """So often a server that must know a goal may say that it does not."""
 _SILENT_S = 1.0
 """So long a server acknowledges nothing, and its node is there a second time: it is gone."""
+REGISTRATION_TIMEOUT_S = 2.0
+"""Time after the acceptance of a goal in which UNKNOWN may mean that the server has not registered the goal yet. rclcpp
+needs less than 1 ms for that on an idle machine. A larger value delays the error for a goal that is really unknown."""
+FIRST_RETRY_DELAY_S = 0.02
+"""Time until such a server is asked again; each further retry waits twice as long."""
 
 
 class _PendingResult:
@@ -63,11 +71,15 @@ class _PendingResult:
         pause_s: between the last time and that one.
         denied: how often servers of `first` did not know the goal.
         answer: the UNKNOWN of a server that came later, and when that was.
+        accepted_s: time of the acceptance.
+        is_early: a server of `first` answered UNKNOWN before it may have registered the goal.
+        is_retrying: the servers are asked again after a delay.
+        delay_s: until the next such retry.
     """
 
     __slots__ = (
-        *("again_s", "answer", "asked", "denied", "first", "has_ended", "on_error", "on_reply", "pause_s", "request"),
-        *("sequences", "servers"),
+        *("accepted_s", "again_s", "answer", "asked", "delay_s", "denied", "first", "has_ended", "is_early"),
+        *("is_retrying", "on_error", "on_reply", "pause_s", "request", "sequences", "servers"),
     )
 
     def __init__(
@@ -76,6 +88,7 @@ class _PendingResult:
         on_reply: Callable[[Any], None],
         on_error: Callable[[Exception], None],
         has_ended: Callable[[], bool],
+        accepted_s: float,
     ) -> None:
         self.request = request
         self.on_reply = on_reply
@@ -89,6 +102,10 @@ class _PendingResult:
         self.pause_s = _AGAIN_S
         self.denied = 0
         self.answer: tuple[Any, float] | None = None
+        self.accepted_s = accepted_s
+        self.is_early = False
+        self.is_retrying = False
+        self.delay_s = FIRST_RETRY_DELAY_S
 
     def is_due(self, now_s: float) -> bool:
         """Whether the goal has ended, and its result should have come by now."""
@@ -128,7 +145,7 @@ class ResultClient:
         on_error: Callable[[Exception], None],
         has_ended: Callable[[], bool],
     ) -> None:
-        """Send a request; one of the functions will be called, on the loop's thread or when the client closes.
+        """Send a request as soon as the goal is accepted; calls one of the functions, on the loop's thread or in close.
 
         Args:
             on_reply: gets the response.
@@ -136,7 +153,7 @@ class ResultClient:
             has_ended: whether the goal is known to have ended, so that its result should be there.
         """
         loop = self._scope.bridge.running_loop()
-        pending = _PendingResult(request, on_reply, on_error, has_ended)
+        pending = _PendingResult(request, on_reply, on_error, has_ended, loop.time())
         self._pending.add(pending)
         self._put(pending)
         pending.first = frozenset(pending.servers)
@@ -147,6 +164,7 @@ class ResultClient:
     def _put(self, pending: _PendingResult) -> None:
         """Ask those that are there now, and nobody else any more."""
         self._forget(pending)
+        pending.is_early = pending.is_retrying = False
         pending.servers = self.client._servers()
         if pending.servers:
             self._ask(pending)
@@ -165,17 +183,36 @@ class ResultClient:
         """Whether the answer was UNKNOWN while a server may know the goal."""
         if pending not in self._pending:
             return False
-        if response.status == GoalStatus.UNKNOWN:
-            if server in pending.first and pending.has_ended():
+        if response.status != GoalStatus.UNKNOWN:
+            self._end(pending, pending.on_reply, response)
+            return False
+        now_s = self._scope.bridge.running_loop().time()
+        if server is None or server in pending.first:
+            if now_s - pending.accepted_s < REGISTRATION_TIMEOUT_S:
+                pending.is_early = True
+            elif pending.has_ended():
                 pending.denied += 1
                 if pending.denied < _DENIALS:
                     return True
-            pending.servers.discard(server or b"")
-            if not pending.servers.isdisjoint(self.client._servers()):
-                pending.answer = response, self._scope.bridge.running_loop().time()
-                return True
-        self._end(pending, pending.on_reply, response)
-        return False
+        pending.servers.discard(server or b"")
+        if not pending.servers.isdisjoint(self.client._servers()):
+            pending.answer = response, now_s
+            return True
+        return self._deny(pending, response)
+
+    def _deny(self, pending: _PendingResult, response: Any) -> bool:
+        """End with UNKNOWN; but ask again if the goal may be registered by then, and return True."""
+        if pending.is_early and not pending.is_retrying:
+            pending.is_retrying = True
+            self._scope.bridge.running_loop().call_later(pending.delay_s, self._retry, pending)
+            pending.delay_s *= 2
+        if not pending.is_retrying:
+            self._end(pending, pending.on_reply, response)
+        return pending.is_retrying
+
+    def _retry(self, pending: _PendingResult) -> None:
+        if pending in self._pending and pending.is_retrying and not self._scope.closed:
+            self._put(pending)
 
     def _on_error(self, pending: _PendingResult, error: Exception) -> None:
         if pending not in self._pending:
@@ -203,10 +240,12 @@ class ResultClient:
             self._seen_s = now_s
         names = {server: self._node_of(server) for server in present}
         for pending in list(self._pending):
+            if pending.is_retrying:
+                continue
             if pending.servers.isdisjoint(present):
                 self._look_for_another(pending, present, now_s)
             elif pending.answer is not None and self._is_replaced(pending, names, now_s):
-                self._end(pending, pending.on_reply, pending.answer[0])
+                self._deny(pending, pending.answer[0])
             elif self._successors(pending, names) - pending.asked:
                 self._ask(pending)
             elif pending.is_due(now_s):

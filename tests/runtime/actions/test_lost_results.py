@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import os
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from action_worlds import Fibonacci, fibonacci, goal, pair, until_canceled
 from peer_process import open_context
 from worlds import ROOT, domain_id, until
 
+from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal
 from rosidl_py_gen.runtime import GoalStatus, Node, UnknownGoalError
 from rosidl_py_gen.runtime.actions.server import ActionServer
 
@@ -117,6 +119,43 @@ async def test_a_server_that_always_denies_an_ended_goal_ends_it(
     handle = await client.send_goal(goal(0), timeout_s=5)
     with pytest.raises(UnknownGoalError, match="does not know goal"):
         await handle.result(timeout_s=10)
+    assert client._result.pending_count == client._result.client.pending_count == 0
+
+
+async def test_a_server_that_registers_a_goal_after_its_acceptance_is_asked_again(
+    memory: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As rclcpp's reentrant servers do: the result and a cancel that come in between find no goal."""
+    now_s = asyncio.get_running_loop().time
+    times_s, get_result, cancel = list[float](), ActionServer._on_get_result, ActionServer._on_cancel_goal
+    registration_s = 0.5
+
+    def on_get_result(self: ActionServer[Any], request: Any) -> Any:
+        times_s.append(now_s())
+        return self._unknown if now_s() < times_s[0] + registration_s else get_result(self, request)
+
+    async def on_cancel_goal(self: ActionServer[Any], request: Any) -> Any:
+        if now_s() < times_s[0] + registration_s:
+            return CancelGoal.Response(return_code=CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID)
+        return await cancel(self, request)
+
+    monkeypatch.setattr(ActionServer, "_on_get_result", on_get_result)
+    monkeypatch.setattr(ActionServer, "_on_cancel_goal", on_cancel_goal)
+    _, client = await pair(memory, until_canceled)
+    handle = await client.send_goal(goal(), timeout_s=5)
+    await handle.cancel(timeout_s=5)
+    assert (await handle.result(timeout_s=5))[0] is S.CANCELED
+    delays_s = [later - earlier for earlier, later in itertools.pairwise(times_s)]
+    assert len(delays_s) == 5 and all(later > 1.5 * earlier for earlier, later in itertools.pairwise(delays_s))
+    registration_s = 3.0  # longer than the client waits
+    times_s.clear()
+    handle = await client.send_goal(goal(), timeout_s=5)
+    with pytest.raises(UnknownGoalError, match="does not know"):
+        await handle.cancel(timeout_s=0.1)
+    for wait in (handle.result, handle.cancel):
+        with pytest.raises(UnknownGoalError, match="does not know goal"):
+            await wait(timeout_s=5)
+    assert 2.0 <= now_s() - times_s[0] < 3.0 and len(times_s) == 8
     assert client._result.pending_count == client._result.client.pending_count == 0
 
 
