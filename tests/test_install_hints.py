@@ -148,7 +148,7 @@ def test_no_hint_is_written_by_hand() -> None:
         (("bag", "table", "x", "--out", "y"), "tables"),
         (("bag", "sql", "x", "y"), "tables"),
         (("bag", "table", "x", "--out", "y", "--scheduler", "tcp://127.0.0.1:1"), "cluster"),
-        (("bag", "table", "x", "--out", "y", "--workers", "2"), "cluster"),
+        (("bag", "table", "x", "--out", "y", "--workers", "2"), "tables"),
     ],
 )
 def test_of_several_extras_the_one_is_asked_for_that_brings_the_others(arguments: tuple[str, ...], extra: str) -> None:

@@ -1,4 +1,4 @@
-"""Many bags on Dask, with workers that are killed, and on an S3 that counts what is asked of it."""
+"""Many bags by processes and by Dask, with workers that are killed, and on an S3 that counts what is asked of it."""
 
 from __future__ import annotations
 
@@ -10,18 +10,22 @@ from pathlib import Path
 from typing import Any
 from urllib.request import Request, urlopen
 
+import dask
 import distributed
 import numpy as np
+import psutil
 import pytest
 import s3fs
+import trustme
 from many_bags import bag_of, rows, said
 from moto.moto_server.werkzeug_app import DomainDispatcherApplication, create_backend_app
+from pool_tasks import die, die_once, fail, pid
 from werkzeug.serving import make_server
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagReader, BagWriter
 from rosidl_py_gen.tables import write_datasets
-from rosidl_py_gen.tables.many import cluster
+from rosidl_py_gen.tables.many import cluster, pool
 from rosidl_py_gen.tables.many import datasets as many
 
 Int64: Any = get_message("std_msgs/msg/Int64")
@@ -30,20 +34,20 @@ BAGS, EACH = 200, 20
 
 
 @pytest.fixture(scope="module")
-def dask() -> Iterator[Any]:
+def two_workers() -> Iterator[Any]:
     """Two workers."""
     options = {"threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "silence_logs": 50}
     with distributed.LocalCluster(n_workers=2, **options) as found:
         yield found
 
 
-def test_workers_that_are_killed_lose_nothing_and_duplicate_nothing(dask: Any, tmp_path: Path) -> None:
+def test_workers_that_are_killed_lose_nothing_and_duplicate_nothing(two_workers: Any, tmp_path: Path) -> None:
     folder, out = tmp_path / "bags", tmp_path / "out"
     folder.mkdir()
     bags = [bag_of(folder / f"{name:03}.mcap", *range(EACH * name, EACH * name + EACH)) for name in range(BAGS)]
     bags[70].write_bytes(b"junk" * 30)
     bags[71].unlink()
-    alive = [one.pid for one in dask.workers.values()]
+    alive = [one.pid for one in two_workers.workers.values()]
     assert len(alive) == 2
 
     def kill(done: float, count: int) -> None:
@@ -51,37 +55,29 @@ def test_workers_that_are_killed_lose_nothing_and_duplicate_nothing(dask: Any, t
         if done in (30, 110):
             os.kill(alive.pop(), signal.SIGKILL)
 
-    report = write_datasets(bags, out, scheduler=dask.scheduler_address, progress=kill)
+    report = write_datasets(bags, out, scheduler=two_workers.scheduler_address, progress=kill)
     assert not alive
     assert sorted(report.failed) == [str(bags[70]), str(bags[71])]
     right = [(f"{name:03}", EACH * name + k) for name in range(BAGS) if name not in (70, 71) for k in range(EACH)]
     assert rows(out) == right
     assert not list(out.rglob("*.partial"))
     bag_of(bags[70], 1), bag_of(bags[71], 2)
-    again = write_datasets(bags, out, scheduler=dask.scheduler_address)
+    again = write_datasets(bags, out, scheduler=two_workers.scheduler_address)
     assert said(again)[0] == ["070", "071"] and len(again.unchanged) == BAGS - 2 and not again.failed
     assert rows(out) == sorted([*right, ("070", 1), ("071", 2)])
 
 
-def test_a_bag_that_kills_its_worker_each_time_is_given_up(dask: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dask.scheduler, "allowed_failures", 0)
+def test_a_bag_that_kills_its_worker_each_time_is_given_up(two_workers: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(two_workers.scheduler, "allowed_failures", 0)
 
     def run(function: Any, tasks: list[Any]) -> Any:
-        with distributed.Client(dask.scheduler_address, set_as_default=False) as client:
+        with distributed.Client(two_workers.scheduler_address, set_as_default=False) as client:
             yield from cluster._on(client)(function, tasks)
 
-    ((task, outcome),) = run(_die, [5])
+    ((task, outcome),) = run(die, [5])
     assert task == 5 and "KilledWorker" in outcome.error
-    ((_, outcome),) = run(_fail, [6])
+    ((_, outcome),) = run(fail, [6])
     assert outcome.error == "the worker failed: KeyError: 6"
-
-
-def _die(task: int) -> None:
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
-def _fail(task: int) -> None:
-    raise KeyError(task)
 
 
 def test_a_scheduler_that_does_not_answer_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,18 +88,95 @@ def test_a_scheduler_that_does_not_answer_is_an_error(tmp_path: Path, monkeypatc
             write_datasets([bag], tmp_path / "out", scheduler=address)
 
 
+def test_a_scheduler_with_tls_takes_only_who_has_its_certificates(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own, other = _certificates(tmp_path / "own"), _certificates(tmp_path / "other")
+    bag, out = bag_of(tmp_path / "a.mcap", 1, 2), tmp_path / "out"
+    options = {"n_workers": 1, "processes": False, "dashboard_address": None, "silence_logs": 50}
+    with (
+        dask.config.set({"distributed.comm.require-encryption": True, **own}),
+        distributed.LocalCluster(protocol="tls", host="127.0.0.1", security=distributed.Security(), **options) as found,
+    ):
+        address = found.scheduler_address
+        assert address.startswith("tls://")
+        report = write_datasets([bag], out, scheduler=address)
+        assert not report.failed and rows(out) == [("a", 1), ("a", 2)]
+        monkeypatch.setattr(cluster, "_CONNECT_S", 0.5)
+        for settings in (other, dict.fromkeys(own)):
+            with (
+                dask.config.set(settings),
+                pytest.raises(cluster.BagError, match="no scheduler of Dask answers at tls:"),
+            ):
+                write_datasets([bag], tmp_path / "none", scheduler=address)
+
+
+def _certificates(folder: Path) -> dict[str, str]:
+    """Settings of Dask with an authority and a certificate of its own, for the scheduler, workers and clients."""
+    folder.mkdir()
+    authority = trustme.CA()
+    authority.cert_pem.write_to_path(str(folder / "ca.pem"))
+    issued = authority.issue_cert("127.0.0.1")
+    issued.private_key_and_cert_chain_pem.write_to_path(str(folder / "own.pem"))
+    tls = "distributed.comm.tls"
+    settings = {
+        f"{tls}.{role}.{part}": "own.pem" for role in ("scheduler", "worker", "client") for part in ("key", "cert")
+    }
+    return {key: str(folder / name) for key, name in {f"{tls}.ca-file": "ca.pem", **settings}.items()}
+
+
+# ------------------------------------------------------------------------------------------- processes of this machine
+
+
+def test_processes_of_this_machine_are_reached_by_no_other(tmp_path: Path) -> None:
+    with pool.running(2) as run:
+        found = dict(run(pid, ["a", "b", "c", "d"]))
+        pids = {int(one.error) for one in found.values()}
+        assert sorted(found) == ["a", "b", "c", "d"] and len(pids) == 2 and os.getpid() not in pids
+        assert [one.warnings for one in found.values()] == [()] * 4, "no socket of the internet"
+        assert {int(one.error) for _, one in run(pid, ["e"])} <= pids, "they are used again"
+    assert not any(map(psutil.pid_exists, pids))
+
+
+def test_a_process_that_dies_is_replaced_and_only_its_task_is_repeated_or_given_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pool, "_MAX_DEATHS", 2)
+    with pool.running(2) as run:
+        tasks = [str(tmp_path / name) for name in "ab"]
+        outcomes = dict(run(die_once, tasks))
+        assert sorted(outcomes) == tasks and all(one.error.isdecimal() for one in outcomes.values())
+        outcomes = dict(run(die, [5]))
+        assert outcomes[5].error == "the process of this task was killed by signal 9, 2 times in a row"
+        assert dict(run(fail, [6]))[6].error == "the worker failed: KeyError: 6"
+        assert dict(run(pid, [7]))[7].error.isdecimal()
+
+
+def test_a_process_ends_when_the_one_that_started_it_is_gone() -> None:
+    worker = pool._Worker()
+    worker.send(pid, "a")
+    assert worker.receive() is not None
+    worker.connection.close()
+    assert worker.process.wait(20) == 1
+    worker.close()
+
+
+def test_memory_of_this_process_is_for_no_other(tmp_path: Path) -> None:
+    bag = bag_of(tmp_path / "a.mcap", 1)
+    for options in ({"workers": 2}, {"scheduler": "tcp://127.0.0.1:1"}):
+        with pytest.raises(cluster.BagError, match="memory://own: other processes do not have the memory of this one"):
+            write_datasets([bag], "memory://own", **options)
+
+
 def test_processes_are_for_several_tasks_of_some_size(monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[Any] = []
-    monkeypatch.setattr(cluster, "running", lambda *told: started.append(told))
+    monkeypatch.setattr(many, "running", started.append)
     size = many.POOL_BYTES
     many._runner(None, None, [size, size])
-    assert started == [(None, min(os.cpu_count() or 1, 2))]
+    assert started == [min(os.cpu_count() or 1, 2)]
     for workers, sizes in ((None, [100] * 50), (1, [size] * 9), (None, []), (2, []), (None, [size])):
         with many._runner(None, workers, sizes) as run:
             assert run is many.one_by_one
-    monkeypatch.setattr(many, "find_spec", lambda name: None)
-    with many._runner(None, None, [size, size]) as run:
-        assert run is many.one_by_one, "without the extra"
     assert len(started) == 1
 
 

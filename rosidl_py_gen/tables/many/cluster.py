@@ -1,12 +1,12 @@
-"""Dask, for `datasets`: nobody else imports it.
+"""The workers of a Dask scheduler, for `datasets`.
 
-Tasks go to the workers of a scheduler, or to processes of this machine. A worker that is killed is replaced, and what
-it was about is done by another; a task that kills four is given up, and its answer says so.
+A worker that is killed is replaced, and its task is repeated by another one; a task that kills four is given up, and
+its outcome says so. Whoever can connect to a scheduler without TLS can run code on its workers, and in this process,
+which reads their answers with pickle: nothing here starts a scheduler.
 """
 
 from __future__ import annotations
 
-import logging
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -29,24 +29,13 @@ _CONNECT_S = 10
 
 
 @contextmanager
-def running(scheduler: str | None, workers: int | None) -> Iterator[Run]:
-    """What runs tasks and gives each with its answer, in the order in which they end.
+def running(scheduler: str) -> Iterator[Run]:
+    """A function that runs tasks, and yields each with its outcome as they end.
 
     Raises:
         BagError: no scheduler answers.
     """
-    if scheduler is not None:
-        with _connected(scheduler) as client:
-            yield _on(client)
-        return
-    local = distributed.LocalCluster(
-        n_workers=workers,
-        threads_per_worker=1,
-        host="127.0.0.1",
-        dashboard_address="127.0.0.1:0",
-        silence_logs=logging.ERROR,
-    )
-    with local, distributed.Client(local) as client:
+    with _connected(scheduler) as client:
         yield _on(client)
 
 

@@ -1,4 +1,4 @@
-"""Many bags as one dataset: what is to be done, done here or by the processes of Dask.
+"""Many bags as one dataset: what is to be done, done here, by processes of this machine, or by workers of Dask.
 
 Decides what is left as it is, as the manifest says; which bags are large enough for several tasks; and whether there is
 enough to do for several processes. A bag that fails stops nothing else.
@@ -11,13 +11,13 @@ import warnings
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import partial
-from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.bags.common import BagWarning
+from rosidl_py_gen.bags.common import BagError, BagWarning
 from rosidl_py_gen.bags.remote import is_url
 from rosidl_py_gen.tables.dataset import DatasetFile
 from rosidl_py_gen.tables.many.manifest import Entry, Manifest
+from rosidl_py_gen.tables.many.pool import running
 from rosidl_py_gen.tables.many.sources import Found, find, names_of
 from rosidl_py_gen.tables.many.tasks import Outcome, Task, Wish, attempt, cuts_of, parts_of
 
@@ -77,10 +77,11 @@ def write_datasets(
         duration_s: only so long.
         on_error: ``"skip"`` leaves damaged messages out.
         overwrite: do all of it once more, and replace files that are there.
-        scheduler: of a Dask cluster, as ``tcp://10.0.0.1:8786``, whose workers have this package. Needs the extra
-            ``cluster``, and so does `workers`.
-        workers: so many processes; 1 is this one. None: one for each core, when the extra ``cluster`` is there and
-            there is enough to do; else 1.
+        scheduler: URL of a Dask scheduler, whose workers have this package: ``tls://10.0.0.1:8786`` with certificates
+            that Dask's configuration names. With ``tcp://`` everybody who reaches the scheduler or a worker can run
+            code on all of them, and in this process. Needs the extra ``cluster``.
+        workers: number of processes of this machine; 1 is this one. None: one for each core if there is enough to do,
+            else 1. The processes open no port.
         search_path: folders with the packages of the recordings, as of `BagReader`.
         progress: called with the number of tasks done, and of all.
 
@@ -104,6 +105,12 @@ def write_datasets(
     found, missing = find(map(str, bags))
     job.report.failed.update(missing)
     due = job.due(found)
+    own = [one for one in (place, *(bag.place for bag, _ in due)) if "memory://" in one]
+    if own and (scheduler is not None or (workers or 1) > 1):
+        raise BagError(
+            f"{own[0]}: other processes do not have the memory of this one; expected workers=1, no scheduler"
+        )
+    workers = 1 if own else workers
     with _runner(scheduler, workers, [one.size for one, _ in due]) as run:
         job.do(job.tasks(due, run), run)
     job.tidy()
@@ -190,15 +197,18 @@ class _Job:
 
 
 def _runner(scheduler: str | None, workers: int | None, sizes: list[int]) -> AbstractContextManager[Run]:
-    """What runs tasks: this process, or those of Dask."""
+    """What runs tasks: this process, others of this machine, or those of Dask."""
     if scheduler is None and workers is None:
         parts = sum(max(1, -(-size // RANGE_BYTES)) for size in sizes)
-        workers = min(os.cpu_count() or 1, parts) if sum(sizes) >= POOL_BYTES and find_spec("distributed") else 1
+        workers = min(os.cpu_count() or 1, parts) if sum(sizes) >= POOL_BYTES and os.name == "posix" else 1
     if not sizes or (scheduler is None and workers == 1):
         return nullcontext(one_by_one)
-    from rosidl_py_gen.tables.many.cluster import running
+    if workers is not None:
+        return running(workers)
+    from rosidl_py_gen.tables.many import cluster
 
-    return running(scheduler, workers)
+    assert scheduler is not None
+    return cluster.running(scheduler)
 
 
 def one_by_one(function: Function, tasks: list[Task]) -> Iterator[tuple[Task, Outcome]]:

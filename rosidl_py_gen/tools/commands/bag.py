@@ -133,8 +133,15 @@ _skips = click.option(
 @_part_options
 @_skips
 @click.option("--overwrite", is_flag=True, help="Replace files that are there already.")
-@click.option("--scheduler", metavar="URL", help="Of a Dask cluster, as tcp://10.0.0.1:8786, whose workers do it.")
-@click.option("--workers", type=click.IntRange(1), metavar="N", help="Processes of this machine; 1 is this one.")
+@click.option(
+    "--scheduler",
+    metavar="URL",
+    help="Dask scheduler whose workers do it: tls://10.0.0.1:8786. With tcp:// everybody who reaches the scheduler "
+    "or a worker can run code on all of them, and as the user of this command.",
+)
+@click.option(
+    "--workers", type=click.IntRange(1), metavar="N", help="Number of processes of this machine; 1 is this one."
+)
 @options.paths
 @options.as_json
 def table(**arguments: Any) -> None:
@@ -142,15 +149,15 @@ def table(**arguments: Any) -> None:
 
     There is a file for each topic and bag, PLACE/topic=.../bag=.../*.parquet; large bags have several. A bag that
     fails stops no other. Another run does what is missing or has changed. Bags may be URLs that fsspec knows, with *.
-    With the extra cluster, several processes of Dask do it where there is enough to do.
+    Several processes do it where there is enough to do; they open no port. Workers of a Dask cluster need the extra
+    cluster.
 
     \b
     rosidl-py bag table my_bag --out dataset
     rosidl-py bag table drives/*.mcap --out dataset --topics /imu --topics /odom
-    rosidl-py bag table 's3://fleet/2026-*/*.mcap' --out s3://tables/fleet --scheduler tcp://10.0.0.1:8786
+    rosidl-py bag table 's3://fleet/2026-*/*.mcap' --out s3://tables/fleet --scheduler tls://10.0.0.1:8786
     """
-    is_parallel = arguments["scheduler"] or (arguments["workers"] or 1) > 1
-    require(*(["distributed"] if is_parallel else []), "pyarrow")
+    require(*(["distributed"] if arguments["scheduler"] else []), "pyarrow")
     run_command("bag.table", **arguments)
 
 
