@@ -13,22 +13,16 @@ import yaml
 
 from rosidl_py_gen.bags.common import BagError, BagTopic
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
+from rosidl_py_gen.base.yaml_text import MAX_BYTES, YamlError, load_yaml
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.qos import INFINITE_NS, POLICIES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-
-if TYPE_CHECKING:
-    _FastLoader = yaml.SafeLoader
-else:
-    _FastLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 FILE = "metadata.yaml"
-_MAX_BYTES = 1 << 26
-"""Bytes of a metadata file."""
-_MAX_DEPTH = 50
-"""Levels of lists and mappings in it; rosbag2 needs a dozen."""
+_MAX_QOS_BYTES = 1 << 20
+"""Size limit of a topic's QoS text, in bytes: one publisher takes about 400."""
 PERIODS = {"deadline_ns": "deadline", "lifespan_ns": "lifespan", "liveliness_lease_ns": "liveliness_lease_duration"}
 """Field of a profile -> how rosbag2 calls it."""
 
@@ -55,35 +49,18 @@ def read_metadata(folder: Path) -> BagMetadata:
     path = folder / FILE
     try:
         with path.open("rb") as stream:
-            text = stream.read(_MAX_BYTES + 1)
+            text = stream.read(MAX_BYTES + 1)
     except OSError as error:
         raise BagError(f"{path}: {error.strerror}; a bag folder has this file") from None
-    if len(text) > _MAX_BYTES:
-        raise BagError(f"{path}: more than {_MAX_BYTES} bytes")
     try:
-        told = _loaded(text)
-    except Exception as error:  # a wrong value of `!!int`, `!!bool` or `!!timestamp` has one of a dozen classes
-        raise BagError(f"{path}: not YAML: {str(error)[:300]}") from None
+        told = load_yaml(text)
+    except YamlError as error:
+        raise BagError(f"{path}: not YAML: {error}") from None
     try:
         return _parsed(told["rosbag2_bagfile_information"])
     except Exception as error:  # KeyError, TypeError, OverflowError of infinity, RecursionError while dumping QoS
         reason = f"not as rosbag2 writes it: {type(error).__name__} {str(error)[:200]}"
         raise BagError(f"{path}: {reason}; `rosidl-py bag reindex` writes it again") from None
-
-
-class _Loader(_FastLoader):
-    def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        """Not done, which makes ``<<`` an error: a few lines of merged mappings take all memory."""
-
-
-def _loaded(text: str | bytes) -> Any:
-    """What YAML says. The loader in C ends the process when lists are too deep for its stack, so they are counted."""
-    depth = 0
-    for event in yaml.parse(text, Loader=_Loader):
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if depth > _MAX_DEPTH:
-            raise ValueError(f"more than {_MAX_DEPTH} levels")
-    return yaml.load(text, Loader=_Loader)
 
 
 def _plain(told: Any) -> str | int | float:
@@ -240,7 +217,7 @@ def _time(nanoseconds: int) -> dict[str, int]:
 def qos_profiles(text: str) -> list[QoSProfile]:
     """The profiles of a topic's text, with the numbers or the words of rosbag2; none when it cannot be read."""
     try:
-        return [_profile(row) for row in _loaded(text) or ()]
+        return [_profile(row) for row in load_yaml(text, max_bytes=_MAX_QOS_BYTES) or ()]
     except Exception:  # as of `read_metadata`
         return []
 

@@ -13,9 +13,8 @@ import re
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
 from rosidl_py_gen.base.fieldtype import Arity
+from rosidl_py_gen.base.yaml_text import YamlError, load_yaml
 from rosidl_py_gen.cdr.arrays import DTYPES
 from rosidl_py_gen.tools import ToolError
 
@@ -29,11 +28,6 @@ MAX_JSON = 1 << 28
 _MAX_DIGITS = 400
 """Maximum number of digits of an integer; float64 ends at 309."""
 _SPECIAL = re.compile(r"([-+]?)\.?(?:(inf|infinity)|nan)\Z", re.IGNORECASE)
-_NUMBER = re.compile(
-    r"[-+]?(?:0x[0-9a-fA-F]+|0b[01]+|(?:(?:0|[1-9][0-9]*)(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
-    r"|\.(?:inf|Inf|INF))\Z|\.(?:nan|NaN|NAN)\Z"
-)
-_INTEGER_TAG, _FLOAT_TAG = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
 
 
 class Number(str):
@@ -47,23 +41,6 @@ class Number(str):
             if not isinstance(value, str):
                 return value
         return str(self)
-
-
-class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]  # a class of C, or of Python
-    """Loader of YAML whose only implicit types are null, booleans, merges and numbers, which become `Number`."""
-
-    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012 (PyYAML's own name)
-
-
-for _tag, _pattern, _first in (
-    ("tag:yaml.org,2002:null", r"(?:~|null|Null|NULL|)\Z", ["~", "n", "N", ""]),
-    ("tag:yaml.org,2002:bool", r"(?:yes|no|true|false|on|off)\Z", list("ynYNtTfFoO")),
-    ("tag:yaml.org,2002:merge", r"<<\Z", ["<"]),
-):
-    _Loader.add_implicit_resolver(_tag, re.compile(_pattern, re.IGNORECASE), _first)
-_Loader.add_implicit_resolver(_INTEGER_TAG, _NUMBER, list("-+.0123456789"))
-for _tag in (_INTEGER_TAG, _FLOAT_TAG):
-    _Loader.add_constructor(_tag, lambda loader, node: Number(loader.construct_scalar(node)))
 
 
 def parse_value(text: str) -> Any:
@@ -81,12 +58,8 @@ def parse_value(text: str) -> Any:
         limits = f"at most {MAX_TEXT} of YAML, or {MAX_JSON} of JSON"
         raise ToolError(f"value: got {len(text)} characters; expected {limits}")
     try:
-        return yaml.load(text, Loader=_Loader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        place = f"{mark.line + 1}:{mark.column + 1}: " if mark else ""
-        raise ToolError(f"not YAML: {place}{error.problem or error.context}: {text[:200]!r}") from None
-    except (yaml.YAMLError, ValueError, LookupError, AttributeError, TypeError, RecursionError) as error:
+        return load_yaml(text, number=Number)
+    except YamlError as error:
         raise ToolError(f"not YAML: {error}: {text[:200]!r}") from None
 
 

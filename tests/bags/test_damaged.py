@@ -255,13 +255,16 @@ def told(**wrong: str) -> str:
         ("a: !!int ''", "not YAML: "),
         ("a: !!bool x", "not YAML: "),
         ("a: !!timestamp x", "not YAML: "),
-        ("[" * 200_000, "not YAML: (more than 50 levels|while increasing flow level)"),  # the latter: libyaml 0.2.6
-        (told(qos="[" * 900 + "]" * 900), "not YAML: more than 50 levels"),
+        (
+            "[" * 200_000,
+            "not YAML: .*(more than 100 levels|exceeded maximum nesting depth)",
+        ),  # the latter: libyaml 0.2.6
+        (told(qos="[" * 900 + "]" * 900), "not YAML: .*more than 100 levels"),
         (MERGED, "not YAML: "),
         (told(count=".inf"), "OverflowError"),
-        (BOMB + told(files="[*a29]"), "TypeError list, expected a text or a number"),
-        (BOMB + told(topic="*a29"), "TypeError list, expected a text or a number"),
-        (BOMB + told(storage="*a29"), "TypeError list, expected a text or a number"),
+        (BOMB + told(files="[*a29]"), "more than 1000000 values, aliases written out"),
+        (BOMB + told(topic="*a29"), "more than 1000000 values, aliases written out"),
+        (BOMB + told(storage="*a29"), "more than 1000000 values, aliases written out"),
         (told(files='["a\\0.mcap"]'), "a file name with a zero byte"),
         ("a: &a [x, x]\nb: &b [*a, *a]\nrosbag2_bagfile_information: [*b, *b]", "not as rosbag2"),
     ],

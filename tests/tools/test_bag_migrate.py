@@ -323,9 +323,9 @@ def test_random_values_of_random_definitions_are_carried_over_or_refused(
         ("fields:\n  a/B: {x: y, x: z}", 'r:2:15: "x" is there twice'),
         ("- a", "r:1:1: expected types: and fields:"),
         ("types: &a {}\nfields: *a", "r:1:8: anchors and aliases are not supported"),
-        ("types: {", "r:1:9: "),
+        ("types: {", "r:2:1: "),
         ("a: \x01", "r: "),
-        ("[" * 5000, "r: nested far deeper than rules are"),
+        ("[" * 5000, "r:1:1001: exceeded maximum nesting depth"),
         ("types: !!python/object/apply:os.system [ls]", "r:1:8: types: expected"),
     ],
 )

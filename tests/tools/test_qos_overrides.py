@@ -70,7 +70,7 @@ def test_policies_have_the_names_of_rosbag2(tmp_path: Path) -> None:
         ("/scan:\n  avoid_ros_namespace_conventions: 2", "<profiles>:2:36: avoid_ros_namespace_conventions: expected"),
         ("/scan: {}\n/scan: {}", '<profiles>:2:1: "/scan" is there twice'),
         ("/scan: &a {depth: 1}\n/b: *a", "<profiles>:1:8: anchors and aliases are not supported"),
-        ("/scan: {", "<profiles>:1:9: expected the node content"),
+        ("/scan: {", "<profiles>:2:1: did not find expected node content"),
     ],
 )
 def test_what_is_wrong_is_told_with_its_place(text: str, error: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import array
-import math
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +12,6 @@ from rcl_interfaces.msg import ParameterType, ParameterValue
 PARAMETER_SEPARATOR_STRING = "."
 
 if TYPE_CHECKING:
-    import yaml
-
     AllowableParameterValue = (
         bool
         | int
@@ -136,7 +133,6 @@ _CLASSES: dict[str, type] = {"BYTE": bytes, "BOOL": bool, "INTEGER": int, "DOUBL
 
 _FIELDS = {one.value: f"{one.name.lower()}_value" for one in Parameter.Type if one.value}
 """Number of a type -> field of rcl_interfaces/ParameterValue that holds it."""
-_MOST_VALUES = 1_000_000
 
 
 def get_parameter_value(string_value: str) -> Any:
@@ -144,11 +140,11 @@ def get_parameter_value(string_value: str) -> Any:
 
     What is no YAML, and what no parameter holds, is a text.
     """
-    import yaml  # takes a while, and most programs need none
+    from rosidl_py_gen.base.yaml_text import YamlError, load_yaml  # takes a while, and most programs need none
 
     try:
-        found = yaml.safe_load(string_value)
-    except (yaml.YAMLError, ValueError, RecursionError):  # also dates that are none, and thousands of brackets
+        found = load_yaml(string_value, like_rclpy=True)
+    except YamlError:
         found = string_value
     if found == [] and isinstance(found, list):
         return ParameterValue(type=ParameterType.PARAMETER_BOOL_ARRAY)
@@ -184,16 +180,16 @@ def parameter_dict_from_yaml_file(
         namespace: put before each name.
 
     Raises:
-        RuntimeError: the file is no file of parameters, or a node is not in it; its aliases stand for a million values.
+        RuntimeError: the file is no file of parameters, or a node is not in it; it exceeds a limit of the loader.
     """
-    import yaml
+    from rosidl_py_gen.base.yaml_text import YamlError, load_yaml
 
     with open(parameter_file, encoding="utf-8") as file:
         text = file.read()
-    root = yaml.compose(text, yaml.SafeLoader)
-    if root is not None and _written_out(root, {}) > _MOST_VALUES:
-        raise RuntimeError(f"{parameter_file}: written out, its aliases are more than {_MOST_VALUES} values")
-    nodes = yaml.safe_load(text)
+    try:
+        nodes = load_yaml(text, like_rclpy=True)
+    except YamlError as error:
+        raise RuntimeError(error.at(parameter_file)) from None
     if not isinstance(nodes, dict):
         raise RuntimeError(f"{parameter_file} is not a valid ROS parameter file")
     for node in target_nodes or ():
@@ -209,21 +205,6 @@ def parameter_dict_from_yaml_file(
             raise RuntimeError(f"YAML file is not a valid ROS parameter file for node {node}")
         found.update(nodes[node]["ros__parameters"])
     return _flat(namespace, found)
-
-
-def _written_out(node: yaml.Node, known: dict[int, float]) -> float:
-    """How many values a node is when each alias is written out; infinite for one that contains itself."""
-    import yaml
-
-    if id(node) not in known:
-        known[id(node)] = math.inf
-        children: list[yaml.Node] = []
-        if isinstance(node, yaml.SequenceNode):
-            children = node.value
-        elif isinstance(node, yaml.MappingNode):
-            children = [one for pair in node.value for one in pair]
-        known[id(node)] = 1 + sum(_written_out(child, known) for child in children)
-    return known[id(node)]
 
 
 def _flat(prefix: str, parameters: dict[Any, Any]) -> dict[str, Any]:

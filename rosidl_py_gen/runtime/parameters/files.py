@@ -3,8 +3,8 @@
 Decides what a scalar means, and it is not what YAML says: `y` is true, `010` is 8, `08` is 8.0 and `null` is a text
 (docs/internals/protocol.md 10.5). So the standard resolver is replaced by one that only tells plain scalars from quoted
 ones, and `plain_scalar` decides. Text is what is quoted or tagged ``!!str``; other tags are ignored (``!!int yes`` is
-true) and block scalars count as plain, as in `get_value` of rcl_yaml_param_parser's parse.c. PyYAML is imported only
-here. Reading files is the caller's.
+true) and block scalars count as plain, as in `get_value` of rcl_yaml_param_parser's parse.c. Reading files is the
+caller's.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import sys
 from typing import TYPE_CHECKING, NoReturn
 
 from rosidl_py_gen.base.resources import extra_missing
+from rosidl_py_gen.base.yaml_text import STRING, YamlError, compose_yaml
 from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError, ParameterOverrides
 from rosidl_py_gen.runtime.parameters.values import (
     INT64_MAX,
@@ -36,9 +37,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
 PARAMETERS_KEY = "ros__parameters"
-_PLAIN = "!plain"
-_STRING = "tag:yaml.org,2002:str"
 _BINARY = "tag:yaml.org,2002:binary"
+_MAX_LEVELS = 500
+"""Maximum depth of maps: names of nodes and parameters may be nested, and rcl has no limit."""
 _TRUE = frozenset(["y", "Y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"])
 _FALSE = frozenset(["n", "N", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF"])
 _INTEGER = re.compile(r"[+-]?(?:(?P<hex>0[xX][0-9a-fA-F]+)|(?P<octal>0[0-7]*)|(?P<decimal>[1-9][0-9]*))\Z")
@@ -102,20 +103,6 @@ def _underflows(text: str, value: float) -> bool:
 # ----------------------------------------------------------------------------------------------------------- reading
 
 
-class _Loader(yaml.BaseLoader):
-    """Tells plain scalars from quoted ones and refuses anchors and aliases, which rcl refuses too."""
-
-    def compose_node(self, parent: yaml.Node | None, index: object) -> yaml.Node | None:
-        event = self.peek_event()  # type: ignore[no-untyped-call]
-        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
-            raise yaml.MarkedYAMLError(problem="anchors and aliases are not supported", problem_mark=event.start_mark)
-        node = super().compose_node(parent, index)  # type: ignore[arg-type]
-        if isinstance(event, yaml.ScalarEvent) and isinstance(node, yaml.ScalarNode):
-            quoted = event.style in ("'", '"')
-            node.tag = str(event.tag) if event.tag in (_STRING, _BINARY) else _STRING if quoted else _PLAIN
-        return node
-
-
 def parse_parameter_file(text: str, name: str = "<text>") -> list[ParameterOverrides]:
     """Parse a parameter file; `name` is shown in errors. Raises `ParameterFileError` with line and column."""
     root = _compose(text, name)
@@ -136,14 +123,9 @@ def parse_parameter_value(text: str) -> ParameterValue:
 
 def _compose(text: str, name: str) -> yaml.Node | None:
     try:
-        node: yaml.Node | None = yaml.compose(text, Loader=_Loader)
-        return node
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        where = f":{mark.line + 1}:{mark.column + 1}" if mark else ""
-        raise ParameterFileError(f"{name}{where}: {error.problem or error.context}") from error
-    except (yaml.YAMLError, RecursionError) as error:
-        raise ParameterFileError(f"{name}: this is no YAML we can read: {error}") from error
+        return compose_yaml(text, max_levels=_MAX_LEVELS)
+    except YamlError as error:
+        raise ParameterFileError(error.at(name)) from error
 
 
 def _fail(name: str, node: yaml.Node, text: str) -> NoReturn:
@@ -202,9 +184,9 @@ def _scalar(node: yaml.ScalarNode) -> ParameterValue:
             )
         except (binascii.Error, ValueError) as error:
             raise InvalidParameterValueError(f"not base64: {error}") from error
-    if node.tag == _PLAIN:
-        return plain_scalar(node.value)
-    return ParameterValue(ParameterType.STRING, node.value)
+    if node.tag == STRING or node.style in ("'", '"'):
+        return ParameterValue(ParameterType.STRING, node.value)
+    return plain_scalar(node.value)
 
 
 # ----------------------------------------------------------------------------------------------------------- writing
@@ -290,9 +272,9 @@ def _scalar_node(value: bool | int | float | str) -> yaml.Node:
         text = value.hex()  # a decimal number of that size is a text
     else:
         text = repr(value)
-    return yaml.ScalarNode(_STRING, text)
+    return yaml.ScalarNode(STRING, text)
 
 
 def _text_node(text: str, *, quoted: bool) -> yaml.Node:
     # Line breaks, the exotic ones too, survive only where the emitter escapes them: between double quotes.
-    return yaml.ScalarNode(_STRING, text, style='"' if quoted or not text.isprintable() else None)
+    return yaml.ScalarNode(STRING, text, style='"' if quoted or not text.isprintable() else None)

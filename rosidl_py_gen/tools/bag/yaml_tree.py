@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
 import yaml
 
+from rosidl_py_gen.base.yaml_text import UNTAGGED, YamlError, compose_yaml
 from rosidl_py_gen.tools import ToolError
 
 if TYPE_CHECKING:
@@ -20,17 +21,7 @@ Node: TypeAlias = yaml.Node
 ScalarNode: TypeAlias = yaml.ScalarNode
 _MAX_BYTES = 1 << 20
 _MAX_TEXT = 1000
-_NULL = "tag:yaml.org,2002:null"
-
-
-class _Loader(yaml.SafeLoader):
-    """Refuses what refers to something else: a few lines of it can stand for any amount."""
-
-    def compose_node(self, parent: yaml.Node | None, index: object) -> yaml.Node | None:
-        event = self.peek_event()  # type: ignore[no-untyped-call]
-        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
-            raise yaml.MarkedYAMLError(problem="anchors and aliases are not supported", problem_mark=event.start_mark)
-        return super().compose_node(parent, index)  # type: ignore[arg-type]
+_NULLS = ("", "~", "null", "Null", "NULL")
 
 
 def read_text(path: str, what: str) -> str:
@@ -52,15 +43,9 @@ def read_text(path: str, what: str) -> str:
 def parse(text: str, name: str, what: str) -> yaml.Node | None:
     """The tree of a text, None for an empty one; `name` is shown in errors. Raises `ToolError`."""
     try:
-        return yaml.compose(text, _Loader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        at = f"{name}:{mark.line + 1}:{mark.column + 1}" if mark else name
-        raise ToolError(f"{at}: {error.problem or 'no YAML'}") from None
-    except yaml.YAMLError as error:  # a character that YAML does not allow
-        raise ToolError(f"{name}: {str(error).splitlines()[0]}") from None
-    except RecursionError:
-        raise ToolError(f"{name}: nested far deeper than {what} are") from None
+        return compose_yaml(text, max_bytes=_MAX_BYTES)
+    except YamlError as error:
+        raise ToolError(error.at(name)) from None
 
 
 def entries(node: yaml.Node, name: str, expected: str) -> Iterator[tuple[yaml.ScalarNode, yaml.Node]]:
@@ -87,7 +72,7 @@ def text(node: yaml.Node, name: str, expected: str = "expected a name") -> str:
 
 def is_null(node: yaml.Node) -> bool:
     """Whether nothing is written there, or null."""
-    return isinstance(node, yaml.ScalarNode) and node.tag == _NULL
+    return isinstance(node, yaml.ScalarNode) and node.tag == UNTAGGED and not node.style and node.value in _NULLS
 
 
 def place(node: yaml.Node, name: str) -> str:

@@ -178,11 +178,11 @@ def test_argument_values(text: str, value: object) -> None:
         ("{a: 1}", "expected a value or a list, found a map"),
         ("&x 1", "anchors and aliases are not supported"),
         ("[&x 1, *x]", "anchors and aliases are not supported"),
-        ("[1", "1:3"),
+        ("[1", "2:1: did not find"),
         ("!!binary ???", "not base64"),
         ("!!int", "an empty value"),
-        ("[" * 5000, "no YAML we can read"),
-        ("\x00", "no YAML we can read"),
+        ("[" * 5000, "(exceeded maximum nesting depth|more than 500 levels)"),
+        ("\x00", "control characters"),
     ],
 )
 def test_bad_argument_values(text: str, reason: str) -> None:
@@ -252,7 +252,7 @@ def test_patterns(pattern: str, matching: list[str], others: list[str]) -> None:
         ("a:\n  ros__parameters:\n    x: &q 1\n", "f.yaml:3:8: anchors and aliases"),
         ("a: *b", "anchors and aliases"),
         ("a: {[1]: 2}", "a key must be a text"),
-        ("a: [", "f.yaml:1:"),
+        ("a: [", "f.yaml:2:1: did not find"),
         ("a: b: c", "f.yaml:1:5"),
         ("--- 1\n--- 2", "f.yaml:2"),
     ],

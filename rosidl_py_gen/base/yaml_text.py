@@ -1,0 +1,244 @@
+"""The YAML loader of the whole package: PyYAML's safe loader in C, with bounded cost and without YAML 1.1 surprises.
+
+The rules for every text, which may come from an untrusted file or peer:
+
+- At most `MAX_BYTES` bytes and `MAX_VALUES` values, aliases written out; at most 100 levels, because libyaml and PyYAML
+  recurse in C.
+- At most `_MAX_DIRECTIVES` ``%TAG`` lines, which libyaml compares with each other: 80 000 lines take 14 s.
+- Numbers have at most 400 characters. They are those of JSON and YAML 1.2, such as ``1e-3``; the integers of YAML 1.1
+  (``1:30``, ``010``, ``1_000``) are texts. PyYAML reads ``1:30:…`` in quadratic time: 200 000 parts in 30 s.
+- A key is the text that is written there. PyYAML would convert it, and a dict of integers chosen by an attacker takes
+  quadratic time.
+
+`tests/base/test_yaml_text.py` has the cases.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.base.resources import extra_missing
+from rosidl_py_gen.errors import RosidlError
+
+try:
+    import yaml
+except ModuleNotFoundError as missing:
+    raise extra_missing(missing) or missing from None
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    _PyYamlLoader = yaml.SafeLoader
+else:
+    _PyYamlLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+MAX_BYTES = 1 << 26
+"""Default size limit of a text, in bytes. rosbag2 writes about 250 bytes for each file and topic of a bag."""
+MAX_VALUES = 1_000_000
+"""Maximum number of keys, values, lists and mappings of a text: PyYAML needs about 600 bytes for each."""
+MAX_LEVELS = 100
+"""Maximum depth of lists and mappings: each level takes about 500 bytes of a thread's stack."""
+_MAX_DIRECTIVES = 20
+UNTAGGED = "!untagged"
+"""Tag of scalars without a tag in `compose_yaml`; their `style` tells plain, quoted and block scalars apart."""
+_TAG = "tag:yaml.org,2002:"
+STRING = f"{_TAG}str"
+_INT, _FLOAT = f"{_TAG}int", f"{_TAG}float"
+_MERGE = f"{_TAG}merge"
+_DIRECTIVE = re.compile("(?:^|[\r\n\x85\u2028\u2029])%TAG")
+_MAX_NUMBER = 400
+_NUMBER = re.compile(
+    r"(?!.{401})[-+]?(?:0x[0-9a-fA-F]+|0b[01]+|(?:(?:0|[1-9][0-9]*)(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
+    r"|\.(?:inf|Inf|INF))\Z|\.(?:nan|NaN|NAN)\Z"
+)
+_BOOL = re.compile(r"(?:yes|no|true|false|on|off)\Z", re.IGNORECASE)
+_NULL = re.compile(r"(?:~|null|Null|NULL|)\Z")
+
+
+class YamlError(RosidlError, ValueError):
+    """A text is not YAML, or exceeds a limit.
+
+    Attributes:
+        place: line and column as ``3:5``, empty if unknown.
+        problem: what was found.
+    """
+
+    def __init__(self, problem: str, mark: Any = None) -> None:
+        self.problem = problem[:300]
+        self.place = f"{mark.line + 1}:{mark.column + 1}" if mark else ""
+        super().__init__(f"{self.place}: {self.problem}" if self.place else self.problem)
+
+    def at(self, name: str) -> str:
+        """Return the text of the error for a file, with the place behind the file's name."""
+        return f"{name}:{self}" if self.place else f"{name}: {self}"
+
+
+class _Loader(_PyYamlLoader):
+    """Loader of `load_yaml`."""
+
+    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012 (PyYAML's own name)
+    number: Callable[[str], Any]
+
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        """Merge ``<<``, then make every key a text."""
+        if sum(key.tag == _MERGE for key, _ in node.value) > 1:  # PyYAML takes quadratic time for many
+            raise yaml.MarkedYAMLError(problem="expected one <<, got more", problem_mark=node.start_mark)
+        super().flatten_mapping(node)
+        node.value = [(_as_text(key), value) for key, value in node.value]
+
+    def construct_number(self, node: yaml.ScalarNode) -> Any:
+        """Return the value of a number, tagged ones included."""
+        text = self.construct_scalar(node)
+        if len(text) > _MAX_NUMBER:
+            raise yaml.MarkedYAMLError(problem=f"expected a number, got {text[:50]!r}", problem_mark=node.start_mark)
+        return self.number(text)
+
+
+class _RclpyLoader(_Loader):
+    """Loader of `load_yaml` for rclpy programs: the scalars of ``yaml.safe_load``."""
+
+    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
+
+    def construct_number(self, node: yaml.ScalarNode) -> Any:
+        """Return the value of a number of YAML 1.1."""
+        if len(node.value) > _MAX_NUMBER:
+            super().construct_number(node)
+        return self.construct_yaml_int(node) if node.tag == _INT else self.construct_yaml_float(node)
+
+
+class _TreeLoader(_PyYamlLoader):
+    """Loader of `compose_yaml`: resolves no scalar."""
+
+    def resolve(self, kind: Any, value: Any, implicit: Any) -> str:
+        """Return the tag of an untagged node."""
+        return UNTAGGED if kind is yaml.ScalarNode else str(super().resolve(kind, value, implicit))  # type: ignore[no-untyped-call]
+
+
+def _add_resolvers() -> None:
+    merge = re.compile(r"<<\Z")
+    for tag, pattern, first in (
+        (_INT, _NUMBER, "-+.0123456789"),
+        (f"{_TAG}bool", _BOOL, "ynYNtTfFoO"),
+        (f"{_TAG}null", _NULL, ["~", "n", "N", ""]),
+        (_MERGE, merge, "<"),
+    ):
+        _Loader.add_implicit_resolver(tag, pattern, list(first))
+    for start, rows in yaml.SafeLoader.yaml_implicit_resolvers.items():
+        for tag, pattern in rows:
+            if tag in (_INT, _FLOAT):
+                pattern = re.compile(f"(?!.{{{_MAX_NUMBER + 1}}}){pattern.pattern}", re.VERBOSE)
+            if tag not in (f"{_TAG}timestamp", f"{_TAG}value"):
+                _RclpyLoader.add_implicit_resolver(tag, pattern, [start])
+    for loader in (_Loader, _RclpyLoader):
+        for tag in (_INT, _FLOAT):
+            loader.add_constructor(tag, loader.construct_number)
+
+
+_add_resolvers()
+
+
+def _as_number(text: str) -> int | float:
+    """Return the int or float that a number is."""
+    try:
+        return int(text, 0)
+    except ValueError:
+        return float(text.replace(".inf", "inf").replace(".nan", "nan") if text[-1:] in "fnFN" else text)
+
+
+def load_yaml(
+    text: str | bytes,
+    *,
+    max_bytes: int = MAX_BYTES,
+    number: Callable[[str], Any] = _as_number,
+    like_rclpy: bool = False,
+) -> Any:
+    """Return the value of a text; None for an empty one.
+
+    Args:
+        text: bytes are decoded as UTF-8.
+        max_bytes: size limit; each character of a str counts as one byte.
+        number: called with the text of each number, returns its value; by default an int or a float.
+        like_rclpy: scalars are those of ``yaml.safe_load``: ``1:30`` is 90, ``1e5`` is a text; `number` is ignored.
+
+    Raises:
+        YamlError: the text is not YAML, or exceeds a limit.
+    """
+
+    def read(text: str) -> Any:
+        loader = (_RclpyLoader if like_rclpy else _Loader)(text)
+        loader.number = number
+        return loader.get_single_data()
+
+    return _checked(text, _Loader, max_bytes, MAX_LEVELS, read)
+
+
+def compose_yaml(text: str | bytes, *, max_bytes: int = MAX_BYTES, max_levels: int = MAX_LEVELS) -> yaml.Node | None:
+    """Return the tree of a text without anchors and aliases; None for an empty one.
+
+    Scalars without a tag have the tag `UNTAGGED`, whatever they look like.
+
+    Raises:
+        YamlError: the text is not YAML, exceeds a limit, or has anchors or aliases.
+    """
+    node: yaml.Node | None = _checked(
+        text, _TreeLoader, max_bytes, max_levels, lambda text: _TreeLoader(text).get_single_node()
+    )
+    return node
+
+
+def _checked(text: str | bytes, loader: Any, max_bytes: int, max_levels: int, read: Callable[[str], Any]) -> Any:
+    if len(text) > max_bytes:
+        raise YamlError(f"{len(text)} bytes; expected at most {max_bytes}")
+    try:
+        text = text.decode("utf-8-sig") if isinstance(text, bytes) else text
+        if sum(1 for _ in _DIRECTIVE.finditer(text)) > _MAX_DIRECTIVES:
+            raise YamlError(f"more than {_MAX_DIRECTIVES} %TAG directives")
+        _check_events(text, loader, max_levels)
+        return read(text)
+    except yaml.MarkedYAMLError as error:
+        raise YamlError(
+            error.problem or error.context or "not YAML", error.problem_mark or error.context_mark
+        ) from None
+    except UnicodeError:
+        raise YamlError("expected UTF-8") from None
+    except YamlError:
+        raise
+    except yaml.YAMLError as error:
+        raise YamlError(str(error).partition("\n")[0]) from None
+    except Exception as error:  # a wrong value of `!!int`, `!!bool` or `!!timestamp` raises one of a dozen classes
+        raise YamlError(f"a value does not match its tag: {type(error).__name__} {error}") from None
+
+
+def _check_events(text: str, loader: Any, max_levels: int) -> None:
+    """Raise `YamlError` for more levels or values than the limits, aliases written out."""
+    open_counts = [0.0]
+    open_anchors: list[str | None] = []
+    anchors: dict[str | None, float] = {}
+    for index, event in enumerate(yaml.parse(text, Loader=loader)):
+        anchor = getattr(event, "anchor", None)
+        if anchor is not None and loader is _TreeLoader:
+            raise YamlError("anchors and aliases are not supported", event.start_mark)
+        if isinstance(event, yaml.CollectionStartEvent):
+            open_counts.append(0)
+            open_anchors.append(anchor)
+            anchors[anchor] = math.inf  # until its end, as it would contain itself
+            if len(open_anchors) > max_levels:
+                raise YamlError(f"more than {max_levels} levels", event.start_mark)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            count = anchors[open_anchors.pop()] = open_counts.pop() + 1
+            open_counts[-1] += count
+        elif isinstance(event, yaml.AliasEvent):
+            open_counts[-1] += anchors.get(anchor, 1)
+        elif isinstance(event, yaml.ScalarEvent):
+            open_counts[-1] += 1
+            anchors[anchor] = 1
+        if open_counts[-1] > MAX_VALUES or index > 2 * MAX_VALUES:
+            raise YamlError(f"more than {MAX_VALUES} values, aliases written out", event.start_mark)
+
+
+def _as_text(key: yaml.Node) -> yaml.Node:
+    if not isinstance(key, yaml.ScalarNode) or key.tag == STRING:
+        return key
+    return yaml.ScalarNode(STRING, key.value, key.start_mark, key.end_mark)
