@@ -69,6 +69,7 @@ def split_ros_name(text: str, default_kind: str = "") -> RosName:
         InvalidNameError: the text has another shape or a part breaks its rule.
     """
     parts = text.split("/")
+    text = text[:300]
     if len(parts) == 2 and default_kind:
         parts.insert(1, default_kind)
     if len(parts) != 3:

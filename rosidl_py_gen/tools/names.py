@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import InvalidNameError
+from rosidl_py_gen.runtime import validate_full_name
 from rosidl_py_gen.tools import printing
 
 if TYPE_CHECKING:
@@ -78,9 +79,10 @@ def is_hidden_node(name: str) -> bool:
 def is_served(node: Node, service: str) -> bool:
     """Whether somebody serves it; never for a name that ROS refuses, which DDS programs may use."""
     try:
-        return node.count_services(service) > 0
+        validate_full_name(service)
     except InvalidNameError:
         return False
+    return node.count_services(service) > 0
 
 
 def nodes_that_serve(node: Node, ending: str, type_name: str, *, hidden: bool) -> list[str]:

@@ -10,7 +10,15 @@ from example_interfaces.action import Fibonacci
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from rosidl_py_gen.base.names import snake_case
+from rosidl_py_gen.runtime.qos import DEFAULT
+from rosidl_py_gen.runtime.transport.discovered import NodeEntities
+from rosidl_py_gen.runtime.transport.port import EndpointSpec
+from rosidl_py_gen.runtime.transport.service_port import Service
+
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from conftest import Tool
     from worlds import World
 
@@ -55,3 +63,30 @@ async def test_an_unknown_node_is_an_error_that_names_another(memory: World, too
     ended = await tool("node", "info", "/tolker", "--spin-time", "1")
     assert (ended.code, ended.out) == (1, "")
     assert 'did you mean "/talker"?' in ended.err
+
+
+async def test_names_that_ros_refuses_hide_no_others(memory: World, tool: Tool, tmp_path: Path) -> None:
+    participant = (robot := memory.node("good"))._scope.participant
+    robot.create_publisher(String, "chatter")
+    kinds = "GetParameters", "SetParameters", "ListParameters", "DescribeParameters", "GetParameterTypes"
+    for number, (namespace, name) in enumerate((("/", ""), ("/n s", "a\x1b[31m"), ("/b//c", "1")), 1000):
+        robot._scope.discovery._nodes[number] = NodeEntities(namespace, name, frozenset(), frozenset())
+        for kind in kinds:
+            told = Service(
+                f"{namespace}/{name}/{snake_case(kind)}", f"rcl_interfaces/srv/{kind}", "", "", "", False, any
+            )
+            participant.create_server(told, DEFAULT)
+        participant.create_writer(EndpointSpec(f"{namespace}/{name}/x", String._TYPE.name, DEFAULT, "", 1))
+    participant.create_writer(EndpointSpec("/typeless", "no::ROS type", DEFAULT, "", 1))
+    robot._scope.discovery.publish()
+    for words, wanted in (
+        (["node", "list"], "/good"),
+        (["service", "list"], "/good/get_parameters"),
+        (["param", "list"], "/good"),
+        (["graph", "--format", "json"], '"/good"'),
+        (["topic", "list"], "/chatter"),
+        (["bag", "record", "-a", "-o", str(tmp_path / "bag"), "--duration", "1"], "recording /chatter"),
+    ):
+        ended = await tool(*words)
+        assert ended.code == 0 and wanted in ended.out + ended.err, (words, ended)
+    assert ended.err.count("skipped a topic: ") == 4

@@ -246,6 +246,14 @@ class Graph:
             for node in participant.nodes
         ]
 
+    def has_node(self, name: str, namespace: str) -> bool:
+        """Return True if a participant has announced a node of this name."""
+        return any(
+            (node.name, node.namespace) == (name, namespace)
+            for participant in list(self._participants.values())
+            for node in participant.nodes
+        )
+
     def participants(self) -> list[ParticipantInfo]:
         """Every participant known, our own included."""
         hashed: dict[bytes, bool] = {}

@@ -29,13 +29,13 @@ def _fail(what: str, name: str, index: int, reason: str) -> NoReturn:
     shown = name[start : start + 120]
     # repr() of a character may be wider than one column, so control characters are shown as "?".
     line = "".join(c if c.isprintable() else "?" for c in shown)
-    text = f"invalid {what} {name!r}: {reason}\n    {line}\n    {' ' * (index - start)}^"
+    text = f"invalid {what} {name!r:.300}: {reason}\n    {line}\n    {' ' * (index - start)}^"
     raise InvalidNameError(text, name=name, index=index, reason=reason)
 
 
 def _check_type(what: str, name: object) -> None:
     if not isinstance(name, str):
-        raise InvalidNameError(f"invalid {what}: expected a str, got {type(name).__name__} {name!r}")
+        raise InvalidNameError(f"invalid {what}: expected a str, got {type(name).__name__} {name!r:.300}")
 
 
 def validate_node_name(name: str) -> None:

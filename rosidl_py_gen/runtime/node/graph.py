@@ -15,7 +15,7 @@ from rosidl_py_gen.runtime.names.validation import normalize_namespace, resolve_
 from rosidl_py_gen.runtime.transport.discovered import Channel
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator
+    from collections.abc import AsyncIterator, Callable
 
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.graph.state import Graph, Mismatch, NamesAndTypes, NodeInfo, TopicEndpointInfo
@@ -69,10 +69,16 @@ class GraphMethods:
         return self._count(self._topic(topic), writers=False)
 
     def _topic(self, topic: str) -> Channel:
+        return self._channel("topic", topic, self._names.resolve_topic)
+
+    def _service(self, kind: Literal["request", "reply"], service: str) -> Channel:
+        return self._channel(kind, service, self._names.resolve_service)
+
+    def _channel(self, kind: Literal["topic", "request", "reply"], name: str, resolve: Callable[[str], str]) -> Channel:
         try:
-            return Channel("topic", self._names.resolve_topic(topic))
+            return Channel(kind, resolve(name))
         except InvalidNameError:  # programs that know nothing of ROS use names that ROS refuses
-            channel, graph = Channel("topic", topic), self._look()
+            channel, graph = Channel(kind, name), self._look()
             if not any(graph.on(channel, writers=writers) for writers in (True, False)):
                 raise
             return channel
@@ -85,21 +91,21 @@ class GraphMethods:
 
     def count_services(self, service: str) -> int:
         """How many servers a service has: they write replies, where rmw counts them, too."""
-        return self._count(Channel("reply", self._names.resolve_service(service)), writers=True)
+        return self._count(self._service("reply", service), writers=True)
 
     def count_clients(self, service: str) -> int:
         """How many clients a service has, those of this node included: they read replies."""
-        return self._count(Channel("reply", self._names.resolve_service(service)), writers=False)
+        return self._count(self._service("reply", service), writers=False)
 
     def get_servers_info_by_service(self, service: str) -> list[TopicEndpointInfo]:
         """Every server of a service, by what it writes its responses with."""
         graph = self._look()
-        return graph.infos(graph.on(Channel("reply", self._names.resolve_service(service)), writers=True))
+        return graph.infos(graph.on(self._service("reply", service), writers=True))
 
     def get_clients_info_by_service(self, service: str) -> list[TopicEndpointInfo]:
         """Every client of a service, those of this node included, by what it writes its requests with."""
         graph = self._look()
-        return graph.infos(graph.on(Channel("request", self._names.resolve_service(service)), writers=True))
+        return graph.infos(graph.on(self._service("request", service), writers=True))
 
     # --------------------------------------------------------------------------------------------------- mismatches
 
@@ -109,7 +115,7 @@ class GraphMethods:
 
     def service_mismatches(self, service: str) -> list[Mismatch]:
         """Clients and servers of a service that do not understand each other, whoever has them."""
-        return self._mismatches(Channel("request", self._names.resolve_service(service)))
+        return self._mismatches(self._service("request", service))
 
     def _mismatches(self, channel: Channel) -> list[Mismatch]:
         self._look()
@@ -144,19 +150,25 @@ class GraphMethods:
 
     def get_publisher_names_and_types_by_node(self, name: str, namespace: str = "/") -> NamesAndTypes:
         """Topics a node publishes; empty when there is no such node."""
-        return self._look().of_node(name, normalize_namespace(namespace), writers=True)
+        return self._of_node(name, namespace, writers=True)
 
     def get_subscriber_names_and_types_by_node(self, name: str, namespace: str = "/") -> NamesAndTypes:
         """Topics a node subscribes to; empty when there is no such node."""
-        return self._look().of_node(name, normalize_namespace(namespace), writers=False)
+        return self._of_node(name, namespace, writers=False)
 
     def get_service_names_and_types_by_node(self, name: str, namespace: str = "/") -> NamesAndTypes:
         """Services a node offers; empty when there is no such node."""
-        return self._look().of_node(name, normalize_namespace(namespace), writers=False, services="request")
+        return self._of_node(name, namespace, writers=False, services="request")
 
     def get_client_names_and_types_by_node(self, name: str, namespace: str = "/") -> NamesAndTypes:
         """Services a node has clients of; empty when there is no such node."""
-        return self._look().of_node(name, normalize_namespace(namespace), writers=False, services="reply")
+        return self._of_node(name, namespace, writers=False, services="reply")
+
+    def _of_node(self, name: str, namespace: str, *, writers: bool, services: str = "") -> NamesAndTypes:
+        graph = self._look()
+        if not graph.has_node(name, namespace):  # one that is there may have a namespace that ROS refuses
+            namespace = normalize_namespace(namespace)
+        return graph.of_node(name, namespace, writers=writers, services=services)
 
     # ------------------------------------------------------------------------------------------------------ waiting
 

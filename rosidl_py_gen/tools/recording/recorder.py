@@ -13,7 +13,9 @@ from rosidl_py_gen import compile_text, get_message, type_hash, type_name
 from rosidl_py_gen.bags import BagTopic
 from rosidl_py_gen.bags.metadata import qos_text
 from rosidl_py_gen.bags.writer import topic_of
-from rosidl_py_gen.errors import ClosedError, RosidlError, TypeNotFoundError
+from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.errors import ClosedError, InvalidNameError, RosidlError, TypeNotFoundError
+from rosidl_py_gen.runtime import validate_full_name
 from rosidl_py_gen.tools import ToolError, printing, types
 from rosidl_py_gen.tools.bag.part import size_text
 from rosidl_py_gen.tools.follow import Follow
@@ -68,6 +70,7 @@ class Recorder:
         """Whether messages are left out."""
         self.recorded: set[str] = set()
         """Topics that are recorded."""
+        self._refused: set[str] = set()
         self.early = 0
         """Messages that came before the first time of ``/clock``, and were left out."""
 
@@ -155,11 +158,26 @@ class Recorder:
         for name, kinds in self._node.get_topic_names_and_types():
             if name in self.recorded or not self._selection.takes(name, kinds[0]) or not self._has_ends(name):
                 continue
+            if not self._is_valid(name, kinds[0]):
+                continue
             self.recorded.add(name)
             self._owners |= {Owned("topic", name), owner_of(name, kinds[0])}
             if len(kinds) > 1:
                 printing.note(f"{name} has several types, {', '.join(kinds)}: recording those of {kinds[0]}")
             self._tasks.append(asyncio.ensure_future(self._record(name, kinds[0])))
+
+    def _is_valid(self, topic: str, kind: str) -> bool:
+        """Return True if ROS allows the names; a program without ROS may have others, which are noted once."""
+        if topic in self._refused:
+            return False
+        try:
+            validate_full_name(topic)
+            split_ros_name(kind)
+        except InvalidNameError as error:
+            self._refused.add(topic)
+            printing.note(f"skipped a topic: {str(error).splitlines()[0]}")
+            return False
+        return True
 
     def _has_ends(self, topic: str) -> bool:
         if self._options.no_leaves and not self._node.count_subscribers(topic):

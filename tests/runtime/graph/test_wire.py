@@ -85,11 +85,12 @@ def test_user_data_texts() -> None:
         (b"typehash=x;serviceid= 1.2;\0\0", {"typehash": "x", "serviceid": " 1.2"}),
         (b"", {}),
         (b"broken", {}),
-        (b"a=b;broken", {}),
+        (b"a=b;broken", {"a": "b"}),
+        (b"enclave=/a;b;", {"enclave": "/a"}),
         (b"a_b=c;", {}),
     ],
 )
-def test_user_data_is_read_or_ignored_as_a_whole(data: bytes, pairs: dict[str, str]) -> None:
+def test_user_data_is_read_up_to_what_is_malformed(data: bytes, pairs: dict[str, str]) -> None:
     assert ddsnames.parse_user_data(data) == pairs
 
 
@@ -124,6 +125,14 @@ def test_both_gid_sizes_are_understood(gid_bytes: int, pad: bytes) -> None:
     message = nodes_message.decode(data, PREFIX)
     assert message.participant_guid == GUID
     assert message.nodes == [NodeEntities("/", "ab", frozenset([reader]), frozenset())]
+
+
+def test_an_invalid_name_or_guid_hides_no_other_node_of_the_participant() -> None:
+    good = NodeEntities("/", "good", frozenset(), frozenset())
+    for name in ("", "a b", "a\0b", "\n\x1b[31m", "x" * 2_000_000):
+        sent = [good, NodeEntities("no//ns", name, frozenset(), frozenset()), good]
+        message = nodes_message.decode(nodes_message.encode(PREFIX + b"\0\0\0\7", sent), PREFIX)
+        assert message == (GUID, sent)
 
 
 @pytest.mark.parametrize("data", [b"", b"\0\1\0\0", b"\0\1\0\0" + GUID, b"\0\1\0\0" + GUID + b"\xff" * 30])

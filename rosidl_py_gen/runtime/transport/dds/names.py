@@ -84,14 +84,17 @@ def endpoint_user_data(type_hash: str, *, client_id: str = "", service_id: str =
 
 
 def parse_user_data(data: bytes) -> dict[str, str]:
-    """The pairs of ``key=value;`` text; anything malformed yields an empty dict, trailing NULs are tolerated."""
+    """The pairs of ``key=value;`` text up to the first one that is malformed; trailing NULs are tolerated.
+
+    rmw reads nothing of a text with a malformed pair: an enclave with ``;`` would hide all nodes of its participant.
+    """
     text = data.rstrip(b"\0")
     found: dict[str, str] = {}
     position = 0
     while position < len(text):
         pair = _PAIR.match(text, position)
         if pair is None:
-            return {}
+            break
         found[pair.group(1).decode()] = pair.group(2).decode(errors="replace")
         position = pair.end()
     return found

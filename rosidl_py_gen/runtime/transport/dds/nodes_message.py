@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.samples import Payload
 
 _NAME = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+_PARTICIPANT = bytes.fromhex("000001c1")
+"""The end of the GUID of every participant; a message with another one there is still its sender's."""
 _MAX_ITEMS = 1 << 20
 """More nodes or endpoints than this in one participant is a wrong reading, not a big program."""
 
@@ -78,7 +80,7 @@ def decode(data: Payload, sender_prefix: bytes) -> GraphMessage:
             nodes = _Reading(raw, 24, sender_prefix).message()
         except DecodeError:
             raise error from None
-    return GraphMessage(raw[4:20], nodes)
+    return GraphMessage(raw[4:16] + _PARTICIPANT, nodes)
 
 
 @dataclass(slots=True)
@@ -112,15 +114,18 @@ class _Reading:
         self.position = end
         return found
 
-    def _count(self, field: str) -> int:
+    def _number(self) -> int:
         self.position += -self.position % 4
-        (count,) = struct.unpack("<I", self._take(4))
+        return int.from_bytes(self._take(4), "little")
+
+    def _count(self, field: str) -> int:
+        count = self._number()
         if count > _MAX_ITEMS:
             raise DecodeError(f"{_NAME}.{field}", self.position - 4, f"{count} elements cannot be right")
-        return int(count)
+        return count
 
     def _text(self) -> str:
-        data = self._take(self._count("node_name"))
+        data = self._take(self._number())
         return data.rstrip(b"\0").decode(errors="replace")
 
     def _gids(self, field: str) -> frozenset[bytes]:
