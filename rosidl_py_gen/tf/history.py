@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
+from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tf.algebra import Quaternion, Vector, mix, slerp
 
 _MAX_REFUSED = 2
@@ -139,7 +140,7 @@ class MovingFrame:
         return FrameInfo(self._links[-1].parent, False, self.stamps[0], self.stamps[-1], len(self.stamps))
 
 
-class NoDataError(Exception):
+class NoDataError(RosidlError):
     """A frame has no transform at that time."""
 
 

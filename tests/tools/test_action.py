@@ -11,7 +11,8 @@ import pytest
 from example_interfaces.action import Fibonacci
 from worlds import until
 
-from rosidl_py_gen import tools
+from rosidl_py_gen import get_message, get_service, tools
+from rosidl_py_gen.runtime.qos import ACTION_STATUS
 
 if TYPE_CHECKING:
     from conftest import Tool
@@ -65,6 +66,21 @@ async def test_a_goal_is_followed_as_lines_of_json(memory: World, tool: Tool) ->
     feedback, end = map(json.loads, ended.out.splitlines())
     assert feedback == {"feedback": {"sequence": [0]}}
     assert (end["status"], end["result"], len(end["goal_id"])) == ("SUCCEEDED", {"sequence": [0, 1]}, 32)
+
+
+async def test_a_result_with_an_unknown_status_is_an_error_without_traceback(memory: World, tool: Tool) -> None:
+    node = memory.node("broken")
+    node.create_publisher(Fibonacci.FeedbackMessage, "/count/_action/feedback")
+    node.create_publisher(get_message("action_msgs/msg/GoalStatusArray"), "/count/_action/status", ACTION_STATUS)
+    cancel: Any = get_service("action_msgs/srv/CancelGoal")
+    accepted, result = Fibonacci.SendGoal.Response(accepted=True), Fibonacci.GetResult.Response(status=77)
+    accepted.stamp.sec = -5
+    node.create_service(Fibonacci.SendGoal, "/count/_action/send_goal", lambda request: accepted)
+    node.create_service(cancel, "/count/_action/cancel_goal", lambda request: cancel.Response())
+    node.create_service(Fibonacci.GetResult, "/count/_action/get_result", lambda request: result)
+    ended = await tool("action", "send_goal", "/count", TYPE, "{order: 1}")
+    assert ended.code == 1 and "Goal accepted" in ended.out
+    assert ended.err.startswith("error: action server /count sent a result of goal ") and ended.err.count("\n") == 1
 
 
 async def test_ctrl_c_cancels_the_goal_and_waits_for_its_end(memory: World, tool: Tool) -> None:

@@ -101,8 +101,10 @@ class ContextHandle(Destroyable):
         self.driver = runtime.Driver()
         try:
             self.runtime = runtime.Context(domain_id, args=args, driver=self.driver)
-        except BaseException:
+        except BaseException as error:
             self.driver.close()
+            if isinstance(error, runtime.EnvironmentSettingError):
+                raise RCLError(f"failed to initialize rcl: {error}") from None
             raise
         self.news: object = None
         """Another object whenever something happened that an executor may wait for."""

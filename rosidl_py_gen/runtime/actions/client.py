@@ -25,6 +25,7 @@ from rosidl_py_gen.runtime.actions.checks import (
     require_stamp,
 )
 from rosidl_py_gen.runtime.actions.client_goal import (
+    STATUSES,
     ActionServerLostError,
     ActionTimeoutError,
     AlreadyTerminatedError,
@@ -46,7 +47,7 @@ from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import raw_type
 from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
-from rosidl_py_gen.runtime.time.values import Time, limit_to_ns
+from rosidl_py_gen.runtime.time.values import Time, limit_to_ns, read_stamp
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
 
 if TYPE_CHECKING:
@@ -178,7 +179,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
             if not response.accepted:
                 raise GoalRejectedError(f"action server {self.name} rejected the goal {goal!r:.200}")
             now_s = self._scope.bridge.running_loop().time()
-            progress.on_accepted(Time.from_msg(response.stamp), now_s)
+            progress.on_accepted(read_stamp(response.stamp), now_s)
             self._ask_result(progress)
         except BaseException:
             self._goals.pop(goal_id, None)
@@ -239,11 +240,15 @@ class ActionClient(Composite, Generic[ActionT_co]):
     def _on_result(self, progress: GoalProgress, response: Any) -> None:
         self._feedback._deliver()  # what came before the result, and is perhaps not looked at before the next wait
         self._goals.pop(progress.goal_id, None)
+        server, goal_id = f"action server {self.name}", progress.goal_id.hex()
         try:
-            status = GoalStatus(response.status)
+            status = STATUSES.get(response.status)
             if status is GoalStatus.UNKNOWN:
-                goal_id = progress.goal_id.hex()
-                raise UnknownGoalError(f"action server {self.name} does not know goal {goal_id} any more")
+                raise UnknownGoalError(f"{server} does not know goal {goal_id} any more")
+            if status is None or not status.is_terminal:
+                found = f"{response.status}" + (f" ({status.name})" if status else "")
+                ends = ", ".join(f"{one} ({one.name})" for one in GoalStatus if one.is_terminal)
+                raise ActionError(f"{server} sent a result of goal {goal_id} with status {found}; expected {ends}")
             progress.on_result(status, self._type.result.to_value(response.result))
         except Exception as error:
             progress.on_error(error)

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.actions.types import FeedbackT, GoalT, ResultT
     from rosidl_py_gen.runtime.time.values import Time
 
-_STATUSES = {int(status): status for status in GoalStatus}
+STATUSES = {int(status): status for status in GoalStatus}
+"""The status of each number."""
 
 
 class GoalRejectedError(ActionError):
@@ -67,7 +68,7 @@ class GoalProgress:
         """Whether the result is in, or will never be."""
         return self.outcome is not None or self.error is not None
 
-    def on_accepted(self, stamp: Time, now_s: float) -> None:
+    def on_accepted(self, stamp: Time | None, now_s: float) -> None:
         """Record the acceptance, at `stamp` by the server's clock and at `now_s` by the event loop's."""
         self.accepted_stamp, self.accepted_s = stamp, now_s
         if self.status is GoalStatus.UNKNOWN:
@@ -75,7 +76,7 @@ class GoalProgress:
 
     def on_status(self, number: int) -> None:
         """The status topic mentions the goal. Never goes back: the topic may lag behind the answers."""
-        status = _STATUSES.get(number)
+        status = STATUSES.get(number)
         if status is not None and status > self.status:
             self.status = status
 
@@ -125,7 +126,7 @@ class ClientGoal(Generic[ActionT_co]):
 
     @property
     def accepted_stamp(self) -> Time | None:
-        """When the server accepted it, by the server's clock."""
+        """When the server accepted it, by the server's clock; None where the server sent a negative time."""
         return self._progress.accepted_stamp
 
     @property
@@ -153,6 +154,7 @@ class ClientGoal(Generic[ActionT_co]):
         Raises:
             ActionTimeoutError: not ended in `timeout_s` seconds; the goal goes on. TypeError, ValueError: no seconds.
             ActionServerLostError: the server went away. UnknownGoalError: it came back without knowing the goal.
+            ActionError: the server sent a result with a status that does not end a goal, or that is not known.
             ClosedError: the client was closed.
         """
         progress = self._progress

@@ -21,7 +21,7 @@ from rosidl_py_gen.runtime.loop.bridge import Bridge
 from rosidl_py_gen.runtime.loop.failures import require_on_error
 from rosidl_py_gen.runtime.node import open_contexts
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
-from rosidl_py_gen.runtime.node.environment import DDS, ZENOH, middleware, read_environment
+from rosidl_py_gen.runtime.node.environment import DDS, ZENOH, check_security, middleware, read_environment
 from rosidl_py_gen.runtime.parameters.initial import InitialValues
 
 if TYPE_CHECKING:
@@ -172,8 +172,12 @@ def chosen_transport(transport: Transport | str | None) -> Transport:
 
     Raises:
         TypeError: there is no such transport. BackendMissingError: it is not installed.
+        EnvironmentSettingError: it reaches a network, and security is enforced.
     """
-    name = middleware(os.environ, get_root_logger().warning) if transport is None else transport
+    warn = get_root_logger().warning
+    name = middleware(os.environ, warn) if transport is None else transport
+    if name in (DDS, ZENOH):
+        check_security(os.environ, warn)
     if name == DDS:
         from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
 

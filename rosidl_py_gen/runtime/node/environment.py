@@ -1,7 +1,8 @@
 """What the ROS and Cyclone environment variables mean.
 
-Decides domain id, discovery range and static peers (docs/internals/protocol.md 10.6), and which middleware is meant. It
-reads a mapping, never `os.environ` or a file, so that every case is a value in a test.
+Decides domain id, discovery range and static peers (docs/internals/protocol.md 10.6), which middleware is meant, and
+that nothing starts unsecured where security is enforced. It reads a mapping, never `os.environ` or a file, so that
+every case is a value in a test.
 """
 
 from __future__ import annotations
@@ -69,6 +70,26 @@ def middleware(environ: Mapping[str, str], warn: Callable[[str], None]) -> str:
     if wanted:
         warn(f"RMW_IMPLEMENTATION={wanted!r:.100} is not known and has no effect; known are {', '.join(_MEANT)}")
     return ZENOH if find_spec("zenoh") is not None and not library.is_found() else DDS
+
+
+def check_security(environ: Mapping[str, str], warn: Callable[[str], None]) -> None:
+    """Warn that a node on a network would not be secured as the environment wants; both values count as rcl reads them.
+
+    Raises:
+        EnvironmentSettingError: ROS_SECURITY_STRATEGY forbids unsecured nodes.
+    """
+    if environ.get("ROS_SECURITY_ENABLE") != "true":
+        return
+    found = "ROS_SECURITY_ENABLE=true: secured communication (SROS 2) is not supported"
+    if environ.get("ROS_SECURITY_STRATEGY") == "Enforce":
+        raise EnvironmentSettingError(
+            f"{found}, and ROS_SECURITY_STRATEGY=Enforce forbids any other; unset ROS_SECURITY_ENABLE to communicate "
+            "unencrypted"
+        )
+    warn(
+        f"{found}; this process communicates unencrypted, and does not find secured nodes. Unset it to silence this "
+        "warning; with ROS_SECURITY_STRATEGY=Enforce it is an error"
+    )
 
 
 def _domain_variable(text: str) -> int:

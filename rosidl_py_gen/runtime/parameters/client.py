@@ -60,7 +60,7 @@ from rosidl_py_gen.runtime.parameters.values import (
     widened,
 )
 from rosidl_py_gen.runtime.time.deadline import Deadline
-from rosidl_py_gen.runtime.time.values import Time
+from rosidl_py_gen.runtime.time.values import Time, read_stamp
 from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS, PARAMETERS
 
 if TYPE_CHECKING:
@@ -81,10 +81,10 @@ class MalformedAnswerError(RosidlError):
 
 
 class RemoteParameterEvent(NamedTuple):
-    """What one node said on ``/parameter_events``."""
+    """What one node said on ``/parameter_events``; `stamp` is None where that was negative."""
 
     node: str
-    stamp: Time
+    stamp: Time | None
     event: ParameterEvent
 
 
@@ -104,7 +104,7 @@ class ParameterEvents(Stream[RemoteParameterEvent]):
 
     def _arrived(self, message: EventMessage) -> None:
         if self._node is None or message.node == self._node:
-            self._push(RemoteParameterEvent(message.node, Time.from_msg(message.stamp), event_from_message(message)))
+            self._push(RemoteParameterEvent(message.node, read_stamp(message.stamp), event_from_message(message)))
 
     async def wait_for_publishers(self, timeout_s: float | None = None) -> Literal[True]:
         """Wait until somebody is there to be heard; raises `WaitTimeoutError` when the time passed."""

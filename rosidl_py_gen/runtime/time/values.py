@@ -275,6 +275,11 @@ class Time:
         return cls(nanoseconds=stamp_ns(message), clock_type=clock_type)
 
 
+def read_stamp(message: SecNanosec) -> Time | None:
+    """Return the stamp of a peer's message; None if it is negative, which no `Time` is."""
+    return Time.from_msg(message) if stamp_ns(message) >= 0 else None
+
+
 class ClockChange(IntEnum):
     """What happened to the source of a clock; numbers of rcl."""
 

@@ -128,8 +128,9 @@ def _pitfalls(environ: Mapping[str, str]) -> Iterator[Finding]:
         yield Finding(WARNING, "Fast DDS nodes with ROS_DISCOVERY_SERVER answer their server only", advice)
     if environ.get("FASTDDS_BUILTIN_TRANSPORTS", "").upper().startswith("SHM"):
         yield Finding(WARNING, "Fast DDS nodes with shared memory only cannot be reached", "use UDPv4 or DEFAULT")
-    if environ.get("ROS_SECURITY_ENABLE", "").lower() == "true":
-        yield Finding(WARNING, "nodes with ROS_SECURITY_ENABLE=true are not seen here: DDS security is not supported")
+    if environ.get("ROS_SECURITY_ENABLE") == "true":
+        text = "secured nodes (ROS_SECURITY_ENABLE=true) are not found here: SROS 2 security is not supported"
+        yield Finding(WARNING, text, "with ROS_SECURITY_STRATEGY=Enforce no node starts here, else unencrypted")
     yield from cyclonedds_uri(environ.get("CYCLONEDDS_URI", ""))
 
 

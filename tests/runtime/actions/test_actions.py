@@ -14,7 +14,9 @@ from worlds import World, run, take, until
 from rosidl_py_gen.errors import ClosedError, EncodeError
 from rosidl_py_gen.msgs.action_msgs.msg import GoalStatusArray
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal
+from rosidl_py_gen.msgs.builtin_interfaces.msg import Time as StampMessage
 from rosidl_py_gen.runtime import (
+    ActionError,
     ActionServerLostError,
     ActionTimeoutError,
     AlreadyRespondedError,
@@ -34,6 +36,27 @@ from rosidl_py_gen.runtime import (
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS
 
 S = GoalStatus
+
+
+async def test_what_a_server_must_not_send_is_an_action_error_or_left_out(world: World) -> None:
+    node, status = world.node("raw"), 0
+    stamp = StampMessage(sec=-1)
+    node.create_publisher(Fibonacci.FeedbackMessage, "fib/_action/feedback")
+    node.create_publisher(GoalStatusArray, "fib/_action/status", ACTION_STATUS)
+    accept = lambda r: Fibonacci.SendGoal.Response(accepted=True, stamp=stamp)  # noqa: E731
+    node.create_service(Fibonacci.SendGoal, "fib/_action/send_goal", accept)
+    node.create_service(CancelGoal, "fib/_action/cancel_goal", lambda r: CancelGoal.Response())
+    answer = lambda r: Fibonacci.GetResult.Response(status=status)  # noqa: E731
+    node.create_service(Fibonacci.GetResult, "fib/_action/get_result", answer)
+    client = world.node().create_action_client(Fibonacci, "fib")
+    for number, found in ((77, "77"), (-5, "-5"), (1, r"1 \(ACCEPTED\)"), (3, r"3 \(CANCELING\)")):
+        status = number
+        handle = await client.send_goal(goal(), timeout_s=5)
+        with pytest.raises(ActionError, match=f"status {found}; expected 4"):
+            await handle.result(timeout_s=5)
+    status = 6
+    handle = await client.send_goal(goal(), timeout_s=5)
+    assert (await handle.result(timeout_s=5))[0] is S.ABORTED and handle.accepted_stamp is None
 
 
 @pytest.mark.every_transport
