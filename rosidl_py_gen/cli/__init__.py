@@ -9,8 +9,9 @@ from __future__ import annotations
 import io
 import os
 import sys
+from collections.abc import Callable
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -18,11 +19,30 @@ from rosidl_py_gen import __version__
 from rosidl_py_gen.cli import reports
 from rosidl_py_gen.errors import DefinitionError, RosidlError
 
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+_Complete = Callable[[click.Context, click.Parameter, str], "list[CompletionItem]"]
+
+
+def _completion(what: str) -> _Complete:
+    """Complete by a function of `cli.completers`, which is loaded when a shell completes."""
+
+    def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        from rosidl_py_gen.cli import completers
+
+        found: list[CompletionItem] = getattr(completers, what)(ctx, param, incomplete)
+        return found
+
+    return complete
+
+
 _PATH = click.option(
     "--path",
     "paths",
     multiple=True,
     metavar="DIR",
+    shell_complete=_completion("complete_directories"),
     help="A package folder, a folder of packages or a workspace's src; may be given several times. "
     "Looked through before AMENT_PREFIX_PATH and the bundled interfaces.",
 )
@@ -56,10 +76,18 @@ class _Group(click.Group):
     envvar="IDL_PACKAGE_FILTER",
     default="",
     metavar="NAMES",
+    shell_complete=_completion("complete_selection"),
     help="Packages, or single interfaces as package/msg/Name, separated by : or ; (default: IDL_PACKAGE_FILTER, else "
     "everything found). What they depend on is added.",
 )
-@click.option("--out", default=".", metavar="DIR", show_default=True, help="Receives the generated packages.")
+@click.option(
+    "--out",
+    default=".",
+    metavar="DIR",
+    show_default=True,
+    shell_complete=_completion("complete_directories"),
+    help="Receives the generated packages.",
+)
 @click.option("--check", is_flag=True, help="Write nothing; exit with 1 if anything would change.")
 @click.option("--keep-going", is_flag=True, help="Generate what is right even if some definitions are wrong.")
 @click.option(
@@ -134,7 +162,7 @@ def _is_typed(context: click.Context, name: str) -> bool:
 
 
 @_cli.command()
-@click.argument("name")
+@click.argument("name", shell_complete=_completion("complete_messages"))
 @_PATH
 @_JSON
 def plan(**arguments: Any) -> None:
@@ -146,7 +174,7 @@ def plan(**arguments: Any) -> None:
 
 
 @_cli.command()
-@click.argument("names", nargs=-1)
+@click.argument("names", nargs=-1, shell_complete=_completion("complete_packages_and_interfaces"))
 @_PATH
 @_JSON
 def check(**arguments: Any) -> None:
@@ -160,7 +188,7 @@ def check(**arguments: Any) -> None:
 
 
 @_cli.command()
-@click.argument("name")
+@click.argument("name", shell_complete=_completion("complete_interfaces"))
 @_PATH
 @click.option("--full", is_flag=True, help="The text bags carry: the definition and every one it uses.")
 @_JSON
@@ -173,11 +201,16 @@ def interface(**arguments: Any) -> None:
 
 
 @_cli.command()
-@click.argument("old")
-@click.argument("new")
+@click.argument("old", shell_complete=_completion("complete_files"))
+@click.argument("new", shell_complete=_completion("complete_files"))
 @_PATH
 @click.option(
-    "--filter", "selection", default="", metavar="NAMES", help="Only these packages or interfaces, separated by : or ;."
+    "--filter",
+    "selection",
+    default="",
+    metavar="NAMES",
+    shell_complete=_completion("complete_selection"),
+    help="Only these packages or interfaces, separated by : or ;.",
 )
 @click.option(
     "--fail-on",
@@ -213,9 +246,16 @@ def diff(**arguments: Any) -> None:
 
 
 @_cli.command()
-@click.argument("names", nargs=-1)
+@click.argument("names", nargs=-1, shell_complete=_completion("complete_packages"))
 @_PATH
-@click.option("--out", default="dist", metavar="DIR", show_default=True, help="Receives the wheels.")
+@click.option(
+    "--out",
+    default="dist",
+    metavar="DIR",
+    show_default=True,
+    shell_complete=_completion("complete_directories"),
+    help="Receives the wheels.",
+)
 @click.option("--no-dependencies", is_flag=True, help="No wheels of the packages that these use.")
 @_JSON
 def wheel(**arguments: Any) -> None:
@@ -230,9 +270,25 @@ def wheel(**arguments: Any) -> None:
     _run("wheel", **arguments)
 
 
+@_cli.command()
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> None:
+    """Print the completion script of a shell.
+
+    \b
+    eval "$(rosidl-py-gen completion bash)"      # in ~/.bashrc; zsh: the same in ~/.zshrc, after compinit
+    rosidl-py-gen completion fish > ~/.config/fish/completions/rosidl-py-gen.fish
+    """
+    from rosidl_py_gen.cli import shells
+
+    click.echo(shells.script(shell, _cli, "rosidl-py-gen"))
+
+
 def main(arguments: list[str] | None = None) -> None:
     """The console script: exit code 0 when all is well, 1 for problems found, 2 for a wrong command line."""
     as_json = "--json" in (sys.argv[1:] if arguments is None else arguments)
+    if "_ROSIDL_PY_GEN_COMPLETE" in os.environ:
+        import_module("rosidl_py_gen.cli.shells").install()
     try:
         code = _cli.main(arguments, prog_name="rosidl-py-gen", standalone_mode=False)
         if isinstance(code, int) and code:

@@ -175,6 +175,8 @@ def run_job(job: Job) -> int:
 def main(arguments: list[str] | None = None) -> None:
     """The console script; see the head of this file for exit codes."""
     given = sys.argv[1:] if arguments is None else arguments
+    if "_ROSIDL_PY_COMPLETE" in os.environ:
+        import_module("rosidl_py_gen.cli.shells").install()
     if given[:1] != ["run"]:
         _settle(arguments is None)
     shown = warnings.showwarning

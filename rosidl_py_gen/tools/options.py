@@ -12,12 +12,20 @@ if TYPE_CHECKING:
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+
+def _complete_directories(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    from rosidl_py_gen.cli.shells import complete_directories
+
+    return complete_directories(ctx, param, incomplete)
+
+
 as_json = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 paths = click.option(
     "--path",
     "paths",
     multiple=True,
     metavar="DIR",
+    shell_complete=_complete_directories,
     help="Where to look for definitions, before AMENT_PREFIX_PATH and the bundled ones; may be given several times.",
 )
 
@@ -141,7 +149,7 @@ class Several(click.Option):
 
 
 class SeveralCommand(click.Command):
-    """Gives all words behind an option of `Several` to it, up to the next option.
+    """Gives all words behind an option of `Several` to it, up to the next option; completes by the other arguments.
 
     Until the command has the arguments it needs, such an option takes only one: in ``--topics /a my_bag``, the bag
     is none of the topics.
@@ -174,9 +182,9 @@ class SeveralCommand(click.Command):
             missing -= option is None and not _is_option(word)
             if option is not None and option.name == _INSTEAD:
                 missing = 0
+            if option is not None and not option.is_flag and not rest and ctx.resilient_parsing:
+                break  # the value is being typed; click would read no arguments then
             if isinstance(option, Several):
-                if not rest and ctx.resilient_parsing:  # the value is being typed
-                    break
                 spread += word, *rest[:1]
                 del rest[:1]
                 while missing <= 0 and rest and not _is_option(rest[0]):
@@ -215,7 +223,12 @@ def _is_option(word: str) -> bool:
 
 
 def completion(what: str) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem]]:
-    """Completes names of the live graph: `what` is topics, services, actions, nodes or parameters; or types."""
+    """Complete names.
+
+    Args:
+        what: ``topics``, ``services``, ``actions``, ``nodes`` or ``parameters`` of the live graph; ``types``,
+            ``service types``, ``action types``, ``interfaces`` (all three) or ``packages`` of the search path.
+    """
 
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         from rosidl_py_gen.tools.completion import complete_names
@@ -223,6 +236,24 @@ def completion(what: str) -> Callable[[click.Context, click.Parameter, str], lis
         return complete_names(what, ctx, incomplete)
 
     return complete
+
+
+def call_completion(kind: str) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem]]:
+    """Complete ``[TYPE] [VALUES]`` of a `kind`: topic, service or action."""
+
+    def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        from rosidl_py_gen.tools.completion import complete_call
+
+        return complete_call(kind, ctx, incomplete)
+
+    return complete
+
+
+def field_completion(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Complete the path of a field of the topic's messages."""
+    from rosidl_py_gen.tools.completion import complete_fields
+
+    return complete_fields(ctx, incomplete)
 
 
 def bag_completion(kind: str) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem]]:

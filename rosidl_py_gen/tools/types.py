@@ -86,8 +86,7 @@ async def action_class(
     session: Session, action: str, type_name: str | None = None, paths: Sequence[str] = ()
 ) -> type[Action[Any, Any, Any]]:
     """The class of an action; as `service_class`."""
-    types = [name.removesuffix(_GOAL_TYPE) for name in _services(session).get(action + _GOAL_SERVICE, [])]
-    name = _given_or_only("action", action, types, type_name)
+    name = _given_or_only("action", action, types := _action_types(session, action), type_name)
     if name not in types:
         return get_action(name, path=paths)
     return await session.node.resolve_action_type(action, name, path=paths, timeout_s=_PATIENCE_S)
@@ -134,12 +133,26 @@ def interface_names(kind: str = "msg", paths: Sequence[str] = ()) -> list[str]:
     return sorted(str(name) for package in packages for name in package.files if name.kind == kind)
 
 
+def announced_types(session: Session, kind: str, name: str) -> list[str]:
+    """Return the types with which nodes have a topic, service or action; `kind` is one of these words."""
+    match kind:
+        case "topic":
+            return _topic_types(session, name)
+        case "service":
+            return _services(session).get(name, [])
+    return _action_types(session, name)
+
+
 def _topic_types(session: Session, topic: str) -> list[str]:
     return dict(session.node.get_topic_names_and_types()).get(topic, [])
 
 
 def _services(session: Session) -> dict[str, list[str]]:
     return dict(session.node.get_service_names_and_types())
+
+
+def _action_types(session: Session, action: str) -> list[str]:
+    return [name.removesuffix(_GOAL_TYPE) for name in _services(session).get(action + _GOAL_SERVICE, [])]
 
 
 def _given_or_only(kind: str, name: str, types: Sequence[str], type_name: str | None) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -12,11 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 import pytest
+from click.shell_completion import get_completion_class
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from worlds import until
 
-from rosidl_py_gen import get_action, tools
+from rosidl_py_gen import get_action, get_message, tools
+from rosidl_py_gen.cli import shells
 from rosidl_py_gen.tools.completion import complete_names
 
 if TYPE_CHECKING:
@@ -50,6 +53,7 @@ async def test_names_come_from_the_live_graph(dds: World, tool: Tool) -> None:
     node.create_action_server(get_action("example_interfaces/action/Fibonacci"), "/drive", lambda goal: None)
     node.declare_parameter("max_speed", 1.0)
     await until(lambda: other.count_services("/drive/_action/get_result") == 1)
+    other.create_publisher(get_message("nav_msgs/msg/Odometry"), "/odom")
     topics, hidden, services, nodes, recorded, excluded, actions, parameters, nobody = await asyncio.gather(
         complete(tool, "rosidl-py topic echo --spin-time 5 /"),
         complete(tool, "rosidl-py topic echo --spin-time 5 /_"),
@@ -68,6 +72,18 @@ async def test_names_come_from_the_live_graph(dds: World, tool: Tool) -> None:
     assert nodes == ["/base", "/pilot"]
     assert (recorded, excluded) == (["/speed"], ["/drive"])
     assert (actions, parameters, nobody) == (["/drive"], ["max_speed"], [])
+    lines = {
+        "topic pub --spin-time 5 /odom ": ["nav_msgs/msg/Odometry"],
+        "topic pub --spin-time 5 /odom std_msgs/msg/Strin": ["std_msgs/msg/String"],  # a type that nobody announces
+        "service call --spin-time 5 /stop std": ["std_srvs/srv/Trigger"],
+        "action send_goal --spin-time 5 /drive ": ["example_interfaces/action/Fibonacci"],
+        "topic echo --spin-time 5 /odom --field pose.pose.pos": [
+            *("pose.pose.position", "pose.pose.position.x", "pose.pose.position.y", "pose.pose.position.z")
+        ],
+        "topic echo --spin-time 5 /odom --field nothing.": [],
+    }
+    offers = await asyncio.gather(*(complete(tool, f"rosidl-py {line}") for line in lines))
+    assert dict(zip(lines, offers, strict=True)) == lines
 
 
 async def test_groups_options_choices_and_types_need_no_network(tool: Tool) -> None:
@@ -81,6 +97,27 @@ async def test_groups_options_choices_and_types_need_no_network(tool: Tool) -> N
     assert groups == sorted(groups) and {"doctor", "graph", "interface", "topic"} <= set(groups)
     assert (options, choices) == (["--format"], ["text", "mermaid", "svg", "json"])
     assert (types, packages) == (["geometry_msgs/msg/PoseStamped"], ["geometry_msgs"])
+
+
+async def test_values_and_fields_of_known_types_need_no_network(tool: Tool) -> None:
+    values = {
+        "topic pub /a std_msgs/msg/ColorRGBA ": ['"{r: 0.0, g: 0.0, b: 0.0, a: 0.0}"'],
+        "topic pub /a std_msgs/msg/String ": ["\"{data: ''}\""],
+        "service call /a std_srvs/srv/SetBool ": ['"{data: false}"'],
+        "action send_goal /a example_interfaces/action/Fibonacci ": ['"{order: 0}"'],
+        "topic pub /a std_msgs/msg/String {} ": [],
+        "topic echo /a geometry_msgs/msg/PoseArray --field poses": [
+            *("poses", r"poses\[0\].position", r"poses\[0\].orientation")
+        ],
+        "topic echo /a geometry_msgs/msg/PoseArray --field poses[3].position.": [
+            *(rf"poses\[3\].position.{axis}" for axis in "xyz")
+        ],
+        "service find std_srvs/srv/T": ["std_srvs/srv/Trigger"],
+        "action find example_interfaces/action/F": ["example_interfaces/action/Fibonacci"],
+        "interface show std_srvs/srv/E": ["std_srvs/srv/Empty"],
+    }
+    offers = await asyncio.gather(*(complete(tool, f"rosidl-py {line}", ROS_DOMAIN_ID="junk") for line in values))
+    assert dict(zip(values, offers, strict=True)) == values
 
 
 async def test_a_shell_gets_nothing_where_nothing_can_be_asked(tool: Tool) -> None:
@@ -102,12 +139,42 @@ def test_a_real_bash_completes() -> None:
     tools_dir = Path(sys.executable).parent
     if not (tools_dir / "rosidl-py").exists():
         pytest.skip("the command is not installed beside this Python")
-    script = 'eval "$(rosidl-py completion bash)"; COMP_WORDS=(rosidl-py interf); COMP_CWORD=1; _rosidl_py_completion'
+    lines = {
+        "rosidl-py interf": "<interface>",
+        "rosidl-py service call /a std_srvs/srv/SetBool ": '<"{data: false}">',
+        "rosidl-py-gen --filter std_msgs:action_m": "<action_msgs>",
+        "rosidl-py-gen --filter=std_ms": "<std_msgs>",
+        "rosidl-py-gen interface std_msgs/msg/Strin": "<std_msgs/msg/String>",
+    }
+    script = 'eval "$(rosidl-py completion bash)"; eval "$(rosidl-py-gen completion bash)"; ' + "".join(
+        f"COMPREPLY=(); COMP_LINE={shlex.quote(line)}; COMP_POINT=${{#COMP_LINE}}; "
+        f"_{line.split()[0].replace('-', '_')}_completion {line.split()[0]}; "
+        'printf "<%s>" "${COMPREPLY[@]}"; echo; '
+        for line in lines
+    )
     path = os.pathsep.join([str(tools_dir), os.environ["PATH"]])
     done = subprocess.run(
-        ["bash", "-c", f'{script} rosidl-py interf; echo "${{COMPREPLY[@]}}"'],
-        env={**os.environ, "PATH": path},
-        capture_output=True,
-        text=True,
+        ["bash", "-c", script], env={**os.environ, "PATH": path}, capture_output=True, text=True, cwd="/"
     )
-    assert (done.stdout, done.stderr) == ("interface\n", "")
+    assert (dict(zip(lines, done.stdout.splitlines(), strict=True)), done.stderr) == (lines, "")
+
+
+def test_what_other_nodes_are_called_is_never_run_by_a_shell(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ["/a$(touch x)", "/a`touch x`", "/a;x", "/a b", "/a*", "/a\nplain,/b", "/a\x1b[31m", "/a'b"]
+
+    @click.command()
+    @click.option("--topic", shell_complete=lambda ctx, param, incomplete: shells.items(names, incomplete))
+    def command(topic: str) -> None: ...
+
+    shells.install()
+    monkeypatch.setenv("COMP_WORDS", "x --topic /a")
+    monkeypatch.setenv("COMP_CWORD", "2")
+    quoted = ["'/a$(touch x)'", "'/a`touch x`'", r"/a\;x", '"/a b"', r"/a\*", r"/a\'b"]
+    for shell, expected in (
+        ("bash", [f"plain,{name}" for name in quoted]),
+        ("zsh", [line for name in quoted for line in ("plain", name, "_")]),
+    ):
+        maker = get_completion_class(shell)
+        assert maker is not None
+        assert maker(command, {}, "x", "_X_COMPLETE").complete().split("\n") == expected
+    assert [shlex.split(name) for name in quoted] == [[name] for name in names if name.isprintable()]

@@ -30,7 +30,7 @@ def list_(**arguments: Any) -> None:
 
 
 @action.command()
-@click.argument("of_type", metavar="TYPE")
+@click.argument("of_type", metavar="TYPE", shell_complete=options.completion("action types"))
 @_count
 @options.as_json
 @options.node_options
@@ -73,7 +73,7 @@ def info(**arguments: Any) -> None:
 
 @action.command("send_goal")
 @options.action_argument()
-@click.argument("words", nargs=-1, metavar="[TYPE] [GOAL]")
+@click.argument("words", nargs=-1, metavar="[TYPE] [GOAL]", shell_complete=options.call_completion("action"))
 @click.option("--stdin", is_flag=True, help="Read the goal from standard input.")
 @click.option("-f", "--feedback", "show_feedback", is_flag=True, help="Print the feedback.")
 @options.timeout("Wait so long for the server and its answers; the result is waited for without a limit.", default_s=10)

@@ -7,7 +7,7 @@ import click
 
 from rosidl_py_gen.tools import options, run_command
 
-_TYPE = click.argument("name", metavar="TYPE", shell_complete=options.completion("types"))
+_TYPE = click.argument("name", metavar="TYPE", shell_complete=options.completion("interfaces"))
 _PACKAGE = options.completion("packages")
 
 
@@ -100,7 +100,7 @@ def packages(**arguments: Any) -> None:
 
 
 @interface.command("hash")
-@click.argument("names", metavar="TYPE...", nargs=-1, required=True, shell_complete=options.completion("types"))
+@click.argument("names", metavar="TYPE...", nargs=-1, required=True, shell_complete=options.completion("interfaces"))
 @click.option("--parts", is_flag=True, help="Also of the parts of services and actions.")
 @options.paths
 @options.as_json

@@ -41,7 +41,7 @@ def list_(**arguments: Any) -> None:
 
 
 @service.command()
-@click.argument("of_type", metavar="TYPE")
+@click.argument("of_type", metavar="TYPE", shell_complete=options.completion("service types"))
 @_count
 @_hidden
 @options.as_json
@@ -98,7 +98,7 @@ class CallOptions:
 
 @service.command()
 @options.service_argument()
-@click.argument("words", nargs=-1, metavar="[TYPE] [VALUES]")
+@click.argument("words", nargs=-1, metavar="[TYPE] [VALUES]", shell_complete=options.call_completion("service"))
 @click.option("--stdin", is_flag=True, help="Read the values from standard input.")
 @click.option(
     "-r", "--rate", type=click.FloatRange(0, min_open=True), metavar="HZ", help="Call again and again, so often."
@@ -136,7 +136,7 @@ class EchoOptions:
 
 @service.command()
 @options.service_argument()
-@click.argument("type_name", metavar="[TYPE]", required=False)
+@click.argument("type_name", metavar="[TYPE]", required=False, shell_complete=options.call_completion("service"))
 @click.option("--once", is_flag=True, help="End after the first event.")
 @click.option("-f", "--full-length", is_flag=True, help="Show long arrays and texts in full.")
 @click.option("--flow-style", is_flag=True, help="Print each event on one line.")

@@ -170,11 +170,16 @@ class EchoOptions:
     paths: Sequence[str]
 
 
-@topic.command()
+@topic.command(cls=options.SeveralCommand)
 @options.topic_argument()
-@click.argument("type_name", metavar="[TYPE]", required=False, shell_complete=options.completion("types"))
+@click.argument("type_name", metavar="[TYPE]", required=False, shell_complete=options.call_completion("topic"))
 @click.option("--once", is_flag=True, help="Print one message.")
-@click.option("--field", metavar="PATH", help="Print only a field: pose.position, poses[0].x, ranges[0:5].")
+@click.option(
+    "--field",
+    metavar="PATH",
+    shell_complete=options.field_completion,
+    help="Print only a field: pose.position, poses[0].x, ranges[0:5].",
+)
 @click.option("--filter", "filter_text", metavar="EXPR", help="Print only messages m for which this holds.")
 @click.option(
     "--max-rate",
@@ -244,14 +249,9 @@ class PubOptions:
     as_json: bool
 
 
-def _types_of_topic(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
-    """Completes the first word behind the topic."""
-    return [] if ctx.params.get("words") else options.completion("types")(ctx, param, incomplete)
-
-
 @topic.command()
 @options.topic_argument()
-@click.argument("words", metavar="[TYPE] [VALUES]", nargs=-1, shell_complete=_types_of_topic)
+@click.argument("words", metavar="[TYPE] [VALUES]", nargs=-1, shell_complete=options.call_completion("topic"))
 @click.option(
     "-r", "--rate", type=click.FloatRange(0, min_open=True), metavar="HZ", help="Messages a second.  [default: 1]"
 )

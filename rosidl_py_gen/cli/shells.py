@@ -1,0 +1,189 @@
+"""Completion scripts of bash, zsh and fish for both command lines; click's own insert values without quoting them.
+
+Values may come from other nodes or from files, so a shell must never expand them: bash and zsh get them quoted, fish
+quotes them itself. A value with a character that cannot be printed is not offered.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+from typing import Any
+
+import click
+from click.shell_completion import (
+    BashComplete,
+    CompletionItem,
+    FishComplete,
+    ShellComplete,
+    ZshComplete,
+    add_completion_class,
+    get_completion_class,
+    split_arg_string,
+)
+
+SHELLS = "bash", "zsh", "fish"
+
+# bash splits COMP_WORDS at ":" and "=", so the typed line is passed as well. `read` keeps values with "*" or blanks.
+_BASH = r"""%(complete_func)s() {
+    local completion
+    while IFS= read -r completion; do
+        case $completion in
+            dir,*) COMPREPLY=(); compopt -o dirnames ;;
+            file,*) COMPREPLY=(); compopt -o default ;;
+            plain,*) COMPREPLY+=("${completion#plain,}") ;;
+        esac
+    done < <(COMP_WORDS="${COMP_WORDS[*]}" COMP_CWORD=$COMP_CWORD COMP_LINE="${COMP_LINE:0:COMP_POINT}" \
+        COMP_WORDBREAKS="$COMP_WORDBREAKS" %(complete_var)s=bash_complete "$1")
+}
+
+complete -o nosort -F %(complete_func)s %(prog_name)s
+"""
+# -Q: values are quoted already.
+_ZSH = r"""#compdef %(prog_name)s
+
+%(complete_func)s() {
+    local -a plain described response
+    local kind value help
+    (( ! $+commands[%(prog_name)s] )) && return 1
+    response=("${(@f)$(COMP_WORDS="${words[*]}" COMP_CWORD=$((CURRENT-1)) \
+        %(complete_var)s=zsh_complete %(prog_name)s)}")
+    for kind value help in ${response}; do
+        case $kind in
+            dir) _path_files -/ ;;
+            file) _path_files -f ;;
+            plain) [[ $help == _ ]] && plain+=("$value") || described+=("$value:$help") ;;
+        esac
+    done
+    (( $#described )) && _describe -V unsorted described -U -Q
+    (( $#plain )) && compadd -Q -U -V unsorted -a plain
+    return 0
+}
+
+if [[ $zsh_eval_context[-1] == loadautofunc ]]; then
+    %(complete_func)s "$@"
+else
+    compdef %(complete_func)s %(prog_name)s
+fi
+"""
+_BREAKS = "\"'@><=;|&(:"
+"""Characters at which bash begins a new word unless COMP_WORDBREAKS says otherwise."""
+_UNSAFE = re.compile(r"[^\w@%+=:,./-]", re.ASCII)
+
+
+def install() -> None:
+    """Make click use the classes of this module."""
+    for cls in (_Bash, _Zsh, _Fish):
+        add_completion_class(cls)
+
+
+def script(shell: str, command: click.Command, program: str) -> str:
+    """Return the completion script of `program` for one of `SHELLS`."""
+    install()
+    maker = get_completion_class(shell)
+    assert maker is not None
+    return maker(command, {}, program, completion_variable(program)).source()
+
+
+def completion_variable(program: str) -> str:
+    """Return the environment variable by which a shell requests completions, as click derives it."""
+    return f"_{program}_COMPLETE".replace("-", "_").upper()
+
+
+def complete_directories(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Make the shell complete names of folders."""
+    return [CompletionItem(incomplete, type="dir")]
+
+
+def complete_files(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Make the shell complete names of files and folders."""
+    return [CompletionItem(incomplete, type="file")]
+
+
+def _option_part(typed: str) -> str:
+    """Return ``--option=`` if the typed word begins so; click takes only what follows as incomplete."""
+    return typed.partition("=")[0] + "=" if typed.startswith("--") and "=" in typed else ""
+
+
+def _quote(value: str) -> str:
+    """Quote for bash and zsh: in quotes where there are blanks, else by backslashes, for further typing."""
+    if " " in value:
+        return shlex.quote(value) if any(char in value for char in '"\\$`!') else f'"{value}"'
+    return _UNSAFE.sub(r"\\\g<0>", value)
+
+
+class _Safe(ShellComplete):
+    """Offers only values that can be printed, and remembers the word that is being typed."""
+
+    _typed = ""
+
+    def get_completion_args(self) -> tuple[list[str], str]:
+        args, self._typed = super().get_completion_args()
+        return args, self._typed
+
+    def get_completions(self, args: list[str], incomplete: str) -> list[CompletionItem]:
+        return [item for item in super().get_completions(args, incomplete) if item.value.isprintable()]
+
+    def format_completion(self, item: CompletionItem) -> str:
+        value = self._inserted(item.value) if item.type == "plain" else item.value
+        return super().format_completion(CompletionItem(value, item.type, item.help))
+
+    def _inserted(self, value: str) -> str:
+        """Return what the shell inserts in place of the typed word."""
+        return _option_part(self._typed) + _quote(value)
+
+
+class _Bash(_Safe, BashComplete):
+    source_template = _BASH
+
+    def get_completion_args(self) -> tuple[list[str], str]:
+        line = os.environ.get("COMP_LINE")
+        if not line:
+            return super().get_completion_args()
+        words = split_arg_string(line)
+        self._typed = _last_word(line)
+        return (words[1:-1], words[-1]) if self._typed else (words[1:], "")
+
+    def _inserted(self, value: str) -> str:
+        """Return what replaces the typed word after its last word break."""
+        typed = self._typed
+        if typed[:1] in ("'", '"'):  # bash keeps the opening quote and closes it
+            return value if typed[0] not in value else _quote(value)
+        typed = typed[len(_option_part(typed)) :]
+        breaks = os.environ.get("COMP_WORDBREAKS", _BREAKS)
+        kept = max((typed.rfind(char) + 1 for char in ":=" if char in breaks), default=0)
+        return _quote(value[kept:])
+
+
+class _Zsh(_Safe, ZshComplete):
+    source_template = _ZSH
+
+
+class _Fish(_Safe, FishComplete):
+    source_template = FishComplete.source_template.replace('split ","', 'split -m1 ","')
+
+    def _inserted(self, value: str) -> str:
+        return _option_part(self._typed) + value  # fish quotes by itself
+
+
+def _last_word(line: str) -> str:
+    """Return the last word as it was typed, with its quotes."""
+    begin, quote, skip = 0, "", False
+    for index, char in enumerate(line):
+        if skip:
+            skip = False
+        elif char == "\\" and quote != "'":
+            skip = True
+        elif quote:
+            quote = "" if char == quote else quote
+        elif char in "'\"":
+            quote = char
+        elif char.isspace():
+            begin = index + 1
+    return line[begin:]
+
+
+def items(values: Any, incomplete: str) -> list[CompletionItem]:
+    """Return completions for the values that begin with `incomplete`."""
+    return [CompletionItem(value) for value in values if value.startswith(incomplete)]
