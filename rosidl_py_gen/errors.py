@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
+_MAX_TEXT = 4000
+"""Characters of a problem: names in definitions have any length."""
+
+
 class RosidlError(Exception):
     """Base of every error this package raises on purpose."""
 
@@ -44,7 +48,7 @@ class Problem:
         where = self.path
         if self.line:
             where += f":{self.line}:{self.column or 1}"
-        return printable(f"{where}: {self.text}")
+        return printable(f"{where}: {self.text}", _MAX_TEXT)
 
     def with_caret(self, width: int = 100) -> str:
         """The problem, the source line and a caret under the column; very long lines are cut around the column."""

@@ -5,11 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.errors import RosidlError, printable
+
+_MAX_TEXT = 4000
 
 
 class BagError(RosidlError, ValueError):
-    """A bag is damaged, of an unknown kind, or cannot be written; names the file and what was found."""
+    """A bag is damaged, of an unknown kind, or cannot be written; names the file and what was found.
+
+    Names in bags and tables are not trusted: the text is printable, and cut where it is very long.
+    """
+
+    def __init__(self, text: str = "") -> None:
+        super().__init__(printable(text, _MAX_TEXT))
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ import keyword
 import re
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.errors import InvalidNameError
+from rosidl_py_gen.errors import InvalidNameError, printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -26,6 +26,8 @@ _LOWER = re.compile(r"(?!.*__)(?!.*_\Z)[a-z][a-z0-9_]*\Z", re.ASCII)
 _CONSTANT = re.compile(r"[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)*\Z", re.ASCII)
 _INTERFACE = re.compile(r"[A-Z][A-Za-z0-9]*\Z", re.ASCII)
 _DERIVED_SUFFIXES = ("_Request", "_Response", "_Goal", "_Result", "_Feedback")
+_MAX_SHOWN = 300
+"""Characters of a wrong name in an error text."""
 
 
 class RosName(NamedTuple):
@@ -68,19 +70,24 @@ def split_ros_name(text: str, default_kind: str = "") -> RosName:
     Raises:
         InvalidNameError: the text has another shape or a part breaks its rule.
     """
-    parts = text.split("/")
-    text = text[:300]
+    shown, parts = printable(text, _MAX_SHOWN), text.split("/")
     if len(parts) == 2 and default_kind:
         parts.insert(1, default_kind)
     if len(parts) != 3:
-        raise InvalidNameError(f'"{text}" is not an interface name; expected package/msg/Name (or /srv/, /action/)')
+        raise InvalidNameError(f'"{shown}" is not an interface name; expected package/msg/Name (or /srv/, /action/)')
     package, kind, name = parts
     if not is_package_name(package):
-        raise InvalidNameError(f'"{text}": "{package}" is not a package name; expected {PACKAGE_RULE}')
+        raise InvalidNameError(
+            f'"{shown}": "{printable(package, _MAX_SHOWN)}" is not a package name; expected {PACKAGE_RULE}'
+        )
     if kind not in KINDS:
-        raise InvalidNameError(f'"{text}": "{kind}" is not a kind of interface; expected msg, srv or action')
+        raise InvalidNameError(
+            f'"{shown}": "{printable(kind, _MAX_SHOWN)}" is not a kind of interface; expected msg, srv or action'
+        )
     if not all(_INTERFACE.match(part) for part in name.split("_")):
-        raise InvalidNameError(f'"{text}": "{name}" is not an interface name; expected {INTERFACE_RULE}')
+        raise InvalidNameError(
+            f'"{shown}": "{printable(name, _MAX_SHOWN)}" is not an interface name; expected {INTERFACE_RULE}'
+        )
     return RosName(package, kind, name)
 
 
@@ -104,4 +111,4 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
     word = word[:256]  # comparing costs the product of the lengths
     close = get_close_matches(word, known, n=1, cutoff=0.7)
-    return f'; did you mean "{close[0]}"?' if close else ""
+    return f'; did you mean "{printable(close[0])}"?' if close else ""

@@ -15,8 +15,10 @@ import numpy as np
 from rosidl_py_gen import compile_text, get_message, type_hash
 from rosidl_py_gen.bags.common import BagError, BagTopic
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.errors import EncodeError, RosidlError
+from rosidl_py_gen.base.stamps import NS_PER_S
+from rosidl_py_gen.errors import EncodeError, RosidlError, printable
 from rosidl_py_gen.tables import schema as told
+from rosidl_py_gen.tables import values
 from rosidl_py_gen.tables.arrow import pa
 from rosidl_py_gen.tables.columns import LOG_TIME, PUBLISH_TIME, Kind, nodes_of
 
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
 
 Tree: TypeAlias = "dict[str, Any]"
 """Arrow arrays by name, or trees of those that are nested."""
-_S = 1_000_000_000
+_MAX_NAME = 1000
 _PORTION = 4096
 """Rows that become messages at once."""
 
@@ -53,17 +55,22 @@ def topic_of_schema(schema: Any, topic: str | None) -> tuple[BagTopic, type[Any]
     found = {key: value.decode(errors="replace") for key, value in (schema.metadata or {}).items()}
     topic = topic or found.get(told.TOPIC)
     name, definition, wanted = (found.get(key, "") for key in (told.TYPE, told.DEFINITION, told.HASH))
+    if len(name) > _MAX_NAME:
+        raise BagError(f"{told.TYPE.decode()}: found a name of {len(name)} characters; expected at most {_MAX_NAME}")
     if not topic:
         raise BagError("the table does not say its topic: name it (topic=)")
     if not name:
-        raise BagError(f"{topic}: the table does not say the type of its messages: give the class (msg_type=)")
+        raise BagError(
+            f"{values.shown(topic)}: the table does not say the type of its messages: give the class (msg_type=)"
+        )
     cls: type[Any] = compile_text(name, definition) if told.DEFINITION in found else get_message(name)
     if not definition and wanted and wanted != type_hash(cls):  # it was not known, and an empty message has none either
         cls = get_message(name)
     if not hasattr(cls, "_TYPE") or not hasattr(cls._TYPE, "fields"):
-        raise BagError(f"{topic}: {name} is no message")
+        raise BagError(f"{values.shown(topic)}: {name} is no message")
     if wanted and wanted != type_hash(cls):
-        raise BagError(f"{topic}: the table was made of {name} {wanted}, and this is {type_hash(cls)}")
+        made = f"{name} {values.shown(wanted)}"
+        raise BagError(f"{values.shown(topic)}: the table was made of {made}, and this is {type_hash(cls)}")
     encoding, qos = found.get(told.ENCODING, "ros2msg"), found.get(told.QOS, "")
     return BagTopic(topic, name, definition, encoding, type_hash=type_hash(cls), offered_qos=qos), cls
 
@@ -82,7 +89,7 @@ def messages_of(stream: Any, cls: type[Any], topic: str) -> Iterator[tuple[Any, 
             try:
                 times, messages = _portion(part, cls, nodes)
             except (BagError, pa.ArrowException, ValueError, TypeError, OverflowError) as error:
-                raise BagError(f"{topic}: rows from {done}: {error}") from None
+                raise BagError(f"{values.shown(topic)}: rows from {done}: {error}") from None
             yield from zip(messages, *times, strict=True)
             done += part.num_rows
 
@@ -95,7 +102,7 @@ def _next(stream: Any, topic: str) -> Any:
     except RosidlError:
         raise
     except (pa.ArrowException, OSError, ValueError) as error:  # what a foreign stream says
-        raise BagError(f"{topic}: the table cannot be read: {error}") from None
+        raise BagError(f"{values.shown(topic)}: the table cannot be read: {error}") from None
 
 
 def _portion(batch: Any, cls: type[Any], nodes: tuple[Node, ...]) -> tuple[list[list[int]], list[Any]]:
@@ -104,10 +111,18 @@ def _portion(batch: Any, cls: type[Any], nodes: tuple[Node, ...]) -> tuple[list[
         _put(tree, name, column)
     if LOG_TIME not in tree:
         raise BagError(f"there is no column {LOG_TIME}{did_you_mean(LOG_TIME, tree)}")
-    log_times = _nanoseconds(LOG_TIME, tree.pop(LOG_TIME)).tolist()
+    log_times = _times(LOG_TIME, tree.pop(LOG_TIME))
     publish = tree.pop(PUBLISH_TIME, None)
-    publish_times = log_times if publish is None else _nanoseconds(PUBLISH_TIME, publish).tolist()
+    publish_times = log_times if publish is None else _times(PUBLISH_TIME, publish)
     return [log_times, publish_times], _structs(cls, nodes, tree, batch.num_rows, "")
+
+
+def _times(name: str, column: Any) -> list[int]:
+    if isinstance(column, dict):
+        raise BagError(f"{name}: expected a column, found columns inside of it")
+    column = values.plain(column)
+    values.require_values(column, name)
+    return values.nanoseconds(column, name, Kind.TIME).tolist()  # type: ignore[no-any-return]
 
 
 def _put(tree: Tree, name: str, column: Any) -> None:
@@ -117,9 +132,9 @@ def _put(tree: Tree, name: str, column: Any) -> None:
     for part in before:
         at = at.setdefault(part, {})
         if not isinstance(at, dict):
-            raise BagError(f"there is a column {name}, and one that holds it")
+            raise BagError(f"there is a column {values.shown(name)}, and one that holds it")
     if last in at:
-        raise BagError(f"there are two columns {name}, or one that holds it")
+        raise BagError(f"there are two columns {values.shown(name)}, or one that holds it")
     at[last] = column
 
 
@@ -130,7 +145,8 @@ def _structs(cls: type[Any], nodes: Sequence[Node], tree: Tree, count: int, path
     known = {node.name: node for node in nodes}
     for name in tree:
         if name not in known:
-            raise BagError(f"{cls._TYPE.name} has no field {path}{name}{did_you_mean(name, known)}")
+            own = values.shown(cls._TYPE.name)
+            raise BagError(f"{own} has no field {path}{values.shown(name)}{did_you_mean(name, known)}")
     names = [known[name].field.py_name for name in tree]
     columns = [_values(known[name], column, f"{path}{name}", count) for name, column in tree.items()]
     if not columns:
@@ -144,70 +160,51 @@ def _values(node: Node, column: Any, path: str, count: int) -> Sequence[Any]:
         if node.kind is not Kind.STRUCT or node.length is not None:
             raise BagError(f"{path} is {node.field.type}, and has no fields that are columns")
         return _structs(_class(node), node.children, column, count, f"{path}.")
-    column = _plain(column)
+    column = values.plain(column)
     if node.length is None:
         return _elements(node, column, path)
-    _require_values(column, path)
-    if node.is_binary and not _is_list(column.type):
-        return column.cast(pa.large_binary()).to_pylist()  # type: ignore[no-any-return]
-    if not _is_list(column.type):
-        raise BagError(f"{path}: expected a list for {node.field.type}, found {column.type}")
-    is_fixed = pa.types.is_fixed_size_list(column.type)
-    sizes = [column.type.list_size] * len(column) if is_fixed else column.value_lengths().to_numpy(False)
-    ends = np.cumsum(sizes, dtype=np.int64).tolist()
-    inside = _plain(column.flatten())
+    values.require_values(column, path)
+    if node.is_binary and values.is_octets(column.type):
+        return column.to_pylist()  # type: ignore[no-any-return]
+    sizes, inside = values.lists(column, path, node.field.type)
+    ends = sizes.cumsum().tolist()
     if node.kind is Kind.NUMBER:
-        _require_values(inside, path)
-        items: Any = _numbers(node, inside, path)
+        values.require_values(inside, path)
+        items: Any = values.numbers(inside, node.code, path)
     else:
         items = _elements(node, inside, path)
     return [items[begin:end] for begin, end in zip([0, *ends], ends, strict=False)]
 
 
-def _is_list(kind: Any) -> bool:
-    types = pa.types
-    return bool(types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind))
-
-
-def _plain(column: Any) -> Any:
-    """Without encodings and views, which Arrow has for the same values."""
-    kind = column.type
-    if isinstance(kind, pa.BaseExtensionType):
-        return _plain(column.storage)
-    if pa.types.is_dictionary(kind):
-        values = _plain(column.dictionary)
-        values = values.cast(pa.large_string()) if _is_view(values.type) else values
-        return _plain(values.take(column.indices))
-    if pa.types.is_run_end_encoded(kind):
-        return _plain(column.cast(kind.value_type))
-    if pa.types.is_list_view(kind) or pa.types.is_large_list_view(kind):
-        return column.cast(pa.large_list(kind.value_field))
-    return column
-
-
 def _elements(node: Node, column: Any, path: str) -> Sequence[Any]:
     if node.kind is Kind.EMPTY:
+        if column.null_count != len(column) and not (pa.types.is_struct(column.type) and not column.type.num_fields):
+            found = values.shown(column.type)
+            raise BagError(f"{path}: expected nulls for {node.field.type}, which has no fields, found {found}")
         return [_class(node)() for _ in range(len(column))]
-    _require_values(column, path)
+    values.require_values(column, path)
     if node.kind is Kind.NUMBER:
-        return _numbers(node, column, path).tolist()  # type: ignore[no-any-return]
+        return values.numbers(column, node.code, path).tolist()  # type: ignore[no-any-return]
     if node.kind is Kind.STRING:
-        if not (pa.types.is_string(column.type) or pa.types.is_large_string(column.type) or _is_view(column.type)):
-            raise BagError(f"{path}: expected text, found {column.type}")
-        return column.to_pylist()  # type: ignore[no-any-return]
+        return values.texts(column, path)
     if node.kind is Kind.STRUCT:
-        if not pa.types.is_struct(column.type):
-            raise BagError(f"{path}: expected a struct for {node.field.type}, found {column.type}")
-        names = [field.name for field in column.type]
-        tree = dict(zip(names, column.flatten(), strict=True))
-        return _structs(_class(node), node.children, tree, len(column), f"{path}.")
-    seconds, rest = np.divmod(_nanoseconds(path, column), _S)
+        return _structs(_class(node), node.children, _fields_of(node, column, path), len(column), f"{path}.")
+    seconds, rest = np.divmod(values.nanoseconds(column, path, node.kind), NS_PER_S)
     cls = _class(node)
     return [cls(sec, nanosec) for sec, nanosec in zip(seconds.tolist(), rest.tolist(), strict=True)]
 
 
-def _is_view(kind: Any) -> bool:
-    return bool(pa.types.is_string_view(kind))
+def _fields_of(node: Node, column: Any, path: str) -> Tree:
+    if pa.types.is_null(column.type):  # the elements of lists that are all empty
+        return {}
+    if not pa.types.is_struct(column.type):
+        raise BagError(f"{path}: expected a struct for {node.field.type}, found {values.shown(column.type)}")
+    tree: Tree = {}
+    for field, inner in zip(column.type, column.flatten(), strict=True):
+        if field.name in tree:
+            raise BagError(f"{path}: there are two fields {values.shown(field.name)}")
+        tree[field.name] = inner
+    return tree
 
 
 def _class(node: Node) -> type[Any]:
@@ -215,33 +212,7 @@ def _class(node: Node) -> type[Any]:
     return node.field.cls
 
 
-def _numbers(node: Node, column: Any, path: str) -> Any:
-    wanted = told.NUMBERS[node.code]
-    if pa.types.is_boolean(wanted) != pa.types.is_boolean(column.type):
-        raise BagError(f"{path}: expected {wanted}, found {column.type}")
-    return column.cast(wanted).to_numpy(zero_copy_only=False)
-
-
-def _nanoseconds(path: str, column: Any) -> Any:
-    """Of a time, a duration, or integers."""
-    column = _plain(column)
-    _require_values(column, path)
-    kind, types = column.type, pa.types
-    if types.is_timestamp(kind):
-        column = column.cast(pa.timestamp("ns", kind.tz)).view(pa.int64())
-    elif types.is_duration(kind):
-        column = column.cast(pa.duration("ns")).view(pa.int64())
-    elif not types.is_integer(kind):
-        raise BagError(f"{path}: expected a time, or nanoseconds as integers, found {kind}")
-    return column.cast(pa.int64()).to_numpy(zero_copy_only=False)
-
-
-def _require_values(column: Any, path: str) -> None:
-    if column.null_count:
-        row = column.is_null().index(True).as_py()
-        raise BagError(f"{path}: no value in row {row}; messages have one for every field")
-
-
 def located(error: EncodeError, topic: str, log_time: int) -> EncodeError:
     """The error of a message with the topic and the time of its row."""
-    return EncodeError(f"{topic} at {log_time} ns: {error.path}", error.reason)
+    path = f"{values.shown(topic)} at {log_time} ns: {printable(error.path, _MAX_NAME)}"
+    return EncodeError(path, printable(error.reason, _MAX_NAME))

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 import duckdb
+import numpy as np
 import pandas as pd
 import polars as pl
 import pyarrow as pa
 import pytest
 from table_values import imus, write
 
-from rosidl_py_gen import EncodeError, get_message
+from rosidl_py_gen import EncodeError, RosidlError, compile_text, get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagWriter
 
 Imu: Any = get_message("sensor_msgs/msg/Imu")
@@ -124,3 +126,175 @@ def test_a_table_that_does_not_say_what_it_holds_needs_a_topic_and_a_class(tmp_p
             writer.write_table(pa.table(STRINGS).replace_schema_metadata({**told, b"ros.type": b"../x"}))
     with pytest.raises(BagError, match="closed"):
         writer.write_table(pa.table(STRINGS), "/s", String)
+
+
+def view(sizes: list[int], offsets: list[int], values: pa.Array, kind: Any) -> pa.Array:
+    made = pa.LargeListViewArray if kind == pa.int64() else pa.ListViewArray
+    return made.from_arrays(pa.array(offsets, kind), pa.array(sizes, kind), values)
+
+
+TextArray: Any = compile_text("a_msgs/msg/TextArray", "string[] data\nuint8[] octets\nfloat32[] floats")
+
+
+def test_values_are_those_of_the_table_in_every_layout_of_arrow(tmp_path: Path) -> None:
+    rows = [["a", "b"], ["c"], [], ["d", "e", "f"]]
+    flat = pa.array([one for row in rows for one in row])
+    numbers = [[1, 2], [255], [], [0, 7, 9]]
+    bits = pa.array([one for row in numbers for one in row], pa.int64())
+    runs = pa.RunEndEncodedArray.from_arrays(pa.array([2, 6]), pa.array(["x", "y"]))
+    repeated = pa.DictionaryArray.from_arrays(pa.array([1, 0, 1]), pa.array(["x", "y"]))
+    sizes, offsets = [2, 1, 0, 3], [0, 2, 6, 3]
+    shuffled = pa.array(["d", "e", "f", "c", "a", "b"])
+    lists = {
+        "list": (pa.array(rows), rows),
+        "large": (pa.array(rows, pa.large_list(pa.string_view())), rows),
+        "view": (view(sizes, offsets, flat, pa.int32()), rows),
+        "large view": (view(sizes, offsets, flat, pa.int64()), rows),
+        "out of order": (view(sizes, [4, 3, 0, 0], shuffled, pa.int32()), rows),
+        "overlapping": (view([2, 3], [1, 0], flat, pa.int32()), [["b", "c"], ["a", "b", "c"]]),
+        "slice of a view": (view(sizes, offsets, flat, pa.int64())[1:], rows[1:]),
+        "dictionary": (
+            pa.DictionaryArray.from_arrays(pa.array([3, 0, 3]), pa.array(rows)),
+            [rows[3], rows[0], rows[3]],
+        ),
+        "fixed": (pa.FixedSizeListArray.from_arrays(flat, 3)[1:], [["d", "e", "f"]]),
+        "run ends inside": (pa.ListArray.from_arrays([0, 1, 6], runs), [["x"], ["x", "y", "y", "y", "y"]]),
+        "dictionary inside a view": (view([2, 1], [1, 0], repeated, pa.int32()), [["x", "y"], ["y"]]),
+        "nothing": (pa.array([[], []]), [[], []]),
+    }
+    cases = [("data", *case, name) for name, case in lists.items()]
+    cases += [
+        ("octets", view(sizes, offsets, bits, pa.int64()), numbers, "octets in a view"),
+        ("octets", pa.array([bytes(one) for one in numbers], pa.binary_view()), numbers, "bytes in a view"),
+        ("floats", view(sizes, offsets, bits, pa.int32()), numbers, "numbers in a view"),
+        ("floats", pa.array([[0.1, 1e-60, float("inf")]]), [np.float32([0.1, 0, np.inf]).tolist()], "rounded"),
+    ]
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        for number, (column, values, _, _) in enumerate(cases):
+            table = pa.table({"log_time": range(len(values)), column: values})
+            assert writer.write_table(table, f"/t{number}", TextArray) == len(values)
+    for number, (column, _, right, name) in enumerate(cases):
+        found = [list(getattr(one, column)) for one in read(tmp_path / "a.mcap", f"/t{number}")]
+        assert found == right, name
+
+
+Numbers: Any = compile_text(
+    "a_msgs/msg/Numbers",
+    "int8 i8\nuint64 u64\nint64 i64\nfloat32 f\nfloat64 d\nbool b\nuint8[] octets\nint16[] list\nstring s\n"
+    "std_msgs/Empty none\nbuiltin_interfaces/Time stamp\nbuiltin_interfaces/Duration length\nInner inner\n"
+    + "=" * 80 + "\nMSG: a_msgs/Inner\nint8 x\n"
+    + "=" * 80 + "\nMSG: std_msgs/Empty\n"
+    + "=" * 80 + "\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+    + "=" * 80 + "\nMSG: builtin_interfaces/Duration\nint32 sec\nuint32 nanosec\n",
+)  # fmt: skip
+DECIMAL = pa.decimal128(38, 3)
+
+
+def test_structs_with_views_in_lists_with_views(tmp_path: Path) -> None:
+    cls = compile_text("a_msgs/msg/A", f"B[] b\n{'=' * 80}\nMSG: a_msgs/B\nstring s\nint8[] n")
+    names = pa.array(["a", "b", "c"]).cast(pa.string_view())
+    numbers = view([0, 2, 1], [0, 1, 0], pa.array([1, 2, 3]), pa.int64())
+    table = {
+        "log_time": [1, 2],
+        "b": view([2, 1], [1, 0], pa.StructArray.from_arrays([names, numbers], ["s", "n"]), pa.int32()),
+    }
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        writer.write_table(pa.table(table), "/b", cls)
+    found = [[(one.s, one.n.tolist()) for one in message.b] for message in read(tmp_path / "a.mcap", "/b")]
+    assert found == [[("b", [2, 3]), ("c", [1])], [("a", [])]]
+
+
+def test_numbers_and_times_fit_exactly_or_are_errors(tmp_path: Path) -> None:
+    array = pa.array
+    right = [
+        ("i8", array([-128.0, 127.0]), [-128, 127]),
+        ("i8", array([Decimal(-5), Decimal(7)], DECIMAL), [-5, 7]),
+        ("u64", array([2**64 - 1], pa.uint64()), [2**64 - 1]),
+        ("u64", array([float(2**63)]), [2**63]),
+        ("i64", array([-(2.0**63)]), [-(2**63)]),
+        ("f", array([2**24, 2**60]), [2.0**24, 2.0**60]),
+        ("f", array([0.1, float("nan"), -float("inf")]), [float(np.float32(0.1)), float("nan"), -float("inf")]),
+        ("d", array([2**63], pa.uint64()), [2.0**63]),
+        ("d", array([Decimal("0.125")], DECIMAL), [0.125]),
+        ("b", array([True, False]), [True, False]),
+        ("none", array([None, None], pa.int32()), [compile_text("std_msgs/msg/Empty", "")()] * 2),
+        ("stamp", array([1, -1], pa.timestamp("s")), None),
+        ("length", array([-1], pa.duration("ms")), None),
+    ]
+    wrong = [
+        ("i8", array([1, 128]), "i8: 128 in row 1 does not fit int8"),
+        ("i8", array([1, 2**64 - 1], pa.uint64()), "i8: 18446744073709551615 in row 1 does not fit"),
+        ("u64", array([-1]), "u64: -1 in row 0 does not fit uint64"),
+        ("u64", array([2.0**64]), "u64: 1.8446744073709552e.19 in row 0 does not fit"),
+        ("i64", array([2.0**63]), "i64: 9.223372036854776e.18 in row 0 does not fit"),
+        ("i64", array([1.5]), "i64: 1.5 in row 0 does not fit int64"),
+        ("i64", array([float("nan")]), "i64: nan in row 0 does not fit"),
+        ("i64", array([Decimal("1.5")], DECIMAL), "i64: 1.500 in row 0 does not fit"),
+        ("i64", array([Decimal(2**63)], DECIMAL), "i64: 9223372036854775808.000 in row 0 does not fit"),
+        ("f", array([0.0, 1e39]), r"f: 1e\+39 in row 1 does not fit float"),
+        ("f", array([Decimal(10) ** 30], pa.decimal128(38, 0)), "f: 1000000000000000000000000000000 in row 0 does not"),
+        ("f", array([2**24 + 1]), "f: 16777217 in row 0 does not fit float"),
+        ("d", array([2**53 + 1]), "d: 9007199254740993 in row 0 does not fit double"),
+        ("list", array([[1, 2], [3, 40000]]), "list: 40000 in row 3 does not fit int16"),
+        ("octets", array(["1"]), "octets: expected a list for uint8.., found string"),
+        ("inner", array([{"x": 300}]), "inner.x: 300 in row 0 does not fit int8"),
+        ("inner.x", array(["1"]), "inner.x: expected int8, found string"),
+        ("none", array([{"x": 1}]), "none: expected nulls for std_msgs/msg/Empty, which has no fields, found struct"),
+        ("none", array([1]), "none: expected nulls for std_msgs/msg/Empty, which has no fields, found int64"),
+        ("stamp", array([2**62], pa.timestamp("us")), "stamp: 4611686018427387904 us in row 0 does not fit"),
+        ("stamp", array([1], pa.duration("s")), "stamp: expected a time, or nanoseconds as integers, found duration"),
+        (
+            "length",
+            array([1], pa.timestamp("s")),
+            "length: expected a duration, or nanoseconds as integers",
+        ),
+        ("log_time.x", array([1]), "two columns log_time|and one that holds it"),
+        ("inner", view([1], [5], array([1]), pa.int32()), "inner: expected a struct"),
+        ("list", view([3], [0], array([1]), pa.int32()), "list: lists that lie outside of their 1 elements"),
+    ]
+    text, day = array(["1"]), array([1], pa.int32()).cast(pa.date32())
+    others = [text, text.cast(pa.large_string()), text.cast(pa.string_view()), text.cast(pa.binary()), day]
+    for values in (*others, array([1], pa.time64("ns")), array([1], pa.timestamp("ns")), array([1], pa.duration("s"))):
+        wrong += [(column, values, f"{column}: expected .*, found ") for column in ("i8", "i64", "f", "d", "b")]
+    wrong += [("b", array([1]), "b: expected bool, found int64"), ("i64", array([True]), "expected int64, found bool")]
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        for number, (column, values, _) in enumerate(right):
+            table = pa.Table.from_arrays([array(range(len(values))), values], ["log_time", column])
+            writer.write_table(table, f"/t{number}", Numbers)
+        for column, values, said in wrong:
+            table = pa.Table.from_arrays([array(range(len(values))), values], ["log_time", column])
+            with pytest.raises(BagError, match=said):
+                writer.write_table(table, "/wrong", Numbers)
+        twice = pa.StructArray.from_arrays([array([1]), array([2])], ["x", "x"])
+        with pytest.raises(BagError, match="inner: there are two fields x"):
+            writer.write_table(pa.table({"log_time": [1], "inner": twice}), "/wrong", Numbers)
+    for number, (column, _, values) in enumerate(right):
+        found = [getattr(one, column.partition(".")[0]) for one in read(tmp_path / "a.mcap", f"/t{number}")]
+        assert values is None or str(found) == str(values), column
+    assert [(one.stamp.sec, one.stamp.nanosec) for one in read(tmp_path / "a.mcap", "/t11")] == [(1, 0), (-1, 0)]
+    assert [(one.length.sec, one.length.nanosec) for one in read(tmp_path / "a.mcap", "/t12")] == [(-1, 999_000_000)]
+
+
+def test_errors_of_tables_are_printable_and_of_bounded_length(tmp_path: Path) -> None:
+    hostile = "\x1b]0;t\x07\x9b\u202e\nlog_time\r" + "x" * 3_000_000
+    struct = pa.struct([(f"{hostile[:99]}{number}", pa.int8()) for number in range(3000)])
+    good = {b"ros.topic": b"/s", b"ros.type": b"std_msgs/msg/String"}
+    tables = [
+        (pa.table({"log_time": [1], hostile: [1]}), True),
+        (pa.table({"log_time": [1], f"{hostile}.data": [1], f"{hostile}": [1]}), True),
+        (pa.table({"log_tim\x1b": [1]}), True),
+        (pa.table({"log_time": [1], "data": pa.array([None], struct)}), True),
+        (pa.table({"log_time": [1], "data": pa.array([{}], struct)}), True),
+        *(
+            (pa.table(STRINGS).replace_schema_metadata({**good, key: hostile.encode()}), False)
+            for key in (b"ros.type", b"ros.type_hash", b"ros.definition")
+        ),
+        (pa.table(STRINGS).replace_schema_metadata({b"ros.topic": hostile.encode()}), False),
+        (pa.table(STRINGS).replace_schema_metadata({**good, b"ros.type": b"a\x1b/msg/" + b"y" * 900}), False),
+    ]
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        for number, (table, is_named) in enumerate(tables):
+            with pytest.raises(RosidlError) as found:
+                writer.write_table(table, *(("/s", String) if is_named else ()))
+            text = str(found.value)
+            assert len(text) < 10_000 and text.replace("\n", "").isprintable(), number
