@@ -281,7 +281,7 @@ def completion(shell: str) -> None:
     """
     from rosidl_py_gen.cli import shells
 
-    click.echo(shells.script(shell, _cli, "rosidl-py-gen"))
+    reports.echo(shells.script(shell, _cli, "rosidl-py-gen"))
 
 
 def main(arguments: list[str] | None = None) -> None:
