@@ -20,7 +20,7 @@ from rosidl_py_gen.compiler.codegen.write import Changes, apply_changes, our_pac
 from rosidl_py_gen.compiler.spec.find import SearchPath, search_path
 from rosidl_py_gen.compiler.spec.model import Interface, MessageDef, messages_of
 from rosidl_py_gen.compiler.spec.resolve import Library, check, in_order, select, selected
-from rosidl_py_gen.compiler.spec.sift import sift
+from rosidl_py_gen.compiler.spec.sift import sift, skip_strays
 from rosidl_py_gen.errors import DefinitionError, Problem, shown_path
 
 # The packages the runtime itself needs; their classes are committed in rosidl_py_gen/msgs.
@@ -82,6 +82,7 @@ def _read(search: SearchPath, wanted: list[str], keep: Iterable[RosName]) -> tup
     if more:
         names = sorted({*names, *select(library, more)})
     check(library, names)
+    names = skip_strays(library, names, wanted)
     _check_modules(library, names)
     return library, names
 

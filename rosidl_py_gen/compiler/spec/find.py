@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import KINDS, PACKAGE_RULE, RosName, is_package_name
 from rosidl_py_gen.base.resources import ENTRY_POINTS, interfaces_dir
+from rosidl_py_gen.compiler.spec.files import IGNORE_MARKS, MADE_BY_TOOLS, mentions_interfaces
 from rosidl_py_gen.errors import DefinitionError, Problem
 
 if TYPE_CHECKING:
@@ -29,9 +30,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.spec.listed import Listing
 
 _NAME_TAG = re.compile(r"<name>\s*([^<>]*?)\s*</name>")
-IGNORE_MARKS = ("COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE")
-MADE_BY_TOOLS = ("pyvenv.cfg", "CMakeCache.txt")
-"""Files of folders that hold copies: of a virtual environment, and of a build."""
 _SUFFIXES = (".idl", *(f".{kind}" for kind in KINDS))
 INSTALLED = "installed"
 """The origin of packages that were installed by pip."""
@@ -58,11 +56,11 @@ class Package:
     @cached_property
     def listing(self) -> Listing | None:
         """What the package's CMakeLists.txt lists; None for packages that are installed or have no such list."""
-        if not self.from_source:
+        if not self.from_source or not mentions_interfaces(self.folder):
             return None
-        from rosidl_py_gen.compiler.spec.listed import read_listing  # installed packages need none of CMake
+        from rosidl_py_gen.compiler.spec.listed import Listing  # installed packages need none of CMake
 
-        return read_listing(self.name, self.folder)
+        return Listing(self.name, self.folder)
 
     @cached_property
     def files(self) -> dict[RosName, Path]:
@@ -70,8 +68,7 @@ class Package:
         listing = self.listing
         if listing is None:
             return self._in_folders()
-        found = listing.files if listing.complete else {**self._in_folders(), **listing.files}
-        return dict(sorted(found.items()))
+        return dict(sorted(listing.files.items()))
 
     def unlisted(self, name: RosName) -> str:
         """A note for who misses a name whose file is there, but not listed; empty when that is not so."""
@@ -247,8 +244,6 @@ def _descend(
     manifest = folder / "package.xml"
     is_package = os.path.isfile(manifest)
     if is_package or (_holds_interfaces(folder) and not _groups_packages(folder)):
-        from rosidl_py_gen.compiler.spec.listed import mentions_interfaces
-
         holds = _holds_interfaces(folder)
         if holds or mentions_interfaces(folder):
             name = package_name(manifest, folder)

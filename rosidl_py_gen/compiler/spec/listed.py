@@ -1,243 +1,117 @@
-"""Which interface files a package's CMakeLists.txt says belong to it.
+"""The interface files of a source package.
 
-Its `rosidl_generate_interfaces` calls decide; ROS builds nothing else. Whatever a build may list counts: what only
-conditions decide that cannot be known here is taken in, and where the text does not tell, all files are, with a note.
-A file belongs to the kind its suffix says, whatever folder it is in (an .idl to the folder's, as rosidl has it).
+If its CMakeLists.txt calls `rosidl_generate_interfaces` with literal names and globs, these are its files, as in a
+build; conditions are not decided, so every branch counts. Otherwise all interface files below the package folder are.
 """
 
 from __future__ import annotations
 
 import os
 import posixpath
-import re
-from bisect import bisect_right
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.names import KINDS, RosName, did_you_mean
+from rosidl_py_gen.base.names import KINDS, RosName, did_you_mean, split_ros_name
 from rosidl_py_gen.base.ownership import owns
-from rosidl_py_gen.compiler.spec.cmake import (
-    GENERATE,
-    MAX_BYTES,
-    ROOT,
-    UNKNOWN,
-    Call,
-    Script,
-    UnreadableError,
-    Word,
-    inside,
-    read_text,
-)
+from rosidl_py_gen.compiler.spec.cmake import GENERATE, UNKNOWN, Script, Word, inside
+from rosidl_py_gen.compiler.spec.files import UnreadableError, files_below, interface_name, is_of_package, read_text
+from rosidl_py_gen.compiler.spec.interface import parse_interface, read_source
+from rosidl_py_gen.compiler.spec.model import MAX_PROBLEMS, Findings, Location, Source, messages_of
 from rosidl_py_gen.errors import Problem, shown_path
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
-_MENTIONED = re.compile(rb"\brosidl_(generate_interfaces|default_generators)\b", re.IGNORECASE)
-_SUFFIXES = (".msg", ".srv", ".action", ".idl")
-_WORD = re.compile(r'[^\s()"#;]+')
-_LIST_WORDS = ("DEPENDENCIES",)
-_ONE_WORD = ("LIBRARY_NAME",)
-_MAX_HINTS = 20  # each compares with a whole folder
-_FLAGS = ("SKIP_INSTALL", "SKIP_GROUP_MEMBERSHIP_CHECK", "ADD_LINTER_TESTS")
-
-
-@dataclass(slots=True)
 class Listing:
-    """The files a package says it consists of.
+    """The files of a source package.
 
     Attributes:
         files: by interface name.
-        complete: there are no others; otherwise the files in msg, srv and action belong to the package too.
-        problems: listed files that do not exist, in order.
-        notes: what could not be known, and what that means for the package, in order.
+        complete: they are the list of CMakeLists.txt; otherwise all files below the package folder.
+        problems, notes: listed files that do not exist; assumptions and skipped files.
     """
-
-    files: dict[RosName, Path] = field(default_factory=dict)
-    complete: bool = True
-    problems: dict[Problem, None] = field(default_factory=dict)
-    notes: dict[Problem, None] = field(default_factory=dict)
-
-
-def mentions_interfaces(folder: Path) -> bool:
-    """Whether there is a CMakeLists.txt that has to do with making interfaces."""
-    try:
-        with open(folder / "CMakeLists.txt", "rb") as file:
-            return _MENTIONED.search(file.read(MAX_BYTES + 1)) is not None
-    except OSError:
-        return False
-
-
-def read_listing(package: str, folder: Path) -> Listing | None:
-    """What the CMakeLists.txt of a source package lists; None when it has none, or makes no interfaces.
-
-    Args:
-        package: its name.
-        folder: holds CMakeLists.txt.
-    """
-    if not mentions_interfaces(folder):
-        return None
-    reader = _Reader(package, folder)
-    try:
-        calls = Script(folder, reader.read()).calls
-    except UnreadableError as error:
-        reader.incomplete(error.offset, error.reason)
-        return reader.listing
-    if not calls:
-        return reader.unreached() if GENERATE in reader.text.lower() else None
-    reader.take(calls)
-    return reader.listing
-
-
-@dataclass(slots=True)
-class _Entry:
-    """One listed file: how it is written, where, and whether every build has it."""
-
-    text: str
-    offset: int
-    certain: bool
-
-
-class _Reader:
-    """Turns calls into files."""
 
     def __init__(self, package: str, folder: Path) -> None:
-        self.package = package
-        self.folder = folder
-        self.listing = Listing()
-        self.text = ""
-        self.places: dict[str, int] = {}
-        self.starts = [0]  # of lines
-        self.lines: dict[int, str] = {}
-        self.doubtful: list[_Entry] = []
-
-    def read(self) -> str:
-        """The text; raises `UnreadableError`."""
-        self.text = read_text(self.folder, "CMakeLists.txt")
-        for found in _WORD.finditer(self.text):
-            if found[0].endswith(_SUFFIXES):
-                self.places.setdefault(posixpath.basename(found[0]), found.start())
-        self.starts += [found.end() for found in re.finditer("\n", self.text)]
-        return self.text
-
-    def unreached(self) -> Listing:
-        self.incomplete(None, f"what {GENERATE}() is called with cannot be known from this file")
-        return self.listing
-
-    def take(self, calls: list[Call]) -> None:
-        if len(calls) > 1:  # interfaces for the package's own tests
-            calls = [call for call in calls if not _is_for_tests(call)] or calls
-        for call in calls:
-            unknown: list[Word] = []
-            for entry in self.entries(call, call.certain or len(calls) == 1, unknown):
-                self.add(entry)
-            if unknown:
-                written = ", ".join(one.text for one in unknown[:5]) + (", ..." if len(unknown) > 5 else "")
-                self.incomplete(unknown[0].offset, f"what {written} brings cannot be known from this file")
-        if self.doubtful:
-            first = self.doubtful[0]
-            text = f'whether "{first.text}"{_more(len(self.doubtful) - 1)} is built depends on a condition; taken in'
-            self.note(first.offset, text)
-
-    def entries(self, call: Call, certain: bool, unknown: list[Word]) -> Iterator[_Entry]:
-        """The files a call lists, in front of and between its keywords; what cannot be known goes into `unknown`."""
-        mode = "files"
-        for word, values in call.arguments:
-            for text, sure in values.items():
-                if text in (*_LIST_WORDS, *_ONE_WORD, *_FLAGS):
-                    mode = "files" if text in _FLAGS else text
-                elif mode in _ONE_WORD:
-                    mode = "files"
-                elif mode == "files" and UNKNOWN in text:
-                    unknown.append(word)
-                elif mode == "files":
-                    place = self.places.get(posixpath.basename(text), word.offset)
-                    yield _Entry(text, word.offset if text in word.text else place, certain and sure)
-
-    def add(self, entry: _Entry) -> None:
-        """Take one listed file in, or say what is wrong with it."""
-        base, colon, relative = entry.text.rpartition(":")  # an absolute base folder may stand in front
-        whole = inside(posixpath.join(base, relative) if colon else relative)
-        shown = entry.text.replace(ROOT + "/", "").replace(ROOT, "")
-        name = _name(self.package, relative)
-        if whole is None or not self.may_read(whole):
-            self.note(entry.offset, f'"{shown}" is not in the package folder; it is left out')
-        elif name is None and owns(self.folder / whole[len(ROOT) + 1 :]):
-            return  # a pattern took our own output for a definition
-        elif name is None:
-            self.problem(entry, f'"{shown}" is not an interface file; expected .msg, .srv, .action or .idl')
-        elif not os.path.isfile(self.folder / whole[len(ROOT) + 1 :]):
-            if entry.certain:
-                self.problem(entry, f'"{shown}" is listed here, but there is no such file{self.hint(whole)}')
-        else:
-            self.keep(entry, name, whole[len(ROOT) + 1 :])
-
-    def may_read(self, whole: str) -> bool:
-        """Whether a path is one of the package; links lead elsewhere only from msg, srv and action themselves."""
-        path = self.folder / whole[len(ROOT) + 1 :]
-        if path.parent.name in KINDS and path.parent.parent == self.folder:
-            return True
-        return whole != ROOT and Path(os.path.realpath(path)).is_relative_to(os.path.realpath(self.folder))
-
-    def keep(self, entry: _Entry, name: RosName, path: str) -> None:
-        file = self.folder / path
-        first = self.listing.files.setdefault(name, file)
-        if first == file:
-            if not entry.certain:
-                self.doubtful.append(entry)
-        elif first.suffix == ".idl" and file.suffix != ".idl":
-            self.listing.files[name] = file
-        elif file.suffix != ".idl":
-            kept = first.relative_to(self.folder).as_posix()
-            self.note(entry.offset, f'"{path}" and "{kept}" would both be {name}; the latter is taken')
-
-    def hint(self, whole: str) -> str:
-        holder = posixpath.dirname(whole[len(ROOT) + 1 :])
+        self.complete = True
+        self.problems: list[Problem] = []
+        self.notes: list[Problem] = []
+        self._package, self._folder = package, folder
+        self._text = ""
+        self._paths: dict[RosName, dict[str, int]] = {}  # of each interface, and where they are listed
         try:
-            names = os.listdir(self.folder / holder) if len(self.listing.problems) < _MAX_HINTS else ()
-        except OSError:
-            return ""
-        return did_you_mean(posixpath.basename(whole), names)
+            self._text = read_text(folder, "CMakeLists.txt")
+            self._add_listed()
+        except UnreadableError as error:
+            self._add_all(error)
+        self.files = self._chosen()
 
-    # --- what the user reads --------------------------------------------------------------------------------------
+    def _add_listed(self) -> None:
+        script = Script(self._folder, self._text)
+        calls = [words[1:] for name, words in script.calls if name == GENERATE]
+        own = [words for words in calls if all(word.text != "SKIP_INSTALL" for word in words)]  # others are for tests
+        unknown: list[int] = []
+        for words in own or calls:
+            keyword = ""
+            for word in words:
+                if word.text.isupper():
+                    keyword = word.text if word.text in ("DEPENDENCIES", "LIBRARY_NAME") else ""
+                elif keyword:
+                    keyword = "" if keyword == "LIBRARY_NAME" else keyword
+                elif word.text == UNKNOWN:
+                    unknown.append(word.offset)
+                else:
+                    self._add(word, script.creates_files)
+        if unknown or not (self._paths or self.problems):
+            raise UnreadableError(f"{GENERATE}() has no list of literal names and globs", *unknown[:1])
 
-    def problem(self, entry: _Entry, text: str) -> None:
-        self.listing.problems.setdefault(self.at(entry.offset, text))
+    def _add(self, word: Word, may_be_created: bool) -> None:
+        base, colon, relative = word.text.rpartition(":")  # an absolute base folder may stand in front
+        path = inside(posixpath.join(base, relative) if colon else relative)
+        name = interface_name(self._package, relative)
+        if path is None or not is_of_package(self._folder, path):
+            self._report(self.notes, word.offset, f'"{path or word.text[:80]}" is not in the package folder; skipped')
+        elif name is None and not owns(self._folder / path):  # a glob may match our own output
+            self._report(self.problems, word.offset, f'"{path}" is not an interface file (.msg, .srv, .action or .idl)')
+        elif name is not None and os.path.isfile(self._folder / path):
+            self._paths.setdefault(name, {}).setdefault(path, word.offset)
+        elif name is not None and may_be_created:
+            raise UnreadableError(f'"{path}" may be made by the build', word.offset)
+        elif name is not None and word.certain and len(self.problems) < MAX_PROBLEMS:
+            holder, file = os.path.split(self._folder / path)
+            hint = did_you_mean(
+                file, os.listdir(holder) if os.path.isdir(holder) and os.access(holder, os.R_OK) else ()
+            )
+            self._report(self.problems, word.offset, f'"{path}" is listed here, but there is no such file{hint}')
 
-    def note(self, offset: int | None, text: str) -> None:
-        self.listing.notes.setdefault(self.at(offset, text))
+    def _add_all(self, reason: UnreadableError) -> None:
+        self.complete = False
+        self._report(self.notes, reason.offset, f"{reason}; all interface files below the package folder are used")
+        try:
+            for path in files_below(self._folder):
+                if (name := interface_name(self._package, path)) and is_of_package(self._folder, path):
+                    self._paths.setdefault(name, {}).setdefault(path, -1)
+        except UnreadableError as error:
+            self._report(self.problems, -1, str(error))
 
-    def incomplete(self, offset: int | None, reason: str) -> None:
-        self.listing.complete = False
-        self.note(offset, f"{reason}; all files in msg, srv and action are taken")
+    def _chosen(self) -> dict[RosName, Path]:
+        """Return one file for each interface: of several the first one that compiles."""
+        chosen = {name: min(found, key=lambda path: self._rank(name, path)) for name, found in self._paths.items()}
+        rest = [(path, name) for name, found in self._paths.items() for path in found if path != chosen[name]]
+        for path, name in [one for one in rest if not one[0].endswith(".idl")][:1]:
+            more = f" and {len(rest) - 1} more are" if len(rest) > 1 else " is"
+            text = f'"{path}"{more} skipped: "{chosen[name]}" defines the same interface'
+            self._report(self.notes, self._paths[name][path], text)
+        return {name: self._folder / path for name, path in sorted(chosen.items())}
 
-    def at(self, offset: int | None, text: str) -> Problem:
-        path = shown_path(self.folder / "CMakeLists.txt")
-        if offset is None:
-            return Problem(path, 0, 0, text)
-        line = bisect_right(self.starts, offset)
-        start = self.starts[line - 1]
-        if line not in self.lines:  # one text for all that is wrong in a line
-            end = self.text.find("\n", start)
-            self.lines[line] = self.text[start : end if end >= 0 else len(self.text)].rstrip("\r").replace("\t", " ")
-        return Problem(path, line, offset - start + 1, text, self.lines[line])
+    def _rank(self, name: RosName, path: str) -> tuple[bool | str, ...]:
+        findings = Findings()
+        source = read_source(self._folder / path, path, findings) if len(self._paths[name]) > 1 else None
+        interface = parse_interface(name, source, findings) if source is not None else None
+        bases = {item.type.base for one in messages_of(interface) for item in one.fields} if interface else set()
+        needs = [split_ros_name(base) for base in bases if base.startswith(f"{self._package}/msg/")]
+        is_wrong = bool(findings.problems) or any(need not in self._paths for need in needs)
+        is_elsewhere = posixpath.dirname(path) not in KINDS
+        return path.endswith(".idl"), is_wrong, self._paths[name][path] < 0, is_elsewhere, "ros1" in path, path
 
-
-def _is_for_tests(call: Call) -> bool:
-    return any("SKIP_INSTALL" in values for _, values in call.arguments)
-
-
-def _name(package: str, path: str) -> RosName | None:
-    """The interface a file defines; None when it is not an interface file."""
-    stem, suffix = posixpath.splitext(posixpath.basename(path))
-    if suffix not in _SUFFIXES:
-        return None
-    kind = suffix[1:]
-    if kind == "idl":
-        kind = posixpath.basename(posixpath.dirname(path))
-    return RosName(package, kind, stem) if kind in KINDS else None
-
-
-def _more(number: int) -> str:
-    return f" and {number} more" if number > 0 else ""
+    def _report(self, problems: list[Problem], offset: int, text: str) -> None:
+        if len(problems) < MAX_PROBLEMS:
+            line, start = self._text.count("\n", 0, offset) + 1, self._text.rfind("\n", 0, max(0, offset)) + 1
+            source = Source(shown_path(self._folder / "CMakeLists.txt"), self._text, "txt")
+            problems.append(Location(source, line * (offset >= 0), offset - start + 1).problem(text))

@@ -6,6 +6,7 @@ problem of its own that names the cause.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import split_ros_name
@@ -14,9 +15,54 @@ from rosidl_py_gen.compiler.spec.resolve import type_location
 from rosidl_py_gen.errors import Problem, shown_path
 
 if TYPE_CHECKING:
+    from collections.abc import Container
+
     from rosidl_py_gen.base.names import RosName
     from rosidl_py_gen.compiler.spec.model import FieldDef
     from rosidl_py_gen.compiler.spec.resolve import Library
+
+
+def skip_strays(library: Library, names: list[RosName], wanted: Container[str]) -> list[RosName]:
+    """Drop files that do not compile and that no other file refers to, where no list says which files count.
+
+    Their findings become notes of their package. A package of such files only keeps them all.
+
+    Args:
+        library: contains the findings of `check` over the names.
+        names: a selection that has all its dependencies.
+        wanted: full names that must not be dropped.
+
+    Returns:
+        The remaining names.
+    """
+    packages = library.search.packages
+    listings = {package: packages[package].listing for package in {name.package for name in names}}
+    findings = {problem.path: problem for problem in reversed(library.findings.problems)}
+    strays = {
+        name: findings[path]
+        for name in _with_problems(library, names)
+        if (listing := listings[name.package]) and not listing.complete and str(name) not in wanted
+        if (path := shown_path(packages[name.package].files[name])) in findings
+    }
+    users: dict[RosName, set[RosName]] = {}
+    for name in names if strays else ():
+        for item in _references(library, name):
+            need = split_ros_name(item.type.base)
+            users.setdefault(library.owner(need) or need, set()).add(name)
+    dropped: dict[RosName, Problem] = {}
+    waiting = list(strays)
+    for name in waiting:  # grows inside the loop
+        if name in strays and name not in dropped and users.get(name, set()) <= {name, *dropped}:
+            dropped[name] = strays[name]
+            waiting += [need for need, found in users.items() if name in found]
+    rest = {name.package for name in names if name not in dropped}
+    for name, problem in dropped.items():
+        listing = listings[name.package]
+        if name.package in rest and listing is not None:
+            note = replace(problem, text=f"skipped, as no other file refers to it: {problem.text}")
+            listing.notes += [note] if note not in listing.notes else []
+            library.findings.problems = [one for one in library.findings.problems if one.path != problem.path]
+    return [name for name in names if name not in dropped or name.package not in rest]
 
 
 def sift(library: Library, names: list[RosName]) -> tuple[list[RosName], list[Problem]]:

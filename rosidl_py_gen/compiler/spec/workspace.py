@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from rosidl_py_gen.compiler.spec.find import IGNORE_MARKS, MADE_BY_TOOLS, MAX_DEPTH, package_name
+from rosidl_py_gen.compiler.spec.files import IGNORE_MARKS, MADE_BY_TOOLS
+from rosidl_py_gen.compiler.spec.find import MAX_DEPTH, package_name
 
 MANIFEST = "package.xml"
 _DEPTH_OF_FOLDERS = 3

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 from itertools import pairwise, takewhile
 from pathlib import Path
 
-from rosidl_py_gen.compiler.spec.cmake import MAX_BYTES, ROOT, UNKNOWN, Script, UnreadableError, inside, read_text
+from rosidl_py_gen.compiler.spec.cmake import Script, inside
+from rosidl_py_gen.compiler.spec.files import MAX_BYTES, UnreadableError, read_text
 from rosidl_py_gen.tools import ToolError
 
 _ENTRY = re.compile(r"\s*([^\s=]+)\s*=\s*([\w.]+)\s*:\s*([\w.]+)\s*(?:\[.*\])?\s*")
@@ -245,17 +246,14 @@ def _programs(folder: Path) -> Iterator[Executable]:
     if source.stat().st_size > MAX_BYTES:
         raise ToolError(f"{source}: the file is longer than {MAX_BYTES} bytes")
     try:
-        installs = Script(folder, _text(folder, source.name)).installs
+        calls = Script(folder, _text(folder, source.name)).calls
     except UnreadableError as error:
         raise ToolError(f"{source}: {error.reason}") from error
-    for call in installs:
-        words = [(word.text, [*values]) for word, values in call.arguments[1:]]
-        listed = [path for _, values in takewhile(lambda one: one[0] not in _LIST_ENDS, words) for path in values]
-        renamed = dict(pairwise(text for text, _ in words)).get("RENAME")
-        for path in listed:
-            whole = inside(path)
-            if UNKNOWN in path or whole is None:
-                continue
-            file = folder / whole[len(ROOT) + 1 :]
-            if file.is_file():
+    for texts in [[word.text for word in words] for name, words in calls if name == "install"]:
+        if texts[:1] != ["PROGRAMS"]:
+            continue
+        renamed = dict(pairwise(texts)).get("RENAME")
+        for path in map(inside, takewhile(lambda text: text not in _LIST_ENDS, texts[1:])):
+            if path is not None and (folder / path).is_file():
+                file = folder / path
                 yield Executable(renamed or file.name, folder, source, file=file)

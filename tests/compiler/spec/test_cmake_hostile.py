@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from scale import examples
 
 from rosidl_py_gen.compiler.spec.find import Package, search_path
-from rosidl_py_gen.compiler.spec.listed import read_listing
+from rosidl_py_gen.compiler.spec.listed import Listing
 
 MANIFEST = "<package><name>a_msgs</name></package>"
 CALL = "rosidl_generate_interfaces(a_msgs ${x} msg/A.msg)\n"
@@ -148,8 +148,7 @@ BLOCKS = st.recursive(
 def test_any_text_gives_files_of_the_package_or_a_note(text: str, tmp_path_factory: pytest.TempPathFactory) -> None:
     folder = tmp_path_factory.getbasetemp() / "any"
     write(folder, {"msg/A.msg": "", "CMakeLists.txt": f"{text}\n{CALL}".encode(errors="replace")})
-    listing = read_listing("a_msgs", folder)
-    assert listing is not None
+    listing = Listing("a_msgs", folder)
     assert all(path.is_relative_to(folder) and path.is_file() for path in listing.files.values())
     assert all(os.path.normpath(path) == str(path) for path in listing.files.values())
     assert all("\1" not in note.text and "\0" not in note.text for note in (*listing.notes, *listing.problems))
@@ -177,10 +176,9 @@ def test_a_list_that_is_a_link_out_of_the_package_is_not_read(tmp_path: Path) ->
     found = package(tmp_path / "in", "")
     (found.folder / "CMakeLists.txt").unlink()
     (found.folder / "CMakeLists.txt").symlink_to(secret / "CMakeLists.txt")
-    listing = read_listing("a_msgs", found.folder)
-    assert listing is not None
+    listing = Listing("a_msgs", found.folder)
     assert [note.text for note in listing.notes] == [
-        "the file lies outside the package folder; all files in msg, srv and action are taken"
+        "the file lies outside the package folder; all interface files below the package folder are used"
     ]
     assert not listing.problems
 

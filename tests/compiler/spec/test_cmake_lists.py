@@ -60,9 +60,8 @@ CERTAIN = {
     "brackets": (f"set(files [[msg/A.msg]] [=[msg/B.msg]=])\n{CALL}", {A, B}),
     "a line that goes on": (f'set(files "msg/A.msg;\\\nmsg/B.msg")\n{CALL}', {A, B}),
     "set twice": (f"set(files msg/C.msg)\nset(files msg/A.msg ${{files}})\n{CALL}", {A, C}),
-    "unset": (f"set(files msg/C.msg)\nunset(files)\nlist(APPEND files msg/A.msg)\n{CALL}", {A}),
     "a name in a variable": (f"set(n files)\nset(${{n}} msg/A.msg)\nlist(APPEND ${{n}} msg/B.msg)\n{CALL}", {A, B}),
-    "append": (f"set(files msg/A.msg)\nlist(APPEND files msg/B.msg ${{none}})\n{CALL}\nset(none)", {A, B}),
+    "append": (f"set(files msg/A.msg)\nset(none)\nlist(APPEND files msg/B.msg ${{none}})\n{CALL}", {A, B}),
     "prepend and insert": (f"list(PREPEND files msg/A.msg)\nlist(INSERT files 0 msg/B.msg)\n{CALL}", {A, B}),
     "sort": (f"set(files msg/B.msg msg/A.msg)\nlist(SORT files)\nlist(REMOVE_DUPLICATES files)\n{CALL}", {A, B}),
     "glob": (f'file(GLOB files RELATIVE "${{CMAKE_CURRENT_SOURCE_DIR}}" msg/*.msg "srv/*.srv")\n{CALL}', {*FOUR, ASK}),
@@ -131,8 +130,11 @@ def test_cmake_agrees(tmp_path: Path, case: str) -> None:
     assert {name.replace(f"{folder}/", "").replace(":", "/") for name in listed} == wanted
 
 
-ALL = {"msg/A.msg", "msg/B.msg", "msg/C.msg", "msg/Stray.msg", "srv/Ask.srv", "action/Do.action", "msg/Given.idl"}
-EVERYTHING = "all files in msg, srv and action are taken"
+IN_FOLDERS = {*FOUR, "srv/Ask.srv", "action/Do.action", "msg/Given.idl"}
+ALL = {*IN_FOLDERS, "msg/ros2/D.msg", "elsewhere/msg/E.msg"}
+TOO_MUCH = "rosidl_generate_interfaces() has no list of literal names and globs"
+EVERYTHING = "all interface files below the package folder are used"
+TWICE = '"msg/ros1/A.msg" and 1 more are skipped: "msg/A.msg" defines the same interface'
 
 # Where names are put together: CMakeLists.txt behind project(a_msgs).
 COMPOSED = {
@@ -147,6 +149,104 @@ COMPOSED = {
     "a macro": "macro(make first)\n rosidl_generate_interfaces(${PROJECT_NAME} msg/${first}.msg ${ARGN})\nendmacro()\nmake(A msg/B.msg)",
     "a file of the package": "include(more.cmake)\ninclude(${CMAKE_CURRENT_LIST_DIR}/more.cmake)\nrosidl_generate_interfaces(${PROJECT_NAME} ${files})",
 }
+
+
+# How packages made lists of which a reading of CMakeLists.txt saw nothing, or only a part: its text, more files of the
+# package, and the interfaces of a build.
+GENERATED = "rosidl_generate_interfaces(${PROJECT_NAME} ${files} DEPENDENCIES std_msgs)"
+ELSEWHERE = {
+    "lists in other files, definitions in sub-folders": (
+        f"include(msg_list.txt)\n{GENERATED}",
+        {"msg_list.txt": "set(files msg/uav/A.msg)\n", "msg/uav/A.msg": "uint8 x", "srv/uav/B.srv": "---"},
+        "msg/A srv/B",
+    ),
+    "a macro of another file, definitions in another folder": (
+        f'include(lists.cmake)\nset(files ros/msg/A.msg)\nadd_lists(${{PROJECT_NAME}} "msg")\n{GENERATED}',
+        {
+            "lists.cmake": "macro(add_lists name)\nfile(GLOB_RECURSE more ros/${ARGN}/*.msg)\nlist(APPEND files ${more})\nendmacro()",
+            "ros/msg/A.msg": "uint8 x",
+            "ros/msg/B.msg": "uint8 x",
+            "ros/action/C.action": "---\n---",
+        },
+        "action/C msg/A msg/B",
+    ),
+    "files that are copied from a folder for each version of ROS": (
+        f'file(GLOB new ros2/*)\nfile(COPY ${{new}} Top.msg DESTINATION msg)\nfile(GLOB files RELATIVE "." msg/*)\n{GENERATED}',
+        {
+            "ros1/A.msg": "time stamp",
+            "ros2/A.msg": "builtin_interfaces/Time stamp",
+            "ros1/B.msg": "A[] list\nHeader header",
+            "ros2/B.msg": "A[] list",
+            "Top.msg": "A a",
+        },
+        "msg/A msg/B msg/Top",
+    ),
+    "a copied file in a literal list": (
+        "file(COPY src/A.msg DESTINATION msg)\nrosidl_generate_interfaces(${PROJECT_NAME} msg/A.msg)",
+        {"src/A.msg": "uint8 x"},
+        "msg/A",
+    ),
+    "a loop over files to include": (
+        f"file(GLOB_RECURSE files msg/*.msg)\nset(all sub/more.cmake)\nforeach(one ${{all}})\ninclude(${{one}})\nendforeach()\n{GENERATED}",
+        {"msg/A.msg": "B b", "sub/more.cmake": "list(APPEND files sub/msg/B.msg)", "sub/msg/B.msg": "uint8 x"},
+        "msg/A msg/B",
+    ),
+    "a macro that is called behind the list": (
+        f"macro(more)\nlist(APPEND files msg/B.msg)\nendmacro()\nset(files msg/A.msg)\nmore()\n{GENERATED}",
+        {"msg/A.msg": "uint8 x", "msg/B.msg": "uint8 x"},
+        "msg/A msg/B",
+    ),
+    "the call in a sub-folder": (
+        "find_package(ament_cmake)\nadd_subdirectory(interfaces)",
+        {
+            "package.xml": "<package><name>a_msgs</name><member_of_group>rosidl_interface_packages</member_of_group></package>",
+            "interfaces/CMakeLists.txt": "rosidl_generate_interfaces(a_msgs msg/A.msg)",
+            "interfaces/msg/A.msg": "uint8 x",
+        },
+        "msg/A",
+    ),
+    "what is no definition of the package": (
+        f"collect(files)\n{GENERATED}",
+        {
+            "msg/A.msg": "uint8 x",
+            "msg/log/B.msg": "uint8 x",
+            **{f"{place}/msg/Not.msg": "uint8 x" for place in ("build", "install", "log", "test/build", ".git", "old", "other")},
+            "old/COLCON_IGNORE": "",
+            "other/package.xml": "<package><name>b_msgs</name></package>",
+        },
+        "msg/A msg/B",
+    ),
+}  # fmt: skip
+
+
+def test_lists_that_cannot_be_read_lose_nothing(tmp_path: Path) -> None:
+    for number, (case, (cmake, files, wanted)) in enumerate(ELSEWHERE.items()):
+        folder = write(tmp_path / str(number), {**MANIFEST, "CMakeLists.txt": f"project(a_msgs)\n{cmake}\n", **files})
+        found = run(folder, tmp_path / f"out{number}", ["a_msgs"])
+        names = [f"{name.kind}/{name.name}" for name in found.names if name.package == "a_msgs"]
+        assert " ".join(names) == wanted, case
+
+
+def test_a_stray_file_that_does_not_compile_is_skipped_with_a_note(tmp_path: Path) -> None:
+    files = {
+        "CMakeLists.txt": f"collect(files)\n{CALL}",
+        "msg/A.msg": "uint8 x",
+        "msg/Use.msg": "Used x",
+        "test/Wrong.msg": "int x",
+        "test/Unused.msg": "Wrong x\nnix y",
+        "msg/Used.msg": "int y",
+    }
+    folder = write(tmp_path / "in", {**MANIFEST, **files})
+    assert [one.partition(' "')[0] for one in problems_of(folder)] == ["msg/Used.msg:1:1:"]
+    (folder / "msg" / "Use.msg").unlink()
+    (folder / "msg" / "Used.msg").unlink()
+    found = run(folder, tmp_path / "out", ["a_msgs"])
+    assert [str(name) for name in found.names] == ["a_msgs/msg/A"]
+    assert [str(note).replace(f"{folder}/", "").partition(': "')[0] for note in found.notes[1:]] == [
+        "test/Unused.msg:2:1: skipped, as no other file refers to it",
+        "test/Wrong.msg:1:1: skipped, as no other file refers to it",
+    ]
+    assert problems_of(folder, ["a_msgs/msg/Wrong"]), "nothing was said to the caller who wants this file"
 
 
 # What another file or a function adds to a list, behind set(files msg/A.msg): the list, and more.
@@ -174,9 +274,7 @@ def test_what_is_added_where_it_cannot_be_followed_is_never_lost_without_a_note(
     cmake = f"project(a_msgs)\nset(files msg/A.msg)\n{ADDED[case]}\n{CALL}\n"
     found = package(tmp_path, cmake, ADDING)
     assert taken(found) == ALL
-    assert [note.partition(": ")[2] for note in notes(found)] == [
-        f"what ${{files}} brings cannot be known from this file; {EVERYTHING}"
-    ]
+    assert [note.partition(": ")[2] for note in notes(found)] == [f"{TOO_MUCH}; {EVERYTHING}", TWICE]
 
 
 def test_other_files_that_do_not_name_a_list_leave_it_as_it_is(tmp_path: Path) -> None:
@@ -187,10 +285,10 @@ def test_other_files_that_do_not_name_a_list_leave_it_as_it_is(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("case", COMPOSED)
-def test_where_names_are_put_together_the_folders_count_and_a_note_says_so(tmp_path: Path, case: str) -> None:
+def test_where_names_are_put_together_all_files_count_and_a_note_says_so(tmp_path: Path, case: str) -> None:
     found = package(tmp_path, f"project(a_msgs)\n{COMPOSED[case]}\n", MORE)
-    assert taken(found) >= ALL
-    assert any(note.endswith(f" brings cannot be known from this file; {EVERYTHING}") for note in notes(found))
+    assert taken(found) == ALL
+    assert notes(found)[0].endswith(EVERYTHING)
 
 
 # What no reading of the text can tell: CMakeLists.txt behind project(a_msgs), the files, and the notes.
@@ -198,42 +296,45 @@ UNCERTAIN = {
     "a variable of another package": (
         "rosidl_generate_interfaces(a_msgs ${other_msgs_FILES} msg/ros2/D.msg)",
         {*ALL, "msg/ros2/D.msg"},
-        ["CMakeLists.txt:2:35: what ${other_msgs_FILES} brings cannot be known from this file; " + EVERYTHING],
+        [f"CMakeLists.txt:2:35: {TOO_MUCH}; {EVERYTHING}", f"CMakeLists.txt: {TWICE}"],
     ),
     "a listed file counts more than one of the folders": (
         "rosidl_generate_interfaces(a_msgs ${other_msgs_FILES} msg/ros2/A.msg)",
         {*ALL - {A}, "msg/ros2/A.msg"},
-        ["CMakeLists.txt:2:35: what ${other_msgs_FILES} brings cannot be known from this file; " + EVERYTHING],
+        [
+            f"CMakeLists.txt:2:35: {TOO_MUCH}; {EVERYTHING}",
+            'CMakeLists.txt: "msg/A.msg" and 1 more are skipped: "msg/ros2/A.msg" defines the same interface',
+        ],
     ),
     "a generator expression": (
         "rosidl_generate_interfaces(a_msgs $<TARGET_OBJECTS:x>)",
         ALL,
-        ["CMakeLists.txt:2:35: what $<TARGET_OBJECTS:x> brings cannot be known from this file; " + EVERYTHING],
+        [f"CMakeLists.txt:2:35: {TOO_MUCH}; {EVERYTHING}", f"CMakeLists.txt: {TWICE}"],
     ),
     "a command of another package sets it": (
         f"set(files msg/A.msg)\ncollect_files(files msg)\n{CALL}",
         ALL,
-        ["CMakeLists.txt:4:44: what ${files} brings cannot be known from this file; " + EVERYTHING],
+        [f"CMakeLists.txt:4:44: {TOO_MUCH}; {EVERYTHING}", f"CMakeLists.txt: {TWICE}"],
     ),
     "files that are copied first": (
         f"file(COPY ros2/ DESTINATION msg)\nfile(GLOB files msg/A*)\n{CALL}",
         ALL,
-        ["CMakeLists.txt:4:44: what ${files} brings cannot be known from this file; " + EVERYTHING],
+        [f"CMakeLists.txt:4:44: {TOO_MUCH}; {EVERYTHING}", f"CMakeLists.txt: {TWICE}"],
     ),
     "a filter that could run away": (
         f'set(files msg/A.msg msg/B.msg)\nlist(FILTER files INCLUDE REGEX "(a*)*b")\n{CALL}',
         ALL,
-        ["CMakeLists.txt:4:44: what ${files} brings cannot be known from this file; " + EVERYTHING],
+        [f"CMakeLists.txt:4:44: {TOO_MUCH}; {EVERYTHING}", f"CMakeLists.txt: {TWICE}"],
     ),
     "not CMake at all": (
         'rosidl_generate_interfaces(a_msgs "msg/A.msg)',
         ALL,
-        [f"CMakeLists.txt:2:35: a quotation mark is not closed; {EVERYTHING}"],
+        [f"CMakeLists.txt: {TOO_MUCH}; {EVERYTHING}", f"CMakeLists.txt: {TWICE}"],
     ),
     "a condition that cannot be decided": (
         f"set(files msg/A.msg)\nif(WIN32)\nlist(APPEND files msg/B.msg msg/C.msg msg/Missing.msg)\nendif()\n{CALL}",
         {A, B, C},
-        ['CMakeLists.txt:4:19: whether "msg/B.msg" and 1 more is built depends on a condition; taken in'],
+        [],
     ),
     "a condition around the only call": (
         'if(ROS_EDITION STREQUAL "ROS1")\nelse()\nrosidl_generate_interfaces(a_msgs msg/A.msg)\nendif()',
@@ -248,27 +349,22 @@ UNCERTAIN = {
     "the call in a file beside it": (
         "include(rosidl_generate_interfaces.cmake)",
         ALL,
-        [
-            f"CMakeLists.txt: what rosidl_generate_interfaces() is called with cannot be known from this file; {EVERYTHING}"
-        ],
+        [f"CMakeLists.txt: {TOO_MUCH}; {EVERYTHING}", f"CMakeLists.txt: {TWICE}"],
     ),
     "both ways of a condition": (
         f"if(BUILD_BIG)\nset(files msg/A.msg msg/B.msg)\nelse()\nset(files msg/A.msg msg/C.msg)\nendif()\n{CALL}",
         {A, B, C},
-        ['CMakeLists.txt:3:11: whether "msg/A.msg" and 2 more is built depends on a condition; taken in'],
+        [],
     ),
     "one of two files of one name": (
         f"if(ROS_1)\nset(files msg/ros1/A.msg)\nelse()\nset(files msg/ros2/A.msg)\nendif()\n{CALL}",
-        {"msg/ros1/A.msg"},
-        [
-            'CMakeLists.txt:3:11: "msg/ros2/A.msg" and "msg/ros1/A.msg" would both be a_msgs/msg/A; the latter is taken',
-            'CMakeLists.txt:3:11: whether "msg/ros1/A.msg" is built depends on a condition; taken in',
-        ],
+        {"msg/ros2/A.msg"},
+        ['CMakeLists.txt:3:11: "msg/ros1/A.msg" is skipped: "msg/ros2/A.msg" defines the same interface'],
     ),
     "more where they are replaced in a block": (
         f"set(files msg/A.msg msg/B.msg)\nif(X)\nset(files ${{files}} msg/C.msg)\nendif()\n{CALL}",
         {A, B, C},
-        ['CMakeLists.txt:4:20: whether "msg/C.msg" is built depends on a condition; taken in'],
+        [],
     ),
     "two calls": ("rosidl_generate_interfaces(a msg/A.msg)\nrosidl_generate_interfaces(b msg/B.msg)", {A, B}, []),
     "a call for the package's own tests": (
@@ -280,13 +376,13 @@ UNCERTAIN = {
     "two files of one name": (
         "rosidl_generate_interfaces(a_msgs msg/A.msg msg/ros2/A.msg msg/A.msg)",
         {A},
-        ['CMakeLists.txt:2:45: "msg/ros2/A.msg" and "msg/A.msg" would both be a_msgs/msg/A; the latter is taken'],
+        ['CMakeLists.txt:2:45: "msg/ros2/A.msg" is skipped: "msg/A.msg" defines the same interface'],
     ),
     "files outside of the package": (
         "rosidl_generate_interfaces(a_msgs msg/A.msg ../../etc/X.msg /etc/Y.msg msg/../../Z.msg)",
         {A},
         [
-            f'CMakeLists.txt:2:{column}: "{name}" is not in the package folder; it is left out'
+            f'CMakeLists.txt:2:{column}: "{name}" is not in the package folder; skipped'
             for column, name in ((45, "../../etc/X.msg"), (61, "/etc/Y.msg"), (72, "msg/../../Z.msg"))
         ],
     ),
@@ -294,7 +390,7 @@ UNCERTAIN = {
 
 
 @pytest.mark.parametrize("case", UNCERTAIN)
-def test_what_may_be_built_is_taken_in_and_told(tmp_path: Path, case: str) -> None:
+def test_what_may_be_built_is_used_and_reported(tmp_path: Path, case: str) -> None:
     cmake, wanted, told = UNCERTAIN[case]
     found = package(tmp_path, f"project(a_msgs)\n{cmake}\n")
     assert (taken(found), notes(found)) == (wanted, told)
@@ -314,11 +410,11 @@ def test_a_listed_file_belongs_to_the_kind_its_suffix_says(tmp_path: Path) -> No
         ),
         (
             "set(names Cc.msg)\nset(files msg/${names})\nrosidl_generate_interfaces(a_msgs ${files})",
-            'a_msgs/CMakeLists.txt:1:11: "msg/Cc.msg" is listed here, but there is no such file; did you mean "C.msg"?',
+            'a_msgs/CMakeLists.txt:2:11: "msg/Cc.msg" is listed here, but there is no such file; did you mean "C.msg"?',
         ),
         (
             "rosidl_generate_interfaces(a_msgs msg/notes.txt)",
-            'a_msgs/CMakeLists.txt:1:35: "msg/notes.txt" is not an interface file; expected .msg, .srv, .action or .idl',
+            'a_msgs/CMakeLists.txt:1:35: "msg/notes.txt" is not an interface file (.msg, .srv, .action or .idl)',
         ),
     ],
 )
@@ -351,7 +447,7 @@ def test_links_in_msg_lead_elsewhere_as_they_do_without_a_list(tmp_path: Path) -
     for place in ("msg/L.msg", "msg/ros2/L.msg"):
         (found.folder / place).symlink_to(shared)
     assert taken(found) == {A, "msg/L.msg"}
-    assert notes(found) == ['CMakeLists.txt:1:55: "msg/ros2/L.msg" is not in the package folder; it is left out']
+    assert notes(found) == ['CMakeLists.txt:1:55: "msg/ros2/L.msg" is not in the package folder; skipped']
 
 
 def test_a_package_may_have_its_files_in_other_folders_only(tmp_path: Path) -> None:
@@ -364,7 +460,7 @@ def test_a_package_may_have_its_files_in_other_folders_only(tmp_path: Path) -> N
 @pytest.mark.parametrize("cmake", ["add_message_files(FILES A.msg)", "# rosidl\n", ""])
 def test_without_a_list_the_folders_decide(tmp_path: Path, cmake: str) -> None:
     found = package(tmp_path, cmake)
-    assert (found.listing, taken(found)) == (None, ALL)
+    assert (found.listing, taken(found)) == (None, IN_FOLDERS)
 
 
 def test_installed_packages_and_folders_without_a_manifest_have_no_list(tmp_path: Path) -> None:
