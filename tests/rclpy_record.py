@@ -2,12 +2,14 @@
 
 They are those that programs can import or call: of each module all names without a leading underscore, also those that
 it imports for itself, with kind, where they are defined, parameters and defaults; of each class that rclpy defines its
-members. `describe` runs in the Python that has rclpy, from the package index, and knows nothing of ours, so that it can
-describe anything else that calls itself rclpy in the same words.
+members, and the names with an underscore that its methods use. `describe` runs in the Python that has rclpy, from the
+package index, and knows nothing of ours, so that it can describe anything else that calls itself rclpy in the same
+words.
 """
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
 import json
@@ -15,6 +17,7 @@ import pkgutil
 import re
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +74,24 @@ def _class_entry(cls: type) -> dict[str, Any]:
         elif type(thing) is cls and isinstance(getattr(thing, "value", None), (str, int)):
             members[name] = {"kind": "constant", "value": plain(thing.value)}  # of an enumeration
     bases = [f"{base.__module__}.{base.__qualname__}" for base in cls.__bases__ if base is not object]
-    return {"bases": bases, "members": members}
+    return {"bases": bases, "members": members, "private": private_names(cls)}
+
+
+def private_names(cls: type) -> list[str]:
+    """Names with an underscore that a class defines or that its methods use of `self`; none for a class of C."""
+    try:
+        tree = ast.parse(textwrap.dedent(inspect.getsource(cls)))
+    except (OSError, TypeError):
+        return []
+    names: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            names.add(node.name)
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in ("self", "cls"):
+            names.add(node.attr)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            names.add(node.id)
+    return sorted(name for name in names if name.startswith("_") and not name.endswith("__"))
 
 
 def kind_of(thing: Any) -> str:

@@ -59,12 +59,10 @@ def differences() -> Iterator[tuple[str, str, Any]]:
     for module_name, names in REAL.items():
         module = modules[module_name]
         for name, entry in names.items():
-            if of_python(name, entry):
-                continue
             there, thing = found(module, name)
             if not there:
                 yield f"{module_name}.{name}", "missing", None
-            else:
+            elif not of_python(name, entry):
                 yield from compare(f"{module_name}.{name}", entry, thing)
 
 

@@ -42,7 +42,7 @@ MISSING = {
     ),
     "a name for checkers of types inside of the class": ("rclpy.exceptions.InvalidParameterTypeException.Parameter",),
 }
-"""Reason -> names of rclpy that ours has not. The standard library is left out: `differing_names.of_python`."""
+"""Reason -> names of rclpy that ours has not."""
 OTHER_VALUES = {
     "an enumeration of names; its numbers are used in C only": tuple(
         f"rclpy.action.server.GoalEvent.{name}" for name in ("ABORT", "CANCELED", "CANCEL_GOAL", "EXECUTE", "SUCCEED")

@@ -106,15 +106,15 @@ class Cache(SimpleFilter):
     def getInterval(self, from_stamp: Time, to_stamp: Time) -> list[Any]:
         """The messages of these times and between them."""
         assert from_stamp <= to_stamp
-        return [msg for msg, time in self._both() if from_stamp <= time <= to_stamp]
+        return [msg for msg, time in self._rosidl_both() if from_stamp <= time <= to_stamp]
 
     def getElemAfterTime(self, stamp: Time) -> Any:
         """The first message of this time or later; None if there is none."""
-        return next((msg for msg, time in self._both() if time >= stamp), None)
+        return next((msg for msg, time in self._rosidl_both() if time >= stamp), None)
 
     def getElemBeforeTime(self, stamp: Time) -> Any:
         """The last message of this time or earlier; None if there is none."""
-        return next((msg for msg, time in reversed(self._both()) if time <= stamp), None)
+        return next((msg for msg, time in reversed(self._rosidl_both()) if time <= stamp), None)
 
     def getLastestTime(self) -> Time | None:
         """The time of the message that came last; the name is that of message_filters."""
@@ -129,7 +129,7 @@ class Cache(SimpleFilter):
         latest = self.getLastestTime()
         return None if latest is None else self.getElemAfterTime(latest)
 
-    def _both(self) -> list[tuple[Any, Time]]:
+    def _rosidl_both(self) -> list[tuple[Any, Time]]:
         return list(zip(self.cache_msgs, self.cache_times, strict=True))
 
 
@@ -148,18 +148,18 @@ class TimeSynchronizer(SimpleFilter):
 
     def connectInput(self, fs: Sequence[SimpleFilter]) -> None:
         """Take the messages of these filters."""
-        self._synchronizer = self._make([sync.MessageFilter() for _ in fs])
+        self._rosidl_synchronizer = self._rosidl_make([sync.MessageFilter() for _ in fs])
         self.input_connections = [f.registerCallback(self.add, number) for number, f in enumerate(fs)]
 
-    def _make(self, inputs: list[sync.MessageFilter]) -> sync.TimeSynchronizer:
-        return sync.TimeSynchronizer(inputs, self._found, queue_size=self.queue_size)
+    def _rosidl_make(self, inputs: list[sync.MessageFilter]) -> sync.TimeSynchronizer:
+        return sync.TimeSynchronizer(inputs, self._rosidl_found, queue_size=self.queue_size)
 
-    def _found(self, *messages: Any) -> None:
+    def _rosidl_found(self, *messages: Any) -> None:
         self.signalMessage(*messages)
 
     def add(self, msg: Any, my_queue_index: int) -> None:
         """Take a message of one of the filters."""
-        self._synchronizer.add(my_queue_index, msg)
+        self._rosidl_synchronizer.add(my_queue_index, msg)
 
 
 class ApproximateTimeSynchronizer(TimeSynchronizer):
@@ -178,18 +178,18 @@ class ApproximateTimeSynchronizer(TimeSynchronizer):
         self.slop, self.allow_headerless = Duration(seconds=slop), allow_headerless
         super().__init__(fs, queue_size)
 
-    def _make(self, inputs: list[sync.MessageFilter]) -> sync.TimeSynchronizer:
+    def _rosidl_make(self, inputs: list[sync.MessageFilter]) -> sync.TimeSynchronizer:
         return sync.ApproximateTimeSynchronizer(
-            inputs, self._found, slop_s=self.slop.nanoseconds / 1e9, queue_size=self.queue_size
+            inputs, self._rosidl_found, slop_s=self.slop.nanoseconds / 1e9, queue_size=self.queue_size
         )
 
     def add(self, msg: Any, my_queue_index: int) -> None:
         """Take a message of one of the filters."""
         stamp = _stamp(msg, self.allow_headerless, "message_filters_approx", "for ")
         if stamp is not None:
-            self._synchronizer.add(my_queue_index, _Stamped(msg, stamp))
+            self._rosidl_synchronizer.add(my_queue_index, _Stamped(msg, stamp))
 
-    def _found(self, *messages: Any) -> None:
+    def _rosidl_found(self, *messages: Any) -> None:
         self.signalMessage(*(one.message for one in messages))
 
 

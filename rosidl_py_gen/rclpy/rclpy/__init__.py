@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, List, Optional  # noqa: F401, UP035
 
 import rclpy.impl.implementation_singleton  # noqa: F401  programs find it without importing it
 from rclpy.context import Context as Context

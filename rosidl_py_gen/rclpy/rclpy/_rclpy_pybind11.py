@@ -1,9 +1,11 @@
-"""What programs take from rclpy's C extension by name: its exceptions and enums. There is no C here, and no handle."""
+"""Names of rclpy's C extension that programs use: exceptions, enums and logging. There is no C here, and no handle."""
 
 from __future__ import annotations
 
 import builtins
 from enum import IntEnum
+
+from rosidl_py_gen import runtime
 
 RMW_DURATION_INFINITE = 2**63 - 1
 RMW_QOS_DEADLINE_BEST_AVAILABLE = RMW_QOS_LIVELINESS_LEASE_DURATION_BEST_AVAILABLE = 2**63 - 2
@@ -74,3 +76,55 @@ class TransitionCallbackReturnType(EnumOfC):
     def to_label(self) -> str:
         """The transition that follows."""
         return f"transition_{self.name.lower()}"
+
+
+def rclpy_logging_rcutils_log(
+    severity: int, name: str, message: str, function_name: str, file_path: str, line_number: int, /
+) -> None:
+    """Log a message as coming from a place in a file, without the filters of `RcutilsLogger`."""
+    if not isinstance(message, str):
+        raise TypeError(f"rclpy_logging_rcutils_log: expected a str as message, got {message!r:.100}")
+    logger = runtime.get_logger(name)
+    if severity and logger.isEnabledFor(severity):
+        site = (str(file_path), int(line_number))
+        logger.handle(logger.makeRecord(logger.name, int(severity), *site, message, (), None, str(function_name)))
+
+
+def rclpy_logging_set_logger_level(name: str, level: int, detailed_error: bool = False) -> None:
+    """Set the level of a logger; the root, without a level, logs everything."""
+    if name or level:
+        runtime.set_logger_level(name, int(level))
+    else:
+        runtime.get_logger("").setLevel(1)  # 0 would be that of Python's root logger
+
+
+def rclpy_logging_get_logger_effective_level(name: str, /) -> int:
+    """Return the severity from which on a logger logs."""
+    return _severity(runtime.get_logger(name).getEffectiveLevel())
+
+
+def rclpy_logging_get_logger_level(name: str, /) -> int:
+    """Return the level that was set, 0 for none."""
+    return _severity(runtime.get_logger_level(name))
+
+
+def _severity(level: int) -> int:
+    return min(level // 10 * 10, 50)  # programs may have set others by Python's `logging`
+
+
+def rclpy_logging_logger_is_enabled_for(name: str, severity: int, /) -> bool:
+    """Return True if a logger would log at a severity."""
+    return runtime.get_logger(name).isEnabledFor(severity)
+
+
+def rclpy_logging_severity_level_from_string(severity: str, /) -> int:
+    """Return the number of ``INFO`` or ``info``."""
+    known = ("UNSET", "DEBUG", "INFO", "WARN", "ERROR", "FATAL")
+    if severity.upper() not in known:
+        raise RuntimeError(f"unknown severity {severity!r:.100}; expected one of {', '.join(known)}")
+    return known.index(severity.upper()) * 10
+
+
+def rclpy_logging_get_logging_directory() -> str:
+    """Return the folder of log files."""
+    return str(runtime.get_logging_directory())

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import itertools
 import threading
+import time  # noqa: F401
 from collections import deque
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Dict, Optional, TypeVar  # noqa: F401, UP035
 
 from rclpy.callback_groups import CallbackGroup as CallbackGroup
 from rclpy.clock import Clock as Clock
@@ -46,8 +47,8 @@ class Client:
         callback_group: CallbackGroup,
     ) -> None:
         self.context = context
-        self.__client = client_impl
-        self._is_ready = client_impl.is_ready
+        self._rosidl_client = client_impl
+        self._rosidl_is_ready = client_impl.is_ready
         self.srv_type = srv_type
         self.srv_name = srv_name
         self.qos_profile = qos_profile
@@ -55,13 +56,13 @@ class Client:
         self.callback_group = callback_group
         self._executor_event = False
         self._lock = threading.Lock()
-        self._numbers = itertools.count(1)
-        self._sent: dict[int, concurrent.futures.Future[Any]] = {}
-        self._arrived: deque[tuple[int, concurrent.futures.Future[Any]]] = deque()
-        client_impl.set_ready(self._has_arrived)
+        self._rosidl_numbers = itertools.count(1)
+        self._rosidl_sent: dict[int, concurrent.futures.Future[Any]] = {}
+        self._rosidl_arrived: deque[tuple[int, concurrent.futures.Future[Any]]] = deque()
+        client_impl.set_ready(self._rosidl_has_arrived)
 
-    def _has_arrived(self) -> bool:
-        return bool(self._arrived)
+    def _rosidl_has_arrived(self) -> bool:
+        return bool(self._rosidl_arrived)
 
     def call(self, request: Any, timeout_sec: float | None = None) -> Any:
         """Send a request and wait for the response, which an executor in another thread has to take: a callback in a
@@ -93,19 +94,19 @@ class Client:
             except runtime.ClosedError:
                 return future
         with self._lock:
-            number = next(self._numbers)
-            self._pending_requests[number], self._sent[number] = future, sent
+            number = next(self._rosidl_numbers)
+            self._pending_requests[number], self._rosidl_sent[number] = future, sent
         future.add_done_callback(self.remove_pending_request)
-        sent.add_done_callback(partial(self._on_response, number))
+        sent.add_done_callback(partial(self._rosidl_on_response, number))
         return future
 
-    def _on_response(self, number: int, sent: concurrent.futures.Future[Any]) -> None:
+    def _rosidl_on_response(self, number: int, sent: concurrent.futures.Future[Any]) -> None:
         """On the loop, mostly."""
         if sent.cancelled() or isinstance(sent.exception(), (runtime.ServerLostError, runtime.ClosedError)):
             return  # in rclpy such a future is pending for ever
-        self._arrived.append((number, sent))
-        self.__client.arrived()
-        self.__client.context.driver.wake()
+        self._rosidl_arrived.append((number, sent))
+        self._rosidl_client.arrived()
+        self._rosidl_client.context.driver.wake()
 
     def get_pending_request(self, sequence_number: int) -> Future[Any]:
         """The future of a request that was not answered; KeyError for others."""
@@ -119,7 +120,7 @@ class Client:
             if number is None:
                 return
             del self._pending_requests[number]
-            sent = self._sent.pop(number)
+            sent = self._rosidl_sent.pop(number)
         if not sent.done():
             sent.cancel()
 
@@ -155,7 +156,7 @@ class Client:
     @property
     def handle(self) -> Handle[runtime.Client[Any, Any]]:
         """What a wait set takes."""
-        return self.__client
+        return self._rosidl_client
 
     @property
     def service_name(self) -> str:
@@ -171,12 +172,12 @@ class Client:
 
     def destroy(self) -> None:
         """End it; use `Node.destroy_client`."""
-        self.__client.destroy_when_not_in_use()
+        self._rosidl_client.destroy_when_not_in_use()
 
-    def _take(self, executor: Executor) -> Callable[[], Any] | None:
-        if not self.__client.is_valid or not self._arrived:
+    def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
+        if not self._rosidl_client.is_valid or not self._rosidl_arrived:
             return None
-        number, sent = self._arrived.popleft()
+        number, sent = self._rosidl_arrived.popleft()
 
         def finish() -> None:
             with self._lock:

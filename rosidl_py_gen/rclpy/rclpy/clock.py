@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 from types import TracebackType
-from typing import Any, TypedDict
+from typing import Any, Optional, Protocol, Type, TypedDict  # noqa: F401, UP035
 
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock_type import ClockType
@@ -107,7 +107,7 @@ class JumpHandle:
                 post_callback({"clock_change": ClockChange(jump.clock_change), "delta": jump.delta.nanoseconds})
 
         with clock.handle as handle:
-            self._registration = handle.clock.create_jump_callback(
+            self._rosidl_registration = handle.clock.create_jump_callback(
                 pre=before,
                 post=after,
                 on_clock_change=threshold.on_clock_change,
@@ -117,7 +117,7 @@ class JumpHandle:
 
     def unregister(self) -> None:
         """Call no more; may be called twice."""
-        self._registration.close()
+        self._rosidl_registration.close()
 
     def __enter__(self) -> JumpHandle:
         return self
@@ -172,13 +172,13 @@ class Clock:
     """A clock of one kind; for ROS_TIME this makes a `ROSClock`."""
 
     _clock_type: ClockType
-    __clock: ClockHandle
+    _rosidl_clock: ClockHandle
 
     def __new__(cls, *, clock_type: ClockType = ClockType.SYSTEM_TIME) -> Clock:
         if not isinstance(clock_type, ClockType):
             raise TypeError("Clock type must be a ClockType enum")
         made = super().__new__(ROSClock if clock_type is ClockType.ROS_TIME else cls)
-        made.__clock = ClockHandle(clock_type)
+        made._rosidl_clock = ClockHandle(clock_type)
         made._clock_type = clock_type
         return made
 
@@ -190,7 +190,7 @@ class Clock:
     @property
     def handle(self) -> ClockHandle:
         """What it reads."""
-        return self.__clock
+        return self._rosidl_clock
 
     def __repr__(self) -> str:
         return f"Clock(clock_type={self.clock_type.name})"
@@ -252,7 +252,7 @@ class Clock:
                 left_ns = (until - self.now()).nanoseconds
                 if left_ns <= 0:
                     break
-                simulated = self.__clock.get_ros_time_override_is_enabled()
+                simulated = self._rosidl_clock.get_ros_time_override_is_enabled()
                 # Waited for in parts: a system clock that is set forward is noticed a second later.
                 woken.wait(None if simulated else min(left_ns / 1e9, 1.0))
         return context.ok() and not source_changed and self.now() >= until

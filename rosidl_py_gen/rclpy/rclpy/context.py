@@ -9,15 +9,15 @@ import sys
 import threading
 import weakref
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from inspect import ismethod  # noqa: F401
+from types import MethodType, TracebackType  # noqa: F401
+from typing import TYPE_CHECKING, Any, ContextManager, List, Optional, Protocol, Type, Union  # noqa: F401, UP035
+from weakref import WeakMethod  # noqa: F401
 
 from rclpy._rclpy_pybind11 import RCLInvalidROSArgsError, UnknownROSArgsError
 from rclpy.destroyable import DestroyableType as DestroyableType
 from rclpy.handles import ContextHandle
 from rosidl_py_gen import runtime
-
-if TYPE_CHECKING:
-    from types import TracebackType
 
 _opened: set[ContextHandle] = set()
 
@@ -34,17 +34,17 @@ class Context:
     def __init__(self) -> None:
         self._lock = threading.RLock()
         self._callbacks: list[Callable[[], Any]] = []
-        self.__context: ContextHandle | None = None
+        self._rosidl_context: ContextHandle | None = None
 
     @property
     def handle(self) -> ContextHandle | None:
         """None before `init`."""
-        return self.__context
+        return self._rosidl_context
 
     def destroy(self) -> None:
         """Leave the domain as soon as nobody uses it."""
-        if self.__context is not None:
-            self.__context.destroy_when_not_in_use()
+        if self._rosidl_context is not None:
+            self._rosidl_context.destroy_when_not_in_use()
 
     def init(
         self, args: list[str] | None = None, *, initialize_logging: bool = True, domain_id: int | None = None
@@ -64,22 +64,22 @@ class Context:
         with self._lock:
             if domain_id is not None and domain_id < 0:
                 raise RuntimeError(f"Domain id ({domain_id}) should not be lower than zero.")
-            if self.__context is not None:
+            if self._rosidl_context is not None:
                 raise RuntimeError("Context.init() must only be called once")
             line = list(sys.argv if args is None else args)
             for argument in line:
                 argument.encode()  # as in rclpy, surrogates are refused: UnicodeEncodeError
             try:
-                self.__context = ContextHandle(line, domain_id)
+                self._rosidl_context = ContextHandle(line, domain_id)
             except runtime.RosArgumentError as error:
                 raise refused_arguments(error) from error
-            _opened.add(self.__context)
+            _opened.add(self._rosidl_context)
 
     def ok(self) -> bool:
         """Whether it was opened and not shut down."""
-        return self.__context is not None and self.__context.ok()
+        return self._rosidl_context is not None and self._rosidl_context.ok()
 
-    def _shut_down(self, handle: ContextHandle) -> None:
+    def _rosidl_shut_down(self, handle: ContextHandle) -> None:
         with self._lock:
             _opened.discard(handle)
             handle.shutdown()
@@ -91,40 +91,40 @@ class Context:
 
     def shutdown(self) -> None:
         """Leave the domain. Raises RuntimeError when it was never opened, or is shut down already."""
-        if self.__context is None:
+        if self._rosidl_context is None:
             raise RuntimeError("Context must be initialized before it can be shutdown")
-        self._shut_down(self.__context)
+        self._rosidl_shut_down(self._rosidl_context)
 
     def try_shutdown(self) -> None:
         """Leave the domain, if that was not done."""
-        if self.__context is None:
+        if self._rosidl_context is None:
             return
-        if self.__context.ok():
-            self._shut_down(self.__context)
+        if self._rosidl_context.ok():
+            self._rosidl_shut_down(self._rosidl_context)
         else:
-            _opened.discard(self.__context)
-            self.__context.close()  # a signal only marked it
+            _opened.discard(self._rosidl_context)
+            self._rosidl_context.close()  # a signal only marked it
 
     def on_shutdown(self, callback: Callable[[], Any]) -> None:
         """Have a function called by `shutdown`; at once when that was. Methods are kept by weak references."""
         if not callable(callback):
             raise TypeError(f"callback should be a callable, got {type(callback)}")
         with self._lock:
-            if self.__context is None or self.__context.ok():
+            if self._rosidl_context is None or self._rosidl_context.ok():
                 is_method = inspect.ismethod(callback)
-                self._callbacks.append(weakref.WeakMethod(callback, self._forget) if is_method else callback)
+                self._callbacks.append(weakref.WeakMethod(callback, self._rosidl_forget) if is_method else callback)
                 return
         callback()
 
-    def _forget(self, reference: Callable[[], Any]) -> None:
+    def _rosidl_forget(self, reference: Callable[[], Any]) -> None:
         if reference in self._callbacks:
             self._callbacks.remove(reference)
 
     def get_domain_id(self) -> int:
         """The number of the domain; RuntimeError before `init`."""
-        if self.__context is None:
+        if self._rosidl_context is None:
             raise RuntimeError("Context must be initialized before it can have a domain id")
-        return self.__context.get_domain_id()
+        return self._rosidl_context.get_domain_id()
 
     def __enter__(self) -> Context:
         self.init()

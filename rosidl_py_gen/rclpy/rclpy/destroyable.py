@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from types import TracebackType
-from typing import Protocol
+from typing import Optional, Protocol, Type  # noqa: F401, UP035
 
 
 class DestroyableType(Protocol):

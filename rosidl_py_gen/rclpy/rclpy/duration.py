@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import total_ordering
-from typing import Protocol
+from typing import Protocol, Union  # noqa: F401
 
 import builtin_interfaces.msg
 
@@ -21,22 +21,22 @@ class DurationType(Protocol):
 class _Ordered:
     """What is compared by its nanoseconds; as in rclpy it has no hash."""
 
-    _nanoseconds: int
+    _rosidl_nanoseconds: int
 
-    def _comparable(self, other: object) -> int | None:
+    def _rosidl_comparable(self, other: object) -> int | None:
         """Nanoseconds of what it can be compared with, None of anything else; may raise TypeError."""
         raise NotImplementedError
 
     def __eq__(self, other: object) -> bool:
-        found = self._comparable(other)
-        return NotImplemented if found is None else self._nanoseconds == found
+        found = self._rosidl_comparable(other)
+        return NotImplemented if found is None else self._rosidl_nanoseconds == found
 
     def __ne__(self, other: object) -> bool:
         return not self == other
 
     def __lt__(self, other: object) -> bool:
-        found = self._comparable(other)
-        return NotImplemented if found is None else self._nanoseconds < found
+        found = self._rosidl_comparable(other)
+        return NotImplemented if found is None else self._rosidl_nanoseconds < found
 
 
 class Duration(_Ordered):
@@ -52,12 +52,12 @@ class Duration(_Ordered):
         total = int(seconds * S_TO_NS) + int(nanoseconds)
         if not -(2**63) <= total < 2**63:
             raise OverflowError("Total nanoseconds value is too large to store in C duration.")
-        self._nanoseconds = total
+        self._rosidl_nanoseconds = total
 
     @property
     def nanoseconds(self) -> int:
         """The whole length."""
-        return self._nanoseconds
+        return self._rosidl_nanoseconds
 
     def __repr__(self) -> str:
         return f"Duration(nanoseconds={self.nanoseconds})"
@@ -65,7 +65,7 @@ class Duration(_Ordered):
     def __str__(self) -> str:
         return "Infinite" if self == Infinite else f"{self.nanoseconds} nanoseconds"
 
-    def _comparable(self, other: object) -> int | None:
+    def _rosidl_comparable(self, other: object) -> int | None:
         return other.nanoseconds if isinstance(other, Duration) else None
 
     def to_msg(self) -> builtin_interfaces.msg.Duration:

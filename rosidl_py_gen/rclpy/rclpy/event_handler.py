@@ -6,7 +6,8 @@ import warnings
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from enum import IntEnum  # noqa: F401
+from typing import TYPE_CHECKING, Any, List, Optional  # noqa: F401, UP035
 
 from rclpy._rclpy_pybind11 import EnumOfC
 from rclpy._rclpy_pybind11 import UnsupportedEventTypeError as UnsupportedEventTypeError
@@ -92,16 +93,16 @@ class EventHandler(Waitable):
                 raise UnsupportedEventTypeError(
                     f"{event_type!r}: nobody looks for this event; give event_callbacks when the endpoint is created"
                 )
-            self.__event = EventHandle(items)
+            self._rosidl_event = EventHandle(items)
         if type(self).is_ready is EventHandler.is_ready:
-            self._rclpy_queue = items
+            self._rosidl_queue = items
 
     def is_ready(self, wait_set: WaitSet) -> bool:
-        return self.__event.is_ready()
+        return self._rosidl_event.is_ready()
 
     def take_data(self) -> Any:
-        with self.__event:
-            return self.__event.items.popleft() if self.__event.items else None
+        with self._rosidl_event:
+            return self._rosidl_event.items.popleft() if self._rosidl_event.items else None
 
     async def execute(self, taken_data: Any) -> None:
         if taken_data:
@@ -111,12 +112,12 @@ class EventHandler(Waitable):
         return NumberOfEntities(num_events=1)
 
     def add_to_wait_set(self, wait_set: WaitSet) -> None:
-        with self.__event:
-            wait_set.add_event(self.__event)
+        with self._rosidl_event:
+            wait_set.add_event(self._rosidl_event)
 
     def destroy(self) -> None:
         """Look no more;"""
-        self.__event.destroy_when_not_in_use()
+        self._rosidl_event.destroy_when_not_in_use()
 
 
 class QoSEventHandler(EventHandler):
@@ -136,16 +137,16 @@ class QoSEventHandler(EventHandler):
 class _EventCallbacks:
     """Functions by the runtime's names of events."""
 
-    _TYPES: dict[str, int]
-    _WORDS: str
+    _ROSIDL_TYPES: dict[str, int]
+    _ROSIDL_WORDS: str
     use_default_callbacks: bool
 
-    def _functions(self) -> dict[str, Callable[[Any], Any]]:
-        return {name: getattr(self, name) for name in self._TYPES if getattr(self, name) is not None}
+    def _rosidl_functions(self) -> dict[str, Callable[[Any], Any]]:
+        return {name: getattr(self, name) for name in self._ROSIDL_TYPES if getattr(self, name) is not None}
 
-    def _queues(self, context: ContextHandle) -> tuple[dict[int, deque[Any]], dict[str, Callable[[Any], None]]]:
+    def _rosidl_queues(self, context: ContextHandle) -> tuple[dict[int, deque[Any]], dict[str, Callable[[Any], None]]]:
         """For each event that is asked for: where it is kept, by number; what the runtime is to call, by name."""
-        queues = {name: deque[Any]() for name in self._functions()}
+        queues = {name: deque[Any]() for name in self._rosidl_functions()}
 
         def keep(queue: deque[Any]) -> Callable[[Any], None]:
             def told(status: Any) -> None:
@@ -154,27 +155,27 @@ class _EventCallbacks:
 
             return told
 
-        return {self._TYPES[name]: queue for name, queue in queues.items()}, {
+        return {self._ROSIDL_TYPES[name]: queue for name, queue in queues.items()}, {
             name: keep(queue) for name, queue in queues.items()
         }
 
-    def _handlers(self, callback_group: CallbackGroup, impl: Handle[Any], topic_name: str) -> list[EventHandler]:
+    def _rosidl_handlers(self, callback_group: CallbackGroup, impl: Handle[Any], topic_name: str) -> list[EventHandler]:
         return [
             EventHandler(
-                callback_group=callback_group, callback=function, event_type=self._TYPES[name], parent_impl=impl
+                callback_group=callback_group, callback=function, event_type=self._ROSIDL_TYPES[name], parent_impl=impl
             )
-            for name, function in {**self._logging(impl, topic_name), **self._functions()}.items()
+            for name, function in {**self._rosidl_logging(impl, topic_name), **self._rosidl_functions()}.items()
         ]
 
-    def _watch(self, node: runtime.Node, endpoint: Any, handle: Handle[Any]) -> None:
+    def _rosidl_watch(self, node: runtime.Node, endpoint: Any, handle: Handle[Any]) -> None:
         """Have mismatches noticed that no function of the program is for, unless it wants none to be."""
-        kinds = [kind for kind in ("qos", "type") if f"incompatible_{kind}" not in self._functions()]
+        kinds = [kind for kind in ("qos", "type") if f"incompatible_{kind}" not in self._rosidl_functions()]
         queues = {kind: deque[Any]() for kind in kinds if self.use_default_callbacks}
-        handle.events.update({self._TYPES[f"incompatible_{kind}"]: queue for kind, queue in queues.items()})
+        handle.events.update({self._ROSIDL_TYPES[f"incompatible_{kind}"]: queue for kind, queue in queues.items()})
         handle.watched = Watched(node, endpoint, queues)
         handle.context.mismatches.watch(handle.watched)
 
-    def _logging(self, impl: Handle[Any], topic_name: str) -> dict[str, Callable[[Any], Any]]:
+    def _rosidl_logging(self, impl: Handle[Any], topic_name: str) -> dict[str, Callable[[Any], Any]]:
         """Functions that log mismatches, by name, where the program wants that."""
         if not self.use_default_callbacks:
             return {}
@@ -182,7 +183,7 @@ class _EventCallbacks:
 
         def log_qos(event: runtime.IncompatibleStatus) -> None:
             policy = qos_policy_name_from_kind(event.last_policy_kind)
-            logger.warn(f"{self._WORDS.format(topic_name)} Last incompatible policy: {policy}")
+            logger.warn(f"{self._ROSIDL_WORDS.format(topic_name)} Last incompatible policy: {policy}")
 
         def log_type(event: runtime.IncompatibleStatus) -> None:
             logger.warn(f"Incompatible type on topic '{topic_name}', no messages will be sent to it.")
@@ -194,8 +195,10 @@ class _EventCallbacks:
 class SubscriptionEventCallbacks(_EventCallbacks):
     """Functions that are told what happened to a subscription; each gets one of the `...Info` values."""
 
-    _WORDS = "New publisher discovered on topic '{}', offering incompatible QoS. No messages will be received from it."
-    _TYPES = {  # noqa: RUF012
+    _ROSIDL_WORDS = (
+        "New publisher discovered on topic '{}', offering incompatible QoS. No messages will be received from it."
+    )
+    _ROSIDL_TYPES = {  # noqa: RUF012
         "deadline": QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED,
         "incompatible_qos": QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
         "liveliness": QoSSubscriptionEventType.RCL_SUBSCRIPTION_LIVELINESS_CHANGED,
@@ -216,15 +219,17 @@ class SubscriptionEventCallbacks(_EventCallbacks):
         self, callback_group: CallbackGroup, subscription: Handle[Any], topic_name: str
     ) -> list[EventHandler]:
         """A handler for each function, and those that log mismatches, unless `use_default_callbacks` is off."""
-        return self._handlers(callback_group, subscription, topic_name)
+        return self._rosidl_handlers(callback_group, subscription, topic_name)
 
 
 @dataclass(kw_only=True, eq=False)
 class PublisherEventCallbacks(_EventCallbacks):
     """Functions that are told what happened to a publisher; each gets one of the `...Info` values."""
 
-    _WORDS = "New subscription discovered on topic '{}', requesting incompatible QoS. No messages will be sent to it."
-    _TYPES = {  # noqa: RUF012
+    _ROSIDL_WORDS = (
+        "New subscription discovered on topic '{}', requesting incompatible QoS. No messages will be sent to it."
+    )
+    _ROSIDL_TYPES = {  # noqa: RUF012
         "deadline": QoSPublisherEventType.RCL_PUBLISHER_OFFERED_DEADLINE_MISSED,
         "liveliness": QoSPublisherEventType.RCL_PUBLISHER_LIVELINESS_LOST,
         "incompatible_qos": QoSPublisherEventType.RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS,
@@ -243,4 +248,4 @@ class PublisherEventCallbacks(_EventCallbacks):
         self, callback_group: CallbackGroup, publisher: Handle[Any], topic_name: str
     ) -> list[EventHandler]:
         """A handler for each function, and those that log mismatches, unless `use_default_callbacks` is off."""
-        return self._handlers(callback_group, publisher, topic_name)
+        return self._rosidl_handlers(callback_group, publisher, topic_name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, List, Optional, Union  # noqa: F401, UP035
 
 from rclpy._rclpy_pybind11 import InvalidHandle as InvalidHandle
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import inspect  # noqa: F401
 import os
 import threading
 import time
 import warnings
 from collections.abc import Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, TypeVar
+from contextlib import ExitStack  # noqa: F401
+from threading import Condition, Lock, RLock  # noqa: F401
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, ContextManager, Generator, List, Optional, Set, Tuple, Type, TypeVar, Union  # noqa: F401, UP035
 
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.client import Client as Client
@@ -35,8 +39,6 @@ from rclpy.waitable import Waitable as Waitable
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from typing_extensions import Self
 
     from rclpy.handles import ContextHandle
@@ -73,8 +75,6 @@ class TimeoutObject:
 
 
 _Timeout = float | TimeoutObject | None
-
-
 _SELECTORS_S = 0.001
 """A selector waits for whole milliseconds; what is shorter is slept through, in naps."""
 _NAP_S = 0.0005
@@ -101,8 +101,8 @@ class Executor:
             raise NotInitializedException("cannot create executor")
         if not self._context.handle.ok():
             raise RCLError("failed to create executor: the context is shut down")
-        self.__handle: ContextHandle = self._context.handle
-        self.__handle.require_ok()
+        self._rosidl_handle: ContextHandle = self._context.handle
+        self._rosidl_handle.require_ok()
         self._nodes: set[Node] = set()
         self._nodes_lock = threading.RLock()
         self._tasks: list[_Work] = []
@@ -123,7 +123,7 @@ class Executor:
     ) -> Task[Any]:
         """Have a function or coroutine run while somebody spins; answers a future of its result."""
         task: Task[Any] = Task(callback, args, kwargs, executor=self)
-        self._keep(task, None, None)
+        self._rosidl_keep(task, None, None)
         self.wake()
         return task
 
@@ -156,7 +156,7 @@ class Executor:
 
     def wake(self) -> None:
         """Let whoever spins look again; from any thread."""
-        self.__handle.notify()
+        self._rosidl_handle.notify()
 
     def get_nodes(self) -> list[Node]:
         """The nodes it serves."""
@@ -169,22 +169,22 @@ class Executor:
 
     def spin_until_future_complete(self, future: Future[Any], timeout_sec: float | None = None) -> None:
         """Run callbacks until a future is done or cancelled, or the time has passed."""
-        self._wake_at_end(future)
-        end = None if timeout_sec is None or timeout_sec < 0 else self._now_s() + timeout_sec
+        self._rosidl_wake_at_end(future)
+        end = None if timeout_sec is None or timeout_sec < 0 else self._rosidl_now_s() + timeout_sec
         left = None if timeout_sec is None or end is None else TimeoutObject(timeout_sec)
         while self._context.ok() and not future.done() and not future.cancelled() and not self._is_shutdown:
             self.spin_once_until_future_complete(future, left)
             if end is not None and left is not None:
-                left.timeout = end - self._now_s()
+                left.timeout = end - self._rosidl_now_s()
                 if left.timeout <= 0:
                     return
 
-    def _now_s(self) -> float:
-        return self.__handle.driver.loop.time()
+    def _rosidl_now_s(self) -> float:
+        return self._rosidl_handle.driver.loop.time()
 
-    def _wake_at_end(self, future: Future[Any]) -> None:
+    def _rosidl_wake_at_end(self, future: Future[Any]) -> None:
         if isinstance(future, Future):
-            future._wake_at_end(self.wake)
+            future._rosidl_wake_at_end(self.wake)
         else:
             future.add_done_callback(lambda _: self.wake())
 
@@ -206,10 +206,10 @@ class Executor:
         return EntityTask(
             self,
             lambda: handle_entity(self, entity, self._is_shutdown),
-            lambda task: self._keep(task, entity, node),
+            lambda task: self._rosidl_keep(task, entity, node),
         )
 
-    def _keep(self, task: Task[Any], entity: Any, node: Node | None) -> None:
+    def _rosidl_keep(self, task: Task[Any], entity: Any, node: Node | None) -> None:
         with self._tasks_lock:
             self._tasks.append((task, entity, node))
 
@@ -219,44 +219,44 @@ class Executor:
 
     # ----------------------------------------------------------------------------------------------------- waiting
 
-    def _resumable(self, nodes: Iterable[Node]) -> Iterator[_Work]:
+    def _rosidl_resumable(self, nodes: Iterable[Node]) -> Iterator[_Work]:
         """Tasks that can go on, newest first."""
         if not self._tasks:
             return
         with self._tasks_lock:
             tasks = list(self._tasks)
         for task, entity, node in reversed(tasks):
-            if (node is None or node in nodes) and task._can_go_on():
-                task._handed_out = True
+            if (node is None or node in nodes) and task._rosidl_can_go_on():
+                task._rosidl_handed_out = True
                 yield task, entity, node
         with self._tasks_lock:
             self._tasks = [work for work in self._tasks if work[0]._pending()]
 
-    def _can_go_on(self, nodes: Iterable[Node]) -> bool:
+    def _rosidl_can_go_on(self, nodes: Iterable[Node]) -> bool:
         if not self._tasks:
             return False
         with self._tasks_lock:
-            return any(task._can_go_on() and (node is None or node in nodes) for task, _, node in self._tasks)
+            return any(task._rosidl_can_go_on() and (node is None or node in nodes) for task, _, node in self._tasks)
 
-    def _wait(
+    def _rosidl_wait(
         self, nodes: list[Node] | None, end: float | None, condition: Callable[[], bool]
     ) -> list[tuple[Any, Node]]:
         """What is ready as soon as something is; nothing when something else ends the wait."""
-        handle, has_looked, can_execute = self.__handle, False, self.can_execute
+        handle, has_looked, can_execute = self._rosidl_handle, False, self.can_execute
         try:
             while True:
                 seen = handle.news
                 chosen = self.get_nodes() if nodes is None else nodes
                 ready, limit, has_waitables = ready_entities(chosen, can_execute)
-                if not has_looked and (end is not None or ready or self._can_go_on(chosen)):
+                if not has_looked and (end is not None or ready or self._rosidl_can_go_on(chosen)):
                     has_looked = True
                     handle.driver.wait(timeout_s=0)  # what arrived meanwhile counts, too
                     continue
                 if has_waitables:
                     ready = ready_waitables(chosen, can_execute) + ready
-                if ready or self._is_shutdown or not handle.ok() or condition() or self._can_go_on(chosen):
+                if ready or self._is_shutdown or not handle.ok() or condition() or self._rosidl_can_go_on(chosen):
                     return ready
-                left = None if end is None else end - self._now_s()
+                left = None if end is None else end - self._rosidl_now_s()
                 if left is not None and left <= 0:
                     return []
                 if left is not None and (limit is None or left < limit):
@@ -276,26 +276,28 @@ class Executor:
         self, timeout_sec: _Timeout = None, nodes: list[Node] | None = None, condition: Callable[[], bool] = _never
     ) -> Iterator[_Found]:
         limit = timeout_sec.timeout if isinstance(timeout_sec, TimeoutObject) else timeout_sec
-        end = None if limit is None or limit < 0 else self._now_s() + float(limit)
+        end = None if limit is None or limit < 0 else self._rosidl_now_s() + float(limit)
         yielded = False
         while not yielded and not self._is_shutdown and not condition():
-            for work in self._resumable(self.get_nodes() if nodes is None else nodes):
+            for work in self._rosidl_resumable(self.get_nodes() if nodes is None else nodes):
                 yielded = True
                 yield work
             if not self._context.ok():
                 what = "create timer" if limit and limit > 0 else "initialize wait set"
                 raise RCLError(f"failed to {what}: the given context is not valid")
-            ready = self._wait(nodes, self._now_s() if yielded else end, condition)
+            ready = self._rosidl_wait(nodes, self._rosidl_now_s() if yielded else end, condition)
             if self._is_shutdown:
                 raise ShutdownException
             if not self._context.ok():
                 raise ExternalShutdownException
             for number, (entity, node) in enumerate(ready):  # nothing ran since the first was found ready
-                if not number or (self.can_execute(entity) and (not isinstance(entity, Timer) or entity._is_ready())):
+                if not number or (
+                    self.can_execute(entity) and (not isinstance(entity, Timer) or entity._rosidl_is_ready())
+                ):
                     yielded = True
                     entity._executor_event = True  # it is not ready again before something was taken
                     yield None, entity, node
-            if not yielded and end is not None and self._now_s() >= end:
+            if not yielded and end is not None and self._rosidl_now_s() >= end:
                 raise TimeoutException
         if self._is_shutdown:
             raise ShutdownException
@@ -311,10 +313,10 @@ class Executor:
         Raises:
             TimeoutException, ShutdownException, ExternalShutdownException, ConditionReachedException: as they say.
         """
-        task, entity, node = self._next_work(args, kwargs)
+        task, entity, node = self._rosidl_next_work(args, kwargs)
         return self._make_handler(entity, node) if task is None else task, entity, node
 
-    def _next_work(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> _Found:
+    def _rosidl_next_work(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> _Found:
         while True:
             if self._cb_iter is None or self._last_args != args or self._last_kwargs != kwargs:
                 self._last_args, self._last_kwargs = args, kwargs
@@ -336,9 +338,9 @@ class Executor:
 class SingleThreadedExecutor(Executor):
     """Runs callbacks in the thread that spins; what they raise leaves `spin`."""
 
-    def _spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _never) -> None:
+    def _rosidl_spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _never) -> None:
         try:
-            handler, entity, node = self._next_work((timeout_sec, None, condition), {})
+            handler, entity, node = self._rosidl_next_work((timeout_sec, None, condition), {})
         except (ShutdownException, TimeoutException, ConditionReachedException):
             return
         if handler is None:  # here and now, without a task
@@ -346,17 +348,17 @@ class SingleThreadedExecutor(Executor):
             if rest is None:
                 return
             handler = Task(rest, executor=self)
-            handler._handed_out = True
-            self._keep(handler, entity, node)
+            handler._rosidl_handed_out = True
+            self._rosidl_keep(handler, entity, node)
         handler()
         handler.result()
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        self._spin_once(timeout_sec)
+        self._rosidl_spin_once(timeout_sec)
 
     def spin_once_until_future_complete(self, future: Future[Any], timeout_sec: _Timeout = None) -> None:
-        self._wake_at_end(future)
-        self._spin_once(timeout_sec, future.done)
+        self._rosidl_wake_at_end(future)
+        self._rosidl_spin_once(timeout_sec, future.done)
 
 
 class MultiThreadedExecutor(Executor):
@@ -378,7 +380,7 @@ class MultiThreadedExecutor(Executor):
         self._futures: list[Task[Any]] = []
         self._executor = ThreadPoolExecutor(num_threads)
 
-    def _spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _never) -> None:
+    def _rosidl_spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _never) -> None:
         try:
             handler, _, _ = self.wait_for_ready_callbacks(timeout_sec, None, condition)
         except (ExternalShutdownException, ShutdownException, TimeoutException, ConditionReachedException):
@@ -391,8 +393,8 @@ class MultiThreadedExecutor(Executor):
                 future.result()
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        self._spin_once(timeout_sec)
+        self._rosidl_spin_once(timeout_sec)
 
     def spin_once_until_future_complete(self, future: Future[Any], timeout_sec: _Timeout = None) -> None:
-        self._wake_at_end(future)
-        self._spin_once(timeout_sec, future.done)
+        self._rosidl_wake_at_end(future)
+        self._rosidl_spin_once(timeout_sec, future.done)

@@ -52,28 +52,28 @@ class GuardCondition:
         if handle is None:
             raise NotInitializedException("cannot create guard condition")
         with handle:
-            self.__gc = GuardConditionHandle(handle)
+            self._rosidl_gc = GuardConditionHandle(handle)
         self.callback = callback
         self.callback_group = callback_group
         self._executor_event = False
 
     def trigger(self) -> None:
         """Have the callback called; from any thread. Raises InvalidHandle after `destroy`."""
-        with self.__gc:
-            self.__gc.trigger_guard_condition()
+        with self._rosidl_gc:
+            self._rosidl_gc.trigger_guard_condition()
 
     @property
     def handle(self) -> GuardConditionHandle:
         """What a wait set takes."""
-        return self.__gc
+        return self._rosidl_gc
 
     def destroy(self) -> None:
         """End it; use `Node.destroy_guard_condition` for those of nodes."""
         self.handle.destroy_when_not_in_use()
 
-    def _is_ready(self) -> bool:
-        return self.__gc.is_ready()
+    def _rosidl_is_ready(self) -> bool:
+        return self._rosidl_gc.is_ready()
 
-    def _take(self, executor: Executor) -> Callable[[], Any] | None:
-        self.__gc.take_trigger()
+    def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
+        self._rosidl_gc.take_trigger()
         return self.callback

@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import contextlib
 import threading
+import weakref
 from collections import deque
+from functools import partial
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
@@ -207,6 +210,14 @@ class Handle(Destroyable, Generic[C]):
         self._kind = kind
         self._node = parent if isinstance(parent, Handle) else None
 
+    def handle_of(self, entity: Any, kind: int) -> Handle[Any]:
+        """Return the handle of an endpoint of this node, which is told when something arrived for it."""
+        handle: Handle[Any] = Handle(self.context, entity, self, logger_name=self.logger_name, kind=kind)
+        if hasattr(entity, "on_ready"):
+            handle.set_ready(partial(_asked, entity))
+            entity.on_ready(_teller(handle))
+        return handle
+
     def set_ready(self, is_ready: Callable[[], bool]) -> None:
         """Say how to know whether something can be taken."""
         self._ask = is_ready
@@ -284,6 +295,21 @@ class Handle(Destroyable, Generic[C]):
 
 def _never() -> bool:
     return False
+
+
+_asked = attrgetter("is_ready")
+
+
+def _teller(handle: Handle[Any]) -> Callable[[], None]:
+    """Return a function for an endpoint to call when something arrived; it does not keep the handle."""
+    itself = weakref.ref(handle)
+
+    def tell() -> None:
+        told = itself()
+        if told is not None:
+            told.arrived()
+
+    return tell
 
 
 def _close(entity: Closable, parent: Any) -> None:

@@ -27,7 +27,7 @@ def handle_entity(executor: Executor, entity: Any, is_shutdown: bool) -> Corouti
     try:
         call: Callable[[], Any] | None
         try:
-            call = entity._take(executor)
+            call = entity._rosidl_take(executor)
         except (InvalidHandle, runtime.ClosedError):  # destroyed meanwhile
             call = None
         finally:

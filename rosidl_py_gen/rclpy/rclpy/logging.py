@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Union  # noqa: F401
 
+from rclpy._rclpy_pybind11 import rclpy_logging_severity_level_from_string
 from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.impl.rcutils_logger import RcutilsLogger, as_severity, set_level
 from rosidl_py_gen import runtime
@@ -52,11 +54,7 @@ def get_logger_level(name: str) -> LoggingSeverity:
 
 def get_logging_severity_from_string(log_severity: str) -> LoggingSeverity:
     """``INFO`` or ``info`` as a severity; RuntimeError for an unknown one."""
-    try:
-        return LoggingSeverity[log_severity.upper()]
-    except KeyError:
-        known = ", ".join(LoggingSeverity.__members__)
-        raise RuntimeError(f"unknown severity {log_severity!r:.100}; expected one of {known}") from None
+    return LoggingSeverity(rclpy_logging_severity_level_from_string(log_severity))
 
 
 def get_logging_directory() -> Path:

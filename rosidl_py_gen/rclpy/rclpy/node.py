@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math  # noqa: F401
+import time  # noqa: F401
+import warnings  # noqa: F401
 import weakref
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple, Type, TypeVar, Union  # noqa: F401, UP035
 
 from rcl_interfaces.msg import FloatingPointRange as FloatingPointRange
 from rcl_interfaces.msg import IntegerRange as IntegerRange
@@ -46,6 +49,7 @@ from rclpy.executors import Executor as Executor
 from rclpy.expand_topic_name import expand_topic_name as expand_topic_name
 from rclpy.guard_condition import GuardCondition as GuardCondition
 from rclpy.handles import Handle
+from rclpy.impl._fields import valid_or
 from rclpy.logging import get_logger as get_logger
 from rclpy.logging_service import LoggingService as LoggingService
 from rclpy.node_entities import NodeEntities
@@ -121,9 +125,9 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
         automatically_declare_parameters_from_overrides: bool = False,
         enable_logger_service: bool = False,
     ) -> None:
-        self.__context = get_default_context() if context is None else context
-        self.__executor: weakref.ref[Executor] | None = None
-        opened = self.__context.handle
+        self._rosidl_context = self._context = get_default_context() if context is None else context
+        self._rosidl_executor: weakref.ref[Executor] | None = None
+        opened = self._rosidl_context.handle
         if opened is None or not opened.ok():
             raise NotInitializedException("cannot create node")
         validate_node_name(node_name)
@@ -148,25 +152,25 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
         except runtime.ClosedError as error:
             raise RCLError(str(error)) from error
         logger_name = made.fully_qualified_name[1:].replace("/", ".")
-        self.__node: Handle[runtime.Node] = Handle(opened, made, opened, logger_name=logger_name)
-        self.__logger = get_logger(logger_name)
-        self.__clock = ROSClock()
-        self._init_entities()
-        self._init_parameters(
+        self._rosidl_node: Handle[runtime.Node] = Handle(opened, made, opened, logger_name=logger_name)
+        self._rosidl_logger = self._logger = get_logger(logger_name)
+        self._rosidl_clock = self._clock = ROSClock()
+        self._rosidl_init_entities()
+        self._rosidl_init_parameters(
             parameter_overrides, allow_undeclared_parameters, automatically_declare_parameters_from_overrides
         )
-        self.__time_source = TimeSource(node=self)
-        self.__time_source.attach_clock(self.__clock)
+        self._time_source = source = TimeSource(node=self)
+        source.attach_clock(self._rosidl_clock)
         if start_parameter_services:
-            self._start_parameter_services()
+            self._parameter_service = ParameterService(self)
         if enable_logger_service:
-            self.__logger_service = LoggingService(self)
-        TypeDescriptionService(self)
+            self._logger_service = LoggingService(self)
+        self._type_description_service = TypeDescriptionService(self)
 
     @property
     def executor(self) -> Executor | None:
         """The one that serves this node; setting it takes the node from the one before."""
-        return None if self.__executor is None else self.__executor()
+        return None if self._rosidl_executor is None else self._rosidl_executor()
 
     @executor.setter
     def executor(self, new_executor: Executor | None) -> None:
@@ -176,20 +180,20 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
         if current is not None:
             current.remove_node(self)
         if new_executor is None:
-            self.__executor = None
+            self._rosidl_executor = None
         else:
             new_executor.add_node(self)
-            self.__executor = weakref.ref(new_executor)
+            self._rosidl_executor = weakref.ref(new_executor)
 
     @property
     def context(self) -> Context:
         """The context it belongs to."""
-        return self.__context
+        return valid_or(self._context, Context, self._rosidl_context)
 
     @property
     def handle(self) -> Handle[runtime.Node]:
         """What it holds in the runtime."""
-        return self.__node
+        return self._rosidl_node
 
     @handle.setter
     def handle(self, value: object) -> None:
@@ -212,28 +216,33 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
 
     def get_clock(self) -> Clock:
         """The clock of ROS time, which may be simulated."""
-        return self.__clock
+        clock = self._clock
+        return clock if hasattr(clock, "now") else self._rosidl_clock
+
+    def _rosidl_own_clock(self) -> Clock:
+        return valid_or(self._clock, Clock, self._rosidl_clock)
 
     def get_logger(self) -> RcutilsLogger:
         """The logger of the node's name."""
-        return self.__logger
+        logger = self._logger
+        return logger if hasattr(logger, "info") else self._rosidl_logger
 
     def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
         """The full name of a topic, after remapping unless `only_expand`. Raises RCLError for a name that is none."""
-        return self.__resolved(topic, only_expand, is_service=False)
+        return self._rosidl_resolved(topic, only_expand, is_service=False)
 
     def resolve_service_name(self, service: str, *, only_expand: bool = False) -> str:
         """The full name of a service, after remapping unless `only_expand`. Raises RCLError for a name that is none."""
-        return self.__resolved(service, only_expand, is_service=True)
+        return self._rosidl_resolved(service, only_expand, is_service=True)
 
-    def __resolved(self, name: str, only_expand: bool, *, is_service: bool) -> str:
+    def _rosidl_resolved(self, name: str, only_expand: bool, *, is_service: bool) -> str:
         with self.handle:
             try:
-                return self._resolve_name(name, only_expand, is_service=is_service)
+                return self._rosidl_resolve_name(name, only_expand, is_service=is_service)
             except NameValidationException as error:
                 raise RCLError(f"failed to resolve name: {error}") from error
 
-    def _resolve_name(self, name: str, only_expand: bool = False, *, is_service: bool) -> str:
+    def _rosidl_resolve_name(self, name: str, only_expand: bool = False, *, is_service: bool) -> str:
         """Raises InvalidTopicNameException or InvalidServiceNameException."""
         validate_topic_name(name, is_service=is_service)
         with self.handle as handle:
@@ -244,8 +253,13 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
                 return expanded
             return node.resolve_service_name(name) if is_service else node.resolve_topic_name(name)
 
+    def _validate_topic_or_service_name(self, topic_or_service_name: str, *, is_service: bool = False) -> None:
+        """Raise what `create_publisher` raises for a name; programs know it."""
+        self._rosidl_resolve_name(topic_or_service_name, True, is_service=is_service)
+
     def destroy_node(self) -> None:
         """End all that was created with the node, then the node. Uses afterwards raise InvalidHandle, but for this."""
-        self._destroy_entities()
-        self.__node.destroy_when_not_in_use()
-        self._wake_executor()
+        self._parameter_event_publisher = None
+        self._rosidl_destroy_entities()
+        self._rosidl_node.destroy_when_not_in_use()
+        self._rosidl_wake_executor()

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import weakref
 from collections import deque
 from collections.abc import Callable, Iterator
 from functools import partial
-from operator import attrgetter
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rclpy._rclpy_pybind11 import RCLError
@@ -17,6 +15,7 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.exceptions import InvalidHandle
 from rclpy.guard_condition import GuardCondition
 from rclpy.handles import ContextHandle, Handle
+from rclpy.impl._fields import valid_or
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, qos_profile_services_default
 from rclpy.qos_overriding_options import QoSOverridingOptions, _declare_qos_parameters
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from rclpy.waitable import Waitable
 
 _E = TypeVar("_E", Publisher, Subscription, Client, Service, Timer, GuardCondition)
+_KINDS = ("publishers", "subscriptions", "clients", "services", "timers", "guards")
 
 
 class NodeEntities:
@@ -44,66 +44,80 @@ class NodeEntities:
         def context(self) -> Context: ...
         @property
         def handle(self) -> Handle[runtime.Node]: ...
-        def get_clock(self) -> Clock: ...
-        def _resolve_name(self, name: str, only_expand: bool = False, *, is_service: bool) -> str: ...
+        def _rosidl_own_clock(self) -> Clock: ...
+        def _rosidl_resolve_name(self, name: str, only_expand: bool = False, *, is_service: bool) -> str: ...
 
-    def _init_entities(self) -> None:
-        """There are none yet."""
-        self.__publishers: list[Publisher] = []
-        self.__subscriptions: list[Subscription] = []
-        self.__clients: list[Client] = []
-        self.__services: list[Service] = []
-        self.__timers: list[Timer] = []
-        self.__guards: list[GuardCondition] = []
-        self.__waitables: list[Waitable] = []
-        self.__served: Served | None = None
-        self.__group = MutuallyExclusiveCallbackGroup()
-        self.__rate_group = ReentrantCallbackGroup()
+    def _rosidl_init_entities(self) -> None:
+        """Begin without entities.
+
+        Programs know the attributes of rclpy (``_timers``) and use these names for their own things, too. So each of
+        them is set beside one of ours, which counts where a program has replaced it by something else.
+        """
+        self._rosidl_publishers: list[Publisher] = []
+        self._rosidl_subscriptions: list[Subscription] = []
+        self._rosidl_clients: list[Client] = []
+        self._rosidl_services: list[Service] = []
+        self._rosidl_timers: list[Timer] = []
+        self._rosidl_guards: list[GuardCondition] = []
+        self._rosidl_waitables: list[Waitable] = []
+        self._rosidl_served: Served | None = None
+        self._rosidl_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
+        self._rosidl_rate_group: CallbackGroup = ReentrantCallbackGroup()
+        for kind in _KINDS:
+            setattr(self, f"_{kind}", getattr(self, f"_rosidl_{kind}"))
+        self._default_callback_group, self._rate_group = self._rosidl_group, self._rosidl_rate_group
 
     # ---------------------------------------------------------------------------------------------------- what it has
 
     @property
     def publishers(self) -> Iterator[Publisher]:
         """All that were created with this node, as the following ones."""
-        yield from self.__publishers
+        yield from self._rosidl_publishers
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
-        yield from self.__subscriptions
+        yield from self._rosidl_subscriptions
 
     @property
     def clients(self) -> Iterator[Client]:
-        yield from self.__clients
+        yield from self._rosidl_clients
 
     @property
     def services(self) -> Iterator[Service]:
-        yield from self.__services
+        yield from self._rosidl_services
 
     @property
     def timers(self) -> Iterator[Timer]:
-        yield from self.__timers
+        yield from self._rosidl_timers
 
     @property
     def guards(self) -> Iterator[GuardCondition]:
-        yield from self.__guards
+        yield from self._rosidl_guards
 
     @property
     def waitables(self) -> Iterator[Waitable]:
-        yield from self.__waitables
+        yield from self._rosidl_waitables
 
-    def _what_is_served(self) -> Served:
+    def _rosidl_what_is_served(self) -> Served:
         """For executors."""
-        if self.__served is None:
-            entities = (self.__timers, self.__subscriptions, self.__guards, self.__clients, self.__services)
-            self.__served = Served(self.handle, *entities, self.__waitables)
-        return self.__served
+        if self._rosidl_served is None:
+            entities = (
+                self._rosidl_timers,
+                self._rosidl_subscriptions,
+                self._rosidl_guards,
+                self._rosidl_clients,
+                self._rosidl_services,
+            )
+            self._rosidl_served = Served(self.handle, *entities, self._rosidl_waitables)
+        return self._rosidl_served
 
     @property
     def default_callback_group(self) -> CallbackGroup:
         """The group of all that is created without one: one callback at a time."""
-        return self.__group
+        return valid_or(self._default_callback_group, CallbackGroup, self._rosidl_group)
 
-    def _validate_qos_or_depth_parameter(self, qos_or_depth: QoSProfile | int) -> QoSProfile:
+    @staticmethod
+    def _rosidl_profile(qos_or_depth: QoSProfile | int) -> QoSProfile:
         if isinstance(qos_or_depth, QoSProfile):
             return qos_or_depth
         if not isinstance(qos_or_depth, int):
@@ -112,30 +126,32 @@ class NodeEntities:
             raise ValueError("history depth must be greater than or equal to zero")
         return QoSProfile(depth=qos_or_depth)
 
-    def __open(self) -> tuple[ContextHandle, runtime.Node]:
+    _validate_qos_or_depth_parameter = _rosidl_profile
+
+    def _rosidl_open(self) -> tuple[ContextHandle, runtime.Node]:
         """Raises RCLError after shutdown."""
         handle = self.handle
         if not handle.context.ok():
             raise RCLError("failed to create: the node's context is shut down")
         return handle.context, handle.entity
 
-    def __handle_of(self, entity: Any, kind: int) -> Handle[Any]:
-        name = self.handle.logger_name
-        handle: Handle[Any] = Handle(self.handle.context, entity, self.handle, logger_name=name, kind=kind)
-        if hasattr(entity, "on_ready"):
-            handle.set_ready(partial(_asked, entity))
-            entity.on_ready(_teller(handle))
-        return handle
-
-    def __keep(self, entity: _E, group: CallbackGroup | None, kept: list[_E]) -> _E:
+    def _rosidl_keep(self, entity: _E, group: CallbackGroup | None, kind: str) -> _E:
         if group is not None:
             group.add_entity(entity)
-        kept.append(entity)
-        self._wake_executor()
+        for entities in self._rosidl_lists(kind):
+            entities.append(entity)
+        self._rosidl_wake_executor()
         return entity
 
-    def _wake_executor(self) -> None:
+    def _rosidl_lists(self, kind: str) -> list[list[Any]]:
+        """Return our list of entities, and the one that a program has put in the place of rclpy's."""
+        kept, known = getattr(self, f"_rosidl_{kind}"), getattr(self, f"_{kind}", None)
+        return [kept, known] if isinstance(known, list) and known is not kept else [kept]
+
+    def _rosidl_wake_executor(self) -> None:
         self.handle.context.notify()
+
+    _wake_executor = _rosidl_wake_executor
 
     def create_publisher(
         self,
@@ -154,20 +170,20 @@ class NodeEntities:
             InvalidTopicNameException, NoTypeSupportImportedException, UnsupportedEventTypeError: as their names say.
             TypeError, ValueError: `qos_profile` is no profile or depth. RCLError: the context is shut down.
         """
-        profile = self._validate_qos_or_depth_parameter(qos_profile)
+        profile = self._rosidl_profile(qos_profile)
         group = callback_group or self.default_callback_group
-        full = self._resolve_name(topic, is_service=False)
+        full = self._rosidl_resolve_name(topic, is_service=False)
         options = QoSOverridingOptions([]) if qos_overriding_options is None else qos_overriding_options
         _declare_qos_parameters(Publisher, self, full, profile, options)  # type: ignore[arg-type]  # it is a Node
         check_is_valid_msg_type(msg_type)
         callbacks = PublisherEventCallbacks() if event_callbacks is None else event_callbacks
         with self.handle:
-            context, node = self.__open()
-            queues, told = callbacks._queues(context)
+            context, node = self._rosidl_open()
+            queues, told = callbacks._rosidl_queues(context)
             events = runtime.PublisherEventCallbacks(**told) if told else None
             make = partial(node.create_publisher, msg_type, topic, profile.get_c_qos_profile(), event_callbacks=events)
-            handle = self.__with_events(make, queues)
-            callbacks._watch(node, handle.entity, handle)
+            handle = self._rosidl_with_events(make, queues)
+            callbacks._rosidl_watch(node, handle.entity, handle)
         publisher = publisher_class(
             handle,
             msg_type,
@@ -178,12 +194,12 @@ class NodeEntities:
         )
         for handler in publisher.event_handlers:
             self.add_waitable(handler)
-        return self.__keep(publisher, None, self.__publishers)
+        return self._rosidl_keep(publisher, None, "publishers")
 
-    def __with_events(self, make: Callable[[], Any], queues: dict[int, deque[Any]]) -> Handle[Any]:
+    def _rosidl_with_events(self, make: Callable[[], Any], queues: dict[int, deque[Any]]) -> Handle[Any]:
         try:
             with self.handle.context.creating:
-                handle = self.__handle_of(make(), SUBSCRIPTIONS)
+                handle = self.handle.handle_of(make(), SUBSCRIPTIONS)
         except runtime.UnsupportedEventError as error:
             raise UnsupportedEventTypeError(str(error)) from error
         handle.events = queues
@@ -209,23 +225,23 @@ class NodeEntities:
             TypeError, ValueError: `qos_profile` is no profile or depth. RCLError: the context is shut down.
             RuntimeError: the callback takes neither one argument nor two.
         """
-        profile = self._validate_qos_or_depth_parameter(qos_profile)
+        profile = self._rosidl_profile(qos_profile)
         group = callback_group or self.default_callback_group
-        full = self._resolve_name(topic, is_service=False)
+        full = self._rosidl_resolve_name(topic, is_service=False)
         options = QoSOverridingOptions([]) if qos_overriding_options is None else qos_overriding_options
         _declare_qos_parameters(Subscription, self, full, profile, options)  # type: ignore[arg-type]  # it is a Node
         check_is_valid_msg_type(msg_type)
         callbacks = SubscriptionEventCallbacks() if event_callbacks is None else event_callbacks
         with self.handle:
-            context, node = self.__open()
-            queues, told = callbacks._queues(context)
+            context, node = self._rosidl_open()
+            queues, told = callbacks._rosidl_queues(context)
             events = runtime.SubscriptionEventCallbacks(**told) if told else None
             qos = profile.get_c_qos_profile()
             make: Callable[[], Any] = partial(
                 node.create_subscription, msg_type, topic, None, qos, raw=raw, event_callbacks=events
             )
-            handle = self.__with_events(make, queues)
-            callbacks._watch(node, handle.entity, handle)
+            handle = self._rosidl_with_events(make, queues)
+            callbacks._rosidl_watch(node, handle.entity, handle)
         handlers = callbacks.create_event_handlers(group, handle, topic)
         try:
             made = Subscription(handle, msg_type, topic, callback, group, profile, raw, event_callbacks=handlers)
@@ -234,7 +250,7 @@ class NodeEntities:
             raise
         for handler in handlers:
             self.add_waitable(handler)
-        return self.__keep(made, group, self.__subscriptions)
+        return self._rosidl_keep(made, group, "subscriptions")
 
     def create_client(
         self,
@@ -247,12 +263,14 @@ class NodeEntities:
         """Call a service. Raises InvalidServiceNameException, NoTypeSupportImportedException, RCLError."""
         group = self.default_callback_group if callback_group is None else callback_group
         check_is_valid_srv_type(srv_type)
-        self._resolve_name(srv_name, is_service=True)
+        self._rosidl_resolve_name(srv_name, is_service=True)
         with self.handle:
-            _, node = self.__open()
-            handle = self.__handle_of(node.create_client(srv_type, srv_name, qos_profile.get_c_qos_profile()), CLIENTS)
+            _, node = self._rosidl_open()
+            handle = self.handle.handle_of(
+                node.create_client(srv_type, srv_name, qos_profile.get_c_qos_profile()), CLIENTS
+            )
         made = Client(self.context, handle, srv_type, srv_name, qos_profile, group)
-        return self.__keep(made, group, self.__clients)
+        return self._rosidl_keep(made, group, "clients")
 
     def create_service(
         self,
@@ -268,14 +286,13 @@ class NodeEntities:
         """
         group = self.default_callback_group if callback_group is None else callback_group
         check_is_valid_srv_type(srv_type)
-        self._resolve_name(srv_name, is_service=True)
+        self._rosidl_resolve_name(srv_name, is_service=True)
         with self.handle:
-            _, node = self.__open()
-            handle = self.__handle_of(
-                node.create_service(srv_type, srv_name, None, qos_profile.get_c_qos_profile()), SERVICES
-            )
+            _, node = self._rosidl_open()
+            entity = node.create_service(srv_type, srv_name, None, qos_profile.get_c_qos_profile())
+            handle = self.handle.handle_of(entity, SERVICES)
         made = Service(handle, srv_type, srv_name, callback, group, qos_profile)
-        return self.__keep(made, group, self.__services)
+        return self._rosidl_keep(made, group, "services")
 
     def create_timer(
         self,
@@ -290,21 +307,21 @@ class NodeEntities:
         """
         period_ns = int(float(timer_period_sec) * S_TO_NS)
         group = self.default_callback_group if callback_group is None else callback_group
-        self.__open()
+        self._rosidl_open()
         with self.handle:
-            clock = self.get_clock() if clock is None else clock
+            clock = self._rosidl_own_clock() if clock is None else clock
             timer = Timer(callback, group, period_ns, clock, context=self.context, autostart=autostart)
-        return self.__keep(timer, group, self.__timers)
+        return self._rosidl_keep(timer, group, "timers")
 
     def create_guard_condition(
         self, callback: Callable[[], Any], callback_group: CallbackGroup | None = None
     ) -> GuardCondition:
         """Call a function after each `GuardCondition.trigger`."""
         group = self.default_callback_group if callback_group is None else callback_group
-        self.__open()
+        self._rosidl_open()
         with self.handle:
             guard = GuardCondition(callback, group, context=self.context)
-        return self.__keep(guard, group, self.__guards)
+        return self._rosidl_keep(guard, group, "guards")
 
     def create_rate(self, frequency: float, clock: Clock | None = None) -> Rate:
         """``rate.sleep()`` keeps a loop at this frequency, in hertz, while an executor spins in another thread.
@@ -313,51 +330,55 @@ class NodeEntities:
         """
         if frequency <= 0:
             raise ValueError("frequency must be > 0")
-        return Rate(self.create_timer(1.0 / frequency, None, self.__rate_group, clock), context=self.context)
+        group = valid_or(self._rate_group, CallbackGroup, self._rosidl_rate_group)
+        return Rate(self.create_timer(1.0 / frequency, None, group, clock), context=self.context)
 
     def add_waitable(self, waitable: Waitable) -> None:
         """Have the executor wait for something of the program's own."""
-        self.__waitables.append(waitable)
-        self._wake_executor()
+        self._rosidl_waitables.append(waitable)
+        self._rosidl_wake_executor()
 
     def remove_waitable(self, waitable: Waitable) -> None:
         """Wait for it no more."""
-        self.__waitables.remove(waitable)
-        self._wake_executor()
+        self._rosidl_waitables.remove(waitable)
+        self._rosidl_wake_executor()
 
     # ------------------------------------------------------------------------------------------------------ destroying
 
-    def __destroy(self, entity: _E, kept: list[_E]) -> bool:
+    def _rosidl_destroy(self, entity: Any, kind: str) -> bool:
+        kept, *known = self._rosidl_lists(kind)
         if entity not in kept:
             return False
-        kept.remove(entity)
+        for entities in (kept, *known):
+            if entity in entities:
+                entities.remove(entity)
         for handler in getattr(entity, "event_handlers", ()):
-            self.__waitables.remove(handler)
+            self._rosidl_waitables.remove(handler)
         try:
             entity.destroy()
         except InvalidHandle:
             return False
-        self._wake_executor()
+        self._rosidl_wake_executor()
         return True
 
     def destroy_publisher(self, publisher: Publisher) -> bool:
         """End it, after uses under way; False when it is not of this node (any more). So do the following ones."""
-        return self.__destroy(publisher, self.__publishers)
+        return self._rosidl_destroy(publisher, "publishers")
 
     def destroy_subscription(self, subscription: Subscription) -> bool:
-        return self.__destroy(subscription, self.__subscriptions)
+        return self._rosidl_destroy(subscription, "subscriptions")
 
     def destroy_client(self, client: Client) -> bool:
-        return self.__destroy(client, self.__clients)
+        return self._rosidl_destroy(client, "clients")
 
     def destroy_service(self, service: Service) -> bool:
-        return self.__destroy(service, self.__services)
+        return self._rosidl_destroy(service, "services")
 
     def destroy_timer(self, timer: Timer) -> bool:
-        return self.__destroy(timer, self.__timers)
+        return self._rosidl_destroy(timer, "timers")
 
     def destroy_guard_condition(self, guard: GuardCondition) -> bool:
-        return self.__destroy(guard, self.__guards)
+        return self._rosidl_destroy(guard, "guards")
 
     def destroy_rate(self, rate: Rate) -> bool:
         """End it, and wake all that sleep; False when it is not of this node (any more)."""
@@ -365,29 +386,7 @@ class NodeEntities:
         rate.destroy()
         return was_there
 
-    def _destroy_entities(self) -> None:
-        for kept in (
-            self.__publishers,
-            self.__subscriptions,
-            self.__clients,
-            self.__services,
-            self.__timers,
-            self.__guards,
-        ):
-            while kept:
-                self.__destroy(kept[0], kept)  # type: ignore[misc]
-
-
-def _teller(handle: Handle[Any]) -> Callable[[], None]:
-    """What an endpoint calls when something arrived; it does not keep the handle."""
-    itself = weakref.ref(handle)
-
-    def tell() -> None:
-        told = itself()
-        if told is not None:
-            told.arrived()
-
-    return tell
-
-
-_asked = attrgetter("is_ready")
+    def _rosidl_destroy_entities(self) -> None:
+        for kind in _KINDS:
+            while entities := self._rosidl_lists(kind)[0]:
+                self._rosidl_destroy(entities[0], kind)

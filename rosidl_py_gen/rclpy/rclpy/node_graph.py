@@ -57,7 +57,7 @@ class NodeGraph:
 
     # ----------------------------------------------------------------------------------------------------- by node
 
-    def _of_node(self, kind: str, node_name: str, node_namespace: str) -> NamesAndTypes:
+    def _rosidl_of_node(self, kind: str, node_name: str, node_namespace: str) -> NamesAndTypes:
         with self.handle.active() as node:
             namespace = node_namespace if node_namespace.startswith("/") else f"/{node_namespace}"
             if not any((one.name, one.namespace) == (node_name, namespace) for one in node.get_nodes()):
@@ -74,7 +74,7 @@ class NodeGraph:
 
         Raises NodeNameNonExistentError for a node that is not in the graph.
         """
-        return self._ends_of_node("publisher", "Request", "Reply", node_name, node_namespace, no_demangle)
+        return self._rosidl_ends_of_node("publisher", "Request", "Reply", node_name, node_namespace, no_demangle)
 
     def get_subscriber_names_and_types_by_node(
         self, node_name: str, node_namespace: str, no_demangle: bool = False
@@ -83,12 +83,12 @@ class NodeGraph:
 
         Raises NodeNameNonExistentError for a node that is not in the graph.
         """
-        return self._ends_of_node("subscriber", "Reply", "Request", node_name, node_namespace, no_demangle)
+        return self._rosidl_ends_of_node("subscriber", "Reply", "Request", node_name, node_namespace, no_demangle)
 
-    def _ends_of_node(
+    def _rosidl_ends_of_node(
         self, kind: str, of_clients: str, of_services: str, node_name: str, node_namespace: str, no_demangle: bool
     ) -> NamesAndTypes:
-        found = self._of_node(kind, node_name, node_namespace)
+        found = self._rosidl_of_node(kind, node_name, node_namespace)
         handle = self.context.handle
         if not no_demangle or handle is None or handle.runtime.middleware != "DDS":
             return found
@@ -97,17 +97,17 @@ class NodeGraph:
             prefix, suffix = ("rq", "Request_") if part == "Request" else ("rr", "Response_")
             mangled += [
                 (f"{prefix}{name}{part}", [f"{_mangled(one)}{suffix}" for one in types])
-                for name, types in self._of_node(end, node_name, node_namespace)
+                for name, types in self._rosidl_of_node(end, node_name, node_namespace)
             ]
         return sorted(mangled)
 
     def get_service_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
         """Services a node offers. Raises NodeNameNonExistentError for a node that is not in the graph."""
-        return self._of_node("service", node_name, node_namespace)
+        return self._rosidl_of_node("service", node_name, node_namespace)
 
     def get_client_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
         """Services a node has clients of. Raises NodeNameNonExistentError for a node that is not in the graph."""
-        return self._of_node("client", node_name, node_namespace)
+        return self._rosidl_of_node("client", node_name, node_namespace)
 
     # ------------------------------------------------------------------------------------------- topics and services
 
@@ -121,46 +121,46 @@ class NodeGraph:
         with self.handle.active() as node:
             return node.get_service_names_and_types()
 
-    def _full_name(self, name: str, *, is_service: bool = False) -> str:
+    def _rosidl_full_name(self, name: str, *, is_service: bool = False) -> str:
         full = expand_topic_name(name, self.get_name(), self.get_namespace())
         validate_full_topic_name(full, is_service=is_service)
         return full
 
-    def _count(self, what: str, name: str) -> int:
-        full = self._full_name(name, is_service=what in ("clients", "services"))
+    def _rosidl_count(self, what: str, name: str) -> int:
+        full = self._rosidl_full_name(name, is_service=what in ("clients", "services"))
         with self.handle.active() as node, self.handle.context.creating:
             count: int = getattr(node, f"count_{what}")(full)
             return count
 
     def count_publishers(self, topic_name: str) -> int:
         """How many publishers a topic has."""
-        return self._count("publishers", topic_name)
+        return self._rosidl_count("publishers", topic_name)
 
     def count_subscribers(self, topic_name: str) -> int:
         """How many subscriptions a topic has."""
-        return self._count("subscribers", topic_name)
+        return self._rosidl_count("subscribers", topic_name)
 
     def count_clients(self, service_name: str) -> int:
         """How many clients a service has."""
-        return self._count("clients", service_name)
+        return self._rosidl_count("clients", service_name)
 
     def count_services(self, service_name: str) -> int:
         """How many servers a service has."""
-        return self._count("services", service_name)
+        return self._rosidl_count("services", service_name)
 
-    def _infos(self, kind: str, name: str, no_mangle: bool) -> list[TopicEndpointInfo]:
-        topic = name if no_mangle else self._full_name(name)
+    def _rosidl_infos(self, kind: str, name: str, no_mangle: bool) -> list[TopicEndpointInfo]:
+        topic = name if no_mangle else self._rosidl_full_name(name)
         with self.handle.active() as node:
             found: list[Any] = getattr(node, f"get_{kind}_info_by_topic")(topic, no_mangle=no_mangle)
-            return [TopicEndpointInfo._from_runtime(one) for one in found]
+            return [TopicEndpointInfo._rosidl_from_runtime(one) for one in found]
 
     def get_publishers_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> list[TopicEndpointInfo]:
         """Every publisher of a topic; with `no_mangle` the name is one of DDS."""
-        return self._infos("publishers", topic_name, no_mangle)
+        return self._rosidl_infos("publishers", topic_name, no_mangle)
 
     def get_subscriptions_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> list[TopicEndpointInfo]:
         """Every subscription of a topic; with `no_mangle` the name is one of DDS."""
-        return self._infos("subscriptions", topic_name, no_mangle)
+        return self._rosidl_infos("subscriptions", topic_name, no_mangle)
 
 
 def _mangled(ros_type: str) -> str:

@@ -1,10 +1,10 @@
-"""The parameter methods of `rclpy.node.Node`. Attributes are mangled: programs have own ones of any name."""
+"""The parameter methods of `rclpy.node.Node`."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from rcl_interfaces.msg import (
     ListParametersResult,
@@ -23,9 +23,9 @@ from rclpy.exceptions import (
     ParameterNotDeclaredException,
     ParameterUninitializedException,
 )
+from rclpy.impl._fields import valid_or
 from rclpy.impl.parameter_rules import PARAM_REL_TOL, read_declaration, refusal
 from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter
-from rclpy.parameter_service import ParameterService
 from rclpy.qos import qos_profile_parameter_events
 from rclpy.type_description_service import START_TYPE_DESCRIPTION_SERVICE_PARAM
 
@@ -54,10 +54,10 @@ class NodeParameters:
         def handle(self) -> Handle[runtime.Node]: ...
         def get_name(self) -> str: ...
         def get_namespace(self) -> str: ...
-        def get_clock(self) -> Clock: ...
+        def _rosidl_own_clock(self) -> Clock: ...
         def create_publisher(self, msg_type: Any, topic: str, qos_profile: Any) -> Publisher: ...
 
-    def _init_parameters(self, own: Iterable[Parameter] | None, allow_undeclared: bool, declare: bool) -> None:
+    def _rosidl_init_parameters(self, own: Iterable[Parameter] | None, allow_undeclared: bool, declare: bool) -> None:
         """Take initial values.
 
         Args:
@@ -65,25 +65,30 @@ class NodeParameters:
             allow_undeclared: what need not be declared can be set, and is NOT_SET when it is got.
             declare: declare all initial values.
         """
-        self.__values: dict[str, Parameter] = {}
-        self.__descriptors: dict[str, Any] = {}
-        self.__allow_undeclared = allow_undeclared
-        self._pre_set_parameters_callbacks: list[PreSetCallback] = []
-        self._on_set_parameters_callbacks: list[OnSetCallback] = []
-        self._post_set_parameters_callbacks: list[PostSetCallback] = []
-        self.__events = self.create_publisher(ParameterEvent, "/parameter_events", qos_profile_parameter_events)
+        self._rosidl_values: dict[str, Parameter] = {}
+        self._rosidl_descriptors: dict[str, Any] = {}
+        self._rosidl_pre_set: list[PreSetCallback] = []
+        self._rosidl_on_set: list[OnSetCallback] = []
+        self._rosidl_post_set: list[PostSetCallback] = []
+        self._parameters, self._descriptors = self._rosidl_values, self._rosidl_descriptors
+        self._pre_set_parameters_callbacks = self._rosidl_pre_set
+        self._on_set_parameters_callbacks = self._rosidl_on_set
+        self._post_set_parameters_callbacks = self._rosidl_post_set
+        self._rosidl_allow_undeclared = self._allow_undeclared_parameters = allow_undeclared
+        events = self.create_publisher(ParameterEvent, "/parameter_events", qos_profile_parameter_events)
+        self._rosidl_parameter_events, self._parameter_event_publisher = events, cast("Publisher | None", events)
         with self.handle as handle:
             given = handle.entity.get_parameters_by_prefix("")
         if given[START_TYPE_DESCRIPTION_SERVICE_PARAM].value.value is True:
             del given[START_TYPE_DESCRIPTION_SERVICE_PARAM]  # the runtime declares it for its own
-        self.__overrides = {name: Parameter(name, value=_plain(one.value.value)) for name, one in given.items()}
-        self.__overrides |= {parameter.name: parameter for parameter in own or ()}
+        found = {name: Parameter(name, value=_plain(one.value.value)) for name, one in given.items()}
+        self._rosidl_overrides = self._parameter_overrides = found | {one.name: one for one in own or ()}
         if declare:
-            found = [(name, one.value, ParameterDescriptor()) for name, one in self.__overrides.items()]
-            self.declare_parameters("", found, ignore_override=True)
+            initial = [(name, one.value, ParameterDescriptor()) for name, one in self._rosidl_overrides.items()]
+            self.declare_parameters("", initial, ignore_override=True)
 
-    def _start_parameter_services(self) -> None:
-        ParameterService(self)  # type: ignore[arg-type]  # it is a Node
+    def _rosidl_allows_undeclared(self) -> bool:
+        return valid_or(self._allow_undeclared_parameters, bool, self._rosidl_allow_undeclared)
 
     # --------------------------------------------------------------------------------------------------- declaring
 
@@ -116,36 +121,37 @@ class NodeParameters:
         """
         wanted: list[Parameter] = []
         descriptors: dict[str, Any] = {}
+        overrides: dict[str, Parameter] = valid_or(self._parameter_overrides, dict, self._rosidl_overrides)
         for index, given in enumerate(parameters):
             name, value, descriptor = read_declaration(namespace, index, given)
-            if not ignore_override and name in self.__overrides:
-                value = self.__overrides[name].value
+            if not ignore_override and name in overrides:
+                value = overrides[name].value
             wanted.append(Parameter(name, value=value))
             descriptors[name] = descriptor
-        declared = [parameter.name for parameter in wanted if parameter.name in self.__values]
+        declared = [parameter.name for parameter in wanted if parameter.name in self._rosidl_values]
         if declared:
             raise ParameterAlreadyDeclaredException(declared)
         for parameter in wanted:
-            result = self.__apply([parameter], descriptors)
+            result = self._rosidl_apply([parameter], descriptors)
             if result.successful:
                 continue
             if result.reason.startswith("Wrong parameter type"):
                 expected = Parameter.Type(descriptors[parameter.name].type).name
                 raise InvalidParameterTypeException(parameter, expected)
             raise InvalidParameterValueException(parameter.name, parameter.value, result.reason)
-        return [self.__values[parameter.name] for parameter in wanted]
+        return [self._rosidl_values[parameter.name] for parameter in wanted]
 
     def undeclare_parameter(self, name: str) -> None:
         """Forget it. ParameterNotDeclaredException, or ParameterImmutableException for a read-only one."""
         if not self.has_parameter(name):
             raise ParameterNotDeclaredException(name)
-        if self.__descriptors[name].read_only:
+        if self._rosidl_descriptors[name].read_only:
             raise ParameterImmutableException(name)
-        del self.__values[name], self.__descriptors[name]
+        del self._rosidl_values[name], self._rosidl_descriptors[name]
 
     def has_parameter(self, name: str) -> bool:
         """Whether it is declared."""
-        return name in self.__values
+        return name in self._rosidl_values
 
     # ----------------------------------------------------------------------------------------------------- getting
 
@@ -160,8 +166,8 @@ class NodeParameters:
         Raises ParameterNotDeclaredException elsewhere.
         """
         if self.has_parameter(name):
-            return self.__values[name].type_.value
-        if self.__allow_undeclared:
+            return self._rosidl_values[name].type_.value
+        if self._rosidl_allows_undeclared():
             return Parameter.Type.NOT_SET
         raise ParameterNotDeclaredException(name)
 
@@ -177,17 +183,17 @@ class NodeParameters:
             ParameterNotDeclaredException: it is not declared. ParameterUninitializedException: it has no value yet.
         """
         if self.has_parameter(name):
-            found = self.__values[name]
-            if found.type_ is Parameter.Type.NOT_SET and not self.__descriptors[name].dynamic_typing:
+            found = self._rosidl_values[name]
+            if found.type_ is Parameter.Type.NOT_SET and not self._rosidl_descriptors[name].dynamic_typing:
                 raise ParameterUninitializedException(name)
             return found
-        if self.__allow_undeclared:
+        if self._rosidl_allows_undeclared():
             return Parameter(name)
         raise ParameterNotDeclaredException(name)
 
     def get_parameter_or(self, name: str, alternative_value: Parameter | None = None) -> Parameter:
         """A parameter, or the other one, by default one that is NOT_SET, when it is undeclared or has no value."""
-        found = self.__values.get(name)
+        found = self._rosidl_values.get(name)
         if found is not None and found.type_ is not Parameter.Type.NOT_SET:
             return found
         return Parameter(name) if alternative_value is None else alternative_value
@@ -195,7 +201,7 @@ class NodeParameters:
     def get_parameters_by_prefix(self, prefix: str) -> dict[str, Parameter]:
         """Those whose names begin with the prefix and a dot, by what follows; an empty prefix gives all."""
         start = prefix + PARAMETER_SEPARATOR_STRING if prefix else ""
-        return {name[len(start) :]: found for name, found in self.__values.items() if name.startswith(start)}
+        return {name[len(start) :]: found for name, found in self._rosidl_values.items() if name.startswith(start)}
 
     def list_parameters(self, prefixes: list[str], depth: int) -> Any:
         """Names, and the prefixes of these, as rcl_interfaces/ListParametersResult.
@@ -227,7 +233,7 @@ class NodeParameters:
             starts = (prefix + PARAMETER_SEPARATOR_STRING for prefix in prefixes)
             return any(name.startswith(start) and fits(name[len(start) :]) for start in starts)
 
-        names = [name for name in self.__values if is_wanted(name)]
+        names = [name for name in self._rosidl_values if is_wanted(name)]
         parents = [name.rpartition(PARAMETER_SEPARATOR_STRING)[0] for name in names]
         return ListParametersResult(names=names, prefixes=list(dict.fromkeys(filter(None, parents))))
 
@@ -236,9 +242,9 @@ class NodeParameters:
 
         Raises ParameterNotDeclaredException elsewhere.
         """
-        if name in self.__descriptors:
-            return self.__descriptors[name]
-        if self.__allow_undeclared:
+        if name in self._rosidl_descriptors:
+            return self._rosidl_descriptors[name]
+        if self._rosidl_allows_undeclared():
             return ParameterDescriptor()
         raise ParameterNotDeclaredException(name)
 
@@ -254,12 +260,15 @@ class NodeParameters:
         NOT_SET undeclares, where the type is dynamic. Raises ParameterNotDeclaredException, TypeError for what is no
         Parameter, and what callbacks raise.
         """
-        return [self.set_parameters_atomically([parameter]) for parameter in parameter_list]
+        return [self._rosidl_set([parameter]) for parameter in parameter_list]
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
         """Set all of them or none, as `set_parameters`."""
-        if self._pre_set_parameters_callbacks:
-            callbacks = tuple(self._pre_set_parameters_callbacks)
+        return self._rosidl_set(parameter_list)
+
+    def _rosidl_set(self, parameter_list: list[Parameter]) -> Any:
+        if self._rosidl_pre_set:
+            callbacks = tuple(self._rosidl_pre_set)
             parameter_list = [one for callback in callbacks for one in callback(parameter_list)]
             if not parameter_list:
                 text = (
@@ -269,20 +278,20 @@ class NodeParameters:
                 return SetParametersResult(successful=False, reason=text)
         if not all(isinstance(parameter, Parameter) for parameter in parameter_list):
             raise TypeError(f"parameter must be instance of type '{Parameter!r}'")
-        undeclared = [parameter.name for parameter in parameter_list if parameter.name not in self.__values]
-        if undeclared and not self.__allow_undeclared:
+        undeclared = [parameter.name for parameter in parameter_list if parameter.name not in self._rosidl_values]
+        if undeclared and not self._rosidl_allows_undeclared():
             raise ParameterNotDeclaredException(undeclared)
-        return self.__apply(parameter_list, None)
+        return self._rosidl_apply(parameter_list, None)
 
-    def __apply(self, parameters: list[Parameter], declared: dict[str, Any] | None) -> Any:
+    def _rosidl_apply(self, parameters: list[Parameter], declared: dict[str, Any] | None) -> Any:
         """Check, set and tell; with `declared`, the descriptors of parameters that are new."""
-        descriptors = self.__descriptors if declared is None else declared
+        descriptors = self._rosidl_descriptors if declared is None else declared
         for parameter in parameters:
             if parameter.name in descriptors:
-                reason = self.__refusal(parameter, descriptors[parameter.name], check_read_only=declared is None)
+                reason = self._rosidl_refusal(parameter, descriptors[parameter.name], check_read_only=declared is None)
                 if reason:
                     return SetParametersResult(successful=False, reason=reason)
-        for callback in tuple(self._on_set_parameters_callbacks):
+        for callback in tuple(self._rosidl_on_set):
             result = callback(parameters)
             if not isinstance(result, SetParametersResult):
                 text = "Callback returned an invalid type, it should return SetParameterResult."
@@ -293,32 +302,32 @@ class NodeParameters:
         namespace = self.get_namespace()
         event = ParameterEvent(node=f"{'' if namespace == '/' else namespace}/{self.get_name()}")
         for parameter in parameters:
-            self.__store(parameter, declared, event)
-        event.stamp = self.get_clock().now().to_msg()
-        self.__events.publish(event)
-        for told in tuple(self._post_set_parameters_callbacks):
+            self._rosidl_store(parameter, declared, event)
+        event.stamp = self._rosidl_own_clock().now().to_msg()
+        self._rosidl_parameter_events.publish(event)
+        for told in tuple(self._rosidl_post_set):
             told(parameters)
         return SetParametersResult(successful=True)
 
-    def __refusal(self, parameter: Parameter, descriptor: Any, *, check_read_only: bool) -> str:
+    def _rosidl_refusal(self, parameter: Parameter, descriptor: Any, *, check_read_only: bool) -> str:
         descriptor.name = parameter.name
         is_declared = self.has_parameter(parameter.name)
         return refusal(parameter, descriptor, is_declared=is_declared, check_read_only=check_read_only)
 
-    def __store(self, parameter: Parameter, declared: dict[str, Any] | None, event: Any) -> None:
+    def _rosidl_store(self, parameter: Parameter, declared: dict[str, Any] | None, event: Any) -> None:
         name = parameter.name
         if declared is None and parameter.type_ is Parameter.Type.NOT_SET:
             event.deleted_parameters.append(parameter.to_parameter_msg())
-            self.__values.pop(name, None)
-            self.__descriptors.pop(name, None)
+            self._rosidl_values.pop(name, None)
+            self._rosidl_descriptors.pop(name, None)
             return
         if declared is not None:
-            self.__descriptors[name] = declared[name]
-        elif name not in self.__descriptors:
-            self.__descriptors[name] = ParameterDescriptor(dynamic_typing=True)
+            self._rosidl_descriptors[name] = declared[name]
+        elif name not in self._rosidl_descriptors:
+            self._rosidl_descriptors[name] = ParameterDescriptor(dynamic_typing=True)
         is_new = self.get_parameter_or(name).type_ is Parameter.Type.NOT_SET
         (event.new_parameters if is_new else event.changed_parameters).append(parameter.to_parameter_msg())
-        self.__values[name] = parameter
+        self._rosidl_values[name] = parameter
 
     def set_descriptor(self, name: str, descriptor: Any, alternative_value: Any = None) -> Any:
         """Give it another descriptor; returns the rcl_interfaces/ParameterValue that it has then.
@@ -337,14 +346,14 @@ class NodeParameters:
         if self.describe_parameter(name).read_only:
             raise ParameterImmutableException(name)
         parameter = self.get_parameter(name)
-        if self.__refusal(parameter, descriptor, check_read_only=False):
+        if self._rosidl_refusal(parameter, descriptor, check_read_only=False):
             if alternative_value is not None:
                 parameter = Parameter.from_parameter_msg(ParameterMsg(name=name, value=alternative_value))
-            reason = self.__refusal(parameter, descriptor, check_read_only=False)
+            reason = self._rosidl_refusal(parameter, descriptor, check_read_only=False)
             if reason:
                 raise InvalidParameterValueException(name, parameter.value, reason)
-        self.__values[name] = parameter
-        self.__descriptors[name] = descriptor
+        self._rosidl_values[name] = parameter
+        self._rosidl_descriptors[name] = descriptor
         return self.get_parameter(name).get_parameter_value()
 
     # --------------------------------------------------------------------------------------------------- callbacks
@@ -354,31 +363,31 @@ class NodeParameters:
 
         It is given the list and returns what is to be set, all at once; not asked when parameters are declared.
         """
-        self._pre_set_parameters_callbacks.insert(0, callback)
+        self._rosidl_pre_set.insert(0, callback)
 
     def add_on_set_parameters_callback(self, callback: OnSetCallback) -> None:
         """Have a function decide, by rcl_interfaces/SetParametersResult, before parameters change; newest first."""
         if not callable(callback):
             raise TypeError(f"Callback must be callable, got {type(callback)}")
-        self._on_set_parameters_callbacks.insert(0, callback)
+        self._rosidl_on_set.insert(0, callback)
 
     def add_post_set_parameters_callback(self, callback: PostSetCallback) -> None:
         """Have a function told of parameters that changed, also of declared ones; newest first."""
         if not callable(callback):
             raise TypeError(f"Callback must be callable, got {type(callback)}")
-        self._post_set_parameters_callbacks.insert(0, callback)
+        self._rosidl_post_set.insert(0, callback)
 
     def remove_pre_set_parameters_callback(self, callback: PreSetCallback) -> None:
         """Ask it no more; ValueError when it is not there."""
-        self._pre_set_parameters_callbacks.remove(callback)
+        self._rosidl_pre_set.remove(callback)
 
     def remove_on_set_parameters_callback(self, callback: OnSetCallback) -> None:
         """Ask it no more; ValueError when it is not there."""
-        self._on_set_parameters_callbacks.remove(callback)
+        self._rosidl_on_set.remove(callback)
 
     def remove_post_set_parameters_callback(self, callback: PostSetCallback) -> None:
         """Tell it no more; ValueError when it is not there."""
-        self._post_set_parameters_callbacks.remove(callback)
+        self._rosidl_post_set.remove(callback)
 
 
 def _plain(value: Any) -> Any:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import time  # noqa: F401
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, List, Optional, Union  # noqa: F401, UP035
 
 from rcl_interfaces.msg import Parameter as ParameterMsg  # noqa: F401  imported from here by programs
 from rcl_interfaces.msg import ParameterEvent
@@ -46,12 +47,12 @@ class AsyncParameterClient:
     ) -> None:
         self.remote_node_name = remote_node_name
         self.node = node
-        self._clients: list[Client] = []
+        self._rosidl_clients: list[Client] = []
 
         def client(srv_type: Any, name: str) -> Client:
             full = f"{remote_node_name}/{name}"
             made = node.create_client(srv_type, full, qos_profile=qos_profile, callback_group=callback_group)
-            self._clients.append(made)
+            self._rosidl_clients.append(made)
             return made
 
         self._get_parameter_client = client(GetParameters, "get_parameters")
@@ -63,7 +64,7 @@ class AsyncParameterClient:
 
     def services_are_ready(self) -> bool:
         """Whether all six services are there."""
-        return all(client.service_is_ready() for client in self._clients)
+        return all(client.service_is_ready() for client in self._rosidl_clients)
 
     def wait_for_services(self, timeout_sec: float | None = None) -> bool:
         """Wait until they are; None means for ever. Needs no executor. False when the time passed."""
@@ -71,7 +72,7 @@ class AsyncParameterClient:
             return handle.context.wait(self.services_are_ready, None if timeout_sec is None else max(0.0, timeout_sec))
 
     @staticmethod
-    def _send(client: Client, request: Any, callback: Callback | None) -> Future[Any]:
+    def _rosidl_send(client: Client, request: Any, callback: Callback | None) -> Future[Any]:
         future: Future[Any] = client.call_async(request)
         if callback:
             future.add_done_callback(callback)
@@ -82,29 +83,29 @@ class AsyncParameterClient:
     ) -> Future[Any]:
         """Which parameters there are, below prefixes and down to a depth; by default all."""
         request = ListParameters.Request(prefixes=prefixes or [], depth=depth or 0)
-        return self._send(self._list_parameter_client, request, callback)
+        return self._rosidl_send(self._list_parameter_client, request, callback)
 
     def get_parameters(self, names: list[str], callback: Callback | None = None) -> Future[Any]:
         """Values by name."""
-        return self._send(self._get_parameter_client, GetParameters.Request(names=names), callback)
+        return self._rosidl_send(self._get_parameter_client, GetParameters.Request(names=names), callback)
 
     def set_parameters(self, parameters: Sequence[Any], callback: Callback | None = None) -> Future[Any]:
         """Set each, as Parameter or as message."""
         request = SetParameters.Request(parameters=_messages(parameters))
-        return self._send(self._set_parameter_client, request, callback)
+        return self._rosidl_send(self._set_parameter_client, request, callback)
 
     def describe_parameters(self, names: list[str], callback: Callback | None = None) -> Future[Any]:
         """Descriptors by name."""
-        return self._send(self._describe_parameters_client, DescribeParameters.Request(names=names), callback)
+        return self._rosidl_send(self._describe_parameters_client, DescribeParameters.Request(names=names), callback)
 
     def get_parameter_types(self, names: list[str], callback: Callback | None = None) -> Future[Any]:
         """Types by name, as numbers of `Parameter.Type`."""
-        return self._send(self._get_parameter_types_client, GetParameterTypes.Request(names=names), callback)
+        return self._rosidl_send(self._get_parameter_types_client, GetParameterTypes.Request(names=names), callback)
 
     def set_parameters_atomically(self, parameters: Sequence[Any], callback: Callback | None = None) -> Future[Any]:
         """Set all of them or none, each as Parameter or as message."""
         request = SetParametersAtomically.Request(parameters=_messages(parameters))
-        return self._send(self._set_parameters_atomically_client, request, callback)
+        return self._rosidl_send(self._set_parameters_atomically_client, request, callback)
 
     def delete_parameters(self, names: list[str], callback: Callback | None = None) -> Future[Any]:
         """Undeclare them; only those of dynamic type can be."""

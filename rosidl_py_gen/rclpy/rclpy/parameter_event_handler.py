@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import threading
+from collections import defaultdict  # noqa: F401
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from itertools import chain
-from typing import Any
+from threading import Lock  # noqa: F401
+from typing import Any, Dict, List, Optional, Tuple  # noqa: F401, UP035
 
 from rcl_interfaces.msg import ParameterEvent
 

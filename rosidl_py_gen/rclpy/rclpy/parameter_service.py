@@ -66,14 +66,14 @@ class ParameterService:
         return response
 
     def _set_parameters_callback(self, request: Any, response: Any) -> Any:
-        response.results = [self._set([message]) for message in request.parameters]
+        response.results = [self._rosidl_set([message]) for message in request.parameters]
         return response
 
     def _set_parameters_atomically_callback(self, request: Any, response: Any) -> Any:
-        response.result = self._set(request.parameters)
+        response.result = self._rosidl_set(request.parameters)
         return response
 
-    def _set(self, messages: list[Any]) -> Any:
+    def _rosidl_set(self, messages: list[Any]) -> Any:
         try:
             parameters = [Parameter.from_parameter_msg(message) for message in messages]
         except ValueError as error:  # a type that does not exist; rclpy would end the spinning for it

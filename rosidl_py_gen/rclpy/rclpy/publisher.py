@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, Union  # noqa: F401
 
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.callback_groups import CallbackGroup as CallbackGroup
@@ -36,7 +36,7 @@ class Publisher:
         event_callbacks: list[EventHandler],
         callback_group: CallbackGroup,
     ) -> None:
-        self.__publisher = publisher_impl
+        self._rosidl_publisher = publisher_impl
         self.msg_type = msg_type
         self.topic = topic
         self.qos_profile = qos_profile
@@ -49,7 +49,7 @@ class Publisher:
             TypeError: it is of another class. InvalidHandle: the publisher was destroyed. RCLError: the context was
             shut down. `rosidl_py_gen.runtime.EncodeError`: a field does not fit its type.
         """
-        with self.__publisher as handle:
+        with self._rosidl_publisher as handle:
             handle.context.require_ok()
             try:
                 if isinstance(msg, self.msg_type):
@@ -75,7 +75,7 @@ class Publisher:
     @property
     def handle(self) -> Handle[runtime.Publisher[Any]]:
         """What it holds in the runtime."""
-        return self.__publisher
+        return self._rosidl_publisher
 
     @property
     def logger_name(self) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from enum import Enum, IntEnum
-from typing import Any, TypeVar
+from typing import Any, TypeVar, Union  # noqa: F401
 
 from rclpy._rclpy_pybind11 import RMW_QOS_DEADLINE_BEST_AVAILABLE, QoSCompatibility
 from rclpy.duration import Duration
@@ -144,7 +144,7 @@ class _RuntimeProfile(runtime.QoSProfile):
 
     def to_dict(self) -> dict[str, Any]:
         """The arguments of `QoSProfile`."""
-        made = QoSProfile._from_runtime(self)
+        made = QoSProfile._rosidl_from_runtime(self)
         return {name: getattr(made, name) for name in _FIELDS}
 
 
@@ -226,7 +226,7 @@ class QoSProfile:
         )
 
     @classmethod
-    def _from_runtime(cls, profile: runtime.QoSProfile) -> QoSProfile:
+    def _rosidl_from_runtime(cls, profile: runtime.QoSProfile) -> QoSProfile:
         """The other way of `get_c_qos_profile`, without a warning for depth 0."""
         made = cls(depth=1)
         made.history = HistoryPolicy(profile.history)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from enum import IntEnum  # noqa: F401
+from typing import List, Optional  # noqa: F401, UP035
 
 from rclpy.event_handler import *  # noqa: F403
 

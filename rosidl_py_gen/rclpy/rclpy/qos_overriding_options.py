@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, List, Optional, Text, Type, Union  # noqa: F401, UP035
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 

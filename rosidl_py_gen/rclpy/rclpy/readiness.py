@@ -48,11 +48,11 @@ def ready_entities(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) ->
     least: float | None = None
     has_waitables = False
     for node in nodes:
-        served = node._what_is_served()
+        served = node._rosidl_what_is_served()
         handle, timers, _, guards, _, _, waitables = served
         if timers:
             for timer in tuple(timers):
-                if timer._is_ready():
+                if timer._rosidl_is_ready():
                     if can_execute(timer):
                         found.append((timer, node))
                     continue
@@ -67,10 +67,10 @@ def ready_entities(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) ->
                 if kind in kinds or kind == GUARDS:
                     entities: list[Any] = served[kind]  # type: ignore[assignment]
                     for one in tuple(entities):
-                        if one._is_ready() and can_execute(one):
+                        if one._rosidl_is_ready() and can_execute(one):
                             found.append((one, node))
         elif guards:
-            found += [(one, node) for one in tuple(guards) if one._is_ready() and can_execute(one)]
+            found += [(one, node) for one in tuple(guards) if one._rosidl_is_ready() and can_execute(one)]
         if waitables:
             has_waitables = True
     return found, least, has_waitables
@@ -81,8 +81,8 @@ def ready_waitables(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) -
     found: Found = []
     wait_set: WaitSet | None = None
     for node in nodes:
-        for waitable in tuple(node._what_is_served().waitables):
-            queue = waitable._rclpy_queue
+        for waitable in tuple(node._rosidl_what_is_served().waitables):
+            queue = waitable._rosidl_queue
             if (queue is not None and not queue) or not can_execute(waitable):
                 continue
             if wait_set is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Callable, TypeVar  # noqa: UP035
 
 from rclpy.callback_groups import CallbackGroup as CallbackGroup
 from rclpy.clock import Clock as Clock
@@ -12,7 +12,7 @@ from rclpy.service_introspection import ServiceIntrospectionState as ServiceIntr
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable
+    from collections.abc import Awaitable
 
     from rclpy.executors import Executor
     from rclpy.handles import Handle
@@ -40,8 +40,8 @@ class Service:
         callback_group: CallbackGroup,
         qos_profile: QoSProfile,
     ) -> None:
-        self.__service = service_impl
-        self._is_ready = service_impl.is_ready
+        self._rosidl_service = service_impl
+        self._rosidl_is_ready = service_impl.is_ready
         self.srv_type = srv_type
         self.srv_name = srv_name
         self.callback = callback
@@ -71,7 +71,7 @@ class Service:
     @property
     def handle(self) -> Handle[runtime.ServiceServer[Any, Any]]:
         """What a wait set takes."""
-        return self.__service
+        return self._rosidl_service
 
     @property
     def service_name(self) -> str:
@@ -87,10 +87,10 @@ class Service:
 
     def destroy(self) -> None:
         """End it; use `Node.destroy_service`."""
-        self.__service.destroy_when_not_in_use()
+        self._rosidl_service.destroy_when_not_in_use()
 
-    def _take(self, executor: Executor) -> Callable[[], Any] | None:
-        with self.__service as handle:
+    def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
+        with self._rosidl_service as handle:
             request = handle.entity.take()
         if request is None:
             return None
@@ -98,11 +98,11 @@ class Service:
         def serve() -> Any:
             response = self.callback(request.message, self.srv_type.Response())
             if inspect.isawaitable(response):
-                return self._answer_later(response, request)
+                return self._rosidl_answer_later(response, request)
             self.send_response(response, request)
             return None
 
         return serve
 
-    async def _answer_later(self, response: Awaitable[Any], request: runtime.ServiceRequest[Any, Any]) -> None:
+    async def _rosidl_answer_later(self, response: Awaitable[Any], request: runtime.ServiceRequest[Any, Any]) -> None:
         self.send_response(await response, request)

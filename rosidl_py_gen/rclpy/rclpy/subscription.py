@@ -6,7 +6,7 @@ import inspect
 from enum import Enum
 from functools import partial
 from operator import methodcaller
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Callable, TypeVar  # noqa: UP035
 
 from rclpy.callback_groups import CallbackGroup as CallbackGroup
 from rclpy.event_handler import EventHandler as EventHandler
@@ -14,8 +14,6 @@ from rclpy.event_handler import SubscriptionEventCallbacks as SubscriptionEventC
 from rclpy.qos import QoSProfile as QoSProfile
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from rclpy.executors import Executor
     from rclpy.handles import Handle
     from rosidl_py_gen import runtime
@@ -52,8 +50,8 @@ class Subscription:
         raw: bool,
         event_callbacks: list[EventHandler],
     ) -> None:
-        self.__subscription = subscription_impl
-        self._is_ready = subscription_impl.is_marked
+        self._rosidl_subscription = subscription_impl
+        self._rosidl_is_ready = subscription_impl.is_marked
         self.msg_type = msg_type
         self.topic = topic
         self.callback = callback
@@ -71,7 +69,7 @@ class Subscription:
     @property
     def handle(self) -> Handle[runtime.Subscription[Any]]:
         """What a wait set takes."""
-        return self.__subscription
+        return self._rosidl_subscription
 
     def destroy(self) -> None:
         """End it; use `Node.destroy_subscription`."""
@@ -111,11 +109,11 @@ class Subscription:
         with self.handle as handle:
             return handle.logger_name
 
-    def _take(self, executor: Executor) -> Callable[[], Any] | None:
+    def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
         if self._callback_type is self.CallbackType.MessageOnly:
-            message = self.__subscription.taken_from(_message)
-            return None if message is None else self._bound(message)
-        found = self.__subscription.taken_from(_message_with_info)
+            message = self._rosidl_subscription.taken_from(_message)
+            return None if message is None else self._rosidl_bound(message)
+        found = self._rosidl_subscription.taken_from(_message_with_info)
         if found is None:
             return None
         message, info = found
@@ -125,8 +123,8 @@ class Subscription:
             "publication_sequence_number": info.publication_sequence_number,
             "reception_sequence_number": None,
         }
-        return self._bound(message, told)
+        return self._rosidl_bound(message, told)
 
-    def _bound(self, *args: Any) -> Callable[[], Any]:
+    def _rosidl_bound(self, *args: Any) -> Callable[[], Any]:
         """The callback as a function without arguments, which is async if the callback is."""
         return partial(self._callback, *args)

@@ -40,7 +40,7 @@ class Future(Generic[T]):
         self._exception: BaseException | None = None
         self._exception_fetched = False
         self._callbacks: list[Callable[[Future[T]], object]] = []
-        self._wakers: list[Callable[[], object]] = []
+        self._rosidl_wakers: list[Callable[[], object]] = []
         """Called at the end by whoever ends it: executors that wait for it."""
         self._lock = threading.Lock()
         self._executor: Callable[[], Executor | None] = _no_executor if executor is None else weakref.ref(executor)
@@ -65,7 +65,7 @@ class Future(Generic[T]):
             if not self._pending():
                 return
             self._state = FutureState.CANCELLED
-        self._tell()
+        self._rosidl_tell()
 
     def cancelled(self) -> bool:
         """Whether it was given up."""
@@ -92,9 +92,9 @@ class Future(Generic[T]):
         with self._lock:
             self._result = result
             self._state = FutureState.FINISHED
-            is_waited_for = self._callbacks or self._wakers
+            is_waited_for = self._callbacks or self._rosidl_wakers
         if is_waited_for:
-            self._tell()
+            self._rosidl_tell()
 
     def set_exception(self, exception: BaseException) -> None:
         """End it with an exception."""
@@ -102,14 +102,14 @@ class Future(Generic[T]):
             self._exception = exception
             self._exception_fetched = False
             self._state = FutureState.FINISHED
-        self._tell()
+        self._rosidl_tell()
 
-    def _tell(self) -> None:
+    def _rosidl_tell(self) -> None:
         """Have the callbacks called: by the executor it belongs to, else here and now."""
         with self._lock:
             executor = self._executor()
             callbacks, self._callbacks = self._callbacks, []
-            wakers, self._wakers = self._wakers, []
+            wakers, self._rosidl_wakers = self._rosidl_wakers, []
         for callback in callbacks:
             if executor is not None:
                 executor.create_task(callback, self)
@@ -125,16 +125,16 @@ class Future(Generic[T]):
         with self._lock:
             self._executor = _no_executor if executor is None else weakref.ref(executor)
 
-    def _wake_at_end(self, wake: Callable[[], object]) -> None:
+    def _rosidl_wake_at_end(self, wake: Callable[[], object]) -> None:
         """Have a function called when it is over; without effect when that is registered, or it is over."""
         with self._lock:
-            if self._pending() and wake not in self._wakers:
-                self._wakers.append(wake)
+            if self._pending() and wake not in self._rosidl_wakers:
+                self._rosidl_wakers.append(wake)
 
-    def _forget_waker(self, wake: Callable[[], object]) -> None:
+    def _rosidl_forget_waker(self, wake: Callable[[], object]) -> None:
         with self._lock:
-            if wake in self._wakers:
-                self._wakers.remove(wake)
+            if wake in self._rosidl_wakers:
+                self._rosidl_wakers.remove(wake)
 
     def add_done_callback(self, callback: Callable[[Future[T]], object]) -> None:
         """Have ``callback(future)`` called at the end: as a task of the executor the future belongs to, else by whoever
@@ -180,9 +180,9 @@ class Task(Future[T]):
             self._handler = handler(*self._args, **self._kwargs)
             self._args, self._kwargs = (), {}
         self._executing = False
-        self._handed_out = False
+        self._rosidl_handed_out = False
         """An executor gave it to somebody who is about to call it."""
-        self._waits_for: Future[Any] | None = None
+        self._rosidl_waits_for: Future[Any] | None = None
         self._task_lock = threading.Lock()
 
     def __call__(self) -> None:
@@ -192,25 +192,25 @@ class Task(Future[T]):
         try:
             if not self._pending():
                 return
-            self._executing, self._waits_for = True, None
+            self._executing, self._rosidl_waits_for = True, None
             try:
-                self._step()
+                self._rosidl_step()
             except BaseException:  # what ends a program, such as KeyboardInterrupt
                 self._state, self._handler = FutureState.CANCELLED, None
                 raise
             finally:
-                self._executing = self._handed_out = False
+                self._executing = self._rosidl_handed_out = False
         finally:
             self._task_lock.release()
 
-    def _step(self) -> None:
+    def _rosidl_step(self) -> None:
         handler = self._handler
         try:
             if inspect.iscoroutine(handler):
                 _awaited.future = None
                 try:
                     handler.send(None)
-                    self._wait_for(_awaited.future)
+                    self._rosidl_wait_for(_awaited.future)
                     return
                 except StopIteration as end:
                     result = end.value
@@ -223,18 +223,18 @@ class Task(Future[T]):
             self.set_result(result)
         self._handler, self._args, self._kwargs = None, (), {}
 
-    def _wait_for(self, awaited: Future[Any] | None) -> None:
+    def _rosidl_wait_for(self, awaited: Future[Any] | None) -> None:
         """Note what the coroutine waits for. What is no future of ours is asked again at each pass."""
         executor = self._executor()
         if awaited is not None and executor is not None:
-            self._waits_for = awaited
-            awaited._wake_at_end(executor.wake)
+            self._rosidl_waits_for = awaited
+            awaited._rosidl_wake_at_end(executor.wake)
 
-    def _can_go_on(self) -> bool:
+    def _rosidl_can_go_on(self) -> bool:
         """Whether an executor should call it."""
-        if self._handed_out or self._executing or not self._pending():
+        if self._rosidl_handed_out or self._executing or not self._pending():
             return False
-        return self._waits_for is None or not self._waits_for._pending()
+        return self._rosidl_waits_for is None or not self._rosidl_waits_for._pending()
 
     def executing(self) -> bool:
         """Whether it runs at this moment."""
@@ -258,11 +258,11 @@ class EntityTask(Task[None]):
     ) -> None:
         Future.__init__(self, executor=executor)
         self._handler, self._args, self._kwargs = begin, (), {}
-        self._executing, self._handed_out, self._waits_for = False, True, None
+        self._executing, self._rosidl_handed_out, self._rosidl_waits_for = False, True, None
         self._task_lock = threading.Lock()
         self._keep: Callable[[Task[Any]], None] | None = keep
 
-    def _step(self) -> None:
+    def _rosidl_step(self) -> None:
         keep, self._keep = self._keep, None
         if keep is not None:
             assert callable(self._handler)
@@ -278,7 +278,7 @@ class EntityTask(Task[None]):
                 return
             self._handler = rest
             keep(self)
-        super()._step()
+        super()._rosidl_step()
 
 
 def _no_executor() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol, overload
+from typing import Protocol, Tuple, Union, overload  # noqa: F401, UP035
 
 import builtin_interfaces.msg
 
@@ -39,13 +39,13 @@ class Time(_Ordered):
         total = int(seconds * S_TO_NS) + int(nanoseconds)
         if total >= 2**63:
             raise OverflowError("Total nanoseconds value is too large to store in C time point.")
-        self._nanoseconds = total
-        self._clock_type = clock_type
+        self._rosidl_nanoseconds = total
+        self._rosidl_clock_type = clock_type
 
     @property
     def nanoseconds(self) -> int:
         """Since the clock's zero."""
-        return self._nanoseconds
+        return self._rosidl_nanoseconds
 
     def seconds_nanoseconds(self) -> tuple[int, int]:
         """Whole seconds, and the nanoseconds that remain."""
@@ -54,7 +54,7 @@ class Time(_Ordered):
     @property
     def clock_type(self) -> ClockType:
         """The kind of clock it was read from."""
-        return self._clock_type
+        return self._rosidl_clock_type
 
     def __repr__(self) -> str:
         return f"Time(nanoseconds={self.nanoseconds}, clock_type={self.clock_type.name})"
@@ -86,7 +86,7 @@ class Time(_Ordered):
         except ValueError as error:
             raise ValueError("Subtraction leads to negative time.") from error
 
-    def _comparable(self, other: object) -> int | None:
+    def _rosidl_comparable(self, other: object) -> int | None:
         if not isinstance(other, Time):
             return None
         if self.clock_type != other.clock_type:

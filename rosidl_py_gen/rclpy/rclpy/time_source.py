@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, List, Optional, Set  # noqa: F401, UP035
 
 import rosgraph_msgs.msg
 from rcl_interfaces.msg import SetParametersResult

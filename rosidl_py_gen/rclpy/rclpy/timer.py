@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import weakref
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Callable, Optional  # noqa: F401, UP035
 
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.callback_groups import CallbackGroup as CallbackGroup
@@ -18,8 +18,6 @@ from rclpy.handles import ContextHandle, Destroyable
 from rclpy.utilities import get_default_context
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from rclpy.clock import Clock, TimeJump
     from rclpy.executors import Executor
 
@@ -148,8 +146,8 @@ class Timer:
         if handle is None:
             raise NotInitializedException("cannot create timer")
         with handle:
-            self.__timer = TimerHandle(handle, clock, int(timer_period_ns), autostart)
-        self._is_ready = self.__timer.is_ready
+            self._rosidl_timer = TimerHandle(handle, clock, int(timer_period_ns), autostart)
+        self._rosidl_is_ready = self._rosidl_timer.is_ready
         self.callback = callback
         self.callback_group = callback_group
         self._executor_event = False
@@ -157,11 +155,11 @@ class Timer:
     @property
     def handle(self) -> TimerHandle:
         """What a wait set takes."""
-        return self.__timer
+        return self._rosidl_timer
 
     def destroy(self) -> None:
         """End it; use `Node.destroy_timer` for those of nodes."""
-        self.__timer.destroy_when_not_in_use()
+        self._rosidl_timer.destroy_when_not_in_use()
 
     @property
     def clock(self) -> Clock:
@@ -171,47 +169,47 @@ class Timer:
     @property
     def timer_period_ns(self) -> int:
         """Time between two calls; a new one counts from the next call on."""
-        with self.__timer:
-            return self.__timer.period_ns
+        with self._rosidl_timer:
+            return self._rosidl_timer.period_ns
 
     @timer_period_ns.setter
     def timer_period_ns(self, value: int) -> None:
-        with self.__timer:
-            self.__timer.change_timer_period(int(value))
+        with self._rosidl_timer:
+            self._rosidl_timer.change_timer_period(int(value))
 
     def is_ready(self) -> bool:
         """Whether a call is due."""
-        with self.__timer:
-            return self.__timer.is_ready()
+        with self._rosidl_timer:
+            return self._rosidl_timer.is_ready()
 
     def is_canceled(self) -> bool:
         """Whether it was canceled, and not reset."""
-        with self.__timer:
-            return self.__timer.canceled
+        with self._rosidl_timer:
+            return self._rosidl_timer.canceled
 
     def cancel(self) -> None:
         """Call no more, until `reset`."""
-        with self.__timer:
-            self.__timer.cancel_timer()
+        with self._rosidl_timer:
+            self._rosidl_timer.cancel_timer()
 
     def reset(self) -> None:
         """Begin a period now; ends a cancellation."""
-        with self.__timer:
-            self.__timer.reset_timer()
+        with self._rosidl_timer:
+            self._rosidl_timer.reset_timer()
 
     def time_since_last_call(self) -> int:
         """Nanoseconds since the last call, or since it was made."""
-        with self.__timer:
-            return self.__timer.time_since_last_call()
+        with self._rosidl_timer:
+            return self._rosidl_timer.time_since_last_call()
 
     def time_until_next_call(self) -> int | None:
         """Nanoseconds, negative when overdue; None while canceled."""
-        with self.__timer:
-            return self.__timer.time_until_next_call()
+        with self._rosidl_timer:
+            return self._rosidl_timer.time_until_next_call()
 
-    def _take(self, executor: Executor) -> Callable[[], Any] | None:
-        with self.__timer:
-            self.__timer.call_timer()
+    def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
+        with self._rosidl_timer:
+            self._rosidl_timer.call_timer()
         return self.callback
 
 

@@ -76,7 +76,7 @@ class TopicEndpointInfo:
             setattr(self, name, kwargs.get(name, default))
 
     @classmethod
-    def _from_runtime(cls, info: runtime.TopicEndpointInfo) -> TopicEndpointInfo:
+    def _rosidl_from_runtime(cls, info: runtime.TopicEndpointInfo) -> TopicEndpointInfo:
         known = info.topic_type_hash.startswith("RIHS01_")
         return cls(
             node_name=info.node_name,
@@ -85,7 +85,7 @@ class TopicEndpointInfo:
             topic_type_hash=TypeHash(1, bytes.fromhex(info.topic_type_hash[7:])) if known else TypeHash(),
             endpoint_type=int(info.endpoint_type),
             endpoint_gid=list(info.endpoint_gid),
-            qos_profile=QoSProfile._from_runtime(info.qos_profile),
+            qos_profile=QoSProfile._rosidl_from_runtime(info.qos_profile),
         )
 
     def __eq__(self, other: object) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref  # noqa: F401
 from typing import TYPE_CHECKING
 
 from rcl_interfaces.msg import ParameterDescriptor

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Union  # noqa: F401
 
 from rclpy.node import Node as Node
 from rclpy.qos import QoSProfile

@@ -34,7 +34,7 @@ class NumberOfEntities:
         self.num_services = num_services
         self.num_events = num_events
 
-    def _numbers(self) -> tuple[int, int, int, int, int, int]:
+    def _rosidl_numbers(self) -> tuple[int, int, int, int, int, int]:
         return (
             self.num_subscriptions,
             self.num_guard_conditions,
@@ -45,10 +45,10 @@ class NumberOfEntities:
         )
 
     def __add__(self, other: NumberOfEntities) -> NumberOfEntities:
-        return type(self)(*[a + b for a, b in zip(self._numbers(), other._numbers(), strict=True)])
+        return type(self)(*[a + b for a, b in zip(self._rosidl_numbers(), other._rosidl_numbers(), strict=True)])
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__}({', '.join(map(str, self._numbers()))})>"
+        return f"<{type(self).__name__}({', '.join(map(str, self._rosidl_numbers()))})>"
 
 
 class WaitSet:
@@ -101,7 +101,7 @@ class WaitSet:
 class Waitable:
     """Something an executor waits for and executes; programs derive from it."""
 
-    _rclpy_queue: Collection[Any] | None = None
+    _rosidl_queue: Collection[Any] | None = None
     """What is never ready while it is empty, so that it need not be asked then."""
 
     def __init__(self, callback_group: CallbackGroup) -> None:
@@ -116,7 +116,7 @@ class Waitable:
     def __exit__(self, t: object, v: object, tb: object) -> None:
         """Somebody waited."""
 
-    def _take(self, executor: Executor) -> Callable[[], Any]:
+    def _rosidl_take(self, executor: Executor) -> Callable[[], Any]:
         data = self.take_data()
 
         async def execute() -> None:

@@ -70,24 +70,24 @@ class BufferCore:
 
     def __init__(self, cache_time: Duration | None = None) -> None:
         seconds = 10.0 if cache_time is None else _nanoseconds(cache_time) / _NS_PER_S
-        self._buffer = tf.TransformBuffer(cache_time_s=seconds)
-        self._authorities: dict[str, str] = {}
+        self._rosidl_buffer = tf.TransformBuffer(cache_time_s=seconds)
+        self._rosidl_authorities: dict[str, str] = {}
 
     def set_transform(self, transform: TransformStamped, authority: str) -> None:
         """Take a transform in; one that is none, or too old, is logged and left out."""
-        self._set(transform, authority, False)
+        self._rosidl_set(transform, authority, False)
 
     def set_transform_static(self, transform: TransformStamped, authority: str) -> None:
         """Take in one that holds at all times."""
-        self._set(transform, authority, True)
+        self._rosidl_set(transform, authority, True)
 
-    def _set(self, transform: TransformStamped, authority: str, is_static: bool) -> None:
+    def _rosidl_set(self, transform: TransformStamped, authority: str, is_static: bool) -> None:
         try:
-            self._buffer.set_transform(transform, static=is_static)
+            self._rosidl_buffer.set_transform(transform, static=is_static)
         except tf.InvalidTransformError as error:
             get_logger("tf2").warning(f"ignored a transform of {authority}: {error}")
             return
-        self._authorities[transform.child_frame_id.lstrip("/")] = authority
+        self._rosidl_authorities[transform.child_frame_id.lstrip("/")] = authority
 
     def lookup_transform_core(self, target_frame: str, source_frame: str, time: Any) -> TransformStamped:
         """How coordinates in `source_frame` become coordinates in `target_frame`; time 0 takes the newest.
@@ -96,7 +96,7 @@ class BufferCore:
             LookupException, ConnectivityException, ExtrapolationException, InvalidArgumentException: as they say.
         """
         with _named():
-            return self._message(self._buffer.lookup(target_frame, source_frame, _nanoseconds(time)))
+            return self._rosidl_message(self._rosidl_buffer.lookup(target_frame, source_frame, _nanoseconds(time)))
 
     def lookup_transform_full_core(
         self, target_frame: str, target_time: Any, source_frame: str, source_time: Any, fixed_frame: str
@@ -104,8 +104,8 @@ class BufferCore:
         """The same between two times, as `fixed_frame` did not move in between."""
         times = _nanoseconds(target_time), _nanoseconds(source_time)
         with _named():
-            found = self._buffer.lookup_at(target_frame, times[0], source_frame, times[1], fixed_frame)
-            return self._message(found)
+            found = self._rosidl_buffer.lookup_at(target_frame, times[0], source_frame, times[1], fixed_frame)
+            return self._rosidl_message(found)
 
     def can_transform_core(self, target_frame: str, source_frame: str, time: Any) -> tuple[bool, str]:
         """Whether `lookup_transform_core` would give something, and what is wrong."""
@@ -121,7 +121,7 @@ class BufferCore:
     def get_latest_common_time(self, target_frame: str, source_frame: str) -> Time:
         """The newest time at which all between two frames is known; raises as `lookup_transform_core`."""
         with _named():
-            return Time(nanoseconds=self._buffer.lookup(target_frame, source_frame).stamp)
+            return Time(nanoseconds=self._rosidl_buffer.lookup(target_frame, source_frame).stamp)
 
     def lookupVelocityCore(
         self, tracking_frame: str, observation_frame: str, time: Any, averaging_interval: Any
@@ -145,15 +145,15 @@ class BufferCore:
         frames = tracking_frame, observation_frame, reference_frame
         times = _nanoseconds(time) / _NS_PER_S, _nanoseconds(averaging_interval) / _NS_PER_S
         with _named():
-            return velocity(self._buffer, frames, reference_point, reference_point_frame, *times)
+            return velocity(self._rosidl_buffer, frames, reference_point, reference_point_frame, *times)
 
     def clear(self) -> None:
         """Forget what moves."""
-        self._buffer.clear()
+        self._rosidl_buffer.clear()
 
     def all_frames_as_yaml(self) -> str:
         """Every frame with a parent: who sent it, how often, times; ``[]`` when there are no frames."""
-        frames = self._buffer.frames()
+        frames = self._rosidl_buffer.frames()
         lines = [] if frames else ["[]"]
         for name, info in frames.items():
             if info.parent is None:
@@ -162,7 +162,7 @@ class BufferCore:
             lines += [
                 f"{name}: ",
                 f"  parent: '{info.parent}'",
-                f"  broadcaster: '{self._authorities.get(name, 'no recorded authority')}'",
+                f"  broadcaster: '{self._rosidl_authorities.get(name, 'no recorded authority')}'",
                 f"  rate: {info.count * _NS_PER_S / max(newest - oldest, _SHORTEST_NS):.3f}",
                 f"  most_recent_transform: {newest / _NS_PER_S:.6f}",
                 f"  oldest_transform: {oldest / _NS_PER_S:.6f}",
@@ -172,16 +172,16 @@ class BufferCore:
 
     def all_frames_as_string(self) -> str:
         """A line for each frame: its parent."""
-        frames = self._buffer.frames().items()
+        frames = self._rosidl_buffer.frames().items()
         return "".join(f"Frame {name} exists with parent {info.parent or 'NO_PARENT'}.\n" for name, info in frames)
 
     def _frameExists(self, frame_id: str) -> bool:
-        return frame_id in self._buffer.frames()
+        return frame_id in self._rosidl_buffer.frames()
 
     def _getFrameStrings(self) -> list[str]:
-        return [*self._buffer.frames()]
+        return [*self._rosidl_buffer.frames()]
 
-    def _message(self, found: tf.Transform) -> TransformStamped:
+    def _rosidl_message(self, found: tf.Transform) -> TransformStamped:
         return found.to_message(cls=TransformStamped)
 
 

@@ -33,15 +33,15 @@ class Buffer(BufferCore, BufferInterface):
     def __init__(self, cache_time: Duration | None = None, node: Node | None = None) -> None:
         BufferCore.__init__(self, cache_time)
         BufferInterface.__init__(self)
-        self._arrived = threading.Condition()
+        self._rosidl_arrived = threading.Condition()
         self._new_data_callbacks: list[Callable[[], None]] = []
         if node is not None:
-            self.srv = node.create_service(FrameGraph, "tf2_frames", self._frames)
+            self.srv = node.create_service(FrameGraph, "tf2_frames", self._rosidl_frames)
         self.clock = Clock() if node is None else node.get_clock()
         threshold = JumpThreshold(min_forward=None, min_backward=Duration(seconds=-1), on_clock_change=True)
         self.jump_handle = self.clock.create_jump_callback(threshold, post_callback=self.time_jump_callback)
 
-    def _frames(self, request: Any, response: Any) -> Any:
+    def _rosidl_frames(self, request: Any, response: Any) -> Any:
         return FrameGraph.Response(frame_yaml=self.all_frames_as_yaml())
 
     def time_jump_callback(self, time_jump: TimeJump) -> None:
@@ -52,16 +52,16 @@ class Buffer(BufferCore, BufferInterface):
     def set_transform(self, transform: Any, authority: str) -> None:
         """Take a transform in, and tell who waits."""
         super().set_transform(transform, authority)
-        self._tell()
+        self._rosidl_tell()
 
     def set_transform_static(self, transform: Any, authority: str) -> None:
         """Take in one that holds at all times, and tell who waits."""
         super().set_transform_static(transform, authority)
-        self._tell()
+        self._rosidl_tell()
 
-    def _tell(self) -> None:
-        with self._arrived:
-            self._arrived.notify_all()
+    def _rosidl_tell(self) -> None:
+        with self._rosidl_arrived:
+            self._rosidl_arrived.notify_all()
             waiting = list(self._new_data_callbacks)
         for callback in waiting:
             callback()
@@ -111,7 +111,7 @@ class Buffer(BufferCore, BufferInterface):
         return_debug_tuple: bool = False,
     ) -> Any:
         """Whether `lookup_transform` would give something; with `return_debug_tuple` also what is wrong."""
-        answer = self._waited(lambda: self.can_transform_core(target_frame, source_frame, time), timeout)
+        answer = self._rosidl_waited(lambda: self.can_transform_core(target_frame, source_frame, time), timeout)
         return answer if return_debug_tuple else answer[0]
 
     def can_transform_full(
@@ -126,20 +126,22 @@ class Buffer(BufferCore, BufferInterface):
     ) -> Any:
         """Whether `lookup_transform_full` would give something; with `return_debug_tuple` also what is wrong."""
         asked = target_frame, target_time, source_frame, source_time, fixed_frame
-        answer = self._waited(lambda: self.can_transform_full_core(*asked), timeout)
+        answer = self._rosidl_waited(lambda: self.can_transform_full_core(*asked), timeout)
         return answer if return_debug_tuple else answer[0]
 
-    def _waited(self, look: Callable[[], tuple[bool, str]], timeout: Duration) -> tuple[bool, str]:
+    def _rosidl_waited(self, look: Callable[[], tuple[bool, str]], timeout: Duration) -> tuple[bool, str]:
         """What `look` answers when it is yes, or at the end of the time."""
         if timeout.nanoseconds > 0:
-            with self._arrived:
-                self._arrived.wait_for(lambda: look()[0], timeout.nanoseconds / 1e9)
+            with self._rosidl_arrived:
+                self._rosidl_arrived.wait_for(lambda: look()[0], timeout.nanoseconds / 1e9)
         return look()
 
     def wait_for_transform_async(self, target_frame: str, source_frame: str, time: Time) -> Future[Any]:
         """A future of the transform."""
         asked = target_frame, source_frame, time
-        return self._future(partial(self.can_transform_core, *asked), partial(self.lookup_transform_core, *asked))
+        return self._rosidl_future(
+            partial(self.can_transform_core, *asked), partial(self.lookup_transform_core, *asked)
+        )
 
     def wait_for_transform_full_async(
         self, target_frame: str, target_time: Time, source_frame: str, source_time: Time, fixed_frame: str
@@ -147,9 +149,9 @@ class Buffer(BufferCore, BufferInterface):
         """A future of the transform between two times."""
         asked = target_frame, target_time, source_frame, source_time, fixed_frame
         can, look_up = self.can_transform_full_core, self.lookup_transform_full_core
-        return self._future(partial(can, *asked), partial(look_up, *asked))
+        return self._rosidl_future(partial(can, *asked), partial(look_up, *asked))
 
-    def _future(self, can: Callable[[], tuple[bool, str]], look_up: Callable[[], Any]) -> Future[Any]:
+    def _rosidl_future(self, can: Callable[[], tuple[bool, str]], look_up: Callable[[], Any]) -> Future[Any]:
         future: Future[Any] = Future()
 
         def look() -> None:
@@ -162,11 +164,11 @@ class Buffer(BufferCore, BufferInterface):
                 future.set_exception(error)
 
         def forget(_: Future[Any]) -> None:
-            with self._arrived:
+            with self._rosidl_arrived:
                 if look in self._new_data_callbacks:
                     self._new_data_callbacks.remove(look)
 
-        with self._arrived:
+        with self._rosidl_arrived:
             self._new_data_callbacks.append(look)
         future.add_done_callback(forget)
         look()

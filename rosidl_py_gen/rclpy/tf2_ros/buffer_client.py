@@ -71,7 +71,7 @@ class BufferClient(BufferInterface):
             raise TypeError(f"time: expected a rclpy.time.Time, got {type(time).__name__}")
         goal = LookupTransform.Goal(target_frame=target_frame, source_frame=source_frame, advanced=False)
         goal.source_time, goal.timeout = time.to_msg(), timeout.to_msg()
-        return self._asked(goal, timeout)
+        return self._rosidl_asked(goal, timeout)
 
     def lookup_transform_full(
         self,
@@ -86,7 +86,7 @@ class BufferClient(BufferInterface):
         goal = LookupTransform.Goal(target_frame=target_frame, source_frame=source_frame, advanced=True)
         goal.source_time, goal.timeout = source_time.to_msg(), timeout.to_msg()
         goal.target_time, goal.fixed_frame = target_time.to_msg(), fixed_frame
-        return self._asked(goal, timeout)
+        return self._rosidl_asked(goal, timeout)
 
     def can_transform(self, target_frame: str, source_frame: str, time: Time, timeout: Duration = NO_TIME) -> bool:
         """Whether `lookup_transform` gives something."""
@@ -109,7 +109,7 @@ class BufferClient(BufferInterface):
         """Destroy the action client."""
         self.action_client.destroy()
 
-    def _asked(self, goal: Any, timeout: Duration) -> Any:
+    def _rosidl_asked(self, goal: Any, timeout: Duration) -> Any:
         if not self.action_client.server_is_ready():
             raise TimeoutException("The BufferServer is not ready.")
         sent = self.action_client.send_goal_async(goal)

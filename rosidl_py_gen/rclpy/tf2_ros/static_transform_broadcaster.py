@@ -20,12 +20,12 @@ class StaticTransformBroadcaster:
             qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, history=HistoryPolicy.KEEP_LAST)
         self.pub_tf = node.create_publisher(TFMessage, "/tf_static", qos)
         self.net_message = TFMessage()
-        self._child_frame_ids: set[str] = set()
+        self._rosidl_child_frame_ids: set[str] = set()
 
     def sendTransform(self, transform: Any) -> None:
         """Send one transform or several, with all that were sent before; the first of each child frame stays."""
         for one in as_list(transform):
-            if one.child_frame_id not in self._child_frame_ids:
-                self._child_frame_ids.add(one.child_frame_id)
+            if one.child_frame_id not in self._rosidl_child_frame_ids:
+                self._rosidl_child_frame_ids.add(one.child_frame_id)
                 self.net_message.transforms.append(one)
         self.pub_tf.publish(self.net_message)

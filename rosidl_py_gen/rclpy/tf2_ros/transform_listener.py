@@ -50,10 +50,10 @@ class TransformListener:
         )
         if spin_thread:
             self.executor = SingleThreadedExecutor()
-            self.dedicated_listener_thread = Thread(target=self._spin)
+            self.dedicated_listener_thread = Thread(target=self._rosidl_spin)
             self.dedicated_listener_thread.start()
 
-    def _spin(self) -> None:
+    def _rosidl_spin(self) -> None:
         self.executor.add_node(self.node)
         self.executor.spin()
         self.executor.remove_node(self.node)

@@ -38,6 +38,15 @@ n.log('x', S.FATAL)
 n.info('multi\nline')
 n.info('')
 n.fatal('x',throttle_duration_sec=0.0)
+from rclpy.impl.implementation_singleton import rclpy_implementation as C
+C.rclpy_logging_rcutils_log(20, "direct", "text 100% {x}", "function", "/a/file.py", 7)
+C.rclpy_logging_rcutils_log(20, "direct", 5, "function", "/a/file.py", 7)  # text
+C.rclpy_logging_rcutils_log(severity=20)  # text
+C.rclpy_logging_set_logger_level("direct", 30)
+(C.rclpy_logging_get_logger_level("direct"), C.rclpy_logging_get_logger_effective_level("direct.child"), C.rclpy_logging_logger_is_enabled_for("direct", 20))
+C.rclpy_logging_rcutils_log(20, "direct", "not shown", "function", "/a/file.py", 7)
+C.rclpy_logging_severity_level_from_string("warn")
+type(C.rclpy_logging_get_logging_directory())
 n.info(message='kw')
 n.error('e',exc_info=True)
 [n.info("x", once=True) for _ in range(3)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import threading
+import time  # noqa: F401
 import uuid
 import weakref
 from collections import deque
@@ -177,19 +178,21 @@ class ActionClient(ActionWaitable):
         self._action_name = action_name
         self._goal_handles: dict[bytes, weakref.ref[ClientGoalHandle]] = {}
         self._feedback_callbacks: dict[bytes, Callable[[Any], Any]] = {}
-        self._ended: list[bytes] = []
+        self._rosidl_ended: list[bytes] = []
         impl = action_type.Impl
-        with self._endpoints.being_made() as made:
+        with self._rosidl_endpoints.being_made() as made:
             goal, result, cancel = (
                 made.client(impl.SendGoalService, "send_goal", goal_service_qos_profile.get_c_qos_profile()),
                 made.client(impl.GetResultService, "get_result", result_service_qos_profile.get_c_qos_profile()),
                 made.client(impl.CancelGoalService, "cancel_goal", cancel_service_qos_profile.get_c_qos_profile()),
             )
             feedback_qos, status_qos = feedback_sub_qos_profile, status_sub_qos_profile
-            self._feedback = made.subscription(impl.FeedbackMessage, "feedback", feedback_qos.get_c_qos_profile())
-            self._status = made.subscription(impl.GoalStatusMessage, "status", status_qos.get_c_qos_profile())
+            self._rosidl_feedback = made.subscription(
+                impl.FeedbackMessage, "feedback", feedback_qos.get_c_qos_profile()
+            )
+            self._rosidl_status = made.subscription(impl.GoalStatusMessage, "status", status_qos.get_c_qos_profile())
         services = {"goal": goal, "cancel": cancel, "result": result}
-        self._requests = {kind: _Requests(one, self, self._endpoints) for kind, one in services.items()}
+        self._rosidl_requests = {kind: _Requests(one, self, self._rosidl_endpoints) for kind, one in services.items()}
         node.add_waitable(self)
 
     # ---------------------------------------------------------------------------------------------------- waitable
@@ -197,34 +200,34 @@ class ActionClient(ActionWaitable):
     def is_ready(self, wait_set: WaitSet) -> bool:
         """Whether something came."""
         return (
-            any(requests.arrived for requests in self._requests.values())
-            or self._feedback.is_ready
-            or self._status.is_ready
+            any(requests.arrived for requests in self._rosidl_requests.values())
+            or self._rosidl_feedback.is_ready
+            or self._rosidl_status.is_ready
         )
 
     def take_data(self) -> dict[str, Any]:
         """One of each kind that came: ``goal``, ``cancel``, ``result``, ``feedback``, ``status``."""
-        with self._endpoints:
-            taken = {kind: requests.take() for kind, requests in self._requests.items()}
-            taken |= {"feedback": self._feedback.take(), "status": self._status.take()}
+        with self._rosidl_endpoints:
+            taken = {kind: requests.take() for kind, requests in self._rosidl_requests.items()}
+            taken |= {"feedback": self._rosidl_feedback.take(), "status": self._rosidl_status.take()}
         return {kind: one for kind, one in taken.items() if one is not None}
 
     async def execute(self, taken_data: dict[str, Any]) -> None:
         """Set futures, call what wants feedback, and note states."""
         for kind in ("goal", "cancel", "result"):
             if kind in taken_data:
-                self._take_response(kind, *taken_data[kind])
+                self._rosidl_take_response(kind, *taken_data[kind])
         if "feedback" in taken_data:
             message = taken_data["feedback"]
             callback = self._feedback_callbacks.get(bytes(message.goal_id.uuid))
             if callback is not None:
                 await await_or_execute(callback, message)
-        while self._ended:  # not earlier: feedback that came with the result is told
-            self._feedback_callbacks.pop(self._ended.pop(), None)
+        while self._rosidl_ended:  # not earlier: feedback that came with the result is told
+            self._feedback_callbacks.pop(self._rosidl_ended.pop(), None)
         if "status" in taken_data:
-            self._note_states(taken_data["status"].status_list)
+            self._rosidl_note_states(taken_data["status"].status_list)
 
-    def _take_response(self, kind: str, pending: tuple[Future[Any], Any] | None, sent: Any) -> None:
+    def _rosidl_take_response(self, kind: str, pending: tuple[Future[Any], Any] | None, sent: Any) -> None:
         if pending is None:
             text = "There may be more than one action server for the action"
             self._logger.warning(f"Ignoring unexpected {kind} response. {text} '{self._action_name}'")
@@ -243,10 +246,10 @@ class ActionClient(ActionWaitable):
                     raise RuntimeError(f"Two goals were accepted with the same ID ({response})")
                 self._goal_handles[key] = weakref.ref(response)
         elif kind == "result":
-            self._ended.append(bytes(goal_id.uuid))
+            self._rosidl_ended.append(bytes(goal_id.uuid))
         future.set_result(response)
 
-    def _note_states(self, states: list[Any]) -> None:
+    def _rosidl_note_states(self, states: list[Any]) -> None:
         for one in states:
             key = bytes(one.goal_info.goal_id.uuid)
             goal = self._goal_handles.get(key, lambda: None)()
@@ -275,40 +278,40 @@ class ActionClient(ActionWaitable):
             feedback_callback: called with each message, which has `feedback` and `goal_id`.
             goal_uuid: a unique_identifier_msgs/UUID; None makes one.
         """
-        self._require(goal, self._action_type.Goal)
+        self._rosidl_require(goal, self._action_type.Goal)
         request = self._action_type.Impl.SendGoalService.Request()
         request.goal_id = UUID(uuid=list(uuid.uuid4().bytes)) if goal_uuid is None else goal_uuid
         request.goal = goal
         if feedback_callback is not None:
             self._feedback_callbacks[bytes(request.goal_id.uuid)] = feedback_callback
-        return self._requests["goal"].send(request, request.goal_id)
+        return self._rosidl_requests["goal"].send(request, request.goal_id)
 
     @staticmethod
-    def _require(given: Any, expected: type) -> None:
+    def _rosidl_require(given: Any, expected: type) -> None:
         if not isinstance(given, expected):
             raise TypeError(f"Expected type {expected.__name__} but received {type(given)}")
 
     def _cancel_goal_async(self, goal_handle: ClientGoalHandle) -> Future[Any]:
-        self._require(goal_handle, ClientGoalHandle)
+        self._rosidl_require(goal_handle, ClientGoalHandle)
         request = CancelGoal.Request()
         request.goal_info.goal_id = goal_handle.goal_id
-        return self._requests["cancel"].send(request, goal_handle.goal_id)
+        return self._rosidl_requests["cancel"].send(request, goal_handle.goal_id)
 
     def _get_result_async(self, goal_handle: ClientGoalHandle) -> Future[Any]:
-        self._require(goal_handle, ClientGoalHandle)
+        self._rosidl_require(goal_handle, ClientGoalHandle)
         request = self._action_type.Impl.GetResultService.Request(goal_id=goal_handle.goal_id)
-        return self._requests["result"].send(request, goal_handle.goal_id)
+        return self._rosidl_requests["result"].send(request, goal_handle.goal_id)
 
     # ------------------------------------------------------------------------------------------------------ server
 
     def server_is_ready(self) -> bool:
         """Whether all endpoints of a server are connected. RCLError after the context was shut down."""
-        with self._endpoints:
-            self._endpoints.context.require_ok()
-            services = all(requests.client.service_is_available() for requests in self._requests.values())
-            return services and bool(self._feedback.publisher_count and self._status.publisher_count)
+        with self._rosidl_endpoints:
+            self._rosidl_endpoints.context.require_ok()
+            services = all(requests.client.service_is_available() for requests in self._rosidl_requests.values())
+            return services and bool(self._rosidl_feedback.publisher_count and self._rosidl_status.publisher_count)
 
     def wait_for_server(self, timeout_sec: float | None = None) -> bool:
         """Wait until they are, or the time has passed; nobody has to spin."""
         limit = None if timeout_sec is None else max(0.0, timeout_sec)
-        return self._endpoints.context.wait(self.server_is_ready, limit)
+        return self._rosidl_endpoints.context.wait(self.server_is_ready, limit)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import List, Tuple  # noqa: F401, UP035
+
 from rclpy.node import Node as Node
 
 _Found = list[tuple[str, list[str]]]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import functools  # noqa: F401
+import threading  # noqa: F401
 import traceback
 from collections.abc import Callable
 from enum import Enum
@@ -107,21 +109,21 @@ class ActionServer(ActionWaitable):
         self.register_cancel_callback(cancel_callback)
         self.register_execute_callback(execute_callback)
         super().__init__(node, action_type, action_name, callback_group, "action_server")
-        self._result_timeout_ns = int(result_timeout * 10**9)
+        self._rosidl_result_timeout_ns = int(result_timeout * 10**9)
         self._goal_handles: dict[bytes, ServerGoalHandle] = {}
         self._result_futures: dict[bytes, Future[Any]] = {}
-        self._ended_ns: dict[bytes, int] = {}
+        self._rosidl_ended_ns: dict[bytes, int] = {}
         impl = action_type.Impl
-        with self._endpoints.being_made() as made:
+        with self._rosidl_endpoints.being_made() as made:
             goal, cancel, result = goal_service_qos_profile, cancel_service_qos_profile, result_service_qos_profile
-            self._services = {
+            self._rosidl_services = {
                 "goal": made.service(impl.SendGoalService, "send_goal", goal.get_c_qos_profile()),
                 "cancel": made.service(impl.CancelGoalService, "cancel_goal", cancel.get_c_qos_profile()),
                 "result": made.service(impl.GetResultService, "get_result", result.get_c_qos_profile()),
             }
             feedback_qos, status_qos = feedback_pub_qos_profile, status_pub_qos_profile
-            self._feedback = made.publisher(impl.FeedbackMessage, "feedback", feedback_qos.get_c_qos_profile())
-            self._status = made.publisher(impl.GoalStatusMessage, "status", status_qos.get_c_qos_profile())
+            self._rosidl_feedback = made.publisher(impl.FeedbackMessage, "feedback", feedback_qos.get_c_qos_profile())
+            self._rosidl_status = made.publisher(impl.GoalStatusMessage, "status", status_qos.get_c_qos_profile())
         node.add_waitable(self)
 
     @property
@@ -142,22 +144,22 @@ class ActionServer(ActionWaitable):
             if not isinstance(decision, GoalResponse):
                 self._logger.warning("Goal request callback did not return a GoalResponse type. Rejecting goal.")
         if accepted:
-            info.stamp = self._clock().now().to_msg()
+            info.stamp = self._rosidl_clock().now().to_msg()
             self._goal_handles[key] = ServerGoalHandle(self, info, request.message.goal)
             self._result_futures[key] = Future()
             self.add_future(self._result_futures[key])
         response = self._action_type.Impl.SendGoalService.Response(accepted=accepted, stamp=info.stamp)
-        if not self._respond(request, response, "goal") or not accepted:
+        if not self._rosidl_respond(request, response, "goal") or not accepted:
             return
-        self._publish_status()
+        self._rosidl_publish_status()
         await await_or_execute(self._handle_accepted_callback, self._goal_handles[key])
 
-    def _clock(self) -> Clock:
+    def _rosidl_clock(self) -> Clock:
         return self._node.get_clock()
 
-    def _respond(self, request: Any, response: Any, what: str) -> bool:
+    def _rosidl_respond(self, request: Any, response: Any, what: str) -> bool:
         try:
-            with self._endpoints:
+            with self._rosidl_endpoints:
                 request.respond(response)
         except (RCLError, runtime.ClosedError):
             self._logger.warn(f"Failed to send {what} response (the client may have gone away)")
@@ -182,7 +184,7 @@ class ActionServer(ActionWaitable):
 
     async def _execute_cancel_request(self, request: Any) -> None:
         response = self._action_type.Impl.CancelGoalService.Response()
-        response.return_code, chosen = self._chosen_for_cancel(request.message.goal_info)
+        response.return_code, chosen = self._rosidl_chosen_for_cancel(request.message.goal_info)
         for key in chosen:
             goal = self._goal_handles[key]
             if await await_or_execute(self._cancel_callback, goal) != CancelResponse.ACCEPT:
@@ -190,9 +192,9 @@ class ActionServer(ActionWaitable):
             with contextlib.suppress(RCLError):  # it ended meanwhile
                 goal._update_state(GoalEvent.CANCEL_GOAL)
                 response.goals_canceling.append(goal._goal_info)
-        self._respond(request, response, "cancel")
+        self._rosidl_respond(request, response, "cancel")
 
-    def _chosen_for_cancel(self, info: Any) -> tuple[int, list[bytes]]:
+    def _rosidl_chosen_for_cancel(self, info: Any) -> tuple[int, list[bytes]]:
         """Return code, and the goals that a request is about: one, those up to a time, or all."""
         named, until = bytes(info.goal_id.uuid), Time.from_msg(info.stamp)
         if any(named) and until.nanoseconds == 0:
@@ -211,43 +213,43 @@ class ActionServer(ActionWaitable):
         future = self._result_futures.get(bytes(request.message.goal_id.uuid))
         if future is None:
             response = self._action_type.Impl.GetResultService.Response(status=GoalStatus.STATUS_UNKNOWN)
-            self._respond(request, response, "result")
+            self._rosidl_respond(request, response, "result")
             return
-        future.add_done_callback(partial(self._send_result, request))
+        future.add_done_callback(partial(self._rosidl_send_result, request))
 
-    def _send_result(self, request: Any, future: Future[Any]) -> None:
-        self._respond(request, future.result(), "result")
+    def _rosidl_send_result(self, request: Any, future: Future[Any]) -> None:
+        self._rosidl_respond(request, future.result(), "result")
 
-    def _publish_status(self) -> None:
+    def _rosidl_publish_status(self) -> None:
         states = [GoalStatus(goal_info=one._goal_info, status=one.status) for one in list(self._goal_handles.values())]
-        with self._endpoints:
-            self._status.publish(self._action_type.Impl.GoalStatusMessage(status_list=states))
+        with self._rosidl_endpoints:
+            self._rosidl_status.publish(self._action_type.Impl.GoalStatusMessage(status_list=states))
 
-    def _publish_feedback(self, goal_id: Any, feedback: Any) -> None:
-        with self._endpoints:
-            self._feedback.publish(self._action_type.Impl.FeedbackMessage(goal_id=goal_id, feedback=feedback))
+    def _rosidl_publish_feedback(self, goal_id: Any, feedback: Any) -> None:
+        with self._rosidl_endpoints:
+            self._rosidl_feedback.publish(self._action_type.Impl.FeedbackMessage(goal_id=goal_id, feedback=feedback))
 
-    def _expired(self) -> list[bytes]:
+    def _rosidl_expired(self) -> list[bytes]:
         """Goals whose result was kept long enough."""
-        if self._result_timeout_ns < 0:
+        if self._rosidl_result_timeout_ns < 0:
             return []
-        last_ns = self._clock().now().nanoseconds - self._result_timeout_ns
-        return [key for key, ended_ns in list(self._ended_ns.items()) if ended_ns <= last_ns]
+        last_ns = self._rosidl_clock().now().nanoseconds - self._rosidl_result_timeout_ns
+        return [key for key, ended_ns in list(self._rosidl_ended_ns.items()) if ended_ns <= last_ns]
 
-    def _forget(self, key: bytes) -> None:
+    def _rosidl_forget(self, key: bytes) -> None:
         goal = self._goal_handles.pop(key, None)
-        self._ended_ns.pop(key, None)
+        self._rosidl_ended_ns.pop(key, None)
         if goal is not None:  # otherwise another thread was faster
             goal.destroy()
             self.remove_future(self._result_futures.pop(key))
 
     def notify_goal_done(self) -> None:
         """Note which goals ended: their time runs from now on."""
-        now_ns = self._clock().now().nanoseconds
+        now_ns = self._rosidl_clock().now().nanoseconds
         for key, goal in list(self._goal_handles.items()):
             if not goal.is_active:
-                self._ended_ns.setdefault(key, now_ns)
-        self._endpoints.context.notify()
+                self._rosidl_ended_ns.setdefault(key, now_ns)
+        self._rosidl_endpoints.context.notify()
 
     def notify_execute(
         self, goal_handle: ServerGoalHandle, execute_callback: Callable[[ServerGoalHandle], Any] | None
@@ -262,13 +264,13 @@ class ActionServer(ActionWaitable):
 
     def is_ready(self, wait_set: WaitSet) -> bool:
         """Whether a request came, or a result expired."""
-        return any(service.is_ready for service in self._services.values()) or bool(self._expired())
+        return any(service.is_ready for service in self._rosidl_services.values()) or bool(self._rosidl_expired())
 
     def take_data(self) -> dict[str, Any]:
         """One request of each kind that came: ``goal``, ``cancel``, ``result``; and ``expired``."""
-        with self._endpoints:
-            taken = {kind: service.take() for kind, service in self._services.items()}
-        return {kind: one for kind, one in taken.items() if one is not None} | {"expired": self._expired()}
+        with self._rosidl_endpoints:
+            taken = {kind: service.take() for kind, service in self._rosidl_services.items()}
+        return {kind: one for kind, one in taken.items() if one is not None} | {"expired": self._rosidl_expired()}
 
     async def execute(self, taken_data: dict[str, Any]) -> None:
         """Decide, answer and forget."""
@@ -280,7 +282,7 @@ class ActionServer(ActionWaitable):
             await self._execute_get_result_request(taken_data["result"])
         for key in taken_data["expired"]:
             if key in self._goal_handles:
-                self._forget(key)
+                self._rosidl_forget(key)
 
     def get_num_entities(self) -> NumberOfEntities:
         """Three services, and the timer of expiry."""

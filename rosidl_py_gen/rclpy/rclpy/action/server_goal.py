@@ -22,8 +22,8 @@ class ServerGoalHandle:
         self._action_server = action_server
         self._goal_info = goal_info
         self._goal_request = goal_request
-        self._status: runtime.GoalStatus = runtime.GoalStatus.ACCEPTED
-        self._is_destroyed = False
+        self._rosidl_status: runtime.GoalStatus = runtime.GoalStatus.ACCEPTED
+        self._rosidl_is_destroyed = False
         self._lock = threading.RLock()
 
     def __eq__(self, other: object) -> bool:
@@ -46,7 +46,7 @@ class ServerGoalHandle:
     def is_active(self) -> bool:
         """Whether it has not ended."""
         with self._lock:
-            return not self._is_destroyed and self._status.is_active
+            return not self._rosidl_is_destroyed and self._rosidl_status.is_active
 
     @property
     def is_cancel_requested(self) -> bool:
@@ -57,18 +57,18 @@ class ServerGoalHandle:
     def status(self) -> int:
         """A number of action_msgs/GoalStatus; STATUS_UNKNOWN once it was destroyed."""
         with self._lock:
-            return int(runtime.GoalStatus.UNKNOWN if self._is_destroyed else self._status)
+            return int(runtime.GoalStatus.UNKNOWN if self._rosidl_is_destroyed else self._rosidl_status)
 
     def _update_state(self, event: runtime.GoalEvent) -> None:
         with self._lock:
-            if self._is_destroyed:
+            if self._rosidl_is_destroyed:
                 return
             try:
-                self._status = runtime.next_goal_status(self._status, event)
+                self._rosidl_status = runtime.next_goal_status(self._rosidl_status, event)
             except runtime.GoalTransitionError as error:
                 raise RCLError(f"Failed to update goal state: {error}") from error
-            ended = not self._status.is_active
-        self._action_server._publish_status()
+            ended = not self._rosidl_status.is_active
+        self._action_server._rosidl_publish_status()
         if ended:
             self._action_server.notify_goal_done()
 
@@ -83,8 +83,8 @@ class ServerGoalHandle:
         expected = self._action_server.action_type.Feedback
         if not isinstance(feedback, expected):
             raise TypeError(f"Expected type {expected.__name__} but received {type(feedback)}")
-        if not self._is_destroyed:
-            self._action_server._publish_feedback(self.goal_id, feedback)
+        if not self._rosidl_is_destroyed:
+            self._action_server._rosidl_publish_feedback(self.goal_id, feedback)
 
     def succeed(self) -> None:
         """End it as reached. RCLError when it cannot, as when it ended before; so the following two."""
@@ -101,4 +101,4 @@ class ServerGoalHandle:
     def destroy(self) -> None:
         """Forget it."""
         with self._lock:
-            self._is_destroyed = True
+            self._rosidl_is_destroyed = True

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import faulthandler  # noqa: F401
+import typing  # noqa: F401
+
 from rclpy.context import Context
 from rclpy.executors import Executor, SingleThreadedExecutor
 

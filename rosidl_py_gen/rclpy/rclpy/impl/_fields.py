@@ -1,4 +1,4 @@
-"""Fields of objects that take values of some types only, as rclpy's setters do."""
+"""Fields and attributes that take values of some types only."""
 
 from __future__ import annotations
 
@@ -8,8 +8,13 @@ from typing import Any, Generic, TypeVar, overload
 _T = TypeVar("_T")
 
 
+def valid_or(value: object, kind: type[_T], default: _T) -> _T:
+    """Return what an attribute holds if that is of a kind, else `default`: programs may have replaced it."""
+    return value if isinstance(value, kind) else default
+
+
 class Checked(Generic[_T]):
-    """A field over the slot of its name with an underscore; AssertionError for what is of none of `kinds`.
+    """A field as rclpy has them, over the slot `_name`; AssertionError for what is of none of `kinds`.
 
     Args:
         kinds: what can be set.

@@ -82,18 +82,18 @@ class ActionWaitable(Waitable):
         self._action_type = action_type
         self._logger = node.get_logger().get_child(logger)
         with node.handle:
-            self._endpoints = ActionEndpoints(node.handle, action_name)
+            self._rosidl_endpoints = ActionEndpoints(node.handle, action_name)
 
     def add_to_wait_set(self, wait_set: WaitSet) -> None:
         """Nothing to add: what comes wakes the executor by itself."""
 
     def __enter__(self) -> None:
-        self._endpoints.__enter__()
+        self._rosidl_endpoints.__enter__()
 
     def __exit__(self, t: object, v: object, tb: object) -> None:
-        self._endpoints.__exit__()
+        self._rosidl_endpoints.__exit__()
 
     def destroy(self) -> None:
         """End it."""
-        self._endpoints.destroy_when_not_in_use()
+        self._rosidl_endpoints.destroy_when_not_in_use()
         self._node.remove_waitable(self)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import inspect  # noqa: F401
 import os
 import sys
-from collections import OrderedDict
+from collections import OrderedDict, namedtuple  # noqa: F401
 from types import FrameType
 from typing import Any, ClassVar, NamedTuple
 
+from rclpy._rclpy_pybind11 import rclpy_logging_set_logger_level
 from rclpy.clock import Clock
 from rclpy.impl.logging_severity import LoggingSeverity
 from rosidl_py_gen import runtime
@@ -20,11 +22,7 @@ _internal_callers = [__file__, os.path.join(os.path.dirname(os.path.dirname(__fi
 
 def set_level(name: str, level: int) -> None:
     """Of a logger; the root, without a level, logs everything. ValueError for an unknown level."""
-    severity = LoggingSeverity(level)
-    if name or severity:
-        runtime.set_logger_level(name, int(severity))
-    else:
-        runtime.get_logger("").setLevel(1)  # 0 would be that of Python's root logger
+    rclpy_logging_set_logger_level(name, LoggingSeverity(level))
 
 
 def as_severity(level: int) -> LoggingSeverity:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Callable, Dict, NamedTuple, Optional, Set  # noqa: F401, UP035
 
 import lifecycle_msgs.msg
 import lifecycle_msgs.srv
@@ -53,41 +53,47 @@ class LifecycleNodeMixin(ManagedEntity):
     def __init__(
         self, *, enable_communication_interface: bool = True, callback_group: CallbackGroup | None = None
     ) -> None:
-        node = self.__node()
-        self._callbacks = {state: getattr(self, method) for state, method in _CALLBACKS.items()}
-        self._managed_entities: set[ManagedEntity] = set()
-        self._state_machine = LifecycleStateMachine(self.__tell)
-        self.__events = node.create_publisher(lifecycle_msgs.msg.TransitionEvent, "~/transition_event", 10)
+        node = self._rosidl_as_node()
+        # Programs know some attributes of rclpy, and use their names for their own things, too: ours are beside them.
+        self._rosidl_callbacks = {state: getattr(self, method) for state, method in _CALLBACKS.items()}
+        self._rosidl_entities: set[ManagedEntity] = set()
+        self._rosidl_machine = LifecycleStateMachine(self._rosidl_tell)
+        self._callbacks, self._managed_entities = self._rosidl_callbacks, self._rosidl_entities
+        self._state_machine = self._rosidl_machine
+        self._rosidl_transition_events = node.create_publisher(
+            lifecycle_msgs.msg.TransitionEvent, "~/transition_event", 10
+        )
         srv = lifecycle_msgs.srv
         for srv_type, name, callback in (
-            (srv.ChangeState, "change_state", self.__on_change_state),
-            (srv.GetState, "get_state", self.__on_get_state),
-            (srv.GetAvailableStates, "get_available_states", self.__on_get_available_states),
-            (srv.GetAvailableTransitions, "get_available_transitions", self.__on_get_available_transitions),
-            (srv.GetAvailableTransitions, "get_transition_graph", self.__on_get_transition_graph),
+            (srv.ChangeState, "change_state", self._rosidl_on_change_state),
+            (srv.GetState, "get_state", self._rosidl_on_get_state),
+            (srv.GetAvailableStates, "get_available_states", self._rosidl_on_get_available_states),
+            (srv.GetAvailableTransitions, "get_available_transitions", self._rosidl_on_get_available_transitions),
+            (srv.GetAvailableTransitions, "get_transition_graph", self._rosidl_on_get_transition_graph),
         ):
             if enable_communication_interface:
-                node.create_service(srv_type, f"~/{name}", callback, callback_group=callback_group)
+                made = node.create_service(srv_type, f"~/{name}", callback, callback_group=callback_group)
+                setattr(self, f"_service_{name}", made)
 
-    def __node(self) -> Node:
+    def _rosidl_as_node(self) -> Node:
         assert isinstance(self, Node)
         return self
 
-    def __tell(self, transition: runtime.Transition) -> None:
+    def _rosidl_tell(self, transition: runtime.Transition) -> None:
         message = lifecycle_msgs.msg.TransitionEvent()
         message.start_state.id, message.start_state.label = int(transition.start), transition.start.label
         message.goal_state.id, message.goal_state.label = int(transition.goal), transition.goal.label
-        self.__events.publish(message)
+        self._rosidl_transition_events.publish(message)
 
     # ------------------------------------------------------------------------------------------------- transitions
 
     def trigger_configure(self) -> TransitionCallbackReturn:
         """From unconfigured to inactive, as `on_configure` decides; RCLError in other states, as all of these."""
-        return self.__change_state(_ids.TRANSITION_CONFIGURE)
+        return self._rosidl_change_state(_ids.TRANSITION_CONFIGURE)
 
     def trigger_cleanup(self) -> TransitionCallbackReturn:
         """From inactive to unconfigured."""
-        return self.__change_state(_ids.TRANSITION_CLEANUP)
+        return self._rosidl_change_state(_ids.TRANSITION_CLEANUP)
 
     def trigger_shutdown(self) -> TransitionCallbackReturn:
         """To finalized, from unconfigured, inactive or active."""
@@ -96,43 +102,43 @@ class LifecycleNodeMixin(ManagedEntity):
             "inactive": _ids.TRANSITION_INACTIVE_SHUTDOWN,
             "active": _ids.TRANSITION_ACTIVE_SHUTDOWN,
         }
-        transition_id = known.get(self._state_machine.current_state[1])
+        transition_id = known.get(self._rosidl_machine.current_state[1])
         if transition_id is None:
             raise RCLError("Shutdown transtion not possible")
-        return self.__change_state(transition_id)
+        return self._rosidl_change_state(transition_id)
 
     def trigger_activate(self) -> TransitionCallbackReturn:
         """From inactive to active."""
-        return self.__change_state(_ids.TRANSITION_ACTIVATE)
+        return self._rosidl_change_state(_ids.TRANSITION_ACTIVATE)
 
     def trigger_deactivate(self) -> TransitionCallbackReturn:
         """From active to inactive."""
-        return self.__change_state(_ids.TRANSITION_DEACTIVATE)
+        return self._rosidl_change_state(_ids.TRANSITION_DEACTIVATE)
 
-    def __change_state(self, transition_id: int) -> TransitionCallbackReturn:
-        machine = self._state_machine
+    def _rosidl_change_state(self, transition_id: int) -> TransitionCallbackReturn:
+        machine = self._rosidl_machine
         state_id, label = machine.current_state
         before = LifecycleState(label, state_id)
         machine.trigger_transition_by_id(transition_id)
-        found = self.__run_callback(before)
+        found = self._rosidl_run_callback(before)
         machine.trigger_transition_by_label(found.to_label())
         if found == TransitionCallbackReturn.ERROR:
-            machine.trigger_transition_by_label(self.__run_callback(before).to_label())
+            machine.trigger_transition_by_label(self._rosidl_run_callback(before).to_label())
         return found
 
-    def __run_callback(self, before: LifecycleState) -> TransitionCallbackReturn:
-        name = self._state_machine.current_state[1]
+    def _rosidl_run_callback(self, before: LifecycleState) -> TransitionCallbackReturn:
+        name = self._rosidl_machine.current_state[1]
         try:
-            found: TransitionCallbackReturn = self._callbacks[name](before)
+            found: TransitionCallbackReturn = self._rosidl_callbacks[name](before)
         except Exception as error:  # rclpy says nothing of it
-            self.__node().get_logger().error(f"{_CALLBACKS[name]} raised {type(error).__name__}: {error}")
+            self._rosidl_as_node().get_logger().error(f"{_CALLBACKS[name]} raised {type(error).__name__}: {error}")
             return TransitionCallbackReturn.ERROR
         return found
 
     # --------------------------------------------------------------------------------------------------- callbacks
 
-    def __ask_entities(self, callback: str, state: LifecycleState) -> TransitionCallbackReturn:
-        for entity in self._managed_entities:
+    def _rosidl_ask_entities(self, callback: str, state: LifecycleState) -> TransitionCallbackReturn:
+        for entity in self._rosidl_entities:
             found = getattr(entity, callback)(state)
             if not isinstance(found, TransitionCallbackReturn):
                 raise TypeError(
@@ -145,22 +151,22 @@ class LifecycleNodeMixin(ManagedEntity):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Ask the managed entities, up to the first that does not succeed; overridden ones call it, as the others."""
-        return self.__ask_entities("on_configure", state)
+        return self._rosidl_ask_entities("on_configure", state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self.__ask_entities("on_cleanup", state)
+        return self._rosidl_ask_entities("on_cleanup", state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self.__ask_entities("on_shutdown", state)
+        return self._rosidl_ask_entities("on_shutdown", state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self.__ask_entities("on_activate", state)
+        return self._rosidl_ask_entities("on_activate", state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self.__ask_entities("on_deactivate", state)
+        return self._rosidl_ask_entities("on_deactivate", state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self.__ask_entities("on_error", state)
+        return self._rosidl_ask_entities("on_error", state)
 
     # ---------------------------------------------------------------------------------------------------- entities
 
@@ -168,49 +174,49 @@ class LifecycleNodeMixin(ManagedEntity):
         """Have it go through the transitions; TypeError for what is none."""
         if not isinstance(entity, ManagedEntity):
             raise TypeError("Expected a rclpy.lifecycle.ManagedEntity instance.")
-        self._managed_entities.add(entity)
+        self._rosidl_entities.add(entity)
 
     def create_lifecycle_publisher(self, *args: Any, **kwargs: Any) -> LifecyclePublisher:
         """As `Node.create_publisher`; it publishes while the node is active."""
         if "publisher_class" in kwargs:
             raise TypeError("create_publisher() got an unexpected keyword argument 'publisher_class'")
-        made = self.__node().create_publisher(*args, **kwargs, publisher_class=LifecyclePublisher)
+        made = self._rosidl_as_node().create_publisher(*args, **kwargs, publisher_class=LifecyclePublisher)
         assert isinstance(made, LifecyclePublisher)
-        self._managed_entities.add(made)
+        self._rosidl_entities.add(made)
         return made
 
     def destroy_lifecycle_publisher(self, publisher: LifecyclePublisher) -> bool:
         """As `Node.destroy_publisher`."""
-        self._managed_entities.discard(publisher)
-        return self.__node().destroy_publisher(publisher)
+        self._rosidl_entities.discard(publisher)
+        return self._rosidl_as_node().destroy_publisher(publisher)
 
     # ---------------------------------------------------------------------------------------------------- services
 
-    def __on_change_state(self, request: Any, response: Any) -> Any:
+    def _rosidl_on_change_state(self, request: Any, response: Any) -> Any:
         """A transition that is not possible is refused; in rclpy one given by its id ends the spinning."""
         try:
             label = request.transition.label
-            wanted = self._state_machine.get_transition_by_label(label) if label else request.transition.id
-            response.success = self.__change_state(wanted) == TransitionCallbackReturn.SUCCESS
+            wanted = self._rosidl_machine.get_transition_by_label(label) if label else request.transition.id
+            response.success = self._rosidl_change_state(wanted) == TransitionCallbackReturn.SUCCESS
         except RCLError:
             response.success = False
         return response
 
-    def __on_get_state(self, request: Any, response: Any) -> Any:
-        response.current_state.id, response.current_state.label = self._state_machine.current_state
+    def _rosidl_on_get_state(self, request: Any, response: Any) -> Any:
+        response.current_state.id, response.current_state.label = self._rosidl_machine.current_state
         return response
 
-    def __on_get_available_states(self, request: Any, response: Any) -> Any:
-        states = self._state_machine.available_states
+    def _rosidl_on_get_available_states(self, request: Any, response: Any) -> Any:
+        states = self._rosidl_machine.available_states
         response.available_states = [lifecycle_msgs.msg.State(id=number, label=label) for number, label in states]
         return response
 
-    def __on_get_available_transitions(self, request: Any, response: Any) -> Any:
-        response.available_transitions = _messages(self._state_machine.available_transitions)
+    def _rosidl_on_get_available_transitions(self, request: Any, response: Any) -> Any:
+        response.available_transitions = _messages(self._rosidl_machine.available_transitions)
         return response
 
-    def __on_get_transition_graph(self, request: Any, response: Any) -> Any:
-        response.available_transitions = _messages(self._state_machine.transition_graph)
+    def _rosidl_on_get_transition_graph(self, request: Any, response: Any) -> Any:
+        response.available_transitions = _messages(self._rosidl_machine.transition_graph)
         return response
 
 
