@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen.errors import RosidlError, printable
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 _MAX_TEXT = 4000
 
@@ -55,6 +59,29 @@ def checked_time(nanoseconds: int, topic: str, what: str) -> int:
     if not 0 <= nanoseconds < 1 << 63:
         raise BagError(f"{topic}: {what} time {nanoseconds} is not from 0 to 2**63-1 ns")
     return nanoseconds
+
+
+def require_printable(topic: str) -> None:
+    """Raise `BagError` for a topic name with control characters, which could steer a terminal that prints it."""
+    if printable(topic) != topic:
+        raise BagError(f"topic {printable(topic)[:200]!r}: expected a name without control characters")
+
+
+def replace_durably(partial: Path, target: Path) -> None:
+    """Rename a finished file such that after a power cut the new or the old file exists, never a part of the new one.
+
+    Raises:
+        OSError: the disk is full.
+    """
+    with partial.open("rb") as stream:
+        os.fsync(stream.fileno())
+    partial.replace(target)
+    if os.name == "posix":  # other systems cannot open a folder
+        folder = os.open(target.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
 
 class BagMessage(NamedTuple):

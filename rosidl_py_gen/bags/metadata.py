@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from rosidl_py_gen.bags.common import BagError, BagTopic
+from rosidl_py_gen.bags.common import BagError, BagTopic, replace_durably
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.base.yaml_text import MAX_BYTES, YamlError, load_yaml
 from rosidl_py_gen.runtime import QoSProfile
@@ -185,7 +185,7 @@ def write_metadata(folder: Path, text: str) -> None:
     partial = folder / f".{FILE}"
     try:
         partial.write_text(text, encoding="utf-8")
-        partial.replace(folder / FILE)
+        replace_durably(partial, folder / FILE)
     except BaseException:
         partial.unlink(missing_ok=True)
         raise

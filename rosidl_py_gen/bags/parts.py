@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 from zstandard import ZstdCompressor
 
-from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.bags.common import BagError, replace_durably
 from rosidl_py_gen.bags.files.compressed import SUFFIX
 from rosidl_py_gen.bags.metadata import FileStatistics, metadata_text, write_metadata
 from rosidl_py_gen.base.stamps import NS_PER_S
@@ -26,6 +26,28 @@ _PACKINGS = "none", "file", "message"
 _LEVEL = 1
 """Of zstd, as rosbag2 has it."""
 _PIECE = 1 << 20
+
+
+def compress_file(source: Path, zstd: ZstdCompressor | None = None) -> Path:
+    """Replace a file by its compressed form, as rosbag2 does in mode ``file``; returns the new path.
+
+    At any moment one of both files is complete, also after a power cut: readers take that one.
+
+    Raises:
+        OSError: the disk is full; the file stays as it was.
+    """
+    target = source.with_name(source.name + SUFFIX)
+    partial = target.with_name(f".{target.name}")
+    try:
+        with source.open("rb") as plain, partial.open("wb") as compressed:
+            size = source.stat().st_size
+            (zstd or ZstdCompressor(_LEVEL)).copy_stream(plain, compressed, size=size, read_size=_PIECE)
+        replace_durably(partial, target)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
+    source.unlink()
+    return target
 
 
 class BagParts:
@@ -112,16 +134,7 @@ class BagParts:
         if self._zstd is None or self._packing != "file":
             return
         current = self._files[-1]
-        source = self._path / current.path
-        target = source.with_name(source.name + SUFFIX)
-        try:
-            with source.open("rb") as unpacked, target.open("wb") as packed:
-                self._zstd.copy_stream(unpacked, packed, size=source.stat().st_size, read_size=_PIECE)
-        except BaseException:
-            target.unlink(missing_ok=True)
-            raise
-        source.unlink()
-        current.path = target.name
+        current.path = compress_file(self._path / current.path, self._zstd).name
 
     def write_metadata(self, topics: Iterable[BagTopic]) -> None:
         """Write ``metadata.yaml`` of a folder; nothing for a bag of one file.

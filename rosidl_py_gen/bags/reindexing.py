@@ -6,17 +6,17 @@ there under another name.
 
 from __future__ import annotations
 
-import os
 import re
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.bags.common import BagError, replace_durably
 from rosidl_py_gen.bags.definitions import has_definition
 from rosidl_py_gen.bags.files.compressed import SUFFIX, bag_files, compression_of
 from rosidl_py_gen.bags.files.mcap_file import by_name
 from rosidl_py_gen.bags.metadata import FILE, FileStatistics, metadata_text, write_metadata
+from rosidl_py_gen.bags.parts import compress_file
 from rosidl_py_gen.bags.reader import BagReader
 from rosidl_py_gen.bags.writer import BagWriter
 from rosidl_py_gen.errors import RosidlError
@@ -59,7 +59,11 @@ def reindex_folder(folder: Path) -> Reindexed:
     channels: list[BagTopic] = []
     without_index = []
     storage = _the_one(folder, {_STORAGES[Path(file.name.removesuffix(SUFFIX)).suffix] for file in files})
-    compression = _the_one(folder, {kind for file in files if (kind := compression_of(file)) is not None} or {""})
+    kinds = {file: kind for file in files if (kind := compression_of(file)) is not None}
+    if len(files) > 1 and [kinds.get(file, "") for file in files] == ["file"] * (len(files) - 1) + [""]:
+        files[-1] = compress_file(files[-1])  # the recorder was killed before it did
+        kinds = dict.fromkeys(files, "file")
+    compression = _the_one(folder, {*kinds.values()} or {""})
     for file in files:
         with BagReader(file) as reader:
             counts = {name: topic.count or 0 for name, topic in reader.topics.items()}
@@ -106,7 +110,7 @@ def reindex_file(file: Path) -> Reindexed:
             raise
         topics = len(reader.topics)
     file.rename(kept)
-    os.replace(partial, file)
+    replace_durably(partial, file)
     return Reindexed(file, 1, count, topics, kept=kept)
 
 
@@ -129,5 +133,5 @@ def _the_one(folder: Path, kinds: set[str]) -> str:
 
 def _in_order(file: Path) -> tuple[int, str]:
     """rosbag2 numbers files: the tenth comes behind the second."""
-    numbers = _NUMBER.findall(file.name)
+    numbers = _NUMBER.findall(file.name.removesuffix(SUFFIX))  # without the 3 of .db3
     return (int(numbers[-1][:18]) if numbers else -1), file.name

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import resource
 import sqlite3
 import struct
@@ -15,12 +17,14 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
+from zstandard import ZstdCompressor
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, SqliteWriter
 from rosidl_py_gen.bags.common import BagTopic
 from rosidl_py_gen.bags.files.mcap_file import McapFile
 from rosidl_py_gen.bags.metadata import qos_profiles
+from rosidl_py_gen.bags.reindexing import reindex_folder
 from rosidl_py_gen.errors import RosidlError
 
 pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")  # what is damaged is left out
@@ -301,3 +305,57 @@ def test_metadata_does_not_lead_out_of_its_folder(tmp_path: Path) -> None:
     (bag / "metadata.yaml").write_text(text)
     with pytest.raises(BagError, match=r"bag.metadata\.yaml names secret\.mcap, which is not there$"):
         BagReader(bag)
+
+
+# ------------------------------------------------------------------------------------------------- killed recorders
+
+
+@pytest.mark.parametrize("writer", [BagWriter, SqliteWriter])
+def test_a_recorder_killed_while_it_compresses_a_file_leaves_every_message_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writer: Any
+) -> None:
+    class Killed(BaseException): ...
+
+    for step in ("fsync", "replace", "unlink"):
+        folder = tmp_path / step
+        with monkeypatch.context() as patch, contextlib.suppress(Killed):
+            bag = writer(folder, packing="file", split_bytes=1)
+            bag.add_topic("/a", BagTopic("/a", "std_msgs/msg/Bool", "bool data"))
+            for number in range(3):
+                if number == 2:  # the second file is compressed now
+                    patch.setattr(Path, "unlink", raising(Killed))  # a killed process tidies nothing
+                    patch.setattr(os if step == "fsync" else Path, step, raising(Killed))
+                bag.write("/a", Bool(data=True).encode(), number)
+        with BagReader(folder) as reader:
+            assert [one.log_time for one in reader.messages(raw=True)] == [0, 1], step
+        done = reindex_folder(folder)
+        assert (done.messages, done.files) == (2, 2), step
+        with BagReader(folder) as reader:
+            assert [one.log_time for one in reader.messages(raw=True)] == [0, 1], step
+            assert all(file.suffix == ".zstd" for file in reader.files), step
+
+
+def raising(error: type[BaseException]) -> Any:
+    def fail(*_: Any, **__: Any) -> None:
+        raise error
+
+    return fail
+
+
+@pytest.mark.parametrize("writer", [BagWriter, SqliteWriter])
+def test_of_a_plain_file_and_its_compressed_form_the_complete_one_is_read(tmp_path: Path, writer: Any) -> None:
+    folder = tmp_path / "bag"
+    with writer(folder) as bag:
+        bag.add_topic("/a", BagTopic("/a", "std_msgs/msg/Bool", "bool data"))
+        for number in range(3):
+            bag.write("/a", Bool(data=True).encode(), number)
+    (folder / "metadata.yaml").unlink()
+    (plain,) = folder.iterdir()
+    packed = plain.with_name(plain.name + ".zstd")
+    data, compressed = plain.read_bytes(), ZstdCompressor().compress(plain.read_bytes())
+    for whole, part in ((data, compressed), (data, compressed[:-50]), (data[:-50], compressed), (b"", compressed)):
+        plain.write_bytes(whole)
+        packed.write_bytes(part)
+        with BagReader(folder) as reader:
+            assert [one.log_time for one in reader.messages(raw=True)] == [0, 1, 2]
+            assert reader.files == [plain if whole == data else packed]

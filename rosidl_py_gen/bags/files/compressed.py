@@ -6,6 +6,8 @@ Decides where a compressed file is unpacked: into a temporary folder, piece by p
 from __future__ import annotations
 
 import shutil
+import struct
+from contextlib import closing
 from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -31,6 +33,8 @@ SUFFIX = ".zstd"
 _SUFFIXES = ".mcap", ".db3"
 _MAGIC = b"\x28\xb5\x2f\xfd"
 """Begins what zstd made. Messages of CDR begin with a zero."""
+_PAGES = struct.Struct(">16x H 10x I")
+"""Size and number of the pages of a database, in its head."""
 _PIECE = 1 << 20
 _MAX_RATIO = 1000
 _MAX_HEAD = 18
@@ -84,23 +88,59 @@ def compression_of(file: Path) -> str | None:
 
 
 def _found(folder: Path, name: str) -> Path:
-    """The file, or its compressed form: some recorders name one and leave the other."""
-    path, packed = folder / name, folder / (name + SUFFIX)
-    if path.is_file():
-        return path
-    if not packed.is_file():
+    """Return the file or its compressed form: some recorders name one and leave the other, a killed one leaves both."""
+    if (named := folder / name).suffix == SUFFIX and named.is_file():
+        return named  # the recorder ended, so it is complete; rosbag2 leaves what it decompresses next to it
+    plain = folder / name.removesuffix(SUFFIX)
+    found = [one for one in (plain, plain.with_name(plain.name + SUFFIX)) if one.is_file()]
+    if not found:
         others = [file.name for file in _bag_files(folder)]
         advice = f"; there is {', '.join(others[:3])}, which can be read by its own name" if others else ""
         raise BagError(f"{folder / FILE} names {name}, which is not there{advice}")
-    return packed
+    return _complete(found)
 
 
 def _bag_files(folder: Path) -> list[Path]:
-    return sorted(
-        file
-        for file in folder.iterdir()
-        if Path(file.name.removesuffix(SUFFIX)).suffix in _SUFFIXES and not file.name.startswith(".")
-    )
+    pairs: dict[str, list[Path]] = {}
+    for file in sorted(folder.iterdir()):
+        plain = file.name.removesuffix(SUFFIX)
+        if Path(plain).suffix in _SUFFIXES and not plain.startswith("."):
+            pairs.setdefault(plain, []).append(file)
+    return [_complete(pair) for pair in pairs.values()]
+
+
+def _complete(pair: list[Path]) -> Path:
+    """Return the complete file of a plain file and its compressed form; a recorder that compresses one leaves both.
+
+    The plain file is complete then, unless the machine lost power before it was on the disk.
+    """
+    return pair[0] if len(pair) == 1 or _is_whole(pair[0]) or not _is_complete(pair[1]) else pair[1]
+
+
+def _is_whole(path: Path) -> bool:
+    """Return True if an MCAP file has its index, or a database all of its pages."""
+    try:
+        if path.suffix == ".mcap":
+            with closing(McapFile(path, False)) as file:
+                return file.is_whole
+        with path.open("rb") as stream:
+            page, count = _PAGES.unpack(stream.read(_PAGES.size))
+        return bool(path.stat().st_size == count * (page if page > 1 else 1 << 16))
+    except (BagError, OSError, struct.error):
+        return False
+
+
+def _is_complete(path: Path) -> bool:
+    """Return True if a compressed file can be decompressed to its end."""
+    try:
+        with path.open("rb") as stream:
+            said = frame_content_size(stream.read(_MAX_HEAD))
+            stream.seek(0)
+            reader = ZstdDecompressor(max_window_size=MAX_WINDOW).stream_reader(stream, read_across_frames=True)
+            size = sum(map(len, iter(lambda: reader.read(_PIECE), b"")))
+    except (ZstdError, OSError, MemoryError):
+        return False
+    return size > 0 and size >= said
 
 
 def unpacked(path: Path, kept: ExitStack, max_bytes: int) -> Path:
