@@ -79,6 +79,7 @@ from rosidl_py_gen.runtime.loop.driver import Driver as Driver
 from rosidl_py_gen.runtime.loop.driver import WouldDeadlockError as WouldDeadlockError
 from rosidl_py_gen.runtime.loop.event_loop import new_event_loop as new_event_loop
 from rosidl_py_gen.runtime.loop.failures import CallbackFailedError as CallbackFailedError
+from rosidl_py_gen.runtime.loop.failures import CallbacksNeverRanError as CallbacksNeverRanError
 from rosidl_py_gen.runtime.loop.stream import Stream as Stream
 from rosidl_py_gen.runtime.names.remap import InvalidRemapRuleError as InvalidRemapRuleError
 from rosidl_py_gen.runtime.names.validation import expand_name as expand_name

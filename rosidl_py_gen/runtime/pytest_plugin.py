@@ -1,25 +1,31 @@
 """Fixtures for tests of programs that use this package: nodes that meet in memory, without network.
 
 Loaded by pytest through the entry point ``rosidl_py_gen``; imports the runtime when a fixture is used. Decides that the
-nodes of a test share its event loop, and that a test fails whose callbacks fail: with the callback's own exception, or,
-when it has failed already, with a section that shows the traceback.
+nodes of a test share its event loop, whichever it is, and that a test fails whose callbacks fail or never run: with the
+callback's own exception, or, when it has failed already, with a section that shows the traceback.
 """
 
 from __future__ import annotations
 
 import re
+import sys
+import threading
 import traceback
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 if TYPE_CHECKING:
+    import asyncio
     from collections.abc import Callable, Generator, Iterator
     from types import TracebackType
 
     from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
+    from rosidl_py_gen.runtime.node.context import Context
     from rosidl_py_gen.runtime.node.node import Node
     from rosidl_py_gen.runtime.transport.memory import MemoryTransport
 
@@ -94,13 +100,21 @@ def _as_one(errors: list[BaseException]) -> BaseException:
 
 
 _ERRORS = pytest.StashKey[RosErrors]()
+_CONTEXTS = pytest.StashKey["list[Context]"]()
+_STARTS = pytest.StashKey["_LoopStarts"]()
 
 
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, Any, None]:
     """Fail a test whose callbacks failed."""
+    if (starts := item.stash.get(_STARTS, None)) is not None:
+        starts.watch()
     outcome = yield
     errors = item.stash.get(_ERRORS, None)
+    if errors is not None:
+        for context in item.stash.get(_CONTEXTS, []):
+            unserved = (context._core.unserved(scope) for scope in context._core.scopes)
+            errors.found += [error for error in unserved if error is not None]
     wrong = [] if errors is None else errors._judge(is_over=outcome.excinfo is None)
     if wrong and outcome.excinfo is None:
         outcome.force_exception(_as_one(wrong))
@@ -148,24 +162,72 @@ def ros_world(request: pytest.FixtureRequest, ros_errors: RosErrors) -> MemoryTr
     return MemoryTransport()
 
 
+class _LoopStarts:
+    """Calls `start` in each event loop that begins to run in this thread, as its first callback, until `close`.
+
+    Loops are watched when they are entered, and not when they are made: pytest-asyncio and anyio make theirs before our
+    fixtures, and enter them anew for each fixture and test.
+    """
+
+    def __init__(self, start: Callable[[asyncio.AbstractEventLoop], None]) -> None:
+        self._start = start
+        self._thread = threading.get_ident()
+        self._entries: dict[Any, Callable[[Any], None]] = {}
+        self.watch()
+
+    def watch(self) -> None:
+        """Watch all kinds of loops that are loaded by now."""
+        import asyncio
+
+        kinds: list[Any] = [asyncio.BaseEventLoop]
+        # anyio imports it between our last look and the test.
+        if "uvloop" in sys.modules or ("anyio" in sys.modules and find_spec("uvloop") is not None):
+            kinds.append(import_module("uvloop").Loop)
+        for kind in kinds:
+            if kind not in self._entries:
+                self._entries[kind] = enter = kind.run_forever
+                kind.run_forever = self._watched(enter)
+
+    def _watched(self, enter: Callable[[Any], None]) -> Callable[[Any], None]:
+        def run_forever(loop: asyncio.AbstractEventLoop) -> None:
+            if threading.get_ident() == self._thread:
+                loop.call_soon(self._start, loop)
+            enter(loop)
+
+        return run_forever
+
+    def close(self) -> None:
+        """Leave loops alone."""
+        for kind, enter in self._entries.items():
+            kind.run_forever = enter
+
+
 @pytest.fixture
-def ros_node(ros_world: MemoryTransport) -> Iterator[Callable[..., Node]]:
+def ros_node(request: pytest.FixtureRequest, ros_world: MemoryTransport) -> Iterator[Callable[..., Node]]:
     """A function ``ros_node(name, namespace="", args=())`` that makes nodes of `ros_world`, closed after the test.
 
     Each node has a context of its own, as if it were another process; `args` is its command line. Nodes may be made
-    before the test's event loop runs: the first use of any of them inside the loop is enough for all. Callbacks that
-    fail, fail the test; see `ros_errors`.
+    before the test's event loop runs: whichever it is, it serves all of them. Callbacks that fail, fail the test, and
+    so do those that no loop ran; see `ros_errors`.
     """
+    from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
     from rosidl_py_gen.runtime.node.context import Context
     from rosidl_py_gen.runtime.node.node import Node
 
-    contexts: list[Context] = []
+    contexts: list[Context] = request.node.stash.setdefault(_CONTEXTS, [])
 
     def attach_all() -> None:
         for context in contexts:
             context._core.bridge.adopt_running_loop()
 
+    def serve(loop: asyncio.AbstractEventLoop) -> None:
+        if not any(context._core.bridge.portal.loop is loop for context in contexts):  # of a blocking call
+            with suppress(LoopMismatchError):
+                attach_all()
+
     with ExitStack() as stack:
+        starts = request.node.stash[_STARTS] = _LoopStarts(serve)
+        stack.callback(starts.close)
 
         def make(name: str, namespace: str = "", args: tuple[str, ...] = ()) -> Node:
             context = stack.enter_context(Context(0, transport=ros_world, args=["test", *args]))

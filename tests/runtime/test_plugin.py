@@ -135,3 +135,69 @@ EXPECTED_TO_FAIL = (
     "expected_in_vain",
     "other_than_expected",
 )
+
+
+SERVED = """
+import asyncio
+import pytest
+import uvloop
+from std_msgs.msg import String
+from rosidl_py_gen.runtime import CallbacksNeverRanError, run
+
+LOOP = asyncio.new_event_loop()  # as pytest-asyncio and anyio make theirs, before our fixtures
+
+@pytest.fixture
+def heard(ros_node):
+    texts, node = [], ros_node("listener")
+    node.create_subscription(String, "chatter", lambda message: texts.append(message.data))
+    ros_node("talker").create_publisher(String, "chatter").publish(String(data="hello"))
+    return texts
+
+async def rest():  # uses no node
+    for _ in range(3):
+        await asyncio.sleep(0.01)
+
+ENTER = {
+    "asyncio": lambda ros_loop: asyncio.run(rest()),
+    "earlier loop": lambda ros_loop: LOOP.run_until_complete(rest()),
+    "virtual time": lambda ros_loop: ros_loop.run(rest()),
+    "uvloop": lambda ros_loop: uvloop.new_event_loop().run_until_complete(rest()),
+    "runtime": lambda ros_loop: run(rest()),
+}
+
+@pytest.mark.parametrize("kind", ENTER)
+def test_served(kind, heard, ros_loop):
+    ENTER[kind](ros_loop)
+    assert heard == ["hello"]
+
+def test_served_by_the_second_loop(heard, ros_node):
+    asyncio.run(asyncio.sleep(0))
+    ros_node("talker").create_publisher(String, "chatter").publish(String(data="again"))
+    LOOP.run_until_complete(rest())
+    assert heard == ["hello", "again"]
+
+def test_unserved(heard):
+    pass
+
+def test_unserved_and_closed(ros_node):
+    with ros_node("n") as node:
+        node.create_timer(1.0, print)
+
+def test_unserved_and_failed(heard):
+    assert heard == ["hello"]
+
+def test_expected(heard, ros_errors):
+    ros_errors.expect(CallbacksNeverRanError)
+
+def test_no_callbacks(ros_node):
+    ros_node("n").create_subscription(String, "chatter")
+"""
+
+
+def test_a_test_fails_whose_callbacks_never_ran_and_any_loop_runs_them(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(test_it=SERVED)
+    result = pytester.runpytest_inprocess("-p", "no:cacheprovider", "-rA")
+    result.assert_outcomes(passed=8, failed=3)
+    text = result.stdout.str()
+    assert "the callbacks of /listener never ran: no event loop has served the node" in text
+    assert "the callbacks of /n never ran" in text and "callbacks that failed" in text

@@ -397,7 +397,7 @@ def test_callbacks_that_never_ran_are_warned_about_once(memory: World, caplog: p
             node.close()
             quiet.close()
     (line,) = (record.getMessage() for record in caplog.records)
-    assert line.startswith("the callbacks of /n never ran, because no event loop was running")
+    assert line.startswith("the callbacks of /n never ran: no event loop has served the node")
     assert "spin(node)" in line and "run(main)" in line and "async with" in line
 
 

@@ -49,6 +49,10 @@ class CallbackFailedError(RosidlError):
         return type(self), (self.errors,)
 
 
+class CallbacksNeverRanError(RosidlError):
+    """No event loop has served a node with callbacks, until it was closed or its test ended."""
+
+
 def require_on_error(value: object) -> OnError:
     """Raises `ValueError` for anything else."""
     if value == "log" or value == "raise":

@@ -18,7 +18,7 @@ from rosidl_py_gen.runtime.graph.discovery import Discovery
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.logs.outputs import outputs
 from rosidl_py_gen.runtime.loop.bridge import Bridge
-from rosidl_py_gen.runtime.loop.failures import require_on_error
+from rosidl_py_gen.runtime.loop.failures import CallbacksNeverRanError, require_on_error
 from rosidl_py_gen.runtime.node import open_contexts
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
 from rosidl_py_gen.runtime.node.environment import DDS, ZENOH, check_security, middleware, read_environment
@@ -104,7 +104,22 @@ class ContextCore:
         """Whether an event loop was ever attached; before that no callback runs."""
         return self._had_loop.is_set()
 
+    def unserved(self, scope: Scope) -> CallbacksNeverRanError | None:
+        """Return the error of a node with callbacks that no event loop has served; the next call returns None."""
+        if self.had_loop or not scope.has_callbacks:
+            return None
+        scope.has_callbacks = False
+        return CallbacksNeverRanError(
+            f"the callbacks of {scope.node_name} never ran: no event loop has served the node; use `async with` on it, "
+            "spin(node) or run(main); in a test an async function, asyncio.run or ros_loop.run"
+        )
+
     # ------------------------------------------------------------------------------------------------------- nodes
+
+    @property
+    def scopes(self) -> list[Scope]:
+        """Those of the open nodes."""
+        return [node._scope for node in self._nodes.values()]
 
     def open_scope(self, names: NodeNames, on_error: OnError | None = None) -> Scope:
         """Announce a node and make what its endpoints share; raises `ClosedError`."""

@@ -18,6 +18,7 @@ from rosidl_py_gen.runtime.endpoints.scope import counted
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import Untyped, message_type, raw_type
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
+from rosidl_py_gen.runtime.logs.loggers import failure_listeners
 from rosidl_py_gen.runtime.loop.failures import Guard
 from rosidl_py_gen.runtime.names.remap import NodeNames
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, validate_node_name
@@ -362,11 +363,10 @@ class Node(GraphMethods, ServiceMethods, TypeMethods, TimeMethods, ActionMethods
         """Close all endpoints, then withdraw the node; may be called twice. Whoever waits on them is woken."""
         if self._scope.closed:
             return
-        if self._scope.has_callbacks and not self.context._core.had_loop:
-            self.logger.warning(
-                f"the callbacks of {self.fully_qualified_name} never ran, because no event loop was running: "
-                "use `async with` on the node, spin(node) or run(main)"
-            )
+        if (unserved := self.context._core.unserved(self._scope)) is not None:
+            self.logger.warning(str(unserved))
+            for hear in failure_listeners:
+                hear("", unserved)
         self._scope.close()
         self.context._core.release(self)
 
