@@ -22,6 +22,11 @@ def printable_lines(text: str) -> str:
     return "\n".join("\t".join(map(printable, line.split("\t"))) for line in lines)
 
 
+def printable_line(text: str) -> str:
+    r"""Return the text as one line: line breaks and tabs become ``\n``, ``\r`` and ``\t``, the rest is `printable`."""
+    return printable(text.replace("\n", "\\n").replace("\r", "\\r").replace("\t", "\\t"))
+
+
 def json_text(data: Any, *, indent: int | None = None) -> str:
     """Return valid JSON on one line, or indented, that can be printed on a terminal without a loss.
 

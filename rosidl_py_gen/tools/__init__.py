@@ -26,9 +26,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen import __version__
-from rosidl_py_gen.base.output import printable_lines
+from rosidl_py_gen.base.output import printable_line, printable_lines
 from rosidl_py_gen.base.resources import extra_missing
-from rosidl_py_gen.errors import RosidlError, printable
+from rosidl_py_gen.errors import DefinitionError, RosidlError, printable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
@@ -217,6 +217,10 @@ def reporting() -> Iterator[None]:
         sys.exit(wrong.exit_code)
     except (click.Abort, KeyboardInterrupt):
         sys.exit(130)
+    except DefinitionError as error:
+        for problem in error.problems:
+            report(problem.with_caret())
+        sys.exit(1)
     except RosidlError as error:
         report(str(error))
         sys.exit(1)
@@ -237,9 +241,11 @@ def _show_warning(message: Warning | str, category: type[Warning], *place: Any, 
 
 
 def report(text: str) -> None:
-    """Say on standard error why something cannot be done; lines after the first are indented, as a name and its caret.
+    """Say on standard error why something cannot be done, in one line, or with a source line and its caret below it.
 
-    Text of peers may be in it: control characters are shown.
+    Text of peers may be in it: line breaks are escaped, control characters replaced.
     """
-    lines = "\n    ".join(map(printable, text.split("\n    ")))
+    head, *rest = text.split("\n    ")
+    has_caret = len(rest) == 2 and rest[1].strip() == "^"
+    lines = "\n    ".join(map(printable, (head, *rest))) if has_caret else printable_line(text)
     click.secho(f"error: {lines}", fg="red", err=True, color=False if os.environ.get("NO_COLOR") else None)

@@ -79,7 +79,7 @@ def _list(search: SearchPath, as_json: bool, package: str | None, **kinds: bool)
         return
     for kind in chosen:
         printing.line(f"{_KINDS[kind]}:", "bold")
-        _print_lines([f"    {name}" for name in names if name.kind == kind])
+        printing.lines([f"    {name}" for name in names if name.kind == kind])
 
 
 def _package(search: SearchPath, as_json: bool, package: str, **kinds: bool) -> None:
@@ -87,7 +87,7 @@ def _package(search: SearchPath, as_json: bool, package: str, **kinds: bool) -> 
     if as_json:
         printing.document(names)
     else:
-        _print_lines(names)
+        printing.lines(names)
 
 
 def _packages(search: SearchPath, as_json: bool, **kinds: bool) -> None:
@@ -95,12 +95,7 @@ def _packages(search: SearchPath, as_json: bool, **kinds: bool) -> None:
     if as_json:
         printing.document([{"name": name, "origin": search.packages[name].origin} for name in found])
     else:
-        _print_lines(found)
-
-
-def _print_lines(lines: Sequence[str]) -> None:
-    if lines:
-        printing.line("\n".join(lines))
+        printing.lines(found)
 
 
 # --------------------------------------------------------------------------------------------------------- definitions
@@ -138,10 +133,10 @@ def _show(search: SearchPath, as_json: bool, name: str, no_comments: bool, all_c
         return
     lines = expanded_lines(library, top, comments=not no_comments, nested_comments=all_comments and not no_comments)
     if not printing.is_terminal():
-        _print_lines(lines)
+        printing.block("\n".join(lines))
         return
     for line in lines:
-        printing.line(line, "dim" if line.lstrip().startswith("#") else "")
+        printing.block(line, "dim" if line.lstrip().startswith("#") else "")
 
 
 def _hashes(search: SearchPath, as_json: bool, names: tuple[str, ...], parts: bool) -> None:
@@ -153,7 +148,7 @@ def _hashes(search: SearchPath, as_json: bool, names: tuple[str, ...], parts: bo
     if as_json:
         printing.document(found)
     else:
-        _print_lines([f"{value}  {name}" for name, value in found.items()])
+        printing.lines([f"{value}  {name}" for name, value in found.items()])
 
 
 def _parts(library: Library, top: RosName) -> list[str]:
@@ -180,7 +175,7 @@ def _proto(search: SearchPath, paths: tuple[str, ...], as_json: bool, name: str,
     from rosidl_py_gen.tools.messages import to_yaml
 
     text = to_yaml(values, flow=None).rstrip("\n")
-    printing.line(text if no_quotes else _quoted(text))
+    printing.block(text if no_quotes else _quoted(text))
 
 
 def _example(search: SearchPath, text: str, paths: tuple[str, ...]) -> Message:

@@ -33,6 +33,12 @@ TRUNCATE = 128
 _TYPE = re.compile(r"\w+(/\w+){1,2}\Z")
 
 
+class ArraySummary(str):
+    """Text that replaces the elements of an array."""
+
+    __slots__ = ()
+
+
 class _Shown(NamedTuple):
     truncate: int | None
     arrays: bool
@@ -54,7 +60,7 @@ def plain(
 
 
 def plain_value(value: Any, *, truncate: int | None = TRUNCATE, arrays: bool = True, strings: bool = True) -> Any:
-    """`plain` for the value of a field."""
+    """`plain` for the value of a field, or for a dict of such values."""
     return _plain(value, _Shown(truncate, arrays, strings))
 
 
@@ -65,16 +71,24 @@ def _message(message: Message, shown: _Shown) -> dict[str, Any]:
 
 
 def _without_arrays(field: Field, message: Message, shown: _Shown) -> Any:
-    value, kind = getattr(message, field.py_name), field.type
-    if kind.arity is Arity.SCALAR:
-        return _plain(value, shown)
-    if kind.arity is Arity.ARRAY:
-        return f"<array type: {kind}>"
-    return f"<sequence type: {kind.element}, length: {len(value)}>"
+    value = getattr(message, field.py_name)
+    return _plain(value, shown) if field.type.arity is Arity.SCALAR else str(array_summary(field, value))
+
+
+def array_summary(field: Field, value: Any) -> ArraySummary:
+    """Return type and size of the value of an array field, or of a slice of one."""
+    kind = field.type
+    if kind.arity is Arity.ARRAY and len(value) == kind.capacity:
+        return ArraySummary(f"<array type: {kind}>")
+    return ArraySummary(f"<sequence type: {kind.element}, length: {len(value)}>")
 
 
 def _plain(value: Any, shown: _Shown) -> Any:
     truncate = shown.truncate
+    if isinstance(value, dict):
+        return {name: _plain(item, shown) for name, item in value.items()}
+    if isinstance(value, ArraySummary):
+        return str(value)
     if isinstance(value, Message):
         return _message(value, shown)
     if isinstance(value, np.generic):

@@ -1,7 +1,6 @@
 """How answers look: tables and colours on a terminal, plain text elsewhere, JSON for programs.
 
-Text of peers is not trusted: what could steer a terminal is replaced, except line breaks in message texts, which YAML
-quotes.
+Text of peers is not trusted: what could steer a terminal is replaced, and line breaks in names are escaped.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ import re
 import sys
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.output import json_text, printable_lines
+from rosidl_py_gen.base.output import json_text, printable_line, printable_lines
 from rosidl_py_gen.errors import printable
 
 if TYPE_CHECKING:
@@ -24,12 +23,29 @@ def is_terminal() -> bool:
 
 
 def line(text: str = "", style: str = "") -> None:
-    """One or more lines, written at once; `style` is one of rich (``"bold cyan"``), for terminals.
+    """Print one line; line breaks in it are escaped.
+
+    Args:
+        style: of rich (``"bold cyan"``), for terminals.
 
     Raises:
         BrokenPipeError: nobody reads any more.
     """
-    text = printable_lines(text)
+    _write(printable_line(text), style)
+
+
+def lines(texts: Iterable[str]) -> None:
+    """Print several lines at once; line breaks in them are escaped."""
+    if rows := list(map(printable_line, texts)):
+        _write("\n".join(rows))
+
+
+def block(text: str, style: str = "") -> None:
+    """Print text with its line breaks: YAML, pictures, values. Names in it must be escaped already."""
+    _write(printable_lines(text), style)
+
+
+def _write(text: str, style: str = "") -> None:
     if style and is_terminal():
         from rich.style import Style
 
@@ -45,7 +61,7 @@ def mermaid_label(text: str) -> str:
 
 def note(text: str) -> None:
     """A line on standard error, for what is no part of the answer."""
-    print(printable(text), file=sys.stderr, flush=True)
+    print(printable_line(text), file=sys.stderr, flush=True)
 
 
 def names(found: Sequence[dict[str, Any]], count: bool, show_types: bool, as_json: bool) -> None:
@@ -55,8 +71,7 @@ def names(found: Sequence[dict[str, Any]], count: bool, show_types: bool, as_jso
     elif count:
         line(str(len(found)))
     else:
-        for one in found:
-            line(f"{one['name']} [{', '.join(one['types'])}]" if show_types else one["name"])
+        lines(f"{one['name']} [{', '.join(one['types'])}]" if show_types else one["name"] for one in found)
 
 
 def document(data: Any, *, in_stream: bool = False) -> None:
@@ -65,17 +80,17 @@ def document(data: Any, *, in_stream: bool = False) -> None:
     Args:
         in_stream: one of several, each of which takes one line.
     """
-    line(json_text(data, indent=2 if is_terminal() and not in_stream else None))
+    _write(json_text(data, indent=2 if is_terminal() and not in_stream else None))
 
 
 def json_line(data: Any) -> None:
     """JSON on one line, also on terminals: one of a stream of values."""
-    line(json_text(data))
+    _write(json_text(data))
 
 
 def table(rows: Iterable[Sequence[str]], *headings: str) -> None:
     """Columns: fitted into the terminal; elsewhere separated by tabs, without headings, for cut and awk."""
-    rows = [[printable(cell) for cell in row] for row in rows]
+    rows = [[printable_line(cell) for cell in row] for row in rows]
     if not sys.stdout.isatty():
         sys.stdout.writelines("\t".join(row) + "\n" for row in rows)
         sys.stdout.flush()

@@ -176,6 +176,17 @@ class Session:
         if self._spin_time_s is None:
             await self.wait_for(self.node.names_are_known, _MAX_S)
 
+    def note_if_alone(self) -> None:
+        """Print a note if no other node, topic or service was found in the domain."""
+        from rosidl_py_gen.tools import printing
+
+        node = self.node
+        if len(node.get_nodes()) < 2 and not (node.get_topic_names_and_types() or node.get_service_names_and_types()):
+            printing.note(
+                f"no nodes were found in domain {self.context.domain_id}; check ROS_DOMAIN_ID and "
+                "ROS_AUTOMATIC_DISCOVERY_RANGE, and run `rosidl-py doctor` to see other participants"
+            )
+
     async def wait_for(self, is_there: Callable[[], object], timeout_s: float | None = None) -> bool:
         """Wait until `is_there` gives something true, asked after every change of the graph.
 

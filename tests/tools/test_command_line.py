@@ -36,7 +36,7 @@ def test_an_error_of_several_lines_keeps_them(capsys: pytest.CaptureFixture[str]
     assert end.value.code == 1
     assert capsys.readouterr().err.endswith(" are\n    /a b\n      ^\n")
     tools.report("a peer says \x1b[2J\nerror: b")
-    assert capsys.readouterr().err == "error: a peer says \ufffd[2J\ufffderror: b\n"
+    assert capsys.readouterr().err == "error: a peer says \ufffd[2J\\nerror: b\n"
 
 
 def test_help_loads_neither_the_runtime_nor_rich() -> None:
@@ -73,7 +73,8 @@ def test_a_reader_that_has_enough_ends_a_command_quietly() -> None:
 def test_closed_streams_are_no_trouble(closed: str) -> None:
     command = f"{sys.executable} -m rosidl_py_gen.tools topic list --discovery localhost {closed}"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
+    notes = [line for line in done.stderr.splitlines() if not line.startswith("no nodes were found in domain")]
+    assert (done.returncode, notes) == (0, [])
 
 
 def _commands(group: click.Group, context: click.Context) -> Iterator[click.Command]:

@@ -47,7 +47,7 @@ async def test_what_was_logged_before_comes_first_in_the_order_of_its_times(memo
     stamp = r"\[\d+\.\d{9}\]"
     wanted = (
         rf"\[INFO\] {stamp} \[talker\]: one\n\[WARN\] {stamp} \[camera.left\]: two\ufffd\[2J\n"
-        rf"\[ERROR\] {stamp} \[talker\]: three\nlines\n\[INFO\] {stamp} \[camera.left.driver\]: four\n"
+        rf"\[ERROR\] {stamp} \[talker\]: three\n    lines\n\[INFO\] {stamp} \[camera.left.driver\]: four\n"
     )
     assert re.fullmatch(wanted, done.out), done.out
 

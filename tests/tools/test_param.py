@@ -72,6 +72,14 @@ async def test_set_reads_values_as_parameter_files_do(memory: World, tool: Tool)
         assert node.get_parameter(name) == expected
 
 
+async def test_an_empty_list_has_the_type_that_was_declared(memory: World, tool: Tool) -> None:
+    node = memory.node("empty")
+    for name, value in {"Integer": [1], "String": ["a"], "Double": [1.5], "Boolean": [True], "Byte": [b"a"]}.items():
+        node.declare_parameter(name, value)
+        assert (await tool("param", "set", "/empty", name, "[]")).code == 0
+        assert (await tool("param", "get", "/empty", name)).out == f"{name} values are: []\n"
+
+
 async def test_a_set_that_fails_is_a_failure_with_the_reason_of_the_node(memory: World, tool: Tool) -> None:
     drive(memory)
     negative, text, yaml, as_json = await asyncio.gather(

@@ -57,3 +57,15 @@ async def test_info_shows_what_does_not_fit_together(dds: World, tool: Any) -> N
     assert f"warning: {said}" in shown.out
     assert "warning: no messages from /alice to /bob: types differ, silent_msgs/msg/Changed and std_msgs" in shown.out
     assert said in json.loads(plain.out)["mismatches"]
+
+
+async def test_lists_of_an_empty_domain_come_with_a_note(memory: World, tool: Any) -> None:
+    commands = [(group, "list") for group in ("topic", "node", "service", "action", "param")] + [("lifecycle", "nodes")]
+    note = "no nodes were found in domain"
+    for words in commands:
+        for options in ((), ("--json",)):
+            ended = await tool(*words, *(option for option in options if words[0] != "param"))
+            assert (ended.code, ended.err.count("\n"), ended.err.startswith(note)) == (0, 1, True), words
+    memory.node("talker", enable_rosout=False)
+    for words in commands:
+        assert (await tool(*words)).err == "", words

@@ -13,8 +13,10 @@ import pytest
 from worlds import WAITS, take, until
 
 from rosidl_py_gen import get_message
+from rosidl_py_gen.base.output import json_text
 from rosidl_py_gen.runtime import Node
 from rosidl_py_gen.tools import types
+from rosidl_py_gen.tools.topic.figures import Rate
 
 if TYPE_CHECKING:
     from worlds import World
@@ -173,6 +175,16 @@ def test_hz_and_bw_need_no_definition_and_delay_only_the_place_of_the_stamp(
     code, _, error = run_here("topic", "delay", "/demo/words", *topic_peer)
     expected = "error: messages of /demo/words have no header with a stamp: std_msgs/msg/String\n"
     assert (code, WAITS.sub("", error)) == (1, expected)
+
+
+def test_messages_received_together_have_no_rate_of_0() -> None:
+    rate = Rate(10)
+    for received_ns in (5, 5, 5):
+        rate.add(received_ns, 0)
+    report = rate.report()
+    assert report is not None
+    assert rate.text(report).startswith("average rate: inf\n")
+    assert json.loads(json_text(report))["rate"] == "Infinity"
 
 
 async def test_measuring_ends_with_ctrl_c_and_says_when_nothing_comes(node: Node, tool: Any) -> None:

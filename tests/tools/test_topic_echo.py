@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from worlds import WAITS, start_process, until
 
-from rosidl_py_gen import compile_text
+from rosidl_py_gen import compile_text, get_message
 from rosidl_py_gen.runtime import QoSProfile
 
 if TYPE_CHECKING:
@@ -106,6 +106,40 @@ def test_echo_says_what_is_wrong(
     code, _, err = run_here("topic", "echo", *words)
     assert (code, os.listdir()) == (1, [])
     assert reason in err
+
+
+async def test_fields_are_cut_as_messages_are_and_several_may_be_asked_for(memory: World, tool: Any) -> None:
+    node = memory.node("camera", enable_rosout=False, parameter_events=False)
+    scan: Any = get_message("sensor_msgs/msg/LaserScan")(ranges=[1.5, float("nan"), 2.5], range_max=float("inf"))
+    scan.header.frame_id = "front, left"
+    imu = get_message("sensor_msgs/msg/Imu")()
+    for name, message in (("/scan", scan), ("/imu", imu)):
+        node.create_publisher(type(message), name, LATCHED).publish(message)
+    for words, expected in [
+        (["/scan", "--field", "ranges", "--no-arr"], "<sequence type: float32, length: 3>\n---\n"),
+        (["/scan", "--field", "ranges[1:9]", "--no-arr", "--no-str"], "<sequence type: float32, length: 2>\n---\n"),
+        (["/scan", "--field", "ranges[0]", "--no-arr"], "1.5\n---\n"),
+        (["/scan", "--field", "header.frame_id", "--no-str", "--no-arr"], "<string length: 11>\n---\n"),
+        (["/imu", "--field", "orientation_covariance", "--no-arr"], "<array type: float64[9]>\n---\n"),
+        (["/imu", "--field", "orientation_covariance[:2]", "--no-arr"], "<sequence type: float64, length: 2>\n---\n"),
+        (
+            ["/scan", "--field", "ranges[0]", "--field", "header.frame_id"],
+            "ranges[0]: 1.5\nheader.frame_id: front, left\n---\n",
+        ),
+        (
+            ["/scan", "--field", "ranges", "--field", "angle_min", "--no-arr", "--flow-style"],
+            "{ranges: '<sequence type: float32, length: 3>', angle_min: 0.0}\n---\n",
+        ),
+        (["/scan", "--field", "angle_min", "--field", "header.frame_id", "--csv"], '0.0,"front, left"\n'),
+        (
+            ["/scan", "--field", "range_max", "--field", "ranges", "--json"],
+            '{"range_max": "Infinity", "ranges": [1.5, "NaN", 2.5]}\n',
+        ),
+    ]:
+        ended = await tool("topic", "echo", *words, "--once")
+        assert (ended.out, ended.err) == (expected, ""), words
+    wrong = await tool("topic", "echo", "/scan", "--field", "ranges", "--field", "nope", "--once")
+    assert (wrong.code, wrong.out) == (1, "")
 
 
 async def test_publishers_that_offer_less_are_heard_too_when_they_come_later(node: Node, tool: Any) -> None:

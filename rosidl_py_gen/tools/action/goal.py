@@ -55,7 +55,8 @@ async def _follow(
     sending = asyncio.ensure_future(client.send_goal(goal, timeout_s))
     try:
         handle = await asyncio.shield(sending)
-        show.say(f"Goal accepted with ID: {handle.goal_id.hex()}\n")
+        show.say(f"Goal accepted with ID: {handle.goal_id.hex()}")
+        show.say("")
         if show_feedback:
             async for feedback in handle.feedback():
                 show.feedback(feedback)
@@ -108,7 +109,7 @@ class _Printer:
         """Only for people."""
         if not self._as_json:
             shown = messages.to_yaml(messages.plain(message)).rstrip("\n").replace("\n", "\n    ")
-            printing.line(f"{heading}:\n    {shown}\n")
+            printing.block(f"{heading}:\n    {shown}\n")
 
     def feedback(self, feedback: Message) -> None:
         """One of many."""

@@ -31,7 +31,7 @@ async def run(
             types if only_type else {"name": name, "types": types, "clients": clients, "servers": servers}
         )
     elif only_type:
-        printing.line("\n".join(types))
+        printing.lines(types)
     else:
         printing.line(f"Action: {name}")
         for kind, users in (("clients", clients), ("servers", servers)):

@@ -18,5 +18,6 @@ async def run(network: Network, count: bool, as_json: bool, show_types: bool = F
             for name, types in actions(session.node.get_topic_names_and_types())
             if not of_type or is_one_of(of_type, types, "action")
         ]
+        session.note_if_alone()
     printing.names(found, count, show_types, as_json)
     return 0

@@ -155,7 +155,7 @@ class EchoOptions:
     topic: str
     type_name: str | None
     once: bool
-    field: str | None
+    fields: Sequence[str]
     filter_text: str | None
     max_rate_hz: float | None
     style: Literal["yaml", "flow", "csv", "json"]
@@ -176,9 +176,11 @@ class EchoOptions:
 @click.option("--once", is_flag=True, help="Print one message.")
 @click.option(
     "--field",
+    "fields",
+    multiple=True,
     metavar="PATH",
     shell_complete=options.field_completion,
-    help="Print only a field: pose.position, poses[0].x, ranges[0:5].",
+    help="Print only a field: pose.position, poses[0].x, ranges[0:5]. May be repeated.",
 )
 @click.option("--filter", "filter_text", metavar="EXPR", help="Print only messages m for which this holds.")
 @click.option(

@@ -148,9 +148,9 @@ def _print(name: str, findings: list[Finding], *, as_report: bool) -> None:
     printing.line(name.capitalize(), "" if as_report else "bold")
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else 100 if as_report else 10_000
     for finding in findings:
-        printing.line(_wrapped(f"  {finding.level:<8} ", finding.text, width), _STYLES[finding.level])
+        printing.block(_wrapped(f"  {finding.level:<8} ", finding.text, width), _STYLES[finding.level])
         if finding.advice:
-            printing.line(_wrapped(" " * _INDENT + "-> ", finding.advice, width))
+            printing.block(_wrapped(" " * _INDENT + "-> ", finding.advice, width))
 
 
 def _wrapped(head: str, text: str, width: int) -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.base.output import printable_line
 from rosidl_py_gen.tools import ToolError, printing
 from rosidl_py_gen.tools.graph.picture import Edge, Picture
 from rosidl_py_gen.tools.session import Network, Session
@@ -50,7 +51,7 @@ async def run(
         return 0
     text = _drawn(picture, kind)
     if output is None:
-        printing.line(text.rstrip("\n"))
+        printing.block(text.rstrip("\n"))
     else:
         await asyncio.to_thread(Path(output).write_text, text, encoding="utf-8")
         printing.note(f"wrote {output}: {len(picture.nodes)} nodes")
@@ -76,7 +77,7 @@ def _drawn(picture: Picture, kind: str) -> str:
         "mermaid": graph_text.mermaid,
         "markdown": lambda picture: f"```mermaid\n{graph_text.mermaid(picture)}```\n",
         "json": graph_text.as_json,
-        "text": lambda picture: "".join(f"{line}\n" for line, _ in graph_text.lines(picture)),
+        "text": lambda picture: "".join(f"{printable_line(line)}\n" for line, _ in graph_text.lines(picture)),
     }
     return draw[kind](picture)
 

@@ -16,8 +16,6 @@ async def run(network: Network, node: str, show_all: bool, timeout_s: float, as_
         printing.document([to_dict(one) for one in found])
     else:
         for one in found:
-            printing.line(
-                f"- {one.transition.label} [{one.transition.id}]\n    Start: {one.start_state.label}\n"
-                f"    Goal: {one.goal_state.label}"
-            )
+            transition = f"- {one.transition.label} [{one.transition.id}]"
+            printing.lines([transition, f"    Start: {one.start_state.label}", f"    Goal: {one.goal_state.label}"])
     return 0

@@ -12,10 +12,11 @@ async def run(network: Network, hidden: bool, count: bool, as_json: bool) -> int
     async with Session(network) as session:
         await session.wait_until_quiet()
         found = lifecycle_nodes(session.node, hidden=hidden)
+        session.note_if_alone()
     if as_json:
         printing.document(found)
     elif count:
         printing.line(str(len(found)))
-    elif found:
-        printing.line("\n".join(found))
+    else:
+        printing.lines(found)
     return 0

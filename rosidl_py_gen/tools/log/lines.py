@@ -6,6 +6,7 @@ import re
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
+from rosidl_py_gen.base.output import printable_line
 from rosidl_py_gen.base.stamps import sec_nanosec, stamp_ns
 from rosidl_py_gen.tools import ToolError, printing
 
@@ -60,10 +61,11 @@ class Lines:
             printing.document(_plain(message), in_stream=True)
             return
         seconds, rest = sec_nanosec(stamp_ns(message.stamp))
-        text = f"[{_level_name(message.level)}] [{seconds}.{rest:09}] [{message.name}]: {message.msg}"
+        head = printable_line(f"[{_level_name(message.level)}] [{seconds}.{rest:09}] [{message.name}]: ")
+        rows = [head + message.msg]
         if self._verbose and message.file:
-            text += f"\n    at {message.file}:{message.line} in {message.function}"
-        printing.line(text, _STYLES.get(message.level // 10 * 10, ""))
+            rows.append(printable_line(f"at {message.file}:{message.line} in {message.function}"))
+        printing.block("\n".join(rows).replace("\n", "\n    "), _STYLES.get(message.level // 10 * 10, ""))
 
     def _wants(self, message: Any) -> bool:
         return (

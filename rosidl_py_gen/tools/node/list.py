@@ -12,6 +12,7 @@ async def run(network: Network, hidden: bool, count: bool, as_json: bool) -> int
     async with Session(network) as session:
         await session.wait_until_named()
         nodes = session.node.get_nodes()
+        session.note_if_alone()
     found = [
         {"name": node.fully_qualified_name, "enclave": node.enclave}
         for node in sorted(nodes, key=lambda one: one.fully_qualified_name)

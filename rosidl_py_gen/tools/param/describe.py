@@ -21,11 +21,11 @@ async def run(network: Network, node: str, names: tuple[str, ...], timeout_s: fl
         printing.document([{**asdict(one), "type": type_in_words(one.type)} for one in found])
     else:
         for one in found:
-            printing.line(_text(one))
+            printing.lines(_lines(one))
     return 0
 
 
-def _text(one: ParameterDescriptor) -> str:
+def _lines(one: ParameterDescriptor) -> list[str]:
     lines = [f"Parameter name: {one.name}", f"  Type: {type_in_words(one.type)}"]
     if one.description:
         lines.append(f"  Description: {one.description}")
@@ -39,4 +39,4 @@ def _text(one: ParameterDescriptor) -> str:
             lines.append(f"    Step: {limits.step}")
     if one.additional_constraints:
         lines.append(f"    Additional constraints: {one.additional_constraints}")
-    return "\n".join(lines)
+    return lines

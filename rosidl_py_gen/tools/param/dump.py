@@ -28,5 +28,5 @@ async def run(network: Network, node: str, output: str | None, timeout_s: float,
             }
         )
     elif output is None:
-        printing.line(text.rstrip("\n"))
+        printing.block(text.rstrip("\n"))
     return 0

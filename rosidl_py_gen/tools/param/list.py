@@ -69,6 +69,7 @@ async def _of_all(network: Network, hidden: bool, wish: _Wish, as_json: bool) ->
     async with Session(network) as session:
         await session.wait_until_quiet()
         nodes = nodes_that_serve(session.node, *LIST_PARAMETERS, hidden=hidden)
+        session.note_if_alone()
         clients = [session.node.create_parameter_client(name) for name in nodes]
         answers = await asyncio.gather(*(wish.of(client) for client in clients), return_exceptions=True)
     found: dict[str, dict[str, str]] = {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
+from rosidl_py_gen.base.output import printable_line
 from rosidl_py_gen.tools import printing, report
 from rosidl_py_gen.tools.param.remote import parameters_of
 from rosidl_py_gen.tools.session import Network
@@ -20,5 +21,5 @@ async def run(network: Network, node: str, file: str, timeout_s: float, as_json:
         if result.successful:
             printing.line(f"Set parameter {name} successful{reason}")
         else:
-            report(f"Set parameter {name} failed{reason}")
+            report(printable_line(f"Set parameter {name} failed{reason}"))
     return 0 if all(result.successful for result in results.values()) else 1

@@ -43,9 +43,9 @@ async def _call(network: Network, options: CallOptions) -> int:
 async def _one_call(client: Client[Any, Any], request: Message, options: CallOptions) -> None:
     truncate = None if options.full_length else messages.TRUNCATE
     if not options.as_json:
-        printing.line(f"requester: making request: {messages.shown(request, truncate)}\n")
+        printing.lines([f"requester: making request: {messages.shown(request, truncate)}", ""])
     response = await client.call(request, options.timeout_s)
     if options.as_json:
         (printing.document if options.rate is None else printing.json_line)(to_dict(response))
     else:
-        printing.line(f"response:\n{messages.shown(response, truncate)}\n")
+        printing.lines(["response:", messages.shown(response, truncate), ""])

@@ -44,7 +44,7 @@ async def _echo(network: Network, options: EchoOptions) -> int:
             if options.as_json:
                 (printing.document if options.once else printing.json_line)(shown)
             else:
-                printing.line(messages.to_yaml(shown, flow=options.flow_style) + "---")
+                printing.block(messages.to_yaml(shown, flow=options.flow_style) + "---")
             if options.once:
                 break
     return 0

@@ -34,7 +34,7 @@ async def run(network: Network, service: str, as_json: bool, only_type: bool = F
     if as_json:
         printing.document(types if only_type else found)
     elif only_type:
-        printing.line("\n".join(types))
+        printing.lines(types)
     else:
         _print(found)
     return 0
@@ -67,10 +67,12 @@ def _end(one: TopicEndpointInfo, kind: str) -> dict[str, Any]:
 
 def _print(found: dict[str, Any]) -> None:
     printing.line(f"Type: {', '.join(found['types'])}")
-    printing.line(f"Clients count: {found['clients']}\nServices count: {found['servers']}")
+    printing.lines([f"Clients count: {found['clients']}", f"Services count: {found['servers']}"])
     for end in found.get("endpoints", ()):
-        printing.line(f"\nNode: {end['node']}\nEndpoint type: {end['endpoint']}\nGID: {end['gid']}\nQoS profile:")
-        printing.line(
-            f"  Reliability: {end['reliability']}\n  History (Depth): {end['history']}\n"
-            f"  Durability: {end['durability']}"
+        printing.lines(
+            [
+                *("", f"Node: {end['node']}", f"Endpoint type: {end['endpoint']}", f"GID: {end['gid']}"),
+                *("QoS profile:", f"  Reliability: {end['reliability']}", f"  History (Depth): {end['history']}"),
+                f"  Durability: {end['durability']}",
+            ]
         )

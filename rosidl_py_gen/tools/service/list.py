@@ -21,5 +21,6 @@ async def run(
             for name, types in node.get_service_names_and_types()
             if (hidden or not is_hidden(name)) and (not of_type or is_one_of(of_type, types, "srv"))
         ]
+        session.note_if_alone()
     printing.names(found, count, show_types, as_json)
     return 0

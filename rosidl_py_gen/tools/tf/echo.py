@@ -77,7 +77,7 @@ def _show(found: Transform, precision: int, as_json: bool) -> None:
 
     seconds, rest = sec_nanosec(found.stamp)
     rows = "\n".join(f"  {shown(row, '  ')}" for row in found.matrix)
-    printing.line(
+    printing.block(
         f"At time {seconds}.{rest:09}\n"
         f"- Translation: [{shown(found.translation)}]\n"
         f"- Rotation: in Quaternion (xyzw) [{shown(found.rotation)}]\n"

@@ -6,6 +6,7 @@ import asyncio
 from pathlib import Path
 from typing import Any
 
+from rosidl_py_gen.base.output import printable_line
 from rosidl_py_gen.tools import ToolError, printing
 from rosidl_py_gen.tools.session import Network, Session, first_of
 from rosidl_py_gen.tools.tf import text
@@ -58,7 +59,7 @@ def show(frames: Frames, names: dict[Any, str], kind: str, output: str | None) -
         for line, style in text.lines(frames, names):
             printing.line(line, style)
     elif output is None:
-        printing.line(_drawn(frames, names, kind).rstrip("\n"))
+        printing.block(_drawn(frames, names, kind).rstrip("\n"))
     else:
         Path(output).write_text(_drawn(frames, names, kind), encoding="utf-8")
     if output is not None:
@@ -72,4 +73,4 @@ def _drawn(frames: Frames, names: dict[Any, str], kind: str) -> str:
         return text.mermaid(frames, names)
     if kind == "markdown":
         return f"```mermaid\n{text.mermaid(frames, names)}```\n"
-    return "".join(f"{line}\n" for line, _ in text.lines(frames, names))
+    return "".join(f"{printable_line(line)}\n" for line, _ in text.lines(frames, names))

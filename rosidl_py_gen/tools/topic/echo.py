@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
+from rosidl_py_gen.base.fieldtype import Arity
+from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.runtime import WaitTimeoutError
 from rosidl_py_gen.runtime import qos as presets
 from rosidl_py_gen.tools import Job, ToolError, printing, types
 from rosidl_py_gen.tools.commands.topic import EchoOptions
-from rosidl_py_gen.tools.filters import FilterError, compile_filter, compile_path
+from rosidl_py_gen.tools.filters import FilterError, compile_filter, compile_path, path_field
 from rosidl_py_gen.tools.follow import Follow
+from rosidl_py_gen.tools.messages import array_summary
 from rosidl_py_gen.tools.names import find_topic, full_topic_name
 from rosidl_py_gen.tools.session import Network, Session, now_s
 from rosidl_py_gen.tools.topic import qos as topic_qos
@@ -62,7 +65,7 @@ class _Echo:
             self._show = _shows(lambda value: value, lambda value: True, self._pace, shown.printer())
         else:
             cls = await types.message_class(self._session, self._topic, options.type_name, options.paths)
-            field = compile_path(options.field, cls) if options.field else lambda value: value
+            field = _fields(cls, options.fields, options.arrays)
             condition = compile_filter(options.filter_text, cls) if options.filter_text else lambda value: True
             self._show = _shows(field, condition, self._pace, shown.printer())
         given = topic_qos.given(options.qos, presets.SENSOR_DATA)
@@ -99,6 +102,23 @@ class _Echo:
         if total > self._lost_noted and (now := now_s()) > self._lost_noted_at + _LOST_EVERY_S:
             printing.note(f"{total - self._lost_noted} messages came faster than they were printed ({total} in all)")
             self._lost_noted, self._lost_noted_at = total, now
+
+
+def _fields(cls: type[Message], paths: Sequence[str], arrays: bool) -> Callable[[Message], Any]:
+    """Return what gives the values to print: the message, the value of one path, or a dict of several."""
+    if not paths:
+        return lambda message: message
+
+    def one(path: str) -> Callable[[Message], Any]:
+        value, field = compile_path(path, cls), None if arrays else path_field(path, cls)
+        if field is None or field.type.arity is Arity.SCALAR:
+            return value
+        return lambda message: array_summary(field, value(message))
+
+    values = {path: one(path) for path in paths}
+    if len(values) == 1:
+        return values[paths[0]]
+    return lambda message: {path: value(message) for path, value in values.items()}
 
 
 class _Pace:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
+from math import inf
 from time import time_ns
 from typing import Any, ClassVar
 
@@ -72,7 +73,8 @@ class Rate(Figures):
     def computed(self) -> dict[str, float]:
         spread = _spread(self._values)
         mean_s = spread.pop("mean")
-        return {"rate": 1 / mean_s if mean_s else 0.0, **spread}
+        # Messages that were received together have no measurable rate.
+        return {"rate": 1 / mean_s if mean_s else inf, **spread}
 
     def text(self, report: dict[str, Any]) -> str:
         return "average rate: {rate:.3f}\n\t".format_map(report) + _SPREAD.format_map(report)

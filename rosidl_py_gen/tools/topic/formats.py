@@ -48,7 +48,7 @@ class Format:
                 return lambda value: printing.document(plain(_hex(value)), in_stream=True)
             case "csv":
                 return lambda value: printing.line(to_csv(plain(_hex(value))))
-        return lambda value: printing.line(self._document(value, plain) + "\n---")
+        return lambda value: printing.block(self._document(value, plain) + "\n---")
 
     def _document(self, value: Any, plain: Callable[[Any], Any]) -> str:
         if isinstance(value, bytes):

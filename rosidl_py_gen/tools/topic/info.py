@@ -34,7 +34,7 @@ async def run(
         if as_json:
             printing.document(types)
         else:
-            printing.line("\n".join(types))
+            printing.lines(types)
     elif as_json:
         ends = {"publishers": [*map(_plain, publishers)], "subscribers": [*map(_plain, subscribers)]}
         printing.document({"name": name, "types": types, **ends, "mismatches": apart})
@@ -48,37 +48,36 @@ async def run(
 def _show(
     types: list[str], publishers: Sequence[TopicEndpointInfo], subscribers: Sequence[TopicEndpointInfo], verbose: bool
 ) -> None:
-    end = "\n" if verbose else ""
-    printing.line(f"Type: {types[0] if len(types) == 1 else types}{end}")
+    end = [""] if verbose else []
+    printing.lines([f"Type: {types[0] if len(types) == 1 else types}", *end])
     for heading, infos in (("Publisher", publishers), ("Subscription", subscribers)):
-        printing.line(f"{heading} count: {len(infos)}{end}", "bold" if verbose else "")
+        printing.line(f"{heading} count: {len(infos)}", "bold" if verbose else "")
+        printing.lines(end)
         if verbose:
             for info in infos:
-                printing.line(_described(info) + "\n")
+                printing.lines([*_described(info), ""])
 
 
-def _described(info: TopicEndpointInfo) -> str:
+def _described(info: TopicEndpointInfo) -> list[str]:
     """An endpoint in the words of rclpy."""
     qos = info.qos_profile
     depth = f" ({qos.depth})" if qos.history is History.KEEP_LAST else ""
-    return "\n".join(
-        [
-            f"Node name: {info.node_name}",
-            f"Node namespace: {info.node_namespace}",
-            f"Topic type: {info.topic_type}",
-            f"Topic type hash: {info.topic_type_hash or 'INVALID'}",
-            f"Endpoint type: {info.endpoint_type.name}",
-            f"GID: {_gid(info)}",
-            "QoS profile:",
-            f"  Reliability: {qos.reliability.name}",
-            f"  History (Depth): {qos.history.name}{depth}",
-            f"  Durability: {qos.durability.name}",
-            f"  Lifespan: {_period(qos.lifespan_ns)}",
-            f"  Deadline: {_period(qos.deadline_ns)}",
-            f"  Liveliness: {qos.liveliness.name}",
-            f"  Liveliness lease duration: {_period(qos.liveliness_lease_ns)}",
-        ]
-    )
+    return [
+        f"Node name: {info.node_name}",
+        f"Node namespace: {info.node_namespace}",
+        f"Topic type: {info.topic_type}",
+        f"Topic type hash: {info.topic_type_hash or 'INVALID'}",
+        f"Endpoint type: {info.endpoint_type.name}",
+        f"GID: {_gid(info)}",
+        "QoS profile:",
+        f"  Reliability: {qos.reliability.name}",
+        f"  History (Depth): {qos.history.name}{depth}",
+        f"  Durability: {qos.durability.name}",
+        f"  Lifespan: {_period(qos.lifespan_ns)}",
+        f"  Deadline: {_period(qos.deadline_ns)}",
+        f"  Liveliness: {qos.liveliness.name}",
+        f"  Liveliness lease duration: {_period(qos.liveliness_lease_ns)}",
+    ]
 
 
 def _plain(info: TopicEndpointInfo) -> dict[str, Any]:

@@ -30,6 +30,7 @@ async def run(
             if (hidden or not is_hidden(name)) and (wanted is None or wanted in types)
             for subscribers in (node.count_subscribers(name),)
         ]
+        session.note_if_alone()
     if verbose and not (as_json or count):
         _show_ends(found, "Published", "publisher")
         _show_ends(found, "Subscribed", "subscriber")

@@ -86,8 +86,9 @@ async def _report(meters: Sequence[_Meter], times: int | None, as_json: bool) ->
                 printing.document({"topic": meter.topic, **report}, in_stream=True)
         elif len(meters) == 1 or _is_narrow():
             for meter, report in reports:
-                name = "" if len(meters) == 1 else f"{meter.topic}\n"
-                printing.line(name + meter.figures.text(report))
+                if len(meters) > 1:
+                    printing.line(meter.topic)
+                printing.block(meter.figures.text(report))
         elif reports:
             rows = [[meter.topic, *meter.figures.row(report)] for meter, report in reports]
             printing.table(rows, "topic", *meters[0].figures.HEADINGS)

@@ -98,7 +98,7 @@ def _show(number: int, message: Message, as_json: bool) -> None:
     if as_json:
         printing.document({"number": number, "message": messages.plain(message, truncate=None)}, in_stream=True)
     else:
-        printing.line(f"publishing #{number}: {messages.shown(message, messages.TRUNCATE)}\n")
+        printing.lines([f"publishing #{number}: {messages.shown(message, messages.TRUNCATE)}", ""])
 
 
 async def _again_and_again(message: Message, stamps: Sequence[Any]) -> AsyncGenerator[Message, None]:
