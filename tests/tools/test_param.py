@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import asyncio
 import json
-from typing import TYPE_CHECKING
+import re
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from rosidl_py_gen.msgs.rcl_interfaces.srv import ListParameters
-from rosidl_py_gen.runtime import FloatRange, Node, ParameterDescriptor
+from rosidl_py_gen.msgs.rcl_interfaces.msg import ListParametersResult
+from rosidl_py_gen.msgs.rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    GetParameterTypes,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
+from rosidl_py_gen.runtime import FloatRange, Node, ParameterDescriptor, parameter_value
+from rosidl_py_gen.runtime.parameters.messages import value_to_message
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -136,6 +146,40 @@ async def test_what_is_dumped_can_be_loaded(network: World, tool: Tool, tmp_path
     differs = await tool("param", "load", "/drive", str(file))
     assert (differs.code, node.get_parameter("speed", float)) == (1, 2.0)
     assert "failed: it is read-only and stays True, the file says False" in differs.err
+
+
+async def test_a_dump_requests_many_values_at_once_within_one_deadline(memory: World, tool: Tool) -> None:
+    names, unset = [f"p{number}" for number in range(3000)], {"p7", "p8", "p2999"}
+    requests: list[int] = []
+    delay_s = 0.0
+
+    async def get(request: Any) -> Any:
+        requests.append(len(request.names))
+        await asyncio.sleep(delay_s)
+        if unset.intersection(request.names):  # as rclcpp and rclpy do
+            return GetParameters.Response()
+        return GetParameters.Response(values=[value_to_message(parameter_value(name)) for name in request.names])
+
+    node = memory.node("many", start_services=False)
+    answers: dict[Any, Any] = {
+        GetParameters: get,
+        GetParameterTypes: lambda request: GetParameterTypes.Response(
+            types=bytes(0 if name in unset else 4 for name in request.names)
+        ),
+        ListParameters: lambda request: ListParameters.Response(result=ListParametersResult(names=names)),
+        **dict.fromkeys((DescribeParameters, SetParameters, SetParametersAtomically)),
+    }
+    for cls, answer in answers.items():
+        name = re.sub("(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
+        node.create_service(cls, f"/many/{name}", answer or (lambda request: None))
+    dumped = await tool("param", "dump", "/many", "--json")
+    assert json.loads(dumped.out) == {"/many": {name: name for name in names if name not in unset}}
+    assert len(requests) < 12
+    delay_s, requests[:] = 0.9, []
+    started_s = asyncio.get_running_loop().time()
+    late = await tool("param", "dump", "/many", "--timeout", "3")
+    assert (late.code, late.out, len(requests)) == (1, "", 4)
+    assert 3 <= asyncio.get_running_loop().time() - started_s < 3.5
 
 
 async def test_a_file_that_sets_what_it_must_not_fails(memory: World, tool: Tool, tmp_path: Path) -> None:

@@ -34,7 +34,8 @@ from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import message_type, service_type
 from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.loop.stream import Stream
-from rosidl_py_gen.runtime.parameters.files import dump_parameters, parse_parameter_file
+from rosidl_py_gen.runtime.parameters.batches import read_all
+from rosidl_py_gen.runtime.parameters.files import parse_parameter_file
 from rosidl_py_gen.runtime.parameters.messages import (
     descriptor_from_message,
     event_from_message,
@@ -59,6 +60,7 @@ from rosidl_py_gen.runtime.parameters.values import (
     require_names,
     widened,
 )
+from rosidl_py_gen.runtime.parameters.writing import dump_parameters
 from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.time.values import Time, read_stamp
 from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS, PARAMETERS
@@ -277,6 +279,10 @@ class ParameterClient(Composite):
 
     set_sync = blocking(set)
 
+    async def _read_all(self, timeout_s: float | None) -> dict[str, ParameterValue]:
+        deadline = Deadline(timeout_s)
+        return await read_all((await self.list(timeout_s=deadline.left_s())).names, self._get, self._types, deadline)
+
     async def _set_once(self, wanted: Sequence[Parameter], deadline: Deadline) -> list[SetResult]:
         request = SetParameters_Request(parameters=[to_message(item) for item in wanted])
         return [result_from_message(item) for item in (await self._set.call(request, deadline.left_s())).results]
@@ -371,15 +377,15 @@ class ParameterClient(Composite):
             return SetResult(True, "it is read-only and has this value")
         return SetResult(False, f"it is read-only and stays {has.value!r:.100}, the file says {wanted.value!r:.100}")
 
+    async def get_all(self, timeout_s: float | None = None) -> dict[str, PythonValue]:
+        """Return the values of all parameters that have one, by name; `timeout_s` is for all requests together."""
+        return {name: value.value for name, value in (await self._read_all(timeout_s)).items()}
+
+    get_all_sync = blocking(get_all)
+
     async def dump_yaml(self, timeout_s: float | None = None) -> str:
-        """The text of a parameter file with everything the remote node has, one question a parameter at most."""
-        values = {}
-        for name in (await self.list(timeout_s=timeout_s)).names:
-            # One by one: a single parameter without a value would empty a common answer.
-            response = await self._get.call(GetParameters_Request(names=[name]), timeout_s)
-            if len(response.values) == 1:
-                values[name] = value_from_message(response.values[0])
-        return dump_parameters(self.node, values)
+        """Return the text of a parameter file with all values of the remote node; otherwise as `get_all`."""
+        return dump_parameters(self.node, await self._read_all(timeout_s))
 
     dump_yaml_sync = blocking(dump_yaml)
 

@@ -1,4 +1,4 @@
-"""Parameter files: reading and writing the YAML that rcl understands.
+"""Parameter files: reading the YAML that rcl understands.
 
 Decides what a scalar means, and it is not what YAML says: `y` is true, `010` is 8, `08` is 8.0 and `null` is a text
 (docs/internals/protocol.md 10.5). So the standard resolver is replaced by one that only tells plain scalars from quoted
@@ -34,12 +34,14 @@ except ModuleNotFoundError as missing:
     raise extra_missing(missing) or missing from None
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator
 
 PARAMETERS_KEY = "ros__parameters"
 _BINARY = "tag:yaml.org,2002:binary"
 _MAX_LEVELS = 500
 """Maximum depth of maps: names of nodes and parameters may be nested, and rcl has no limit."""
+_MAX_BYTES = 1 << 28
+"""Maximum size of a parameter file: `writing.dump_parameters` writes large texts, such as maps, into one."""
 _TRUE = frozenset(["y", "Y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"])
 _FALSE = frozenset(["n", "N", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF"])
 _INTEGER = re.compile(r"[+-]?(?:(?P<hex>0[xX][0-9a-fA-F]+)|(?P<octal>0[0-7]*)|(?P<decimal>[1-9][0-9]*))\Z")
@@ -86,10 +88,10 @@ def _float(text: str) -> float | None:
         value = float(text) if _FLOAT.match(text) else float.fromhex(text) if _HEX_FLOAT.match(text) else None
     except OverflowError:
         return None
-    return None if value is None or math.isinf(value) or _underflows(text, value) else value
+    return None if value is None or math.isinf(value) or underflows(text, value) else value
 
 
-def _underflows(text: str, value: float) -> bool:
+def underflows(text: str, value: float) -> bool:
     """Whether glibc's strtod reports ERANGE for a tiny number, which makes it a text for rcl.
 
     It does when digits are lost: ``1e-310`` as ``1e-400``, but not ``0e-400``. Hexadecimal ones are taken for exact
@@ -123,7 +125,7 @@ def parse_parameter_value(text: str) -> ParameterValue:
 
 def _compose(text: str, name: str) -> yaml.Node | None:
     try:
-        return compose_yaml(text, max_levels=_MAX_LEVELS)
+        return compose_yaml(text, max_bytes=_MAX_BYTES, max_levels=_MAX_LEVELS)
     except YamlError as error:
         raise ParameterFileError(error.at(name)) from error
 
@@ -187,94 +189,3 @@ def _scalar(node: yaml.ScalarNode) -> ParameterValue:
     if node.tag == STRING or node.style in ("'", '"'):
         return ParameterValue(ParameterType.STRING, node.value)
     return plain_scalar(node.value)
-
-
-# ----------------------------------------------------------------------------------------------------------- writing
-
-
-class _Dumper(yaml.Dumper):
-    """Never writes an anchor; the resolver adds nothing, so that plain means what `plain_scalar` says."""
-
-    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012 (PyYAML's own name)
-
-    def ignore_aliases(self, data: object) -> bool:
-        return True
-
-
-def dump_parameters(fully_qualified_name: str, values: Mapping[str, ParameterValue]) -> str:
-    """The text of a parameter file for one node; reading it gives the same values back.
-
-    Byte arrays are written as ``!!binary``, which only this package reads; rcl has no form for them. The type of an
-    empty list is lost, declaring restores it. Parameters without a value are left out.
-    """
-    tree: dict[str, object] = {}
-    for name, value in values.items():
-        if value.is_set:
-            _insert(tree, name, _value_node(value))
-    body = _map_node([(PARAMETERS_KEY, _tree_node(tree))])
-    return yaml.serialize(_map_node([(fully_qualified_name, body)]), Dumper=_Dumper, allow_unicode=True, width=120)
-
-
-def _insert(tree: dict[str, object], name: str, node: yaml.Node) -> None:
-    """Put `node` below nested maps; where a parameter has the name of a group, the dots stay in the key."""
-    parts = name.split(".")
-    for index, part in enumerate(parts[:-1]):
-        below = tree.setdefault(part, {})
-        if not isinstance(below, dict):
-            tree[".".join(parts[index:])] = node
-            return
-        tree = below
-    last = parts[-1]
-    if isinstance(tree.get(last), dict):
-        group = tree.pop(last)
-        assert isinstance(group, dict)
-        for key, value in _flat(group, f"{last}."):
-            tree[key] = value
-    tree[last] = node
-
-
-def _flat(group: dict[str, object], prefix: str) -> Iterator[tuple[str, object]]:
-    for key, value in group.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{prefix}{key}.")
-        else:
-            yield prefix + key, value
-
-
-def _tree_node(tree: dict[str, object]) -> yaml.Node:
-    return _map_node([(key, _tree_node(value) if isinstance(value, dict) else value) for key, value in tree.items()])
-
-
-def _map_node(items: list[tuple[str, object]]) -> yaml.Node:
-    pairs = [(_text_node(key, quoted=False), node) for key, node in items]
-    return yaml.MappingNode("tag:yaml.org,2002:map", pairs, flow_style=False)
-
-
-def _value_node(value: ParameterValue) -> yaml.Node:
-    content = value.value
-    if isinstance(content, bytes):
-        return yaml.ScalarNode(_BINARY, base64.b64encode(content).decode("ascii"))
-    if isinstance(content, tuple):
-        items = [_scalar_node(item) for item in content]
-        return yaml.SequenceNode("tag:yaml.org,2002:seq", items, flow_style=True)
-    assert content is not None
-    return _scalar_node(content)
-
-
-def _scalar_node(value: bool | int | float | str) -> yaml.Node:
-    if isinstance(value, str):
-        return _text_node(value, quoted=not value or plain_scalar(value).type is not ParameterType.STRING)
-    if isinstance(value, bool):
-        text = "true" if value else "false"
-    elif isinstance(value, float) and not math.isfinite(value):
-        text = ".nan" if math.isnan(value) else ".inf" if value > 0 else "-.inf"
-    elif isinstance(value, float) and _underflows(repr(value), value):
-        text = value.hex()  # a decimal number of that size is a text
-    else:
-        text = repr(value)
-    return yaml.ScalarNode(STRING, text)
-
-
-def _text_node(text: str, *, quoted: bool) -> yaml.Node:
-    # Line breaks, the exotic ones too, survive only where the emitter escapes them: between double quotes.
-    return yaml.ScalarNode(STRING, text, style='"' if quoted or not text.isprintable() else None)

@@ -2,31 +2,30 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 
-from rosidl_py_gen.runtime import parse_parameter_file
 from rosidl_py_gen.tools import printing
 from rosidl_py_gen.tools.param.remote import parameters_of
-from rosidl_py_gen.tools.session import Network
+from rosidl_py_gen.tools.session import Network, now_s
 
 
 async def run(network: Network, node: str, output: str | None, timeout_s: float, as_json: bool) -> int:
     """What the command does."""
+    end_s = now_s() + timeout_s
+
+    def left_s() -> float:
+        return max(0.0, end_s - now_s())
+
     async with parameters_of(network, node, timeout_s) as client:
-        text = await client.dump_yaml(timeout_s)
+        values = await client.get_all(left_s()) if as_json else {}
+        text = "" if as_json and output is None else await client.dump_yaml(left_s())
     if output is not None:
-        Path(output).write_text(text, encoding="utf-8")
+        await asyncio.to_thread(Path(output).write_text, text, encoding="utf-8")
         printing.note(f"wrote {output}")
     if as_json:
-        printing.document(
-            {
-                entry.pattern: {
-                    name: list(one.value) if isinstance(one.value, tuple | bytes) else one.value
-                    for name, one in entry.values.items()
-                }
-                for entry in parse_parameter_file(text)
-            }
-        )
+        shown = {name: list(value) if isinstance(value, tuple | bytes) else value for name, value in values.items()}
+        printing.document({client.node: shown})
     elif output is None:
         printing.block(text.rstrip("\n"))
     return 0

@@ -9,14 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scale import examples
 
-from rosidl_py_gen.runtime.parameters.files import (
-    dump_parameters,
-    parse_parameter_file,
-    parse_parameter_value,
-    plain_scalar,
-)
+from rosidl_py_gen.runtime.parameters.files import parse_parameter_file, parse_parameter_value, plain_scalar
 from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError, ParameterOverrides, overrides_for
 from rosidl_py_gen.runtime.parameters.values import ParameterType, ParameterValue, parameter_value
+from rosidl_py_gen.runtime.parameters.writing import dump_parameters
 
 T = ParameterType
 
@@ -292,6 +288,29 @@ def test_a_parameter_with_the_name_of_a_group(order: list[str]) -> None:
     values = {name: parameter_value(name) for name in order}
     entries = parse_parameter_file(dump_parameters("/n", values))
     assert overrides_for(entries, "/n") == values
+
+
+def test_deep_and_long_names_and_large_texts_are_read_back() -> None:
+    deep = ".".join("abc"[index % 3] for index in range(5000))
+    values = {
+        name: parameter_value(name[:5])
+        for name in (
+            deep,
+            f"{deep}.x",
+            "k" * 1100,
+            f"{'g' * 1100}.k",
+            "a.b",
+            "a",
+            ".".join("p" * 40),
+            "..",
+            "l\nb.\x85",
+        )
+    }
+    values["map"] = parameter_value("x: 1\n\u202e\U000e0001\u4e2d" * 100_000)
+    values["codes"] = parameter_value("".join(map(chr, (*range(1, 0x300), *range(0x2000, 0x2100)))))
+    text = dump_parameters("/ns/node", values)
+    assert all(line.isprintable() for line in text.split("\n"))
+    assert overrides_for(parse_parameter_file(text), "/ns/node") == values
 
 
 TEXT = st.text(st.characters(codec="utf-8"), max_size=20)

@@ -1,0 +1,117 @@
+"""Parameter files: writing the YAML that `files` and rcl read.
+
+The text is joined from lines, without an emitter of YAML: PyYAML's takes one second for each MB of a long text, and
+recurses once for each level. Each value is on one line, where only plain scalars that need no quotes have none; a text
+in double quotes has the escapes of JSON.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import re
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.runtime.parameters.files import PARAMETERS_KEY, plain_scalar, underflows
+from rosidl_py_gen.runtime.parameters.values import ParameterType
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from rosidl_py_gen.runtime.parameters.values import ParameterValue
+
+_MAX_LEVELS = 16
+"""Maximum depth of maps below a node; the other parts of a longer name stay together as one key, with their dots."""
+_MAX_SIMPLE_KEY = 900
+"""Maximum length of a key in front of a colon: libyaml takes 1024 characters. Longer ones follow a question mark."""
+_MAX_REPLACED = 16
+"""Number of different characters that are escaped one after the other, each of which takes 0.1 s for 100 MB; more are
+escaped together, which takes 0.4 µs for every character of a text that is not ASCII."""
+_PLAIN = re.compile(r"[A-Za-z_/](?:[\w./+ -]{0,300}[\w./+-])?\Z", re.ASCII)
+"""A text that means the same with and without quotes, also in a list."""
+
+
+def dump_parameters(fully_qualified_name: str, values: Mapping[str, ParameterValue]) -> str:
+    """Return the text of a parameter file for one node; reading it gives the same values back.
+
+    Byte arrays are written as ``!!binary``, which only this package reads; rcl has no form for them. The type of an
+    empty list is lost, declaring restores it. Parameters without a value are left out.
+    """
+    tree: dict[str, object] = {}
+    for name, value in values.items():
+        if value.is_set:
+            *groups, key = _path(name, values)
+            below = tree
+            for group in groups:
+                below = below.setdefault(group, {})  # type: ignore[assignment]
+            below[key] = _value_text(value)
+    lines = [f"{_key(fully_qualified_name, '')}", f"  {PARAMETERS_KEY}:", *_lines(tree, "    ")]
+    if not tree:
+        lines[-1] += " {}"
+    return "\n".join(lines) + "\n"
+
+
+def _path(name: str, values: Mapping[str, ParameterValue]) -> list[str]:
+    """Return the keys below which a parameter is written; where a parameter has the name of a group, dots stay."""
+    parts = name.split(".", _MAX_LEVELS)
+    prefix = ""
+    for index, part in enumerate(parts[:-1]):
+        prefix += part
+        if prefix in values:
+            return [*parts[:index], ".".join(parts[index:])]
+        prefix += "."
+    return parts
+
+
+def _lines(tree: dict[str, object], indent: str) -> Iterator[str]:
+    for name, item in tree.items():
+        key = _key(name, indent)
+        if isinstance(item, dict):
+            yield key
+            yield from _lines(item, f"{indent}  ")
+        else:
+            yield f"{key} {item}"
+
+
+def _key(name: str, indent: str) -> str:
+    text = name if _PLAIN.match(name) or name.isdigit() else _quoted(name)
+    return f"{indent}{text}:" if len(text) <= _MAX_SIMPLE_KEY else f"{indent}? {text}\n{indent}:"
+
+
+def _value_text(value: ParameterValue) -> str:
+    content = value.value
+    if isinstance(content, bytes):
+        return f'!!binary "{base64.b64encode(content).decode("ascii")}"'
+    if isinstance(content, tuple):
+        return f"[{', '.join(map(_scalar_text, content))}]"
+    assert content is not None
+    return _scalar_text(content)
+
+
+def _scalar_text(value: bool | int | float | str) -> str:
+    if isinstance(value, str):
+        is_plain = _PLAIN.match(value) and plain_scalar(value).type is ParameterType.STRING
+        return value if is_plain else _quoted(value)
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            return ".nan" if math.isnan(value) else ".inf" if value > 0 else "-.inf"
+        if underflows(repr(value), value):
+            return value.hex()  # a decimal number of that size is a text
+    return repr(value)
+
+
+def _quoted(text: str) -> str:
+    """Return the text in double quotes, everything escaped that YAML or a terminal does not show."""
+    quoted = json.dumps(text, ensure_ascii=False)
+    if quoted.isprintable():
+        return quoted
+    hidden = {char for char in set(quoted) if not char.isprintable()}
+    escapes = {char: f"\\u{ord(char):04x}" if char < "\U00010000" else f"\\U{ord(char):08x}" for char in hidden}
+    if len(hidden) > _MAX_REPLACED:
+        return quoted.translate({ord(char): escape for char, escape in escapes.items()})
+    for char, escape in escapes.items():
+        quoted = quoted.replace(char, escape)
+    return quoted
