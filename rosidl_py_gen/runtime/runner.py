@@ -18,12 +18,15 @@ import threading
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 from rosidl_py_gen.base.waiting import current_loop
+from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
 from rosidl_py_gen.runtime.loop.event_loop import end_tasks, new_event_loop
 from rosidl_py_gen.runtime.loop.failures import Guard
 from rosidl_py_gen.runtime.node import open_contexts
+from rosidl_py_gen.runtime.node.arguments import RosArgumentError
 from rosidl_py_gen.runtime.node.context import Context
+from rosidl_py_gen.runtime.parameters.values import ParameterError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -50,6 +53,7 @@ def run(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, T]) -> 
         LoopMismatchError: an event loop runs already, as in Jupyter.
         TypeError: no async function or coroutine.
         KeyboardInterrupt: at the second SIGINT.
+        SystemExit: the ROS arguments of the process, or a parameter file, are wrong; the code is the message.
         Exception: what `main` raised, or the first callback that failed of a node with ``on_error="raise"``.
     """
     coroutine = _coroutine(main)
@@ -58,6 +62,10 @@ def run(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, T]) -> 
         try:
             asyncio.set_event_loop(loop)
             return _run_task(loop, signals, loop.create_task(_attached(coroutine)))
+        except (RosArgumentError, ParameterError) as error:
+            if isinstance(error, ParameterError) and not error.source:
+                raise
+            raise SystemExit(f"error: {printable(str(error))}") from None  # the mistake of a user of the program
         finally:
             signals.begin_end()
             if signals.insisted:  # the callback that had to be interrupted must not be called again

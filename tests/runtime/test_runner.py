@@ -20,11 +20,12 @@ from std_msgs.msg import Int32
 from worlds import ROOT, until
 
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime import Node, run, spin
+from rosidl_py_gen.runtime import Context, MemoryTransport, Node, run, spin
 from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from pathlib import Path
 
     from worlds import World
 
@@ -429,3 +430,24 @@ def test_nodes_of_the_fixture_are_served_when_one_of_them_is_used(ros_node: Call
 
     asyncio.run(main())
     assert later[0].context._core.had_loop
+
+
+def test_wrong_ros_arguments_end_a_program_with_one_line(tmp_path: Path) -> None:
+    file = tmp_path / "p.yaml"
+    file.write_text("/**: {ros__parameters: {a: [1, }")
+    for arguments, reason in [
+        (["--params-file", str(file)], f"error: ROS argument --params-file '{file}': {file}:1:32: "),
+        (["-p", "a"], "error: ROS argument -p 'a': there is no ':='"),
+        (["-p", "a:=text"], "error: parameter 'a' is of type STRING, expected INTEGER; the value is from -p a:=text"),
+    ]:
+
+        async def main(arguments: list[str] = ["--ros-args", *arguments]) -> None:  # noqa: B006
+            with Context(args=arguments, transport=MemoryTransport()) as context:
+                async with Node("n", context=context) as node:
+                    node.declare_parameter("a", 1)
+
+        with pytest.raises(SystemExit) as end:
+            run(main)
+        assert str(end.value.code).startswith(reason)
+        assert "\n" not in str(end.value.code)
+        assert end.value.__suppress_context__

@@ -5,10 +5,15 @@ from __future__ import annotations
 import re
 import signal
 from pathlib import Path
+from typing import Any
 
 import pytest
 from compiler_worlds import write
 from run_programs import PACKAGE_XML, run
+
+from rosidl_py_gen.runtime import RosArgumentError
+from rosidl_py_gen.runtime.node.arguments import parse_arguments
+from rosidl_py_gen.tools.run.shown import refused_arguments
 
 pytestmark = pytest.mark.real_time("programs are processes")
 
@@ -135,3 +140,29 @@ def test_what_the_hint_says_helps(tmp_path: Path) -> None:
     assert "--path FOLDER" in run("program.py", cwd=tmp_path / "here").stderr
     found = run("--path", "../elsewhere", "program.py", cwd=tmp_path / "here")
     assert found.stdout == "robot_msgs.msg.Arm(angle=1.0)\n"
+
+
+def test_wrong_ros_arguments_are_said_in_one_line_whatever_fails_after_them() -> None:
+    def fail(cleanup: Exception | None, initial: bool = False) -> str:
+        try:
+            try:
+                if initial:
+                    error: Any = TypeError("parameter a")
+                    error.is_of_initial_value = True
+                    raise error
+                try:
+                    parse_arguments(["program", "--ros-args", "-p", "a"])
+                except RosArgumentError as refused:
+                    raise RuntimeError("Failed to parse ROS arguments") from refused
+            finally:
+                if cleanup is not None:
+                    raise cleanup
+        except Exception as error:
+            return refused_arguments(error)
+        raise AssertionError
+
+    reason = "ROS argument -p 'a': there is no ':='; expected [NODE:]name:=value"
+    for cleanup in (None, RuntimeError("Context must be initialized"), UnboundLocalError("node")):
+        assert fail(cleanup) == reason
+    assert fail(None, initial=True) == "parameter a"
+    assert refused_arguments(ValueError("other")) == ""

@@ -128,17 +128,17 @@ class NodeParameters:
                 value = overrides[name].value
             wanted.append(Parameter(name, value=value))
             descriptors[name] = descriptor
-        declared = [parameter.name for parameter in wanted if parameter.name in self._rosidl_values]
-        if declared:
+        if declared := [parameter.name for parameter in wanted if parameter.name in self._rosidl_values]:
             raise ParameterAlreadyDeclaredException(declared)
         for parameter in wanted:
-            result = self._rosidl_apply([parameter], descriptors)
+            name, result = parameter.name, self._rosidl_apply([parameter], descriptors)
             if result.successful:
                 continue
+            error: Any = InvalidParameterValueException(name, parameter.value, result.reason)
             if result.reason.startswith("Wrong parameter type"):
-                expected = Parameter.Type(descriptors[parameter.name].type).name
-                raise InvalidParameterTypeException(parameter, expected)
-            raise InvalidParameterValueException(parameter.name, parameter.value, result.reason)
+                error = InvalidParameterTypeException(parameter, Parameter.Type(descriptors[name].type).name)
+            error.is_of_initial_value = not ignore_override and name in overrides  # for `rosidl-py run`
+            raise error
         return [self._rosidl_values[parameter.name] for parameter in wanted]
 
     def undeclare_parameter(self, name: str) -> None:

@@ -90,7 +90,7 @@ class _Parser:
         try:
             text = self.read_text(value)
         except (OSError, UnicodeDecodeError) as error:
-            raise RosArgumentError(f"the file cannot be read: {error}") from error
+            raise RosArgumentError(f"the file cannot be read: {error}") from None
         self.parameters.extend(parse_parameter_file(text, value))
 
     def set_log_level(self, value: str) -> None:
@@ -192,7 +192,7 @@ def _parse_group(parser: _Parser, rest: Iterator[str]) -> None:
             try:
                 handler(parser, value)
             except (RosArgumentError, InvalidNameError, ParameterFileError, LogLevelError) as error:
-                raise RosArgumentError(f"ROS argument {argument} {value!r}: {error}") from error
+                raise RosArgumentError(f"ROS argument {argument} {value!r}: {error}") from None
         elif not _switch(parser, argument):
             parser.unknown.append(argument)
 

@@ -14,7 +14,7 @@ from rosidl_py_gen.base.registration import Registration, Registrations
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.node.sim_time import TimeSource
 from rosidl_py_gen.runtime.parameters.callbacks import require_plain
-from rosidl_py_gen.runtime.parameters.overrides import overrides_for
+from rosidl_py_gen.runtime.parameters.overrides import overrides_for, sources_for
 from rosidl_py_gen.runtime.parameters.store import ParameterStore, SetResult
 from rosidl_py_gen.runtime.parameters.validation import SEPARATOR, Listing
 from rosidl_py_gen.runtime.parameters.values import (
@@ -103,6 +103,9 @@ class ParameterMethods:
             on_event=tell,
             on_failure=self._scope.report_failure,
         )
+        self._store.sources.update(sources_for(given, self._names.fully_qualified_name))
+        for name in own:
+            self._store.sources.pop(name, None)
         if options.time_source:
             TimeSource(self._scope, self._names, self._store, self.clock)
         if options.declare_overrides:

@@ -127,7 +127,7 @@ def _compose(text: str, name: str) -> yaml.Node | None:
     try:
         return compose_yaml(text, max_bytes=_MAX_BYTES, max_levels=_MAX_LEVELS)
     except YamlError as error:
-        raise ParameterFileError(error.at(name)) from error
+        raise ParameterFileError(error.at(name)) from None
 
 
 def _fail(name: str, node: yaml.Node, text: str) -> NoReturn:

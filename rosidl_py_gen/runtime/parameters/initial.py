@@ -125,7 +125,9 @@ class InitialValues:
         for given in list(self._given):
             holders = [one for one in self._holders if given.concerns(one)]
             self._forget_what_was_taken(given, holders)
-            if holders == [holder]:
+            if holders and holder.store.sources.was_refused:
+                given.left.clear()
+            elif holders == [holder]:
                 self._warn(given, holders)
         self._holders.remove(holder)
 

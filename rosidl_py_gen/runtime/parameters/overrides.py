@@ -7,13 +7,15 @@ to import and is not needed without parameters.
 from __future__ import annotations
 
 import re
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime.parameters.values import InvalidParameterValueError, WrongParameterTypeError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from rosidl_py_gen.runtime.parameters.values import ParameterValue
 
@@ -36,6 +38,34 @@ class ParameterOverrides:
         regex = re.escape(self.pattern).replace(r"/\*", r"(/\w+)")
         # What is left of "/**" is the second star, which now repeats the group.
         return re.fullmatch(regex.replace(r"\*", "*"), fully_qualified_name) is not None
+
+
+class InitialSources(dict[str, str]):
+    """File or argument that the initial value of each parameter of a node is from.
+
+    Attributes:
+        was_refused: one of these values was refused, which ends most programs before they declare the other parameters.
+    """
+
+    was_refused = False
+
+    @contextmanager
+    def declaring(self, name: str, ignored: bool) -> Iterator[None]:
+        """Add the source to the error of a declaration that refuses an initial value."""
+        try:
+            yield
+        except (InvalidParameterValueError, WrongParameterTypeError) as error:
+            if not ignored and name in self:
+                self.was_refused, error.source = True, self[name]
+                error.args = (f"{error}; the value is from {error.source}",)
+            raise
+
+
+def sources_for(entries: Iterable[ParameterOverrides], fully_qualified_name: str) -> InitialSources:
+    """Return the source of each value of `overrides_for`."""
+    return InitialSources(
+        {name: one.source for one in entries if one.matches(fully_qualified_name) for name in one.values}
+    )
 
 
 def overrides_for(entries: Iterable[ParameterOverrides], fully_qualified_name: str) -> dict[str, ParameterValue]:

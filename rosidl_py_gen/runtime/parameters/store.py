@@ -23,6 +23,7 @@ from rosidl_py_gen.runtime.logs.loggers import report_failure
 from rosidl_py_gen.runtime.parameters.callbacks import CallbackAnswerError, RefusedError, SetCallbacks
 from rosidl_py_gen.runtime.parameters.declaration import declared_descriptor, described_anew, fitted
 from rosidl_py_gen.runtime.parameters.notifier import Notifier
+from rosidl_py_gen.runtime.parameters.overrides import InitialSources
 from rosidl_py_gen.runtime.parameters.validation import Listing, list_names, name_reason, refusal_reason
 from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterNameError,
@@ -71,6 +72,7 @@ class ParameterStore:
         on_failure: Callable[[str], None] = report_failure,
     ) -> None:
         self.overrides = dict(overrides or {})
+        self.sources = InitialSources()
         self.taken: set[str] = set()
         """Names of the overrides that a declaration took."""
         self.allow_undeclared = allow_undeclared
@@ -106,7 +108,7 @@ class ParameterStore:
             WrongParameterTypeError: default or override have another type.
             InvalidParameterValueError: a range or a callback refused it.
         """
-        with self.lock:
+        with self.lock, self.sources.declaring(name, ignore_override):
             if reason := name_reason(name):
                 raise InvalidParameterNameError(reason)
             if name in self._values:

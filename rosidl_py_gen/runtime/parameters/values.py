@@ -44,6 +44,9 @@ class ParameterType(IntEnum):
 class ParameterError(RosidlError):
     """The caller asked for something a parameter does not allow."""
 
+    source: str = ""
+    """File or argument that the refused initial value is from; empty for other errors."""
+
 
 class InvalidParameterNameError(ParameterError, ValueError):
     """The caller gave a name a parameter cannot have."""

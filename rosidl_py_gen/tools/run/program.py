@@ -14,7 +14,7 @@ from types import CodeType, ModuleType, TracebackType
 from typing import Any
 
 from rosidl_py_gen.tools import ToolError, report
-from rosidl_py_gen.tools.run.shown import shown
+from rosidl_py_gen.tools.run.shown import refused_arguments, shown
 
 _OURS = str(Path(__file__).parents[1])
 
@@ -53,6 +53,9 @@ class Program:
             report(str(error))
             sys.exit(1)
         except BaseException as error:
+            if refused := refused_arguments(error):
+                report(refused)
+                sys.exit(1)
             # As the interpreter does it, without our frames; what follows, such as the end by SIGINT, is its own part.
             error.__traceback__ = _without_ours(error.__traceback__)
             shown(error)

@@ -14,6 +14,7 @@ from pathlib import Path
 from types import TracebackType
 
 from rosidl_py_gen.base.names import KINDS, did_you_mean
+from rosidl_py_gen.runtime import RosArgumentError
 from rosidl_py_gen.types.import_hook import SHIM, found_packages
 
 _OURS = str(Path(__file__).parents[2])
@@ -31,6 +32,21 @@ def shown(error: BaseException) -> None:
         package = error.name.partition(".")[0]
         if _is_of_messages(error.name, error.__traceback__):
             _add_note(error, _hint(package))
+
+
+def refused_arguments(error: BaseException) -> str:
+    """Return the text for a user whose ROS arguments or parameter file ended the program; empty for other errors.
+
+    A program that then cleans up often fails a second time, because nothing was initialized. That error is left out.
+    """
+    seen: set[int] = set()
+    one: BaseException | None = error
+    while one is not None and id(one) not in seen:
+        seen.add(id(one))
+        if isinstance(one, RosArgumentError) or getattr(one, "is_of_initial_value", False):
+            return str(one)
+        one = one.__cause__ or one.__context__
+    return ""
 
 
 def _of_the_program(traceback: TracebackType | None) -> TracebackType | None:

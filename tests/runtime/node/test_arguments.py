@@ -109,7 +109,7 @@ def test_something_outside_that_only_looks_like_a_rule_stays() -> None:
         ("-e x", "must begin with '/'"),
         ("-e /1", "must not begin with a digit"),
         ("--params-file none.yaml", "the file cannot be read"),
-        ("--params-file bad.yaml", "bad.yaml:1"),
+        ("--params-file bad.yaml", "bad.yaml:2:1"),
         (
             "--log-file-name a/b",
             "ROS argument --log-file-name 'a/b': expected the beginning of a file name, without folder",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 from worlds import World, until
 
-from rosidl_py_gen.runtime import LifecycleNode
+from rosidl_py_gen.runtime import LifecycleNode, WrongParameterTypeError
 from rosidl_py_gen.runtime.parameters import initial
 
 if TYPE_CHECKING:
@@ -42,6 +42,20 @@ def test_without_a_loop_it_is_named_when_the_node_closes(memory: World, caplog: 
     assert caplog.messages == [
         'overrides= gives the parameter sped = 2 to /drive, which declares none of that name; did you mean "speed"?'
     ]
+
+
+def test_a_value_that_is_refused_is_said_once_with_its_source(memory: World, caplog: pytest.LogCaptureFixture) -> None:
+    """Most programs end then, before they declare what the other values are for."""
+    node = memory.node("drive", args="--ros-args -p speed:=fast -p later:=2", overrides={"mode": 3})
+    with pytest.raises(WrongParameterTypeError) as error:
+        node.declare_parameter("speed", 1.5)
+    assert str(error.value) == "parameter 'speed' is of type STRING, expected DOUBLE; the value is from -p speed:=fast"
+    assert error.value.source == "-p speed:=fast"
+    with pytest.raises(WrongParameterTypeError) as own:
+        node.declare_parameter("mode", "slow")
+    assert (str(own.value), own.value.source) == ("parameter 'mode' is of type INTEGER, expected STRING", "")
+    node.close()
+    assert caplog.messages == []
 
 
 async def test_a_node_that_is_made_before_its_loop_is_looked_at_too(
