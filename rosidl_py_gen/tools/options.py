@@ -82,7 +82,13 @@ def _network_option(*names: str, **settings: Any) -> Callable[[F], F]:
 
 
 _NODE_OPTIONS = (
-    _network_option("--domain", "domain_id", type=click.IntRange(0, 232), help="DDS domain instead of ROS_DOMAIN_ID."),
+    _network_option(
+        "--domain",
+        "domain_id",
+        type=click.IntRange(0, 232),
+        metavar="ID",
+        help="DDS domain from 0 to 232 instead of ROS_DOMAIN_ID.",
+    ),
     _network_option(
         "--discovery",
         type=click.Choice(["localhost", "subnet", "off"]),
@@ -94,6 +100,13 @@ _NODE_OPTIONS = (
         type=click.FloatRange(0, 3600),
         metavar="SECONDS",
         help="Listen this long for others, instead of until nothing new comes.",
+    ),
+    click.option(
+        "--no-daemon",
+        is_flag=True,
+        expose_value=False,
+        callback=lambda ctx, param, value: None,
+        help="Accepted for compatibility with ros2, without effect: there is no daemon.",
     ),
 )
 
@@ -148,6 +161,18 @@ class Several(click.Option):
         super().__init__(*arguments, **settings)
 
 
+def topics(command: F) -> F:
+    """Add ``--topics`` of a command that reads a bag; its ``cls`` is `SeveralCommand`."""
+    option = click.option(
+        "--topics",
+        cls=Several,
+        shell_complete=bag_completion("topic"),
+        metavar="TOPIC...",
+        help="Only these topics. May be repeated.",
+    )
+    return option(command)
+
+
 class SeveralCommand(click.Command):
     """Gives all words behind an option of `Several` to it, up to the next option; completes by the other arguments.
 
@@ -173,7 +198,8 @@ class SeveralCommand(click.Command):
             if isinstance(param, click.Option)
             for name in (*param.opts, *param.secondary_opts)
         }
-        missing = sum(isinstance(param, click.Argument) and param.nargs == 1 for param in self.params)
+        arguments = [param for param in self.params if isinstance(param, click.Argument)]
+        missing = sum(param.nargs == 1 or param.required for param in arguments)
         spread: list[str] = []
         rest = list(args)
         while rest and rest[0] != "--":

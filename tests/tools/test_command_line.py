@@ -91,6 +91,36 @@ ROOT = tools.root()
 COMMANDS = [*_commands(ROOT, click.Context(ROOT))]
 
 
+def test_help_names_what_options_take_and_every_command_that_asks_the_graph_accepts_no_daemon() -> None:
+    for command in COMMANDS:
+        context = click.Context(command, info_name=command.name, max_content_width=200)
+        assert "RANGE" not in command.get_help(context).replace("DISCOVERY_RANGE", ""), command.name
+        names = {name for parameter in command.params for name in parameter.opts}
+        assert ("--domain" in names) == ("--no-daemon" in names), command.name
+        shows_itself = {"completion", "play", "zenoh-router"} | {"sql"}  # which has --format json
+        assert "--json" in names or command.name in shows_itself, command.name
+
+
+def test_topics_takes_several_words_in_every_command_of_bags() -> None:
+    group = ROOT.get_command(click.Context(ROOT), "bag")
+    assert isinstance(group, click.Group)
+    for words, topics, others in [
+        ("record --topics /a /b", "more_topics", {"topics": ()}),
+        ("play bag --topics /a /b", "topics", {"path": "bag"}),
+        ("convert --topics /a bag out --topics /b", "topics", {"path": "bag", "output": "out"}),
+        ("convert bag out --topics /a /b --duration 3", "topics", {"duration_s": 3.0}),
+        ("table bag1 bag2 --topics /a /b --out x", "topics", {"bags": ("bag1", "bag2"), "out": "x"}),
+        ("table --topics /a bag1 --topics /b -o x", "topics", {"bags": ("bag1",), "out": "x"}),
+        ("migrate bag --topics /a /b --path new", "topics", {"path": "bag", "paths": ("new",)}),
+    ]:
+        name, *rest = words.split()
+        command = group.get_command(click.Context(group), name)
+        assert command is not None
+        found = command.make_context(name, rest).params
+        assert found[topics] == ("/a", "/b"), words
+        assert others.items() <= found.items(), words
+
+
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda one: f"{one.callback.__module__.split('.')[-1]}.{one.name}")
 def test_what_click_hands_on_is_what_the_command_takes(command: click.Command, monkeypatch: pytest.MonkeyPatch) -> None:
     called: list[tuple[str, dict[str, Any]]] = []

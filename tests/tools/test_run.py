@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import signal
 import subprocess
@@ -353,6 +354,8 @@ def test_the_executables_are_listed(workspace: Path) -> None:
         *(f"talker {name}" for name in ["five", "four", "talk", "talker_two", "three"]),
     ]
     assert run("--list", "talker", cwd=workspace).stdout.splitlines() == listed[4:]
+    rows = [dict(zip(("package", "executable"), line.split(), strict=True)) for line in listed]
+    assert json.loads(run("--list", "--json", cwd=workspace).stdout) == rows
 
 
 @pytest.mark.parametrize(

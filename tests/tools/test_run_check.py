@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import textwrap
 from pathlib import Path
 
@@ -137,6 +138,9 @@ def test_modules_of_a_package_are_looked_into(tmp_path: Path) -> None:
         found = run("--check", *words, cwd=tmp_path)
         names = sorted(line.split("no package ")[1].split(";")[0] for line in found.stdout.splitlines()[:-1])
         assert names == ["missing_near", "missing_one", "missing_three", "missing_two"], (words, found)
+    as_json = json.loads(run("--check", "--json", "talker", "talk", cwd=tmp_path).stdout)
+    assert (as_json["files"], sorted(one["line"] for one in as_json["missing"])) == (7, [1, 1, 2, 2])
+    assert as_json["missing"][0].keys() == {"file", "line", "text"}
 
 
 def test_a_console_script_whose_module_is_not_there(tmp_path: Path) -> None:

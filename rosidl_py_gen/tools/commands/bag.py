@@ -36,9 +36,7 @@ def _part_options(command: F) -> F:
             metavar="SECONDS",
             help="Leave out the beginning.",
         ),
-        click.option(
-            "--topics", "topics", multiple=True, metavar="TOPIC", help="Only this one; may be given several times."
-        ),
+        options.topics,
     ):
         command = option(command)
     return command
@@ -91,7 +89,7 @@ def reindex(**arguments: Any) -> None:
     run_command("bag.reindex", **arguments)
 
 
-@bag.command()
+@bag.command(cls=options.SeveralCommand)
 @_path
 @click.argument("output", type=click.Path())
 @click.option(
@@ -126,8 +124,8 @@ _skips = click.option(
 )
 
 
-@bag.command()
-@click.argument("bags", nargs=-1, required=True, type=click.Path(), metavar="BAG...")
+@bag.command(cls=options.SeveralCommand)
+@click.argument("bags", nargs=-1, required=True, type=click.Path(), metavar="BAG...", cls=options.SeveralArgument)
 @click.option("-o", "--out", required=True, metavar="PLACE", help="A folder, or a URL that fsspec knows.")
 @click.option("--include-large", is_flag=True, help="Also images and clouds, and messages that have some inside.")
 @_part_options
@@ -154,7 +152,7 @@ def table(**arguments: Any) -> None:
 
     \b
     rosidl-py bag table my_bag --out dataset
-    rosidl-py bag table drives/*.mcap --out dataset --topics /imu --topics /odom
+    rosidl-py bag table drives/*.mcap --out dataset --topics /imu /odom
     rosidl-py bag table 's3://fleet/2026-*/*.mcap' --out s3://tables/fleet --scheduler tls://10.0.0.1:8786
     """
     require(*(["distributed"] if arguments["scheduler"] else []), "pyarrow")
@@ -194,7 +192,7 @@ def sql(**arguments: Any) -> None:
     run_command("bag.sql", **arguments)
 
 
-@bag.command()
+@bag.command(cls=options.SeveralCommand)
 @_path
 @click.option(
     "--path",
@@ -213,7 +211,7 @@ def sql(**arguments: Any) -> None:
     metavar="DIR",
     help="A folder with the definitions of then, for bags that do not have theirs; may be given several times.",
 )
-@click.option("--topics", "topics", multiple=True, metavar="TOPIC", help="Only this one; may be given several times.")
+@options.topics
 @_compression
 @options.split_options
 @click.option("--dry-run", is_flag=True, help="Only say what would be carried over, dropped and defaulted.")

@@ -120,7 +120,13 @@ _ALTERNATIVES = (
 @_several("-i", "--input", "inputs", metavar="BAG", help="A bag; several are played together, by their times.")
 @click.option("-s", "--storage", type=click.Choice(["mcap", "sqlite3"]), help="Refuse others. Files say what they are.")
 @click.option(
-    "-r", "--rate", type=_Finite(0, min_open=True), default=1.0, show_default=True, help="2 is twice as fast."
+    "-r",
+    "--rate",
+    type=_Finite(0, min_open=True),
+    default=1.0,
+    show_default=True,
+    metavar="FACTOR",
+    help="Speed relative to the recording; 2 is twice as fast.",
 )
 @click.option("-l", "--loop", is_flag=True, help="Begin again at the end.")
 @_several("--topics", of="topic", help="Only these, and what --services, --actions and --regex name.")

@@ -31,7 +31,9 @@ class FoxgloveOptions:
 @click.option(
     "--host", default="127.0.0.1", show_default=True, help="Where to listen; 0.0.0.0 lets other machines connect."
 )
-@click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True, help="0 takes a free one.")
+@click.option(
+    "--port", type=click.IntRange(0, 65535), metavar="PORT", default=8765, show_default=True, help="0 takes a free one."
+)
 @click.option("--read-only", "is_read_only", is_flag=True, help="No publishing, calling and setting by viewers.")
 @click.option(
     "--allow-origin",

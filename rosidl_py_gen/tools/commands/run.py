@@ -9,7 +9,7 @@ import click
 
 from rosidl_py_gen.tools import options, start_program
 
-_OWN = {"--path": True, "--check": False, "--list": False, "-h": False, "--help": False}
+_OWN = {"--path": True, "--check": False, "--list": False, "--json": False, "-h": False, "--help": False}
 """Our options, and which have a value."""
 
 
@@ -28,6 +28,7 @@ class _Program(click.Command):
 @click.command(cls=_Program, no_args_is_help=True)
 @click.option("--check", is_flag=True, help="Run nothing; tell which names and packages it uses that are not here.")
 @click.option("--list", "listed", is_flag=True, help="Run nothing; print the executables of PACKAGE, or of all.")
+@click.option("--json", "as_json", is_flag=True, help="With --check or --list: print JSON for programs.")
 @options.paths
 @click.argument("words", nargs=-1, type=click.UNPROCESSED, metavar="(FILE | -m MODULE | PACKAGE EXECUTABLE) [ARGS]...")
 def run(**arguments: Any) -> Callable[[], None] | None:

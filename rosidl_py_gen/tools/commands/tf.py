@@ -20,9 +20,18 @@ def tf() -> None:
 @click.option("--once", is_flag=True, help="Print one and stop.")
 @_times
 @click.option(
-    "-r", "--rate", "rate_hz", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True, help="Hz."
+    "-r",
+    "--rate",
+    "rate_hz",
+    type=click.FloatRange(0, min_open=True),
+    default=1.0,
+    show_default=True,
+    metavar="HZ",
+    help="Lookups per second.",
 )
-@click.option("-p", "--precision", type=click.IntRange(0, 17), default=3, show_default=True, help="Digits.")
+@click.option(
+    "-p", "--precision", type=click.IntRange(0, 17), metavar="N", default=3, show_default=True, help="Digits."
+)
 @options.timeout("Wait so long for the first one.", 10)
 @options.as_json
 @options.node_options

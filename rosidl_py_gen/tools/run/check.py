@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import RosidlError, found_packages
 from rosidl_py_gen.base.names import KINDS, did_you_mean
-from rosidl_py_gen.errors import printable, shown_path
+from rosidl_py_gen.errors import shown_path
 from rosidl_py_gen.tools import ToolError, printing
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class _Findings:
         self.lines.setdefault((shown_path(file), line, text))
 
 
-def check(program: Program) -> int:
+def check(program: Program, as_json: bool) -> int:
     """Print what the program lacks; 1 when that is anything."""
     sys.path[:1] = [program.folder]
     start = program.file
@@ -73,8 +73,11 @@ def check(program: Program) -> int:
         if file not in findings.modules:
             findings.modules.add(file)
             waiting += _checked(file, name, findings, program.function if file == start else None)
-    for place, line, text in sorted(findings.lines):
-        printing.line(printable(f"{place}:{line}: {text}"))
+    if as_json:
+        missing = [{"file": place, "line": line, "text": text} for place, line, text in sorted(findings.lines)]
+        printing.document({"files": len(findings.modules), "missing": missing})
+        return 1 if missing else 0
+    printing.lines(f"{place}:{line}: {text}" for place, line, text in sorted(findings.lines))
     count, files = len(findings.lines), len(findings.modules)
     of = f"in {files} file{'s' if files != 1 else ''}"
     printing.line(f"{count or 'nothing'} missing {of}")

@@ -23,16 +23,20 @@ if TYPE_CHECKING:
     from rosidl_py_gen.tools.run.executables import Executable
 
 
-def run(words: Sequence[str], paths: Sequence[str], check: bool, listed: bool) -> Callable[[], None] | int:
+def run(
+    words: Sequence[str], paths: Sequence[str], check: bool, listed: bool, as_json: bool
+) -> Callable[[], None] | int:
     """What is to be called, or the exit code of what was asked instead."""
     if listed:
-        return _list(words, paths)
+        return _list(words, paths, as_json)
+    if as_json and not check:
+        raise click.UsageError("--json needs --check or --list; what follows the program is for the program")
     program = _program(words, paths)
     _make_importable(program.place, paths)
     if check:
         from rosidl_py_gen.tools.run.check import check as checked
 
-        return checked(program)
+        return checked(program, as_json)
     return program.start
 
 
@@ -159,15 +163,19 @@ def _is_python(file: Path) -> bool:
     return line.startswith(b"#!") and b"python" in line
 
 
-def _list(words: Sequence[str], paths: Sequence[str]) -> int:
+def _list(words: Sequence[str], paths: Sequence[str], as_json: bool) -> int:
     """Print ``package executable`` lines, as `ros2 pkg executables` does."""
     if len(words) > 1:
         raise click.UsageError("expected at most a package")
     packages = words or sorted({name for workspace in _workspaces(paths) for name in workspace.packages})
+    rows = []
     for package in packages:
         found, places = _executables(package, paths)
         if words and not found and not places:
             _of_package(package, (), paths)
-        for name in sorted(found):
-            printing.line(f"{package} {name}")
+        rows += [{"package": package, "executable": name} for name in sorted(found)]
+    if as_json:
+        printing.document(rows)
+    else:
+        printing.lines(f"{row['package']} {row['executable']}" for row in rows)
     return 0
