@@ -10,9 +10,9 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.descriptions import describe
-from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.compiler.spec.definition import expanded_lines, full_name, read_checked
 from rosidl_py_gen.compiler.spec.find import search_path
+from rosidl_py_gen.compiler.spec.missing import missing_package
 from rosidl_py_gen.compiler.spec.model import ActionDef, ServiceDef
 from rosidl_py_gen.compiler.spec.resolve import Library
 from rosidl_py_gen.errors import TypeNotFoundError
@@ -65,8 +65,7 @@ def _names(search: SearchPath, package: str, kinds: Sequence[str] | dict[str, st
     if package and package not in search.packages:
         if package in search.refused:
             raise ToolError(str(search.refused[package]))
-        where = ", ".join(search.searched)
-        raise ToolError(f"no package {package}{did_you_mean(package, search.packages)} (searched: {where})")
+        raise ToolError(missing_package(search, package, f"no package {package}"))
     packages = [search.packages[package]] if package else search.packages.values()
     return [name for one in packages for name in one.files if name.kind in kinds]
 

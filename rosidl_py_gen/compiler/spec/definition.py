@@ -10,7 +10,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.descriptions import default_text, describe
-from rosidl_py_gen.base.names import KINDS, RosName, did_you_mean, is_constant_name, is_field_name, split_ros_name
+from rosidl_py_gen.base.names import KINDS, RosName, is_constant_name, is_field_name, split_ros_name
+from rosidl_py_gen.compiler.spec.missing import missing_interface
 from rosidl_py_gen.compiler.spec.model import ActionDef, FieldDef, MessageDef, ServiceDef
 from rosidl_py_gen.compiler.spec.resolve import check, raise_findings
 from rosidl_py_gen.errors import DefinitionError, Problem, TypeNotFoundError
@@ -36,21 +37,12 @@ def read_checked(library: Library, name: RosName) -> RosName:
     """
     owner = library.owner(name)
     if owner is None:
-        raise TypeNotFoundError(_not_found(library.search, name))
+        raise TypeNotFoundError(missing_interface(library.search, name, f"no interface {name}"))
     check(library, [owner])
     raise_findings(library)
     if not library.knows(str(name)):
-        raise TypeNotFoundError(_not_found(library.search, name))
+        raise TypeNotFoundError(missing_interface(library.search, name, f"no interface {name}"))
     return owner
-
-
-def _not_found(search: SearchPath, name: RosName) -> str:
-    where = ", ".join(search.searched) or "nothing"
-    if name.package not in search.packages:
-        hint = did_you_mean(name.package, search.packages)
-        return f'no package "{name.package}" for {name}{hint} (searched: {where})'
-    known = [str(other) for other in search.packages[name.package].files]
-    return f"no interface {name}{did_you_mean(str(name), known)} (searched: {where})"
 
 
 def full_name(search: SearchPath, text: str) -> RosName:

@@ -128,13 +128,13 @@ def search_path(
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "") if ament is None else ament
     for prefix in filter(None, prefixes.split(os.pathsep)):
         share = Path(prefix) / "share"
-        holders = (Path(entry.path) for entry in _entries(share) if _holds_interfaces(Path(entry.path)))
+        holders = (Path(entry.path) for entry in _entries(share) if holds_interfaces(Path(entry.path)))
         _add(found, prefix, (Package(path.name, path, prefix) for path in holders if is_package_name(path.name)))
     if bundled:
         if installed := [*_installed()]:
             _add(found, INSTALLED, installed)
         holders = (Path(entry.path) for entry in _entries(interfaces_dir()))
-        _add(found, "bundled", (Package(path.name, path, "bundled") for path in holders if _holds_interfaces(path)))
+        _add(found, "bundled", (Package(path.name, path, "bundled") for path in holders if holds_interfaces(path)))
     return SearchPath(dict(sorted(found.packages.items())), found.hidden, found.searched, found.refused)
 
 
@@ -163,7 +163,7 @@ def _installed() -> Iterator[Package]:
             continue
         if spec is not None and spec.origin and is_package_name(name):
             folder = Path(spec.origin).parent
-            if _holds_interfaces(folder):
+            if holds_interfaces(folder):
                 yield Package(name, folder, INSTALLED)
 
 
@@ -197,8 +197,8 @@ def _entries(folder: Path) -> list[os.DirEntry[str]]:
         raise DefinitionError(Problem(str(folder), 0, 0, text)) from error
 
 
-def _holds_interfaces(folder: Path) -> bool:
-    """Whether there is a folder for interfaces: with one in it, or empty, because the last one was removed."""
+def holds_interfaces(folder: Path) -> bool:
+    """Return True if there is a folder for interfaces: with one in it, or empty, because the last one was removed."""
     return any(_is_for_interfaces(folder / kind) for kind in KINDS)
 
 
@@ -243,8 +243,8 @@ def _descend(
     visited.add(real)
     manifest = folder / "package.xml"
     is_package = os.path.isfile(manifest)
-    if is_package or (_holds_interfaces(folder) and not _groups_packages(folder)):
-        holds = _holds_interfaces(folder)
+    if is_package or (holds_interfaces(folder) and not _groups_packages(folder)):
+        holds = holds_interfaces(folder)
         if holds or mentions_interfaces(folder):
             name = package_name(manifest, folder)
             package = Package(name, folder, origin, is_package)

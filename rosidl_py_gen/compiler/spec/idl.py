@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, PRIMITIVES, Arity, FieldType
 from rosidl_py_gen.base.names import RosName, is_interface_name, is_package_name, py_name
 from rosidl_py_gen.compiler.spec import derive
+from rosidl_py_gen.compiler.spec.element import SyntaxProblem, Word
 from rosidl_py_gen.compiler.spec.idl_syntax import (
     IdlAnnotation,
     IdlConst,
@@ -35,7 +36,6 @@ from rosidl_py_gen.compiler.spec.model import (
     Source,
 )
 from rosidl_py_gen.compiler.spec.parse import parse_idl
-from rosidl_py_gen.compiler.spec.syntax import SyntaxProblem, Word
 
 if TYPE_CHECKING:
     from rosidl_py_gen.compiler.spec.model import Scalar

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.compiler.spec.syntax import Word
+    from rosidl_py_gen.compiler.spec.element import Word
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,10 +22,9 @@ from rosidl_py_gen.base.names import (
     is_interface_name,
     is_package_name,
 )
-from rosidl_py_gen.compiler.spec.element import parse_element
+from rosidl_py_gen.compiler.spec.element import ElementSyntax, SyntaxProblem, TypeSyntax, Word, parse_element
 from rosidl_py_gen.compiler.spec.literals import LiteralProblem, parse_default, parse_scalar
 from rosidl_py_gen.compiler.spec.model import ConstantDef, FieldDef, Findings, Location, MessageDef, Source
-from rosidl_py_gen.compiler.spec.syntax import ElementSyntax, SyntaxProblem, TypeSyntax, Word
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

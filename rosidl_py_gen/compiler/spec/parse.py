@@ -12,6 +12,7 @@ from lark import Lark, Token, Transformer, v_args
 from lark.exceptions import LarkError, UnexpectedCharacters, UnexpectedEOF, UnexpectedInput, UnexpectedToken, VisitError
 
 from rosidl_py_gen.base.resources import grammar_text
+from rosidl_py_gen.compiler.spec.element import SyntaxProblem, Word
 from rosidl_py_gen.compiler.spec.idl_syntax import (
     IdlAnnotation,
     IdlConst,
@@ -25,7 +26,6 @@ from rosidl_py_gen.compiler.spec.idl_syntax import (
     IdlType,
     IdlTypedef,
 )
-from rosidl_py_gen.compiler.spec.syntax import SyntaxProblem, Word
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -23,6 +23,7 @@ from rosidl_py_gen.base.names import INTERFACE_RULE, RosName, did_you_mean, spli
 from rosidl_py_gen.compiler.spec.derive import IMPLIED
 from rosidl_py_gen.compiler.spec.interface import may_be_file, parse_interface, read_source
 from rosidl_py_gen.compiler.spec.limits import MAX_LEVELS, Measures
+from rosidl_py_gen.compiler.spec.missing import missing_interface, missing_package
 from rosidl_py_gen.compiler.spec.model import (
     ActionDef,
     FieldDef,
@@ -184,19 +185,14 @@ def selected(library: Library, wanted: list[str]) -> tuple[list[RosName], list[P
         if "/" in text:
             name = split_ros_name(text, "msg")
             if search.file(name) is None:
-                known = [str(other) for package in search.packages.values() for other in package.files]
-                where = ", ".join(search.searched)
-                package = search.packages.get(name.package)
-                hint = (package.unlisted(name) if package else "") or did_you_mean(text, known)
-                problems.append(Problem(text, 0, 0, f"no interface of this name{hint} (searched: {where})"))
+                problems.append(Problem(text, 0, 0, missing_interface(search, name, "no interface of this name")))
             else:
                 single[name] = None
         elif text in search.packages:
             whole[text] = None
         else:
-            where = ", ".join(search.searched)
-            hint = did_you_mean(text, search.packages)
-            problems.append(search.refused.get(text) or Problem(text, 0, 0, f"no package{hint} (searched: {where})"))
+            refused = search.refused.get(text)
+            problems.append(refused or Problem(text, 0, 0, missing_package(search, text, "no package")))
     if not wanted:
         problems += search.refused.values()
     return _closure(library, list(whole), list(single)), problems
@@ -293,9 +289,8 @@ def _report_unknown(library: Library, item: FieldDef) -> None:
         if library.has_package(name.package):
             library.findings.add(at, f'unknown type "{short}" (searched: {where})')
             return
-        known: Iterable[str] = library.search.packages
-        hint = did_you_mean(name.package, known)
-        library.findings.add(at, f'unknown package "{name.package}" for {short}{hint} (searched: {where})')
+        subject = f'unknown package "{name.package}" for {short}'
+        library.findings.add(at, missing_package(library.search, name.package, subject, str(name)))
         return
     known = [f"{other.package}/{other.name}" for other in package.files if other.kind == "msg"]
     hint = package.unlisted(name) or did_you_mean(short, known)

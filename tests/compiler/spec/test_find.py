@@ -10,10 +10,12 @@ import pytest
 from compiler_worlds import problems_of, write
 
 from rosidl_py_gen.base.names import RosName, split_ros_name
+from rosidl_py_gen.base.ownership import MARK
 from rosidl_py_gen.compiler.generate import load
+from rosidl_py_gen.compiler.spec.definition import read_checked
 from rosidl_py_gen.compiler.spec.find import SearchPath, search_path
 from rosidl_py_gen.compiler.spec.resolve import Library, select, split_filter
-from rosidl_py_gen.errors import DefinitionError, InvalidNameError
+from rosidl_py_gen.errors import DefinitionError, InvalidNameError, TypeNotFoundError
 
 POINT = {"a_msgs/msg/Point.msg": "float64 x"}
 
@@ -378,3 +380,65 @@ def test_types_nested_ninety_levels_are_fine(tmp_path: Path) -> None:
     search = search_path([write(tmp_path, chain(90))], ament="", bundled=False)
     _, names = load(search, ["a_msgs"])
     assert len(names) == 91
+
+
+# --- packages that are missing ----------------------------------------------------------------------------------------
+
+
+def test_errors_say_why_a_package_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    manifest = "<package><name>{}</name></package>".format
+    files = {
+        "src/a_msgs/msg/A.msg": "x_msgs/Here a",
+        "src/empty/package.xml": manifest("empty_msgs"),
+        "src/old/COLCON_IGNORE": "",
+        "src/old/deep/package.xml": manifest("old_msgs"),
+        "src/old/deep/msg/A.msg": "",
+        "src/catkin_msgs/CATKIN_IGNORE": "",
+        "src/catkin_msgs/msg/A.msg": "",
+        "prefix/share/plain_msgs/package.xml": manifest("plain_msgs"),
+        "other/x/package.xml": manifest("x_msgs"),
+        "other/x/msg/Here.msg": "",
+        "generated/made_msgs/msg/__init__.py": f"{MARK}. Do not edit.\n",
+        "generated/made_msgs/__init__.py": f"{MARK}. Do not edit.\n",
+    }
+    monkeypatch.chdir(write(tmp_path, files))
+    monkeypatch.syspath_prepend(tmp_path / "generated")
+    search = search_path(["src"], ament="prefix", bundled=False)
+    where = "(searched: src, prefix)"
+    reasons = {
+        "nowhere_msgs": f"no package {where}",
+        "empty_msgs": f"no package with interfaces: src/empty has no .msg, .srv, .action or .idl file {where}",
+        "plain_msgs": f"no package with interfaces: prefix/share/plain_msgs has no .msg, .srv, .action or .idl file {where}",
+        "old_msgs": f"no package: src/old/deep is ignored because of src/old/COLCON_IGNORE; remove that file {where}",
+        "catkin_msgs": f"no package: src/catkin_msgs is ignored because of src/catkin_msgs/CATKIN_IGNORE; remove that file {where}",
+        "x_msgs": f"no package on the search path, but other/x has it; use --path . {where}",
+        "made_msgs": f"no package with definitions: generated/made_msgs has generated classes only {where}",
+        "a_msg": f'no package; did you mean "a_msgs"? {where}',
+    }
+    for package, reason in reasons.items():
+        with pytest.raises(DefinitionError) as caught:
+            load(search, [package])
+        assert str(caught.value) == f"{package}: {reason}"
+        with pytest.raises(TypeNotFoundError) as missing:
+            read_checked(Library(search), RosName(package, "msg", "A"))
+        subject = f'no package "{package}" for {package}/msg/A'
+        if package == "made_msgs":
+            reason = f"no package: the importable package generated/made_msgs has no made_msgs/msg/A; generate it again {where}"
+        assert str(missing.value) == reason.replace("no package", subject, 1)
+    assert problems_of(Path("src")) == [
+        'a_msgs/msg/A.msg:1:1: unknown package "x_msgs" for x_msgs/Here on the search path, but other/x has it; '
+        "use --path . (searched: src, bundled)"
+    ]
+
+
+def test_an_explanation_takes_no_longer_in_a_large_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for number in range(60):
+        (tmp_path / f"d{number}" / "e" / "f").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("rosidl_py_gen.compiler.spec.missing._MAX_FOLDERS", 20)
+    visited: list[str] = []
+    scan = os.scandir
+    monkeypatch.setattr(os, "scandir", lambda place: visited.append(str(place)) or scan(place))
+    with pytest.raises(DefinitionError, match="no package"):
+        load(SearchPath({}), ["x_msgs"])
+    assert len(visited) < 100
