@@ -7,15 +7,19 @@ This file imports nothing of ours, so that generated code, the compiler and the 
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-
 _MAX_TEXT = 4000
 """Characters of a problem: names in definitions have any length."""
+_INVISIBLE = re.compile(
+    "[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180d\u2800\u3164\ufe00-\ufe0f\uffa0\U000e0100-\U000e01ef]"
+)
+"""Characters that Python regards as printable and that no font shows."""
 
 
 class RosidlError(Exception):
@@ -48,18 +52,28 @@ class Problem:
         where = self.path
         if self.line:
             where += f":{self.line}:{self.column or 1}"
-        return printable(f"{where}: {self.text}", _MAX_TEXT)
+        return printable(_with_code_points(f"{where}: {self.text}"[: _MAX_TEXT + 1]), _MAX_TEXT)
 
     def with_caret(self, width: int = 100) -> str:
         """The problem, the source line and a caret under the column; very long lines are cut around the column."""
         if not self.source:
             return str(self)
         start = max(0, self.column - 1 - width // 2) if len(self.source) > width else 0
-        shown = printable(self.source[start : start + width])
+        shown = _with_code_points(self.source[start : start + width])
         left = "..." if start else ""
         right = "..." if start + width < len(self.source) else ""
-        caret = " " * (len(left) + max(0, self.column - 1 - start)) + "^"
+        before = _with_code_points(self.source[start : max(start, self.column - 1)])
+        caret = " " * (len(left) + len(before)) + "^"
         return f"{self}\n    {left}{shown}{right}\n    {caret}"
+
+
+def _with_code_points(text: str) -> str:
+    """Return the text with invisible characters as ``<U+200B>``: they are the mistake in many a definition."""
+    if text.isascii() and text.isprintable():
+        return text
+    return "".join(
+        char if char.isprintable() and not _INVISIBLE.match(char) else f"<U+{ord(char):04X}>" for char in text
+    )
 
 
 def printable(text: str, max_length: int | None = None) -> str:

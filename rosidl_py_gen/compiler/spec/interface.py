@@ -6,6 +6,7 @@ that a run over many files shows them all.
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.base.names import RosName
 
+_ALMOST_SEPARATOR = re.compile(r"\s*(?:[-\u2010-\u2015\u2212_=*~]\s*){2,}(?:#.*)?")
+"""A line that is meant to separate sections: too short or long, with blanks, a comment or other dashes."""
 _SECTIONS: dict[str, tuple[str, ...]] = {
     "msg": ("",),
     "srv": ("Request", "Response"),
@@ -58,6 +61,9 @@ def parse_interface(name: RosName, source: Source, findings: Findings) -> Interf
     Returns:
         None when nothing usable came out; then `findings` says why.
     """
+    if source.text.startswith("\ufeff"):
+        findings.add(Location(source, 1, 1), "found a byte order mark; save the file as UTF-8 without one")
+        source = source._replace(text=source.text[1:])
     if source.format == "idl":
         from rosidl_py_gen.compiler.spec.idl import (
             parse_idl_interface,  # with lark, half as much again as all else here
@@ -91,10 +97,14 @@ def _split(kind: str, source: Source, findings: Findings) -> list[tuple[int, lis
     wanted = len(_SECTIONS[kind]) - 1
     if len(cuts) != wanted:
         place = cuts[wanted] + 1 if len(cuts) > wanted else max(1, len(lines))
-        near = next((i + 1 for i, line in enumerate(lines) if line != "---" and line.strip() == "---"), 0)
-        hint = f'; line {near} has blanks around its "---"' if near and len(cuts) < wanted else ""
+        near = next((i for i, line in enumerate(lines) if line != "---" and _ALMOST_SEPARATOR.fullmatch(line)), -1)
         noun = 'line "---"' if wanted == 1 else 'lines "---"'
-        text = f"expected {wanted} {noun} in a .{kind} file, found {len(cuts)}{hint}"
+        text = f"expected {wanted} {noun} in a .{kind} file, found {len(cuts)}"
+        if near >= 0 and len(cuts) < wanted:
+            place, text = (
+                near + 1,
+                f'expected the separator "---" alone in its line, found "{lines[near][:40]}"; {text}',
+            )
         findings.add(Location(source, place, 1), text)
         return None
     bounds = [-1, *cuts, len(lines)]

@@ -34,6 +34,20 @@ if TYPE_CHECKING:
 # What a .msg may say; the other keys of PRIMITIVES exist only in .idl files.
 _MSG_PRIMITIVES = [name for name in PRIMITIVES if name not in ("idl_char", "wchar")]
 _WORDS = (*_MSG_PRIMITIVES, "string", "wstring")
+OTHER_WORDS = {
+    "float": "float32 or float64",
+    "double": "float64",
+    "octet": "byte",
+    "boolean": "bool",
+    "str": "string",
+    "int": "int32 or int64",
+    "long": "int64",
+    "short": "int16",
+    "unsigned": "uint32",
+    "uint": "uint32 or uint64",
+    **{word: word for word in _WORDS},
+}
+"""The words of other languages, of IDL, C++ and Python, in lower case, and what is written instead."""
 _UNIT = re.compile(r"(\s*\[([^,\]]+)\])")
 _MAX_SIZE_DIGITS = 20
 _MAX_SIZE = 2**64 - 1  # capacities are uint64 in a type description
@@ -109,10 +123,12 @@ def _read_line(
 def _explain(text: str, problem: _Wrong | SyntaxProblem) -> str:
     if text[0] == " ":
         return "expected the element to begin in column 1, found blanks before it"
-    if text[0] == "\ufeff":
-        return "found a byte order mark; save the file as UTF-8 without one"
     if text.startswith("---"):
         return 'a separator is exactly "---", and only in .srv and .action files'
+    if found := re.match(r"([^/\s]+)/(msg|srv|action)/([^/\s<\[]+)", text):
+        package, kind, name = found.groups()
+        own = f'write "{package}/{name}", without "msg/"' if kind == "msg" else "only messages are types of fields"
+        return f'"{found[0][:80]}" is not a type in a .msg, .srv or .action file; {own}'
     if text[0] == "@":
         return "annotations exist in .idl files only"
     if (
@@ -177,7 +193,8 @@ def _base(syntax: TypeSyntax, name: RosName) -> str:
     if syntax.package is None and text in ("time", "duration"):
         raise _Wrong(syntax.name, f'"{text}" is a ROS 1 type; use builtin_interfaces/{text.capitalize()}')
     if not is_interface_name(text):
-        hint = did_you_mean(text, _WORDS) if syntax.package is None else ""
+        other = OTHER_WORDS.get(text.lower()) if syntax.package is None else None
+        hint = f"; use {other}" if other else did_you_mean(text, _WORDS) if syntax.package is None else ""
         raise _Wrong(syntax.name, f'"{text}" is neither a primitive type nor a message name ({INTERFACE_RULE}){hint}')
     if syntax.package is None:
         return f"{name.package}/msg/{text}"

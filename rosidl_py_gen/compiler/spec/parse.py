@@ -136,11 +136,14 @@ class _Idl(Transformer[Token, Any]):
     """Lark tree of an .idl file -> definitions."""
 
     def start(self, children: list[Any]) -> tuple[IdlDefinition, ...]:
-        return tuple(children)
+        return tuple(child for child in children if child is not None)
 
     def module(self, children: list[Any]) -> IdlModule:
         _, (name, *definitions) = _split(children, IdlAnnotation)
-        return IdlModule(_word(name), tuple(definitions))
+        return IdlModule(_word(name), tuple(definition for definition in definitions if definition is not None))
+
+    def forward(self, children: list[Any]) -> None:
+        return None
 
     def const(self, children: list[Any]) -> IdlConst:
         annotations, (kind, name, value) = _split(children, IdlAnnotation)

@@ -23,6 +23,7 @@ from rosidl_py_gen.base.names import INTERFACE_RULE, RosName, did_you_mean, spli
 from rosidl_py_gen.compiler.spec.derive import IMPLIED
 from rosidl_py_gen.compiler.spec.interface import may_be_file, parse_interface, read_source
 from rosidl_py_gen.compiler.spec.limits import MAX_LEVELS, Measures
+from rosidl_py_gen.compiler.spec.lines import OTHER_WORDS
 from rosidl_py_gen.compiler.spec.missing import missing_interface, missing_package
 from rosidl_py_gen.compiler.spec.model import (
     ActionDef,
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.spec.find import SearchPath
     from rosidl_py_gen.compiler.spec.model import Source
 
+_COMMON_PACKAGES = ("std_msgs", "builtin_interfaces", "geometry_msgs")
+"""Packages that are suggested before others: ROS 1 has types of the first two without a package."""
 _DERIVED = re.compile(r"_(Request|Response|Event|Goal|Result|Feedback|FeedbackMessage|SendGoal|GetResult)\Z")
 
 
@@ -56,6 +59,13 @@ class Library:
         self._texts: set[RosName] = set()
         self._messages: dict[str, MessageDef] = {}
         self._hashes = Hashes(self.rows)
+        self._missing: set[tuple[str, str]] = set()
+
+    def is_new_missing(self, path: str, package: str) -> bool:
+        """Return True for the first call with a file and a package that is missing; a file reports each once."""
+        is_new = (path, package) not in self._missing
+        self._missing.add((path, package))
+        return is_new
 
     def add_text(self, name: RosName, source: Source) -> Interface | None:
         """Parse text that comes from no file of the search path; it hides a file of the same name."""
@@ -263,7 +273,7 @@ def _visit(library: Library, top: MessageDef, state: dict[str, int], measures: M
             continue
         target = library.message(item.type.base)
         if target is None and not library.findings.is_full(item.location):
-            _report_unknown(library, item)
+            _report_unknown(library, message, item)
         elif target is None:
             continue
         elif state.get(item.type.base) == -1:
@@ -277,24 +287,37 @@ def _visit(library: Library, top: MessageDef, state: dict[str, int], measures: M
             stack.append((target, iter(target.fields), [0]))
 
 
-def _report_unknown(library: Library, item: FieldDef) -> None:
+def _report_unknown(library: Library, message: MessageDef, item: FieldDef) -> None:
     name = split_ros_name(item.type.base)
     short = f"{name.package}/{name.name}"
     at = type_location(item)
     if library.exists(name):
         return  # the file is there and has problems of its own, reported there
     package = library.search.packages.get(name.package)
-    if package is None:
+    if package is None and library.has_package(name.package):
         where = ", ".join(library.search.searched) or "nothing"
-        if library.has_package(name.package):
-            library.findings.add(at, f'unknown type "{short}" (searched: {where})')
-            return
+        library.findings.add(at, f'unknown type "{short}" (searched: {where})')
+    elif package is None and library.is_new_missing(item.location.source.path, name.package):
         subject = f'unknown package "{name.package}" for {short}'
-        library.findings.add(at, missing_package(library.search, name.package, subject, str(name)))
-        return
-    known = [f"{other.package}/{other.name}" for other in package.files if other.kind == "msg"]
-    hint = package.unlisted(name) or did_you_mean(short, known)
-    library.findings.add(at, f'unknown type "{short}"{hint}')
+        is_first = library.is_new_missing("", name.package)
+        text = missing_package(library.search, name.package, subject, str(name)) if is_first else subject
+        library.findings.add(at, text)
+    elif package is not None:
+        hint = package.unlisted(name) or _other_type(library, message.name, name)
+        library.findings.add(at, f'unknown type "{short}"{hint}')
+
+
+def _other_type(library: Library, user: RosName, name: RosName) -> str:
+    """Return what may be meant by a type that its package lacks; never the message that has the field."""
+    packages = library.search.packages
+    used = [one for one in (_COMMON_PACKAGES + tuple(packages)) if one in packages and one != name.package]
+    others = [f"{one}/{name.name}" for one in used if RosName(one, "msg", name.name) in packages[one].files]
+    words = [OTHER_WORDS[name.name.lower()]] if name.name.lower() in OTHER_WORDS else []
+    if name.package == user.package and (words or others):  # the field names no package
+        return f"; use {' or '.join([*words, *dict.fromkeys(others)][:3])}"
+    known = [other.name for other in packages[name.package].files if other.kind == "msg" and other != user]
+    hint = did_you_mean(name.name, known).replace('"', f'"{name.package}/', 1)
+    return hint or (f"; use {others[0]}" if others else "")
 
 
 def type_location(item: FieldDef) -> Location:

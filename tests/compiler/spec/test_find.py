@@ -15,7 +15,7 @@ from rosidl_py_gen.compiler.generate import load
 from rosidl_py_gen.compiler.spec.definition import read_checked
 from rosidl_py_gen.compiler.spec.find import SearchPath, search_path
 from rosidl_py_gen.compiler.spec.resolve import Library, select, split_filter
-from rosidl_py_gen.errors import DefinitionError, InvalidNameError, TypeNotFoundError
+from rosidl_py_gen.errors import DefinitionError, InvalidNameError, Problem, TypeNotFoundError
 
 POINT = {"a_msgs/msg/Point.msg": "float64 x"}
 
@@ -442,3 +442,39 @@ def test_an_explanation_takes_no_longer_in_a_large_folder(tmp_path: Path, monkey
     with pytest.raises(DefinitionError, match="no package"):
         load(SearchPath({}), ["x_msgs"])
     assert len(visited) < 100
+
+
+def test_habits_of_ros_1_and_other_languages_get_the_ros_2_spelling(tmp_path: Path) -> None:
+    lines = {
+        "Header header": 'unknown type "a_msgs/Header"; use std_msgs/Header',
+        "Time t": 'unknown type "a_msgs/Time"; use builtin_interfaces/Time',
+        "Pose p": 'unknown type "a_msgs/Pose"; use geometry_msgs/Pose',
+        "String s": 'unknown type "a_msgs/String"; use string or std_msgs/String',
+        "Float64[] f": 'unknown type "a_msgs/Float64"; use float64 or std_msgs/Float64',
+        "geometry_msgs/Header h": 'unknown type "geometry_msgs/Header"; use std_msgs/Header',
+        "float x": "use float32 or float64",
+        "double x": "use float64",
+        "octet x": "use byte",
+        "std_msgs/msg/Header h": '"std_msgs/msg/Header" is not a type in a .msg, .srv or .action file; write "std_msgs/Header", without "msg/"',
+        "std_srvs/srv/Empty e": "only messages are types of fields",
+        "Sampel s": 'unknown type "a_msgs/Sampel"',  # and not the file itself
+        "uint8\u200b x": 'S.msg:1:1: "uint8<U+200B>" is neither',
+        "uint8\u00a0x": "found \"<U+00A0>\"",
+        "uint8\u2800 x": 'S.msg:1:1: "uint8<U+2800>" is neither',
+    }  # fmt: skip
+    for number, (line, expected) in enumerate(lines.items()):
+        folder = write(tmp_path / str(number) / "a_msgs", {"msg/Sample.msg": line})
+        (problem,) = problems_of(folder.parent)
+        assert expected.replace("S.msg", "Sample.msg") in problem, line
+        assert "a_msgs/Sample" not in problem.partition(": ")[2], line
+    error = Problem("a.msg", 1, 8, "wrong", "uint8\u200b x\u200b y").with_caret()
+    assert error.splitlines()[1:] == ["    uint8<U+200B> x<U+200B> y", "    " + " " * 14 + "^"]
+
+
+def test_a_missing_package_is_reported_once_for_each_file_and_explained_once(tmp_path: Path) -> None:
+    files = {"one/msg/A.msg": "nav2x/B b\nnav2x/C c\nother/D d", "one/msg/B.msg": "nav2x/B b\nA a"}
+    assert [one.partition(" (searched")[::2] for one in problems_of(write(tmp_path / "in", files))] == [
+        ('one/msg/A.msg:1:1: unknown package "nav2x" for nav2x/B', f": {tmp_path / 'in'}, bundled)"),
+        ('one/msg/A.msg:3:1: unknown package "other" for other/D', f": {tmp_path / 'in'}, bundled)"),
+        ('one/msg/B.msg:1:1: unknown package "nav2x" for nav2x/B', ""),
+    ]

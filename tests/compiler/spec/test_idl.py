@@ -271,3 +271,14 @@ def test_a_typedef_that_nothing_uses_is_checked_as_rosidl_does(rosidl: Rosidl, u
     (mine,) = ours([definition], OTHERS)["refused"]
     assert problem in mine
     assert not any(accepted(reply) for reply in rosidl.compile([definition]).values())
+
+
+def test_a_byte_order_mark_and_a_union_are_reported_and_forward_declarations_are_not() -> None:
+    text = "module a_msgs { struct Later; module msg { struct Other; struct Sample; struct Sample { long x; }; }; };"
+    assert [item.name for item in message(text, format="idl").fields] == ["x"]
+    assert read(f"\ufeff{text}", format="idl")[1] == [
+        "1:1: found a byte order mark; save the file as UTF-8 without one"
+    ]
+    assert (
+        "unions are not supported" in read(text.replace("struct Other;", "union Other {long x;};"), format="idl")[1][0]
+    )

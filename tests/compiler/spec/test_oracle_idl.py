@@ -118,6 +118,7 @@ def files(draw: st.DrawFn, most: int = 4) -> tuple[str, Tokens]:
         typedefs.append(f"t{len(typedefs)}")
         tokens += ["typedef", *_declared(target, typedefs[-1])]
     for number, suffix in enumerate(_SUFFIXES[kind]):
+        tokens += words(draw(st.sampled_from(["", "", f"struct Sample{suffix};", "struct Other; struct Other;"])))
         tokens += draw(_structs(f"Sample{suffix}", number, typedefs, most))
     return f"a_msgs/{kind}/Sample", [*tokens, *words("}; };")]
 
