@@ -158,6 +158,8 @@ SHARED_IN_RUNTIME = {
     "_deliver",
     "_push",
     "_schedule",
+    "_why_missing",
+    "_why_unmatched",
 }
 # The same for the shim: what entities have for executors, where every public name would be one of rclpy's.
 SHARED_IN_SHIM = {

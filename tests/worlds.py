@@ -87,6 +87,7 @@ ON_ZENOH = {
     "test_threads_and_loops.py",
     "test_topics.py",
     "test_type_description.py",
+    "test_unmatched.py",
 }
 """Files whose tests run on Zenoh as well where they run on DDS."""
 

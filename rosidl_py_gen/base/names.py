@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import keyword
 import re
+from itertools import islice
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.errors import InvalidNameError, printable
@@ -112,3 +113,16 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     word = word[:256]  # comparing costs the product of the lengths
     close = get_close_matches(word, known, n=1, cutoff=0.7)
     return f'; did you mean "{printable(close[0])}"?' if close else ""
+
+
+def similar_name(name: str, known: Iterable[str]) -> str:
+    """Return `did_you_mean` of names of ROS, where the same name in another namespace is the closest.
+
+    At most 1000 names, and 256 characters of each, are compared.
+    """
+    names = [one[:256] for one in islice(known, 1000) if one != name]
+    below = f"/{name.strip('/')}"
+    elsewhere = [one for one in names if "/" not in (below, one) and (one.endswith(below) or below.endswith(one))]
+    if elsewhere:
+        return f'; did you mean "{min(elsewhere, key=len)}"?'
+    return did_you_mean(name, names)

@@ -222,14 +222,14 @@ class Session:
             ToolError: it did not appear; says which similar name exists.
             InvalidNameError: this is no name.
         """
-        from rosidl_py_gen.base.names import did_you_mean
+        from rosidl_py_gen.base.names import similar_name
 
         resolve = self.node.resolve_topic_name if kind == "topic" else self.node.resolve_service_name
         full = resolve(name if name.startswith("/") else f"/{name}")
         if await self.wait_for(lambda: full in known(), timeout_s):
             return full
         names = [name for name in known() if "/_" not in name]  # not ourselves
-        hint = did_you_mean(full, names) or (f"; `rosidl-py {kind} list` shows {len(names)}" if names else "")
+        hint = similar_name(full, names) or (f"; `rosidl-py {kind} list` shows {len(names)}" if names else "")
         raise ToolError(f"no {kind} {full} was found in domain {self.context.domain_id}{hint or _nothing_there()}")
 
 

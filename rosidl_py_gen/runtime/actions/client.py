@@ -46,7 +46,7 @@ from rosidl_py_gen.runtime.endpoints.service_parts import CallTimeoutError, Serv
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import raw_type
 from rosidl_py_gen.runtime.loop.blocking import blocking
-from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
+from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError, with_reason
 from rosidl_py_gen.runtime.time.values import Time, limit_to_ns, read_stamp
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
 
@@ -127,6 +127,13 @@ class ActionClient(Composite, Generic[ActionT_co]):
         missing = [client.name for client in services if not client.service_is_available()]
         return missing + [topic.topic for topic in (self._feedback, self._status) if not topic.publisher_count]
 
+    def _why_missing(self) -> str:
+        for client in (self._send, self._cancel, self._result.client):
+            if not client.service_is_available():
+                return client._why_missing(client.name.removeprefix(self.name))
+        silent = (topic for topic in (self._feedback, self._status) if not topic.publisher_count)
+        return next((topic._why_unmatched() for topic in silent), "")
+
     async def wait_for_server(self, timeout_s: float | None = None) -> Literal[True]:
         """Wait until a server is connected.
 
@@ -138,6 +145,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
             timeout_s,
             lambda: self._closed,
             lambda: f"no server of action {self.name} ({self.action_type}) appeared at {', '.join(self._missing())}",
+            why=self._why_missing,
         )
 
     wait_for_server_sync = blocking(wait_for_server)
@@ -192,11 +200,10 @@ class ActionClient(Composite, Generic[ActionT_co]):
             self._type.send_goal.request.encode(request)
             try:
                 await self.wait_for_server(deadline.left_s())
-            except WaitTimeoutError:
-                raise ActionTimeoutError(
-                    f"goal not answered by action {self.name}: no server appeared in {timeout_s} s at "
-                    f"{', '.join(self._missing())}"
-                ) from None
+            except WaitTimeoutError as error:
+                places = ", ".join(self._missing())
+                text = f"goal not answered by action {self.name}: no server appeared in {timeout_s} s at {places}"
+                raise ActionTimeoutError(with_reason(text, error.reason)) from None
         try:
             return await self._send.call(request, deadline.left_s())
         except CallTimeoutError as error:

@@ -14,7 +14,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Literal, TypeVar
 
 from rosidl_py_gen.base.waiting import complete, complete_threadsafe
-from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError, printable
+from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.endpoints.service import ServiceEnd
 from rosidl_py_gen.runtime.endpoints.service_parts import (
     CallTimeoutError,
@@ -23,9 +23,10 @@ from rosidl_py_gen.runtime.endpoints.service_parts import (
     why_refused,
 )
 from rosidl_py_gen.runtime.endpoints.window import OutOfTimeError, PendingRequest
+from rosidl_py_gen.runtime.graph.unmatched import NOT_YET
 from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
-from rosidl_py_gen.runtime.time.deadline import Deadline
+from rosidl_py_gen.runtime.time.deadline import Deadline, with_reason
 from rosidl_py_gen.runtime.transport.service_port import Unanswered
 
 if TYPE_CHECKING:
@@ -89,7 +90,9 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             WaitTimeoutError: none was in time.
             ForeignServiceError: the only servers are on Fast DDS, and this machine's Cyclone DDS cannot talk to them.
         """
-        return await self._scope.expect(self._is_available, timeout_s, lambda: self._closed, self._missing)
+        return await self._scope.expect(
+            self._is_available, timeout_s, lambda: self._closed, self._missing, why=self._why_missing
+        )
 
     wait_for_service_sync = blocking(wait_for_service)
 
@@ -107,16 +110,16 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         return servers.is_available
 
     def _missing(self) -> str:
-        """What to tell people who miss a server; there may be some of another definition."""
-        graph, told = self._scope.graph, ""
-        others = (one for one in graph.on(self._requests_on, writers=False) if not self._counts(one))
-        if (other := next(others, None)) is not None:
-            whose = f"that of {graph.describe_node(other)}"
-            if other.service_type not in (None, self.service_type):
-                told = f" ({whose} has another type, {printable(str(other.service_type))})"
-            else:
-                told = f" ({whose} has another definition of its type, {other.type_hash or other.service_hash})"
-        return f"no server of {self.name} ({self.service_type}) appeared{told}"
+        return f"no server of {self.name} ({self.service_type}) appeared"
+
+    def _why_missing(self, ending: str = "") -> str:
+        """Return why no server is connected; `ending` is that of `UnmatchedReasons.why`."""
+        reader, writer = self._port.endpoints
+        requests, replies = self._told.channels
+        why = self._scope.why_unmatched(writer, requests, is_writer=True, ending=ending)
+        if why.endswith(NOT_YET):
+            why = self._scope.why_unmatched(reader, replies, is_writer=False, ending=ending)
+        return why
 
     # ------------------------------------------------------------------------------------------------------- calls
 
@@ -142,7 +145,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             self._is_available, deadline.left_s(), lambda: self._closed
         )
         if not is_there:
-            raise CallTimeoutError(f"{self._missing()} in {timeout_s} s")
+            raise CallTimeoutError(with_reason(f"{self._missing()} in {timeout_s} s", self._why_missing()))
         future: asyncio.Future[ResponseT] = loop.create_future()
         on_error = partial(complete_threadsafe, future, None)
         pending: PendingRequest[ResponseT]

@@ -62,6 +62,7 @@ class Publisher(Owned, Generic[T]):
         self.qos = resolve_best_available(qos, publisher=True, peers=peers)
         """The profile in use; BEST_AVAILABLE was replaced by what the peers known at creation allow."""
         self._encode = message_type.encode
+        self._channel = spec.channel
         self._writer: Writer = scope.participant.create_writer(replace(spec, qos=self.qos))
         self._write = self._writer.write
         scope.set_type_check(mode, self._writer.guid)
@@ -149,9 +150,14 @@ class Publisher(Owned, Generic[T]):
             timeout_s,
             lambda: self._closed,
             lambda: f"{self.subscription_count} subscriptions on {self.topic}, expected at least {count},",
+            why=self._why_unmatched,
         )
 
     wait_for_subscribers_sync = blocking(wait_for_subscribers)
+
+    def _why_unmatched(self) -> str:
+        matched = self.matched_subscriptions()
+        return self._scope.why_unmatched(self._writer.guid, self._channel, is_writer=True, matched=matched)
 
     async def wait_for_acknowledged(self, timeout_s: float | None = None) -> Literal[True]:
         """Wait until every reliable subscription confirmed all that was published.

@@ -26,7 +26,7 @@ from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.time.values import ClockType
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Callable, Collection, Coroutine
 
     from rosidl_py_gen.runtime.endpoints.window import RequestWindows
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.loop.bridge import Bridge
     from rosidl_py_gen.runtime.loop.failures import OnError
     from rosidl_py_gen.runtime.transport.clocks import Clocks
+    from rosidl_py_gen.runtime.transport.discovered import Channel
     from rosidl_py_gen.runtime.transport.port import Participant
 
 T = TypeVar("T")
@@ -264,9 +265,10 @@ class Scope:
         is_closed: Callable[[], bool],
         missing: Callable[[], str],
         *,
+        why: Callable[[], str] = lambda: "",
         poll_s: float = _GRAPH_POLL_S,
     ) -> Literal[True]:
-        """Wait for a user until `condition` holds: `missing` says what did not come in time.
+        """Wait for a user until `condition` holds: `missing` returns what did not come in time, `why` the reason.
 
         Returns:
             True, so that what was written for an answer of true or false reads the same.
@@ -275,8 +277,15 @@ class Scope:
             WaitTimeoutError: the time passed. Others as `wait_until`.
         """
         if not await self.wait_until(condition, timeout_s, is_closed, poll_s=poll_s):
-            raise WaitTimeoutError(f"{missing()} in {timeout_s:g} s")
+            raise WaitTimeoutError(f"{missing()} in {timeout_s:g} s", why())
         return True
+
+    def why_unmatched(
+        self, own: bytes, channel: Channel, *, is_writer: bool, matched: Collection[bytes] = (), ending: str = ""
+    ) -> str:
+        """Return why an endpoint has no other peers than `matched`; see `UnmatchedReasons.why`."""
+        self.discovery.refresh()
+        return self.discovery.unmatched.why(own, channel, is_writer=is_writer, matched=matched, ending=ending)
 
     # --------------------------------------------------------------------------------------------------- callbacks
 

@@ -17,7 +17,7 @@ from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.base.waiting import Waiters
 from rosidl_py_gen.errors import ClosedError, DecodeError
 from rosidl_py_gen.runtime.endpoints.ready import CallbackInUseError, Takeable
-from rosidl_py_gen.runtime.endpoints.scope import Throttle, shown
+from rosidl_py_gen.runtime.endpoints.scope import Throttle, counted, shown
 from rosidl_py_gen.runtime.endpoints.type_check import WriterCheck
 from rosidl_py_gen.runtime.endpoints.types import has_buffer
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
@@ -113,6 +113,7 @@ class Subscription(Takeable, Generic[T]):
         peers = [endpoint.qos for endpoint in scope.graph.on(spec.channel, writers=True)]
         self.qos = resolve_best_available(qos, publisher=False, peers=peers)
         """The profile in use; BEST_AVAILABLE was replaced by what the peers known at creation allow."""
+        self._channel = spec.channel
         self._reader: Reader = scope.participant.create_reader(replace(spec, qos=self.qos))
         self._items = self._reader.queue.items
         self._check = WriterCheck(scope, mode, self._reader.writer_guid, message_type.type_hash)
@@ -201,7 +202,7 @@ class Subscription(Takeable, Generic[T]):
                 self._latest = found[0]
                 return found
             if not await self._arrival(deadline.left_s()):
-                raise WaitTimeoutError(f"no message on {self.topic} in {timeout_s} s")
+                raise WaitTimeoutError(f"no message on {self.topic} in {timeout_s} s", self._why_silent())
         raise ClosedError(f"the subscription on {self.topic} of node {self._scope.node_name} is closed")
 
     def _take(self) -> tuple[T, Sample] | None:
@@ -363,9 +364,23 @@ class Subscription(Takeable, Generic[T]):
             timeout_s,
             lambda: self._closed,
             lambda: f"{self.publisher_count} publishers on {self.topic}, expected at least {count},",
+            why=self._why_unmatched,
         )
 
     wait_for_publishers_sync = blocking(wait_for_publishers)
+
+    def _why_unmatched(self) -> str:
+        matched = self._reader.matched_writers()
+        return self._scope.why_unmatched(self._reader.guid, self._channel, is_writer=False, matched=matched)
+
+    def _why_silent(self) -> str:
+        """Return why no message was handed out."""
+        if not (count := self.publisher_count):
+            return self._why_unmatched()
+        if self.withheld and (reason := self._scope.discovery.unmatched.disagreeing(self._reader.guid, self._channel)):
+            return f"{reason}; {self.withheld} messages were withheld"
+        silent = f"{counted(count, 'publisher')} connected, but sent nothing"
+        return f"{silent}; {self.undecodable} messages did not decode" if self.undecodable else silent
 
     def __repr__(self) -> str:
         parts = self.topic, self.message_type, self.qos.short()

@@ -15,6 +15,7 @@ from rosidl_py_gen.base.registration import Registrations
 from rosidl_py_gen.base.waiting import Waiters
 from rosidl_py_gen.runtime.graph.definitions import definitions_differ
 from rosidl_py_gen.runtime.graph.state import Graph, Mismatch
+from rosidl_py_gen.runtime.graph.unmatched import UnmatchedReasons
 from rosidl_py_gen.runtime.logs.loggers import get_logger, logger_name
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 from rosidl_py_gen.runtime.transport.discovered import EndpointFound, Lost, NodeEntities
@@ -57,6 +58,7 @@ class Discovery:
         """See `Context`."""
         self.type_checks: dict[bytes, str] = {}
         """Of our endpoints, what becomes of messages of another definition, where that is not "error"."""
+        self.unmatched = UnmatchedReasons(self.graph, self.apart, participant.middleware)
         participant.set_discovery_sink(self._on_events)
 
     # ------------------------------------------------------------------------------------------------- own nodes

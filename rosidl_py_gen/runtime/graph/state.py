@@ -201,6 +201,14 @@ class Graph:
             return "a DDS program without node name" if name == BARE_DDS_NODE[1] else "an unknown node"
         return f"node {fully_qualified_node_name(name, namespace)}"
 
+    def names_on(self, kind: str, *, writers: bool) -> list[str]:
+        """Return the names of the channels of one kind that somebody writes or reads, sorted."""
+        return sorted(one.name for one in list(self._by_channel) if one.kind == kind and self.on(one, writers=writers))
+
+    def has_others(self) -> bool:
+        """Return True if another participant than our own is known."""
+        return any(guid != self._own_participant for guid in list(self._participants))
+
     def on_wire(self, name: str, *, writers: bool) -> list[EndpointFound]:
         """The writers or readers of the topic that the middleware calls so."""
         return [one for one in list(self.endpoints.values()) if one.wire_name == name and one.is_writer is writers]

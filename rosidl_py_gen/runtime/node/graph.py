@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal
 
-from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.base.names import similar_name
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, resolve_node_name
@@ -185,9 +185,10 @@ class GraphMethods:
 
         def missing() -> str:
             names = [node.fully_qualified_name for node in self._scope.graph.nodes()]
-            return f"no node {wanted} appeared{did_you_mean(wanted, names)}"
+            return f"no node {wanted} appeared{similar_name(wanted, names)}"
 
-        return await self._scope.expect(known, timeout_s, lambda: self._scope.closed, missing)
+        alone = self._scope.discovery.unmatched.alone
+        return await self._scope.expect(known, timeout_s, lambda: self._scope.closed, missing, why=alone)
 
     wait_for_node_sync = blocking(wait_for_node)
 

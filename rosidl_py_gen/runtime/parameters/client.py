@@ -74,7 +74,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.parameters.store import ParameterEvent
     from rosidl_py_gen.runtime.parameters.values import ParametersToSet
 
-
 T = TypeVar("T")
 
 
@@ -167,16 +166,17 @@ class ParameterClient(Composite):
     async def wait_for_services(self, timeout_s: float | None = None) -> Literal[True]:
         """Wait until the remote node serves its parameters; raises `WaitTimeoutError` when the time passed."""
 
-        def missing() -> str:
-            names = [client.name for client in self._clients if not client.service_is_available()]
-            return f"node {self.node} does not serve its parameters: no server of {', '.join(names)} appeared"
+        def unserved() -> list[Client[Any, Any]]:
+            return [client for client in self._clients if not client.service_is_available()]
 
-        return await self._scope.expect(
-            lambda: all(client.service_is_available() for client in self._clients),
-            timeout_s,
-            lambda: self._closed,
-            missing,
-        )
+        def missing() -> str:
+            names = ", ".join(client.name for client in unserved())
+            return f"node {self.node} does not serve its parameters: no server of {names} appeared"
+
+        def why() -> str:
+            return next((one._why_missing(one.name.removeprefix(self.node)) for one in unserved()), "")
+
+        return await self._scope.expect(lambda: not unserved(), timeout_s, lambda: self._closed, missing, why=why)
 
     wait_for_services_sync = blocking(wait_for_services)
 

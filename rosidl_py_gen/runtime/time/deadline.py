@@ -14,7 +14,20 @@ from rosidl_py_gen.runtime.time.values import limit_to_ns
 
 
 class WaitTimeoutError(RosidlError, TimeoutError):
-    """What the caller waited for did not happen in `timeout_s` seconds."""
+    """What the caller waited for did not happen in `timeout_s` seconds.
+
+    Attributes:
+        reason: why not, in words, which the text ends with; empty where it is not known.
+    """
+
+    def __init__(self, text: str = "", reason: str = "") -> None:
+        super().__init__(with_reason(text, reason))
+        self.reason = reason
+
+
+def with_reason(text: str, reason: str) -> str:
+    """Return the text of an error with the reason, if one is known."""
+    return f"{text}: {reason}" if reason else text
 
 
 class Deadline:

@@ -6,9 +6,11 @@ Decides with values only; texts are those of rmw. Imports `qos.py`.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import Enum
+from enum import Enum, IntEnum
 from typing import TYPE_CHECKING, TypeVar
 
+from rosidl_py_gen.base.stamps import NS_PER_S
+from rosidl_py_gen.runtime.transport import qos as presets
 from rosidl_py_gen.runtime.transport.qos import (
     BEST_AVAILABLE_NS,
     INFINITE_NS,
@@ -22,7 +24,7 @@ from rosidl_py_gen.runtime.transport.qos import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
 _T = TypeVar("_T")
 
@@ -151,6 +153,45 @@ def _doubts(offered: QoSProfile, requested: QoSProfile) -> Iterator[str]:
             yield open_offer.format(shown[0])
         elif request.name in _OPEN and offer is least:
             yield open_request.format(shown[1])
+
+
+def describe_policies(*, theirs: QoSProfile, ours: QoSProfile, policies: Iterable[str]) -> str:
+    """Return the values of policies, by lower-case names: ``reliability BEST_EFFORT, here RELIABLE``."""
+    found = []
+    for policy in policies:
+        for name, unit in _VALUES[policy]:
+            one, other = (_value_text(getattr(profile, name), unit) for profile in (theirs, ours))
+            if one != other:
+                found.append(f"{name.removesuffix('_ns').replace('_', ' ')} {one}, here {other}")
+    return "; ".join(found)
+
+
+_VALUES = {
+    "reliability": (("reliability", ""),),
+    "durability": (("durability", ""),),
+    "deadline": (("deadline_ns", "s"),),
+    "liveliness": (("liveliness", ""), ("liveliness_lease_ns", "s")),
+}
+"""Fields of a profile that a policy consists of, and their units."""
+
+
+def _value_text(value: IntEnum | int, unit: str) -> str:
+    if isinstance(value, IntEnum):
+        return value.name
+    return "none" if value in (UNSPECIFIED_NS, INFINITE_NS) else f"{value / NS_PER_S:g} {unit}"
+
+
+def find_preset(qos: QoSProfile, *, publisher: bool, peers: Sequence[QoSProfile], is_service: bool = False) -> str:
+    """Return the name of a preset that matches all peers, close to `qos` if there are several; empty if none does."""
+    names = ["DEFAULT", "SENSOR_DATA"]
+    if qos.reliability is Reliability.BEST_EFFORT:
+        names.reverse()
+    for name in ["SERVICES_DEFAULT"] if is_service else [*names, "BEST_AVAILABLE"]:
+        preset = resolve_best_available(getattr(presets, name), publisher=publisher, peers=peers)
+        pairs = ((preset, peer) if publisher else (peer, preset) for peer in peers)
+        if all(check_compatible(offer, request).matches for offer, request in pairs):
+            return name
+    return ""
 
 
 # ---------------------------------------------------------------------------------------------------- best available

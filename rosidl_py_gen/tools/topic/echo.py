@@ -53,6 +53,7 @@ class _Echo:
         self._options = options
         self._pace = _Pace(options.max_rate_hz)
         self._show: Callable[[Any], bool] = lambda value: True
+        self._has_received = False
         self._lost_noted = 0
         self._lost_noted_at = 0.0
 
@@ -84,8 +85,9 @@ class _Echo:
             left_s = None if timeout_s is None else max(0.0, shown_at + timeout_s - now_s())
             try:
                 message, _ = await messages.receive_with_info(left_s)
-            except WaitTimeoutError:
-                raise ToolError(self._silence()) from None
+            except WaitTimeoutError as error:
+                raise ToolError(self._silence(error.reason)) from None
+            self._has_received = True
             if self._show(message):
                 shown_at = now_s()
                 if self._options.once:
@@ -93,10 +95,11 @@ class _Echo:
             if self._options.lost_messages:
                 self._note_lost(messages.dropped)
 
-    def _silence(self) -> str:
-        publishers = self._session.node.count_publishers(self._topic)
-        which = " that the filter lets through" if self._options.filter_text else ""
-        return f"no message{which} on {self._topic} in {self._options.timeout_s:g} s; it has {publishers} publishers"
+    def _silence(self, reason: str) -> str:
+        text = f"on {self._topic} in {self._options.timeout_s:g} s"
+        if self._options.filter_text and self._has_received:
+            return f"no message that the filter lets through {text}"
+        return f"no message {text}: {reason}"
 
     def _note_lost(self, total: int) -> None:
         if total > self._lost_noted and (now := now_s()) > self._lost_noted_at + _LOST_EVERY_S:

@@ -67,12 +67,13 @@ async def _subscribed(publisher: Publisher[Any], count: int, limit_s: float | No
         try:
             await publisher.wait_for_subscribers(patience_s, count=count)
             return
-        except WaitTimeoutError:
-            pass
+        except WaitTimeoutError as error:
+            reason = f": {error.reason}" if error.reason else ""
         waited_s = loop.time() - began
         if limit_s is not None and waited_s >= limit_s:
             there = publisher.subscription_count
-            raise ToolError(f"{there} subscriptions on {publisher.topic} in {limit_s:g} s, expected at least {count}")
+            found = f"{there} subscriptions on {publisher.topic} in {limit_s:g} s, expected at least {count}"
+            raise ToolError(found + reason)
         printing.note(f"Waiting for at least {count} matching subscription(s) on {publisher.topic}...")
         patience_s = _NOTE_EVERY_S if limit_s is None else min(_NOTE_EVERY_S, limit_s - waited_s)
 
