@@ -19,6 +19,7 @@ from std_srvs.srv import Trigger
 from worlds import until
 
 from rosidl_py_gen import get_action, get_message, tools
+from rosidl_py_gen.bags import BagWriter
 from rosidl_py_gen.cli import shells
 from rosidl_py_gen.tools.completion import complete_names
 
@@ -118,6 +119,21 @@ async def test_values_and_fields_of_known_types_need_no_network(tool: Tool) -> N
     }
     offers = await asyncio.gather(*(complete(tool, f"rosidl-py {line}", ROS_DOMAIN_ID="junk") for line in values))
     assert dict(zip(values, offers, strict=True)) == values
+
+
+async def test_topics_of_a_bag_are_completed(tool: Tool, tmp_path: Path) -> None:
+    file = tmp_path / "a.mcap"
+    with BagWriter(file) as bag:
+        for topic in ("/imu", "/odom"):
+            bag.write(topic, String(data="x"), log_time_ns=1)
+    lines = {
+        f"bag table {file} --out x --topics /": ["/imu", "/odom"],
+        f"bag convert {file} out --topics /imu /o": ["/odom"],
+        f"bag play {file} --topics /i": ["/imu"],
+        f"bag convert {tmp_path}/missing.mcap out --topics /": [],
+    }
+    offers = await asyncio.gather(*(complete(tool, f"rosidl-py {line}") for line in lines))
+    assert dict(zip(lines, offers, strict=True)) == lines
 
 
 async def test_a_shell_gets_nothing_where_nothing_can_be_asked(tool: Tool) -> None:
