@@ -179,6 +179,7 @@ async def test_a_dump_requests_many_values_at_once_within_one_deadline(memory: W
     started_s = asyncio.get_running_loop().time()
     late = await tool("param", "dump", "/many", "--timeout", "3")
     assert (late.code, late.out, len(requests)) == (1, "", 4)
+    assert late.err == "error: node /many: 150 of 3000 parameters were read in time\n"
     assert 3 <= asyncio.get_running_loop().time() - started_s < 3.5
 
 

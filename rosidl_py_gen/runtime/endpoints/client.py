@@ -145,7 +145,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             self._is_available, deadline.left_s(), lambda: self._closed
         )
         if not is_there:
-            raise CallTimeoutError(with_reason(f"{self._missing()} in {timeout_s} s", self._why_missing()))
+            raise CallTimeoutError(with_reason(f"{self._missing()} in {timeout_s:g} s", self._why_missing()))
         future: asyncio.Future[ResponseT] = loop.create_future()
         on_error = partial(complete_threadsafe, future, None)
         pending: PendingRequest[ResponseT]
@@ -157,7 +157,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         try:
             return await future
         except OutOfTimeError:
-            message = f"no response from {self.name} ({self.service_type}) in {timeout_s} s"
+            message = f"no response from {self.name} ({self.service_type}) in {timeout_s:g} s"
             raise CallTimeoutError(message) from None
         finally:
             self._forget(pending.sequence)

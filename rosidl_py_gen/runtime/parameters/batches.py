@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters_Request, GetParameterTypes_Request
+from rosidl_py_gen.runtime.endpoints.service_parts import CallTimeoutError
 from rosidl_py_gen.runtime.parameters.messages import value_from_message
 
 if TYPE_CHECKING:
@@ -44,7 +45,11 @@ async def read_all(
     while at < len(names):
         batch = list(names[at : at + size])
         at += len(batch)
-        values = {name: value_from_message(item) for name, item in await _read_batch(batch, values_of, types_of)}
+        try:
+            answered = await _read_batch(batch, values_of, types_of)
+        except CallTimeoutError:
+            raise CallTimeoutError(f"{at - len(batch)} of {len(names)} parameters were read in time") from None
+        values = {name: value_from_message(item) for name, item in answered}
         found.update(values)
         length = sum(len(value) for one in values.values() if isinstance(value := one.value, str | bytes | tuple))
         size = min(2 * size, _MAX_BATCH) if length <= _SMALL else max(1, size // 2)

@@ -47,7 +47,7 @@ async def parameters_of(network: Network, node: str, timeout_s: float) -> AsyncI
         try:
             yield client
         except (CallTimeoutError, ServerLostError) as error:
-            raise ToolError(f"node {client.node} does not answer: {error}") from None
+            raise ToolError(f"node {client.node}: {error}") from None
         except ParameterNotDeclaredError as error:
             raise ToolError(await _missing(client, error.names, timeout_s)) from None
 
