@@ -196,6 +196,7 @@ SEAMS = {
     "zenoh": ("runtime.transport.zenoh",),
     "xxhash": ("runtime.transport.zenoh.tokens",),
     # All but the first only write, or name classes of nodes: `test_one_module_reads_yaml`.
+    "tomli": ("base.project",),
     "yaml": (
         "base.yaml_text",
         "rclpy",

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen import __version__
+from rosidl_py_gen.base.project import importable_current_folder, with_project_path
 from rosidl_py_gen.cli import reports
 from rosidl_py_gen.errors import DefinitionError, RosidlError
 
@@ -44,14 +45,14 @@ _PATH = click.option(
     metavar="DIR",
     shell_complete=_completion("complete_directories"),
     help="A package folder, a folder of packages or a workspace's src; may be given several times. "
-    "Looked through before AMENT_PREFIX_PATH and the bundled interfaces.",
+    "Looked through before those of pyproject.toml, AMENT_PREFIX_PATH and the bundled interfaces.",
 )
 _JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 
 
 def _run(module: str, **arguments: Any) -> None:
     above: dict[str, Any] = click.get_current_context().obj or {}
-    arguments["paths"] = above.get("paths", ()) + arguments["paths"]
+    arguments["paths"] = with_project_path(above.get("paths", ()) + arguments["paths"])
     arguments["as_json"] = arguments["as_json"] or above.get("as_json", False)
     code = import_module(f"rosidl_py_gen.cli.{module}").run(**arguments)
     if code:
@@ -290,7 +291,8 @@ def main(arguments: list[str] | None = None) -> None:
     if "_ROSIDL_PY_GEN_COMPLETE" in os.environ:
         import_module("rosidl_py_gen.cli.shells").install()
     try:
-        code = _cli.main(arguments, prog_name="rosidl-py-gen", standalone_mode=False)
+        with importable_current_folder():
+            code = _cli.main(arguments, prog_name="rosidl-py-gen", standalone_mode=False)
         if isinstance(code, int) and code:
             sys.exit(code)
     except RosidlError as error:

@@ -8,13 +8,22 @@ from rosidl_py_gen.cli import reports
 from rosidl_py_gen.compiler.spec.definition import full_text, read_checked, source_text
 from rosidl_py_gen.compiler.spec.find import search_path
 from rosidl_py_gen.compiler.spec.resolve import Library
+from rosidl_py_gen.errors import TypeNotFoundError
+from rosidl_py_gen.types.generated import generated_library
 
 
 def run(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> int:
     """Returns the exit code."""
     top = split_ros_name(name, "msg")
-    library = Library(search_path(paths))
-    owner = read_checked(library, top)
+    library, generated = Library(search_path(paths)), None
+    try:
+        owner = read_checked(library, top)
+    except TypeNotFoundError:
+        generated = generated_library(name)
+        if generated is None:
+            raise
+        library, owner, note = generated
+        reports.print_line(f"note: {note}")
     if as_json:
         reports.print_json({"hash": library.type_hash(str(top)), **describe(str(top), library.rows)})
         return 0
@@ -22,5 +31,6 @@ def run(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> int:
         reports.echo(full_text(library, owner).removesuffix("\n"))
         return 0
     reports.echo((f"# {top}  {library.type_hash(str(top))}", "bold"))
-    reports.echo(source_text(library, owner).removesuffix("\n"))
+    text = source_text(library, owner) if generated is None else full_text(library, owner)
+    reports.echo(text.removesuffix("\n"))
     return 0

@@ -31,6 +31,7 @@ from rosidl_py_gen.compiler.spec.find import search_path
 from rosidl_py_gen.compiler.spec.model import messages_of
 from rosidl_py_gen.compiler.spec.resolve import Library
 from rosidl_py_gen.errors import TypeNotFoundError
+from rosidl_py_gen.types.generated import generated_library
 
 Row = tuple[int, str, str, str, str]  # depth, offset, size in bytes, what, contents
 
@@ -40,7 +41,8 @@ def run(name: str, paths: tuple[str, ...], as_json: bool) -> int:
     top = split_ros_name(name, "msg")
     search = search_path(paths)
     owner = Library(search).owner(top) or top
-    library, _ = load(search, [str(owner)])
+    generated = generated_library(str(top)) if search.file(owner) is None else None
+    library = generated[0] if generated is not None else load(search, [str(owner)])[0]
     if library.message(str(top)) is None:
         interface = library.interface(owner)
         parts = ", ".join(str(message.name) for message in messages_of(interface)) if interface else "none"

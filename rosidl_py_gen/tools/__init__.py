@@ -27,6 +27,7 @@ import click
 
 from rosidl_py_gen import __version__
 from rosidl_py_gen.base.output import printable_line, printable_lines
+from rosidl_py_gen.base.project import importable_current_folder
 from rosidl_py_gen.base.resources import extra_missing
 from rosidl_py_gen.errors import DefinitionError, RosidlError, printable
 
@@ -181,7 +182,8 @@ def main(arguments: list[str] | None = None) -> None:
         _settle(arguments is None)
     shown = warnings.showwarning
     program = None
-    with reporting():
+    is_ours = given[:1] != ["run"] and "_ROSIDL_PY_COMPLETE" not in os.environ
+    with reporting(), importable_current_folder() if is_ours else nullcontext():
         warnings.showwarning = _show_warning
         answer = _cli.main(arguments, prog_name="rosidl-py", standalone_mode=False)
         if isinstance(answer, int) and answer:

@@ -50,7 +50,10 @@ def run(command: str, paths: tuple[str, ...], as_json: bool, **arguments: Any) -
 def known_names(what: str, paths: Sequence[str] = ()) -> list[str]:
     """Types or packages, for completion."""
     search = search_path(paths)
-    return list(search.packages) if what == "packages" else list(map(str, _names(search, "", _KINDS)))
+    names = _names(search, "", _KINDS)
+    return (
+        sorted({*search.packages, *(name.package for name in names)}) if what == "packages" else list(map(str, names))
+    )
 
 
 # --------------------------------------------------------------------------------------------------------------- lists
@@ -62,12 +65,18 @@ def _chosen(msgs: bool, srvs: bool, actions: bool) -> list[str]:
 
 
 def _names(search: SearchPath, package: str, kinds: Sequence[str] | dict[str, str]) -> list[RosName]:
-    if package and package not in search.packages:
+    from rosidl_py_gen.types.generated import generated_names
+
+    generated = [
+        name for name in generated_names() if name.package not in search.packages and package in ("", name.package)
+    ]
+    if package and package not in search.packages and not generated:
         if package in search.refused:
             raise ToolError(str(search.refused[package]))
         raise ToolError(missing_package(search, package, f"no package {package}"))
-    packages = [search.packages[package]] if package else search.packages.values()
-    return [name for one in packages for name in one.files if name.kind in kinds]
+    found = [one for one in search.packages.values() if package in ("", one.name)]
+    names = [*(name for one in found for name in one.files), *generated]
+    return sorted(name for name in names if name.kind in kinds)
 
 
 def _list(search: SearchPath, as_json: bool, package: str | None, **kinds: bool) -> None:
@@ -92,7 +101,8 @@ def _package(search: SearchPath, as_json: bool, package: str, **kinds: bool) -> 
 def _packages(search: SearchPath, as_json: bool, **kinds: bool) -> None:
     found = sorted({name.package for name in _names(search, "", _chosen(**kinds))})
     if as_json:
-        printing.document([{"name": name, "origin": search.packages[name].origin} for name in found])
+        origins = {name: package.origin for name, package in search.packages.items()}
+        printing.document([{"name": name, "origin": origins.get(name, "generated")} for name in found])
     else:
         printing.lines(found)
 
@@ -109,7 +119,7 @@ def _given(text: str) -> str:
 
 
 def _read(search: SearchPath, text: str) -> tuple[Library, RosName]:
-    """From the search path, else from what nodes said of it once."""
+    """From the search path, else from a generated package, else from what nodes said of it once."""
     text = _given(text)
     name = full_name(search, text)
     library = Library(search)
@@ -118,11 +128,21 @@ def _read(search: SearchPath, text: str) -> tuple[Library, RosName]:
     except TypeNotFoundError:
         from rosidl_py_gen.tools.kept import kept_library
 
-        kept = kept_library(text)
+        kept = _generated(text) or kept_library(text)
         if kept is None:
             raise
         return kept
     return library, name
+
+
+def _generated(text: str) -> tuple[Library, RosName] | None:
+    from rosidl_py_gen.types.generated import generated_library
+
+    found = generated_library(text)
+    if found is None:
+        return None
+    printing.note(found[2])
+    return found[:2]
 
 
 def _show(search: SearchPath, as_json: bool, name: str, no_comments: bool, all_comments: bool) -> None:

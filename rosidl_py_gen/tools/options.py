@@ -19,6 +19,12 @@ def _complete_directories(ctx: click.Context, param: click.Parameter, incomplete
     return complete_directories(ctx, param, incomplete)
 
 
+def _with_project_path(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> tuple[str, ...]:
+    from rosidl_py_gen.base.project import with_project_path
+
+    return with_project_path(value)
+
+
 as_json = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 paths = click.option(
     "--path",
@@ -26,7 +32,9 @@ paths = click.option(
     multiple=True,
     metavar="DIR",
     shell_complete=_complete_directories,
-    help="Where to look for definitions, before AMENT_PREFIX_PATH and the bundled ones; may be given several times.",
+    callback=_with_project_path,
+    help="Where to look for definitions, before the folders of pyproject.toml, AMENT_PREFIX_PATH and the bundled ones; "
+    "may be given several times.",
 )
 
 

@@ -291,10 +291,11 @@ def _from_definitions(name: RosName, path: tuple[str, ...]) -> type:
     from rosidl_py_gen.compiler.spec.definition import read_checked
 
     library = _library(path)
+    if path and library.owner(name) is None and (cls := importable(name)) is not None:
+        return cls
     try:
         read_checked(library, name)
-    except DefinitionError:
-        # What was read half must not be used later: the next call reads it again, and fails again.
+    except DefinitionError:  # what was read half must not be used: the next call reads it again
         _libraries.clear()
         raise
     return _class(library, name, _says_all_the_same)
@@ -367,8 +368,7 @@ def _compile(library: Library, name: RosName, layouts: Layouts, made: Callable[[
     def known(full_name: str) -> str | None:
         """Compile what the type needs first, or find it."""
         if full_name not in modules:
-            needed = split_ros_name(full_name)
-            cls = made(needed) if needed != top else None
+            cls = made(needed) if (needed := split_ros_name(full_name)) != top else None
             modules[full_name] = cls.__module__ if cls else root + module_path(full_name)
         return modules[full_name]
 

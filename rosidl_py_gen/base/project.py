@@ -1,0 +1,106 @@
+"""Settings of a project for the commands: its current folder, and ``[tool.rosidl-py]`` of its pyproject.toml."""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.errors import DefinitionError, Problem, shown_path
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+_FILE, _TABLE = "pyproject.toml", "rosidl-py"
+_KEYS = ("path",)
+_MAX_BYTES = 1 << 20
+
+
+@contextmanager
+def importable_current_folder() -> Iterator[None]:
+    """Make generated packages of the current folder importable inside the block; everything else comes first."""
+    try:
+        here = os.getcwd()
+    except OSError:  # it was deleted
+        here = ""
+    is_new = here not in sys.path and "" not in sys.path
+    if is_new:
+        sys.path.append(here)
+    try:
+        yield
+    finally:
+        if is_new and here in sys.path:
+            sys.path.remove(here)
+
+
+def with_project_path(paths: Sequence[str]) -> tuple[str, ...]:
+    """Return the folders of ``--path`` and those of the project behind them.
+
+    Raises:
+        DefinitionError: pyproject.toml cannot be read, or its table has another key or value.
+    """
+    real = {os.path.realpath(path) for path in paths}
+    return (*paths, *(path for path in _project_path() if os.path.realpath(path) not in real))
+
+
+def _project_path() -> list[str]:
+    """Return ``path`` of the first table ``[tool.rosidl-py]`` from the current folder upwards."""
+    try:
+        here = Path.cwd()
+    except OSError:
+        return []
+    for folder in (here, *here.parents):
+        table = _table(folder / _FILE)
+        if table is not None:
+            return _checked(folder, table)
+    return []
+
+
+def _table(file: Path) -> object:
+    """Return the table of a file; None if there is none."""
+    try:
+        with file.open("rb") as opened:
+            raw = opened.read(_MAX_BYTES + 1)
+    except (FileNotFoundError, NotADirectoryError, IsADirectoryError, PermissionError):
+        return None
+    except OSError as error:
+        raise _wrong(file, f"cannot be read: {error.strerror or error}") from error
+    if _TABLE.encode() not in raw:  # no time is spent on other projects' files, nor on what is wrong with them
+        return None
+    if len(raw) > _MAX_BYTES:
+        raise _wrong(file, f"is longer than {_MAX_BYTES} bytes")
+    if sys.version_info >= (3, 11):
+        import tomllib
+    else:
+        import tomli as tomllib
+    try:
+        data: dict[str, Any] = tomllib.loads(raw.decode())
+    except (ValueError, RecursionError) as error:
+        raise _wrong(file, f"is not valid TOML: {error}") from error
+    tool = data.get("tool")
+    return tool.get(_TABLE) if isinstance(tool, dict) else None
+
+
+def _checked(folder: Path, table: object) -> list[str]:
+    file = folder / _FILE
+    if not isinstance(table, dict):
+        raise _wrong(file, f"tool.{_TABLE}: expected a table, got {table!r:.80}")
+    for key in table:
+        if key not in _KEYS:
+            hint = did_you_mean(key, _KEYS)
+            raise _wrong(file, f"[tool.{_TABLE}]: unknown key {key!r:.80}{hint or '; expected path'}")
+    value = table.get("path", [])
+    entries = [value] if isinstance(value, str) else value
+    if not isinstance(entries, list) or not all(isinstance(entry, str) and entry for entry in entries):
+        raise _wrong(file, f"[tool.{_TABLE}] path: expected a folder or a list of folders, got {value!r:.80}")
+    for entry in entries:
+        if "\0" in entry or not (folder / entry).is_dir():
+            raise _wrong(file, f"[tool.{_TABLE}] path: {entry!r:.200} is not a folder")
+    return [shown_path(folder / entry) for entry in entries]
+
+
+def _wrong(file: Path, text: str) -> DefinitionError:
+    return DefinitionError(Problem(shown_path(file), 0, 0, text))
