@@ -8,6 +8,7 @@ and files that are compressed as a whole, is copied into a temporary folder firs
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,9 +29,21 @@ class UnreachableError(BagError):
     """The place where a bag is did not answer, which says nothing of its bytes."""
 
 
+_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+(::[A-Za-z][A-Za-z0-9+.-]+)*://")
+_WRAPPING = {"zip", "tar", "libarchive", "simplecache", "filecache", "blockcache", "cached", "reference", "dir", "dask"}
+"""Protocols of fsspec that are about the URL after a ``::``."""
+
+
 def is_url(place: str) -> bool:
     """Whether a place is one for fsspec."""
-    return "://" in place
+    return _URL.match(place) is not None
+
+
+def has_colons_in_names(url: str) -> bool:
+    """Return True if ``::`` is a part of names in a URL: fsspec would take it for a chain of URLs."""
+    first, separator, rest = url.partition("::")
+    protocol, is_one, _ = first.partition("://")
+    return bool(separator and is_one) and "://" not in rest and protocol not in _WRAPPING
 
 
 def place_of(path: str | os.PathLike[str]) -> Path:
@@ -41,13 +54,18 @@ def place_of(path: str | os.PathLike[str]) -> Path:
     """
     if isinstance(path, os.PathLike) or not is_url(path):
         return Path(path)
+    if path.startswith("file://") and has_colons_in_names(path):  # which universal_pathlib cannot take
+        return Path(path.removeprefix("file://"))
     try:
         from upath import UPath
     except ModuleNotFoundError as missing:
         raise extra_missing(missing) or missing from None
     try:
-        found = UPath(path)
+        # Of a URL with such a name, universal_pathlib would show what is before it; joined, it is read or refused.
+        root = path[: path.rfind("/", 0, path.index("::"))] if has_colons_in_names(path) else path
+        found = UPath(root)
         _ = found.fs
+        found = found.joinpath(path[len(root) + 1 :]) if root != path else found
     except (ImportError, ValueError) as error:  # no package for this protocol, no such protocol
         raise BagError(f"{path}: {error}") from None
     return cast("Path", found)

@@ -12,13 +12,15 @@ from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.bags.remote import is_url, reached
+from rosidl_py_gen.bags.remote import has_colons_in_names, is_url, reached
 from rosidl_py_gen.base.resources import extra_missing
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 PARTIAL = ".partial"
+_COLONS = "\ue000\ue001"
+"""Stands for ``::`` while fsspec reads a URL."""
 _BLOCK = 1 << 23
 """Bytes of a remote file that are sent together."""
 
@@ -36,9 +38,13 @@ def file_system(place: str, *, fresh: bool = False) -> tuple[Any, str]:
         import fsspec  # type: ignore[import-untyped]
     except ModuleNotFoundError as missing:
         raise extra_missing(missing) or missing from None
+    if not is_url(place):  # fsspec would take "::" for a chain of URLs, and other signs for its own
+        return fsspec.filesystem("file", skip_instance_cache=fresh), os.path.abspath(place)
+    hidden = place.replace("::", _COLONS) if has_colons_in_names(place) else place
     try:
         with reached(place):
-            system, path = fsspec.core.url_to_fs(place, skip_instance_cache=fresh)
+            system, path = fsspec.core.url_to_fs(hidden, skip_instance_cache=fresh)
+            path = path.replace(_COLONS, "::")
     except ImportError as error:  # no package for this protocol
         raise BagError(f"{place}: {error}") from None
     return system, path

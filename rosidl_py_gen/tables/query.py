@@ -9,14 +9,17 @@ from __future__ import annotations
 
 import os
 import re
+from contextlib import suppress
 from functools import partial
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
+from uuid import uuid4
 
 from rosidl_py_gen.bags.common import BagError
 from rosidl_py_gen.bags.remote import is_url, reached
 from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.base.output import escape_json
 from rosidl_py_gen.base.resources import extra_missing
 from rosidl_py_gen.tables.dataset import TOPIC, write_dataset
 from rosidl_py_gen.tables.places import file_system, url_of
@@ -33,11 +36,15 @@ try:
 except ModuleNotFoundError as missing:
     raise extra_missing(missing) or missing from None
 
-_QUOTED = re.compile(r'"((?:[^"]|"")*)"')
+_QUOTED = re.compile(r"""["]((?:[^"]|"")*)["]|[']((?:[^']|'')*)[']""")
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_UNQUOTED = re.compile(r"\b(?:from|join)\s+(/?[\w~]+(?:/[\w~]+)+|/[\w~]+)", re.IGNORECASE)
+_LISTING = re.compile(r"\s*show\s+(?:all\s+)?tables\s*;?\s*", re.IGNORECASE)
+_NO_NUMBER = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"|-?(?:NaN|Infinity)')
 MEMORY_LIMIT = "1GB"
 """Of DuckDB, which would take four fifths of the memory of the machine."""
-_RESULT = "result of the query"
+_SCHEMA = "topics"
+"""Of all tables: the one that DuckDB starts with has views of its own, which a topic cannot replace."""
 _ROWS = 1000
 
 
@@ -52,7 +59,11 @@ def is_dataset(place: str) -> bool:
 
 def named(query: str, topics: Sequence[str]) -> list[str]:
     """Those topics that a query may name: SQL does not look at case, so one that is written as it is comes first."""
-    words = {text.replace('""', '"') for text in _QUOTED.findall(query)} | set(_WORD.findall(query))
+    if _LISTING.fullmatch(query):
+        return []
+    words = {one.replace('""', '"') or two.replace("''", "'") for one, two in _QUOTED.findall(query)}
+    words |= set(_WORD.findall(query))
+    words.discard("")
     exact = [one for one in topics if one in words or one.removeprefix("/") in words]
     known, words = {one.lower() for one in exact}, {word.lower() for word in words}
     others = [one for one in topics if one.lower() not in known]
@@ -74,6 +85,8 @@ class Database:
         self._base: Any = duckdb.connect(config={"autoinstall_known_extensions": "false"})
         self._folder = TemporaryDirectory(prefix="rosidl-py-gen-tables-")
         self._base.execute("set enable_progress_bar = false")
+        self._base.execute("set python_enable_replacements = false")  # variables of ours are no tables
+        self._base.execute(f"create schema {_SCHEMA}; set search_path = '{_SCHEMA}'")
         self._execute(f"set temp_directory = {_text(os.path.join(self._folder.name, 'spilled'))}")
         try:
             self._execute(f"set memory_limit = {_text(memory_limit)}")
@@ -81,7 +94,8 @@ class Database:
             self.close()
             raise BagError(f'expected a memory limit such as 500MB or 8GiB, found "{memory_limit}"') from None
         self._files: dict[str, list[str]] = {}
-        self._known: list[str] = []
+        self._known: dict[str, tuple[str, int]] = {}
+        self._in_datasets: dict[str, list[str]] = {}
 
     def add(
         self,
@@ -95,13 +109,18 @@ class Database:
         """Make the topics known that a query names, of bags by name of the bag; returns those left out, and why.
 
         Raises:
-            BagError, DecodeError: as `write_dataset`.
+            BagError: the query cannot be parsed; and, as DecodeError, as `write_dataset`.
         """
         files = [one for place in datasets for one in self._of_dataset(place)]
         topics = dict.fromkeys([*(topic for bag in bags.values() for topic in bag.topics), *(one for one, _ in files)])
-        self._known += topics
+        for topic in topics:
+            found = [bag.topics[topic] for bag in bags.values() if topic in bag.topics]
+            types = ", ".join(sorted({one.type_name for one in found}))
+            self._known[topic] = types, sum(one.count or 0 for one in found)
+        self._parsed(query)
         wanted = named(query, list(topics))
         for topic, file in files:
+            self._in_datasets.setdefault(topic, []).append(file)
             if topic in wanted:
                 self._files.setdefault(topic, []).append(file)
         left_out: dict[str, str] = {}
@@ -126,6 +145,10 @@ class Database:
     def _of_dataset(self, place: str) -> list[tuple[str, str]]:
         """Topics and files."""
         system, root = file_system(place)
+        if not is_url(place):  # without the names above it, in which DuckDB would find patterns, and columns in a=b
+            shown = os.path.join(self._folder.name, f"dataset-{uuid4().hex}")
+            os.symlink(root, shown)
+            root = shown
         begin, found = len(root.rstrip("/")) + 1, []
         with reached(place):
             for path in sorted(system.find(root)):
@@ -142,12 +165,38 @@ class Database:
         Raises:
             BagError: what DuckDB says of it, or it is none; nothing is run then.
         """
-        statements = _asked(lambda: self._base.extract_statements(query))
+        if _LISTING.fullmatch(query):
+            query = self._listing()
+        statements = self._parsed(query)
         last = statements[-1].type.name if statements else "nothing"
         if last != "SELECT":
             raise BagError(f"expected a query, such as select count(*) from a topic, got {last}")
         self._make_views()
-        return Result(self._base, _asked(lambda: self._base.sql(query), self._known))
+        return Result(self._base, _asked(lambda: self._base.sql(query), list(self._known)))
+
+    def _parsed(self, query: str) -> list[Any]:
+        """The statements of a query."""
+        try:
+            return _asked(lambda: self._base.extract_statements(query))  # type: ignore[no-any-return]
+        except BagError as error:
+            for name in _UNQUOTED.findall(_QUOTED.sub(" ", query)):
+                near = "" if {name, f"/{name}"} & self._known.keys() else did_you_mean(name, self._known)
+                raise BagError(f'{error}; a topic with a slash needs double quotes: from "{name}"{near}') from None
+            raise
+
+    def _listing(self) -> str:
+        """A query for all topics."""
+        rows = []
+        for topic, (types, count) in sorted(self._known.items()):
+            told, messages = _text(types), str(count)
+            if files := self._in_datasets.get(topic):
+                listed = f"[{', '.join(map(_text, files))}]"
+                metadata = f"parquet_kv_metadata({listed}) where key = 'ros.type'::blob"
+                told = told if types else f"(select string_agg(distinct decode(value), ', ') from {metadata})"
+                messages += f" + (select sum(num_rows)::bigint from parquet_file_metadata({listed}))"
+            rows.append(f"({_text(topic)}, {told}, {messages})")
+        values = ", ".join(rows) or "(null, null, null)"
+        return f"from (values {values}) as topics(name, type, messages) where name is not null"
 
     def _make_views(self) -> None:
         names: dict[str, str] = {}
@@ -187,23 +236,56 @@ class Result:
 
     def __init__(self, base: Any, found: Any) -> None:
         self._base = base
+        self._name = _name(f"result {uuid4().hex}")  # which no topic has
         self.columns: list[str] = [] if found is None else list(found.columns)
         if found is not None:
-            _asked(lambda: found.create_view(_RESULT, replace=True))
+            _asked(lambda: found.create_view(self._name.strip('"')))
 
     def rows(self) -> Iterator[list[str]]:
         """Rows as texts, as DuckDB writes them; nothing is an empty one. Raises `BagError`."""
-        if self.columns:
-            _asked(lambda: self._base.execute(f'select columns(*)::varchar from "{_RESULT}"'))
-            while rows := _asked(lambda: self._base.fetchmany(_ROWS)):
-                for row in rows:
-                    yield ["" if one is None else one for one in row]
+        for row in self._fetched("columns(*)::varchar"):
+            yield ["" if one is None else one for one in row]
 
-    def write(self, path: str, form: str) -> None:
-        """Write a file: ``csv``, ``json`` (a line for each row) or ``parquet``. Raises `BagError`."""
+    def csv_lines(self) -> Iterator[str]:
+        """The lines of CSV, first the names of columns; as `write`. Raises `BagError`."""
+        self._require_rows()
+        yield ",".join(map(_csv, self.columns))
+        for row in self._fetched("columns(*)::varchar"):
+            yield ",".join(map(_csv, row))
+
+    def json_lines(self) -> Iterator[str]:
+        """A line of JSON for each row; NaN and infinities are strings, as in `to_json`. Raises `BagError`."""
+        self._require_rows()
+        for (text,) in self._fetched(f"to_json({self._name})::varchar"):
+            yield escape_json(_NO_NUMBER.sub(_as_string, text) if "NaN" in text or "Infinity" in text else text)
+
+    def _fetched(self, selected: str) -> Iterator[tuple[Any, ...]]:
+        if self.columns:
+            _asked(lambda: self._base.execute(f"select {selected} from {self._name}"))
+            while rows := _asked(lambda: self._base.fetchmany(_ROWS)):
+                yield from rows
+
+    def _require_rows(self) -> None:
         if not self.columns:
             raise BagError("this statement has no rows to write")
-        _asked(lambda: self._base.execute(f'copy (from "{_RESULT}") to {_text(path)} (format {form})'))
+
+    def write(self, path: str, form: str) -> None:
+        """Write a file: ``csv``, ``json`` (a line for each row) or ``parquet``.
+
+        Raises:
+            BagError: as DuckDB says. OSError: the file cannot be written.
+        """
+        self._require_rows()
+        if form != "json":
+            _asked(lambda: self._base.execute(f"copy (from {self._name}) to {_text(path)} (format {form})"))
+            return
+        try:
+            with open(path, "x", encoding="utf-8") as stream:
+                stream.writelines(f"{line}\n" for line in self.json_lines())
+        except BaseException:
+            with suppress(OSError):
+                os.remove(path)
+            raise
 
 
 def _asked(call: Callable[[], Any], topics: Sequence[str] = ()) -> Any:
@@ -222,6 +304,18 @@ def _asked(call: Callable[[], Any], topics: Sequence[str] = ()) -> Any:
         near = did_you_mean(missing[1], topics)
         raise BagError(f"no topic {missing[1]}{near}; there are {', '.join(topics)[:500]}")
     raise BagError(f"DuckDB: {'; '.join(line.strip() for line in said.splitlines() if line.strip(' ^'))}")
+
+
+def _csv(value: str | None) -> str:
+    """A value of CSV as DuckDB writes it: nothing is empty, an empty text quoted."""
+    if value is None:
+        return ""
+    quoted = not value or any(sign in value for sign in ',"\n\r')
+    return _name(value) if quoted else value
+
+
+def _as_string(found: re.Match[str]) -> str:
+    return found[0] if found[0].startswith('"') else f'"{found[0]}"'
 
 
 def _shifted(progress: Callable[[int], None], done: int, count: int) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -54,6 +55,12 @@ def _write(text: str, style: str = "") -> None:
     sys.stdout.flush()
 
 
+def records(texts: Iterable[str]) -> None:
+    """Print any number of records of CSV or JSON, each with its own line breaks. Raises as `line`."""
+    sys.stdout.writelines(printable_lines(text) + "\n" for text in texts)
+    sys.stdout.flush()
+
+
 def mermaid_label(text: str) -> str:
     """Text inside quotes: everything that is not plain becomes a character code, which Mermaid shows as it is."""
     return re.sub(r"[^A-Za-z0-9_/ .,()-]", lambda found: f"#{ord(found[0])};", printable(text))
@@ -88,8 +95,13 @@ def json_line(data: Any) -> None:
     _write(json_text(data))
 
 
-def table(rows: Iterable[Sequence[str]], *headings: str) -> None:
-    """Columns: fitted into the terminal; elsewhere separated by tabs, without headings, for cut and awk."""
+def table(rows: Iterable[Sequence[str]], *headings: str, fields_of_wide_rows: bool = False) -> None:
+    """Columns: fitted into the terminal; elsewhere separated by tabs, without headings, for cut and awk.
+
+    Args:
+        fields_of_wide_rows: a table that is wider than the terminal is printed as one line for each field.
+    """
+    headings = tuple(map(printable_line, headings))
     rows = [[printable_line(cell) for cell in row] for row in rows]
     if not sys.stdout.isatty():
         sys.stdout.writelines("\t".join(row) + "\n" for row in rows)
@@ -100,9 +112,26 @@ def table(rows: Iterable[Sequence[str]], *headings: str) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    shown = Table(*headings, box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, header_style="bold")
-    for column in shown.columns:
-        column.overflow = "fold"
+    if fields_of_wide_rows and _width([headings, *rows]) > shutil.get_terminal_size().columns:
+        _fields(rows, headings)
+        return
+    shown = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, header_style="bold")
+    for heading in headings:
+        shown.add_column(Text(heading), overflow="fold")  # in a string, rich would find its own markup
     for row in rows:
         shown.add_row(*(Text(cell) for cell in row))
     Console(no_color=not is_terminal(), highlight=False).print(shown)
+
+
+def _width(rows: Sequence[Sequence[str]]) -> int:
+    """Columns of the terminal that a table takes, with three spaces between its own."""
+    from rich.cells import cell_len
+
+    return sum(max(map(cell_len, column)) + 3 for column in zip(*rows, strict=True)) - 3
+
+
+def _fields(rows: Iterable[Sequence[str]], headings: Sequence[str]) -> None:
+    longest = max(map(len, headings))
+    for number, row in enumerate(rows, 1):
+        line(f"row {number}", "bold")
+        block("\n".join(f"  {name.ljust(longest)}  {cell}" for name, cell in zip(headings, row, strict=True)))

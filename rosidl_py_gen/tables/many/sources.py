@@ -54,11 +54,10 @@ def find(bags: Iterable[str]) -> tuple[list[Found], dict[str, str]]:
 
 
 def _found(bag: str) -> list[Found]:
-    is_local = not is_url(bag)
-    place = os.path.abspath(bag) if is_local else bag
+    place = bag if is_url(bag) else os.path.abspath(bag)
     system, path = file_system(place)
     system.invalidate_cache()
-    if _WILD.isdisjoint(path) or (is_local and os.path.exists(place)):
+    if _WILD.isdisjoint(path) or system.exists(path):
         return [_described(system, place, system.info(path))]
     some = system.glob(path, detail=True)
     if not some:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import atexit
 import gc
 import os
-import shutil
-import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
+
+import click
 
 from rosidl_py_gen.bags import BagError, BagReader
 from rosidl_py_gen.bags.remote import is_url
@@ -27,15 +26,19 @@ _MOST_SHOWN = 10_000
 
 
 def run(
-    query: str,
-    bags: Sequence[str],
+    words: Sequence[str],
+    as_json: bool,
     form: str | None,
     output: str | None,
     skips: bool,
     memory_limit: str,
     paths: Sequence[str],
 ) -> int:
-    """Returns the exit code."""
+    """Returns the exit code. Raises `click.UsageError`: a query or a bag is missing, or two formats are asked for."""
+    query, bags = _ordered(words)
+    if as_json and form not in (None, "json"):
+        raise click.UsageError(f"--json is the same as --format json: expected one of --json and --format {form}")
+    form = "json" if as_json else form
     atexit.unregister(gc.freeze)  # what DuckDB's bindings find of their own at the end they complain of
     form = form or _form(output)
     if form == "parquet" and output is None:
@@ -62,6 +65,19 @@ def run(
             printing.note(f"left out {topic}: {reason}")
         _give(base.run(query), form, output)
     return 0
+
+
+def _ordered(words: Sequence[str]) -> tuple[str, Sequence[str]]:
+    """The query and the bags: the query comes first or last."""
+    if len(words) < 2:
+        raise click.UsageError("expected a query and a bag, as 'select * from \"/imu\"' my_bag")
+    if not _is_query(words[0]) and _is_query(words[-1]):
+        return words[-1], words[:-1]
+    return words[0], words[1:]
+
+
+def _is_query(word: str) -> bool:
+    return len(word.split()) > 1 and not is_url(word) and not os.path.exists(word)
 
 
 def _each(bags: Iterable[str]) -> Iterator[str]:
@@ -91,12 +107,7 @@ def _give(result: Result, form: str, output: str | None) -> None:
     elif output is not None:
         result.write(output, form)
     else:
-        with TemporaryDirectory(prefix="rosidl-py-gen-tables-") as folder:
-            path = Path(folder) / "result"
-            result.write(str(path), form)
-            with path.open(encoding="utf-8") as stream:
-                shutil.copyfileobj(stream, sys.stdout)
-        sys.stdout.flush()
+        printing.records(result.json_lines() if form == "json" else result.csv_lines())
 
 
 def _show(result: Result, output: str | None) -> None:
@@ -108,4 +119,4 @@ def _show(result: Result, output: str | None) -> None:
             printing.note(f"only the first {_MOST_SHOWN} rows are shown: --format csv gives all")
             break
         rows.append(row)
-    printing.table(rows, *result.columns)
+    printing.table(rows, *result.columns, fields_of_wide_rows=True)

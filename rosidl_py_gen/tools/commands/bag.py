@@ -160,8 +160,7 @@ def table(**arguments: Any) -> None:
 
 
 @bag.command()
-@click.argument("query")
-@click.argument("bags", nargs=-1, required=True, type=click.Path(), metavar="BAG...")
+@click.argument("words", nargs=-1, required=True, type=click.Path(), metavar="QUERY BAG...")
 @click.option(
     "-f",
     "--format",
@@ -179,14 +178,17 @@ def table(**arguments: Any) -> None:
 )
 @_skips
 @options.paths
+@options.as_json
 def sql(**arguments: Any) -> None:
     """Ask bags, or a dataset that `bag table` has written, with the SQL of DuckDB. Needs the extra tables.
 
-    Topics are tables, nested fields are a.b, and each table has columns log_time, publish_time and bag.
+    Topics are tables, nested fields are a.b, and each table has columns log_time, publish_time and bag. The query
+    comes first or last; show tables lists the topics. --json prints a line for each row.
 
     \b
     rosidl-py bag sql 'select log_time, linear_acceleration.x from "/imu" limit 5' my_bag
     rosidl-py bag sql 'select max(twist.twist.linear.x) from odom' dataset --format csv
+    rosidl-py bag sql my_bag 'show tables'
     """
     require("pyarrow")
     run_command("bag.sql", **arguments)
