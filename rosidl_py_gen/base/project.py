@@ -5,35 +5,56 @@ from __future__ import annotations
 import os
 import sys
 from contextlib import contextmanager
+from importlib.abc import MetaPathFinder
+from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.base.ownership import owns
 from rosidl_py_gen.errors import DefinitionError, Problem, shown_path
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+    from importlib.machinery import ModuleSpec
+    from types import ModuleType
 
 _FILE, _TABLE = "pyproject.toml", "rosidl-py"
 _KEYS = ("path",)
 _MAX_BYTES = 1 << 20
 
 
+class GeneratedPackages(MetaPathFinder):
+    """Finds the generated message packages of one folder, and no other modules.
+
+    A folder on `sys.path` would also provide any module that is looked for in vain, such as an optional dependency of a
+    library: a downloaded folder could run code so in every command that is started in it.
+    """
+
+    def __init__(self, folder: str) -> None:
+        self.folder = folder
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        if path is not None or not owns(Path(self.folder, fullname, "__init__.py")):
+            return None
+        return PathFinder.find_spec(fullname, [self.folder], target)
+
+
 @contextmanager
 def importable_current_folder() -> Iterator[None]:
     """Make generated packages of the current folder importable inside the block; everything else comes first."""
     try:
-        here = os.getcwd()
+        finder = GeneratedPackages(os.getcwd())
     except OSError:  # it was deleted
-        here = ""
-    is_new = here not in sys.path and "" not in sys.path
-    if is_new:
-        sys.path.append(here)
+        yield
+        return
+    sys.meta_path.append(finder)
     try:
         yield
     finally:
-        if is_new and here in sys.path:
-            sys.path.remove(here)
+        sys.meta_path.remove(finder)
 
 
 def with_project_path(paths: Sequence[str]) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.base.importable import importable
 from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
 from rosidl_py_gen.base.ownership import owns
+from rosidl_py_gen.base.project import GeneratedPackages
 from rosidl_py_gen.cdr.typesupport import type_description
 from rosidl_py_gen.compiler.spec.described import described_library
 from rosidl_py_gen.errors import InvalidNameError, shown_path
@@ -27,9 +28,10 @@ _EXPORTS = re.compile(r"__all__ = \[([^\]]*)\]")
 
 
 def generated_names() -> dict[RosName, Path]:
-    """Return the interfaces of generated packages on `sys.path`, with their packages' folders; nothing is imported."""
+    """Return the interfaces of generated packages that `import` finds, with the packages' folders; imports nothing."""
     found: dict[RosName, Path] = {}
-    for entry in map(Path, sys.path):
+    current = [finder.folder for finder in sys.meta_path if isinstance(finder, GeneratedPackages)]
+    for entry in map(Path, [*sys.path, *current]):
         try:
             folders = [Path(one.path) for one in os.scandir(entry) if one.name.isidentifier()]
         except OSError:  # a zip file, or nothing

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import os
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 from compiler_worlds import run, write
 
 from rosidl_py_gen import cli, get_message, tools
-from rosidl_py_gen.base.project import with_project_path
+from rosidl_py_gen.base.project import importable_current_folder, with_project_path
 from rosidl_py_gen.errors import DefinitionError
 
 TABLE = "[tool.rosidl-py]\n"
@@ -104,7 +105,10 @@ def test_commands_find_generated_packages_in_the_current_folder_and_on_pythonpat
         run(write(tmp_path / f"in_{place}", files), tmp_path / place)
     monkeypatch.chdir(tmp_path / "here")
     monkeypatch.syspath_prepend(tmp_path / "there")
-    before = [*sys.path]
+    before = [*sys.path], [*sys.meta_path]
+    write(tmp_path / "here", {"optional_library.py": "raise SystemExit('code of the current folder ran')"})
+    with importable_current_folder():
+        assert find_spec("optional_library") is None and find_spec("here_msgs") is not None
     for package, folder in (("here_msgs", "here_msgs"), ("there_msgs", str(tmp_path / "there/there_msgs"))):
         tools.main(["interface", "show", f"{package}/Ask"])
         shown = capsys.readouterr()
@@ -123,5 +127,5 @@ def test_commands_find_generated_packages_in_the_current_folder_and_on_pythonpat
         assert capsys.readouterr().out == f"{package}/msg/A\n{package}/srv/Ask\n"
     tools.main(["interface", "packages", "--json"])
     assert {"name": "here_msgs", "origin": "generated"} in json.loads(capsys.readouterr().out)
-    assert sys.path == before
+    assert (sys.path, sys.meta_path) == before
     assert get_message("there_msgs/msg/A", path=tmp_path / "in_here")().x == 3
