@@ -10,6 +10,7 @@ try:
     from rosidl_py_gen.bags.common import BagMessage as BagMessage
     from rosidl_py_gen.bags.common import BagTopic as BagTopic
     from rosidl_py_gen.bags.common import BagWarning as BagWarning
+    from rosidl_py_gen.bags.common import DamagedPart as DamagedPart
     from rosidl_py_gen.bags.common import LeftOut as LeftOut
     from rosidl_py_gen.bags.common import RawMessage as RawMessage
     from rosidl_py_gen.bags.decoder import DecoderFactory as DecoderFactory

@@ -113,6 +113,34 @@ class RawMessage(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
+class DamagedPart:
+    """A damaged part of an MCAP file, which a reader with ``skip_damaged=True`` skips.
+
+    Attributes:
+        offset: where it begins in the file, in bytes; of a compressed file, in what it becomes.
+        size: length in bytes.
+        reason: what was found.
+        topics: names of the topics that have messages there; None if not known.
+        start_ns, end_ns: log times of the first and the last of its messages; None if not known.
+    """
+
+    file: Path
+    offset: int
+    size: int
+    reason: str
+    topics: tuple[str, ...] | None = None
+    start_ns: int | None = None
+    end_ns: int | None = None
+
+    @property
+    def place(self) -> str:
+        """Offset, log times and topics as text."""
+        times = "unknown times" if self.start_ns is None else f"log times from {self.start_ns} to {self.end_ns} ns"
+        topics = "unknown topics" if self.topics is None else f"topics {', '.join(self.topics) or '(none)'}"
+        return f"{self.size} bytes at byte {self.offset}, {times}, {topics}"
+
+
+@dataclass(frozen=True, slots=True)
 class LeftOut:
     """Messages of a topic that a reader cannot decode and has left out.
 

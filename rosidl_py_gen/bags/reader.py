@@ -21,9 +21,10 @@ from rosidl_py_gen.bags.definitions import (
     is_empty,
     measuring,
 )
+from rosidl_py_gen.bags.files.damage import Skipped
 from rosidl_py_gen.bags.files.mcap_file import by_name, joined
 from rosidl_py_gen.bags.files.opened import cuts, open_files
-from rosidl_py_gen.bags.files.storage import MAX_UNPACKED_BYTES, Channel, Raw, Source, in_blocks, merged
+from rosidl_py_gen.bags.files.storage import MAX_UNPACKED_BYTES, Channel, Raw, Source, in_blocks, merged, with_bytes
 from rosidl_py_gen.bags.pacing import paced
 from rosidl_py_gen.bags.remote import place_of
 from rosidl_py_gen.bags.table import frame, table
@@ -59,6 +60,8 @@ class BagReader:
             any number; 1 GiB unless you know that there are larger messages.
         search_path: folders with the packages of the recording, for bags that do not have their definitions, as SQLite
             bags before Iron; looked through before AMENT_PREFIX_PATH and the bundled interfaces, as by `get_message`.
+        skip_damaged: skip damaged parts of MCAP files and record them in `damaged`; by default they raise `BagError`,
+            which names the place, the log times and the topics.
         typestore: the same by name, and first: ``{"my_msgs/msg/Thing": Thing}``, or the text of a definition.
 
     Raises:
@@ -73,13 +76,18 @@ class BagReader:
         max_unpacked_bytes: int = MAX_UNPACKED_BYTES,
         search_path: Folders = (),
         typestore: Typestore | None = None,
+        skip_damaged: bool = False,
     ) -> None:
         self.path = place_of(path)
+        skipped = Skipped()
+        self.damaged = skipped.parts
+        """Damaged parts of MCAP files that were skipped so far; a `BagWarning` reports each of the first 20."""
         self._kept = ExitStack()
         self.left_out: dict[str, LeftOut] = {}
         """Topics whose messages `messages` could not decode and left out so far, with their number and the reason."""
         try:
-            self.files, self._files, hashes = open_files(self.path, self._kept, validate_crcs, max_unpacked_bytes)
+            skip = skipped.add if skip_damaged else None
+            self.files, self._files, hashes = open_files(self.path, self._kept, validate_crcs, max_unpacked_bytes, skip)
             """The files it consists of."""
             self._definitions = Definitions(self.path, search_path, typestore, hashes)
             self.channels: list[BagTopic] = joined(topic for file in self._files for topic in file.channels())
@@ -172,8 +180,7 @@ class BagReader:
             raise ValueError(f'on_error is "raise" or "skip", got {on_error!r}')
         names = self._names(topics)
         if raw:
-            found = self._merged(names, start_ns, end_ns)
-            return (BagMessage(one.topic, bytes(data), logged, published) for one, data, logged, published in found)
+            return with_bytes(self._merged(names, start_ns, end_ns), lambda one, *rest: BagMessage(one.topic, *rest))
         for name in names or ():
             for one in self._channels_of(name):
                 self.message_class(one)
@@ -189,7 +196,7 @@ class BagReader:
     ) -> Iterator[RawMessage]:
         """The bytes of messages by log time, with the definition that each was written with; as `messages`."""
         found = self._merged(self._names(topics), start_ns, end_ns)
-        return (RawMessage(one.info, bytes(data), logged, published) for one, data, logged, published in found)
+        return with_bytes(found, lambda one, *rest: RawMessage(one.info, *rest))
 
     def _names(self, topics: Iterable[str] | str | None) -> list[str] | None:
         names = [topics] if isinstance(topics, str) else None if topics is None else list(topics)

@@ -22,7 +22,7 @@ from rosidl_py_gen.bags.writer import BagWriter
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.bags.common import BagTopic
+    from rosidl_py_gen.bags.common import BagTopic, DamagedPart
 
 UNINDEXED = ".unindexed"
 _STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
@@ -38,6 +38,7 @@ class Reindexed(NamedTuple):
         files: how many files the bag has.
         without_index: names of those that are read once through whenever they are opened.
         kept: what the file was before, if it was replaced.
+        damaged: parts of the files that were skipped.
     """
 
     path: Path
@@ -46,6 +47,7 @@ class Reindexed(NamedTuple):
     topics: int
     without_index: tuple[str, ...] = ()
     kept: Path | None = None
+    damaged: tuple[DamagedPart, ...] = ()
 
 
 def reindex_folder(folder: Path) -> Reindexed:
@@ -57,6 +59,7 @@ def reindex_folder(folder: Path) -> Reindexed:
     files = sorted(bag_files(folder), key=_in_order)
     statistics: list[FileStatistics] = []
     channels: list[BagTopic] = []
+    damaged: list[DamagedPart] = []
     without_index = []
     storage = _the_one(folder, {_STORAGES[Path(file.name.removesuffix(SUFFIX)).suffix] for file in files})
     kinds = {file: kind for file in files if (kind := compression_of(file)) is not None}
@@ -65,12 +68,12 @@ def reindex_folder(folder: Path) -> Reindexed:
         kinds = dict.fromkeys(files, "file")
     compression = _the_one(folder, {*kinds.values()} or {""})
     for file in files:
-        with BagReader(file) as reader:
-            counts = {name: topic.count or 0 for name, topic in reader.topics.items()}
-            found = FileStatistics(file.name, counts=counts)
-            if found.total:
-                found.first, found.last = reader.start_ns, reader.end_ns
+        with BagReader(file, skip_damaged=True) as reader:
+            found = FileStatistics(file.name, counts=dict.fromkeys(reader.topics, 0))
+            for message in reader.raw_messages():  # all of them: some chunks may be damaged
+                found.add(message.channel.name, message.log_time)
             statistics.append(found)
+            damaged += reader.damaged
             channels += (_with_hash(reader, channel) for channel in reader.channels)
             if not reader.has_index:
                 without_index.append(file.name)
@@ -78,21 +81,24 @@ def reindex_folder(folder: Path) -> Reindexed:
     text = metadata_text(storage, statistics, topics.values(), compression_mode=compression)
     write_metadata(folder, text)
     count = sum(one.total for one in statistics)
-    return Reindexed(folder / FILE, len(files), count, len(topics), tuple(without_index))
+    return Reindexed(folder / FILE, len(files), count, len(topics), tuple(without_index), damaged=tuple(damaged))
 
 
 def reindex_file(file: Path) -> Reindexed:
-    """Give an MCAP file without index one: it is written again, and what it was is kept as ``FILE.unindexed``.
+    """Rewrite an MCAP file that has no index or damaged parts, and keep the old one as ``FILE.unindexed``.
 
     Raises:
-        BagError: it has an index, or cannot have one; it is damaged. OSError.
+        BagError: it has an index and no damage, or cannot have an index; it is damaged beyond reading. OSError.
     """
     kept = file.with_name(file.name + UNINDEXED)
-    with BagReader(file) as reader:
+    with BagReader(file, skip_damaged=True) as reader:
         if file.suffix != ".mcap":
             raise BagError(f"{file}: only MCAP files have an index of their own; give the folder it is in")
         if reader.has_index:
-            raise BagError(f"{file} has an index: nothing is to be done")
+            for _ in reader.raw_messages():
+                pass
+            if not reader.damaged:
+                raise BagError(f"{file} already has an index, and no damage; it needs no reindexing")
         if kept.exists():
             raise BagError(f"{kept} exists already, so that there is no room to keep what {file} is now")
         partial = file.with_name(f".{file.stem}.reindexing.mcap")
@@ -111,7 +117,7 @@ def reindex_file(file: Path) -> Reindexed:
         topics = len(reader.topics)
     file.rename(kept)
     replace_durably(partial, file)
-    return Reindexed(file, 1, count, topics, kept=kept)
+    return Reindexed(file, 1, count, topics, kept=kept, damaged=tuple(reader.damaged))
 
 
 def _with_hash(reader: BagReader, channel: BagTopic) -> BagTopic:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.bags.common import BagError, BagTopic, checked_time
+from rosidl_py_gen.bags.common import BagError, BagTopic, checked_time, require_printable
 from rosidl_py_gen.bags.definitions import same_definition
 from rosidl_py_gen.bags.parts import BagParts
 
@@ -114,6 +114,7 @@ class SqliteWriter:
                 f"{self.path}: {topic} and {alike.name} have messages of two definitions of {known.type_name}; bags of "
                 "SQLite files have one for each type, those of MCAP files as many as there are"
             )
+        require_printable(topic)
         self._insert(known)
         self._topics[topic] = known
 

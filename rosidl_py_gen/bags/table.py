@@ -32,6 +32,7 @@ Op: TypeAlias = "str | Get"
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 _PART = re.compile(r"(\w+)(?:\[\s*(-?\d{1,9})\s*\]|\[\s*(-?\d{0,9})\s*:\s*(-?\d{0,9})\s*\])?", re.ASCII)
 _OPEN = -1
+_MAX_TIME_NS = (1 << 63) - 1
 _MAX_COLUMNS = 10_000
 _SHOWN_NAMES = 500
 _SPARE, _LARGE = 16, 1 << 26
@@ -76,6 +77,8 @@ def table(
     for item in messages:
         message = item.message
         times.append(item.log_time)
+        if item.log_time > _MAX_TIME_NS:
+            raise BagError(f"{where} at {item.log_time} ns: arrays have log times up to {_MAX_TIME_NS} ns")
         try:
             rows.append([get(message) for get in getters[type(message)]])
         except IndexError:

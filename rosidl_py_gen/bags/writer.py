@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 from mcap.writer import CompressionType, Writer
 
 from rosidl_py_gen import __version__, encode, type_hash, type_name
-from rosidl_py_gen.bags.common import BagError, BagTopic, checked_time
+from rosidl_py_gen.bags.common import BagError, BagTopic, checked_time, require_printable
 from rosidl_py_gen.bags.files.storage import MAX_UNPACKED_BYTES
 from rosidl_py_gen.bags.metadata import qos_text
 from rosidl_py_gen.bags.parts import BagParts
@@ -147,7 +147,8 @@ class BagWriter:
             qos: of those who publish it; rosbag2 plays with it.
 
         Raises:
-            BagError: the topic has another type already, or the bag is closed. TypeNotFoundError: not a message class.
+            BagError: the topic has another type already, its name has control characters, or the bag is closed.
+                TypeNotFoundError: not a message class.
         """
         self._require_open()
         known = msg_type if isinstance(msg_type, BagTopic) else topic_of(topic, msg_type, qos)
@@ -159,6 +160,7 @@ class BagWriter:
 
     def _add(self, known: BagTopic) -> int:
         """Channels have the same number in each file, as they are registered in the same order."""
+        require_printable(known.name)
         number = self._channels[known.key] = self._register(known)
         self._registered.append(known)
         if known.name not in self._topics:

@@ -8,6 +8,7 @@ from rosidl_py_gen.bags import BagReader as BagReader
 from rosidl_py_gen.bags import BagTopic as BagTopic
 from rosidl_py_gen.bags import BagWarning as BagWarning
 from rosidl_py_gen.bags import BagWriter as BagWriter
+from rosidl_py_gen.bags import DamagedPart as DamagedPart
 from rosidl_py_gen.bags import DecoderFactory as DecoderFactory
 from rosidl_py_gen.bags import LeftOut as LeftOut
 from rosidl_py_gen.bags import RawMessage as RawMessage

@@ -4,7 +4,8 @@ This file knows the groups of commands, with a sentence each, and how a run ends
 that declares its commands with click and imports nothing else, so that help is quick; what a command does is in a
 module beside this one, loaded when it runs.
 
-Exit codes: 0 done, 1 it could not be done (the reason is on standard error), 2 a wrong command line, 130 interrupted,
+Exit codes: 0 done, 1 it could not be done (the reason is on standard error), 2 a wrong command line, 3 done, except for
+damaged parts of a recording that were skipped (standard error has topics and times), 130 interrupted,
 141 nobody reads the output any more.
 Commands that go on until they are interrupted end with 0 then. A program that `run` started ends as with python.
 """
@@ -55,6 +56,8 @@ _GROUPS = {
 }
 
 
+DAMAGED = 3
+"""Exit code of a command that skipped damaged parts of a recording."""
 _BROKEN_PIPE = 141
 """What a shell says of a program that SIGPIPE ended."""
 

@@ -158,7 +158,7 @@ def test_a_file_without_index_gets_one_and_is_kept(run_here: Any, tmp_path: Path
         assert summary is not None and summary.statistics is not None and summary.statistics.message_count == count
     assert sorted(one.name for one in tmp_path.iterdir()) == ["a.mcap", "a.mcap.unindexed"]
     code, _, err = run_here("bag", "reindex", str(path))
-    assert (code, err) == (1, f"error: {path} has an index: nothing is to be done\n")
+    assert (code, err) == (1, f"error: {path} already has an index, and no damage; it needs no reindexing\n")
 
 
 def test_a_folder_with_a_file_without_index_says_so(run_here: Any, tmp_path: Path) -> None:

@@ -14,9 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
-from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Chunk
 from zstandard import ZstdDecompressor, frame_content_size
 
 from rosidl_py_gen.bags.common import BagError
@@ -54,8 +52,14 @@ _ALIKE = 4
 """After so many messages of equal length, more are expected."""
 _LARGE = 8
 """A message is large when its chunk has at most so many times its size."""
+_MAX_FRAME_HEAD = 18
+"""Bytes of the head of a frame of zstd."""
 _MAX_LZ4 = 255
 """LZ4 makes at most so many bytes of one."""
+
+
+class TooLargeError(BagError):
+    """A chunk becomes larger than the user allows, which says nothing of damage."""
 
 
 class Head(NamedTuple):
@@ -85,50 +89,49 @@ class Unpacker:
     """
 
     def __init__(self, path: Path, max_bytes: int, validate_crcs: bool) -> None:
+        self.path = path
         self.where = str(path)
         """The file, for errors."""
         self._max_bytes = max_bytes
         self.validate_crcs = validate_crcs
         self._zstd = Zstd()
 
-    def unpacked(self, record: bytes) -> bytes:
-        """The records in a chunk, given as the body of its own record. Raises `BagError`, and what libraries raise."""
-        chunk = Chunk.read(ReadDataStream(_Bytes(record)))  # type: ignore[arg-type]
-        data = self._decompressed(chunk)
-        if self.validate_crcs and chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+    def unpacked(self, read: Read, head: Head) -> bytes:
+        """Return the records in a chunk. Raises `BagError`, and what libraries raise."""
+        data = self._decompressed(head, read(head.at, head.end - head.at))
+        if self.validate_crcs and head.crc and zlib.crc32(data) != head.crc:
             raise BagError(f"{self.where}: damaged: the checksum of a chunk is not that of its {len(data)} bytes")
         return data
 
-    def require_size(self, head: Head) -> None:
-        """Raises `BagError` when a chunk says that it becomes too large."""
+    def require_size(self, read: Read, head: Head) -> None:
+        """Raise `BagError` before a chunk is read that is damaged, or becomes too large."""
         if head.compression:
-            self._require_size(head.size, head.end - head.at)
+            self._require_size(head.size, head.end - head.at, head.compression, read(head.at, _MAX_FRAME_HEAD))
 
-    def _decompressed(self, chunk: Chunk) -> bytes:
-        if not chunk.compression:
-            return chunk.data
-        size, packed = chunk.uncompressed_size, len(chunk.data)
-        if chunk.compression == "zstd":
-            said = frame_content_size(chunk.data)
-            self._require_size(max(said, size), packed)
-            if said not in (-1, size):
-                raise BagError(f"{self.where}: damaged: a chunk says it holds {size} bytes, and its compression {said}")
-            return self._zstd.own.decompress(chunk.data, max_output_size=size)
-        if chunk.compression == "lz4":
-            self._require_size(size, packed)
-            if size > _MAX_LZ4 * packed:
-                raise BagError(f"{self.where}: damaged: a chunk of {packed} bytes says it holds {size}")
+    def _decompressed(self, head: Head, stored: bytes) -> bytes:
+        if not head.compression:
+            return stored
+        size, compressed_size = head.size, len(stored)
+        if head.compression == "zstd":
+            self._require_size(size, compressed_size, "zstd", stored[:_MAX_FRAME_HEAD])
+            return self._zstd.own.decompress(stored, max_output_size=size)
+        if head.compression == "lz4":
+            self._require_size(size, compressed_size, "lz4")
             # One byte more than there may be: zero would mean no limit.
-            data: bytes = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+            data: bytes = lz4.frame.LZ4FrameDecompressor().decompress(stored, max_length=size + 1)
             if len(data) != size:
                 raise BagError(f"{self.where}: damaged: a chunk says it holds {size} bytes, and has others")
             return data
-        raise BagError(f'{self.where}: a chunk is compressed with "{chunk.compression[:50]}"; zstd and lz4 are read')
+        raise BagError(f'{self.where}: a chunk is compressed with "{head.compression[:50]}"; zstd and lz4 are read')
 
-    def _require_size(self, size: int, packed: int) -> None:
-        """Raises `BagError` before a chunk is unpacked that says it becomes too large."""
+    def _require_size(self, size: int, packed: int, compression: str, start: bytes = b"") -> None:
+        """Raise `BagError` before a chunk is decompressed whose sizes disagree, or that becomes too large."""
+        if compression == "lz4" and size > _MAX_LZ4 * packed:
+            raise BagError(f"{self.where}: damaged: a chunk of {packed} bytes says it holds {size}")
+        if compression == "zstd" and (said := frame_content_size(start)) not in (-1, size):
+            raise BagError(f"{self.where}: damaged: a chunk says it holds {size} bytes, and its compression {said}")
         if size > self._max_bytes:
-            raise BagError(
+            raise TooLargeError(
                 f"{self.where}: a chunk of {packed} bytes says it holds {size}; expected at most {self._max_bytes}, "
                 "unless max_unpacked_bytes is more"
             )
@@ -203,21 +206,6 @@ class Unpacker:
                 single.append(at)
             at += step
         return np.concatenate([*found, np.array(single, np.int64)])
-
-
-class _Bytes:
-    """What `ReadDataStream` reads, without the copy that BytesIO makes of a view."""
-
-    __slots__ = ("_at", "_data")
-
-    def __init__(self, data: bytes) -> None:
-        self._data = data
-        self._at = 0
-
-    def read(self, length: int) -> Any:
-        """The next bytes; fewer at the end."""
-        self._at += length
-        return self._data[self._at - length : self._at]
 
 
 # ----------------------------------------------------------------------------------------------------------- in pieces

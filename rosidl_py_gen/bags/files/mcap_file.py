@@ -6,7 +6,6 @@ one waits for it. The package's own reader orders message by message, and its ob
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from dataclasses import replace
 from functools import cached_property
 from heapq import heapify, heappop, heappush
@@ -14,19 +13,31 @@ from io import SEEK_END
 from itertools import pairwise
 from operator import attrgetter
 from threading import Lock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from mcap.writer import MCAP0_MAGIC
 
-from rosidl_py_gen.bags.common import BagError, BagTopic
-from rosidl_py_gen.bags.files.chunks import LEAST_MESSAGE, WHOLE, Unpacker, head_of, is_large, pieces
-from rosidl_py_gen.bags.files.mcap_index import Index, Part, read_index, walk
+from rosidl_py_gen.bags.common import BagError, BagTopic, DamagedPart
+from rosidl_py_gen.bags.files.chunks import (
+    LEAST_MESSAGE,
+    RECORD,
+    WHOLE,
+    TooLargeError,
+    Unpacker,
+    head_of,
+    is_large,
+    pieces,
+)
+from rosidl_py_gen.bags.files.damage import Damage
+from rosidl_py_gen.bags.files.mcap_index import Index, Part, read_index
 from rosidl_py_gen.bags.files.storage import LOG_TIME, MAX_UNPACKED_BYTES, Block, Channel, damage_told
-from rosidl_py_gen.bags.remote import opened
+from rosidl_py_gen.bags.files.waiting import Waiting
+from rosidl_py_gen.bags.files.walk import Walk
+from rosidl_py_gen.bags.remote import UnreachableError, opened
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Container, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping
     from pathlib import Path
 
     from mcap.records import Channel as ChannelRecord
@@ -37,16 +48,27 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags.files.storage import Raw
 
 
+T = TypeVar("T")
+
+
 class McapFile:
     """An MCAP file; without an index, as after a crash, it is read from the beginning to where it ends.
 
     Args:
         max_unpacked_bytes: the most that a chunk may become, and that messages of chunks which overlap in time may take
             while they wait for their turn.
+        on_skipped: called with each damaged part, which is skipped then; None raises `BagError`.
     """
 
-    def __init__(self, path: Path, validate_crcs: bool, max_unpacked_bytes: int = MAX_UNPACKED_BYTES) -> None:
+    def __init__(
+        self,
+        path: Path,
+        validate_crcs: bool,
+        max_unpacked_bytes: int = MAX_UNPACKED_BYTES,
+        on_skipped: Callable[[DamagedPart], None] | None = None,
+    ) -> None:
         self._path = path
+        self._on_skipped = on_skipped
         self._max_bytes = max_unpacked_bytes
         self._unpacker = Unpacker(path, max_unpacked_bytes, validate_crcs)
         self._reading = Lock()  # of `_stream`, which several iterations may read from
@@ -99,11 +121,39 @@ class McapFile:
             )
 
     def _walk(self, index: Index, start: int, end: int) -> None:
+        found: list[Damage] = []  # reported at the end, as topics may be known only then
+        skips = self._on_skipped is not None
+        on_damage = found.append if skips else lambda one: self._damaged(one, index)
         with damage_told(self._path), self._reading:
             try:
-                walk(self._stream, self._size, self._unpacker, index, start, end)
+                Walk(self._stream, self._size, self._unpacker, index, on_damage, skips).run(start, end)
             except BagError as error:
                 raise error if str(self._path) in str(error) else BagError(f"{self._path}: {error}") from None
+        for one in found:
+            self._damaged(one, index)
+
+    def _damaged(self, damage: Damage, index: Index) -> None:
+        """Report a damaged part, or raise `BagError` if the reader does not skip it."""
+        names = None
+        if damage.channels is not None:
+            names = tuple(sorted({index.channels[one].topic for one in damage.channels if one in index.channels}))
+        reason = str(damage.error).removeprefix(f"{self._path}: ").removeprefix("damaged: ")
+        size = damage.end - damage.offset
+        part = DamagedPart(self._path, damage.offset, size, reason, names, damage.first, damage.last)
+        if self._on_skipped is None:
+            raise BagError(f"{self._path}: damaged: {reason} ({part.place})") from None
+        self._on_skipped(part)
+
+    def _guarded(self, part: Part, contents: Iterator[T]) -> Iterator[T]:
+        """Pass on what a part contains; a damaged one is reported."""
+        try:
+            with damage_told(self._path):
+                yield from contents
+        except (UnreachableError, TooLargeError):
+            raise
+        except BagError as error:
+            begin = part.offset - RECORD.size if part.is_chunk else part.offset
+            self._damaged(Damage(begin, part.end, error, part.first, part.last, part.channels), self._index)
 
     # ------------------------------------------------------------------------------------------------------ contents
 
@@ -151,8 +201,11 @@ class McapFile:
     def _in_order(
         self, parts: list[Part], wanted: Mapping[int, Channel], known: Container[int], start: int, end: int
     ) -> Iterator[Raw]:
-        waiting: list[Raw] = []
-        due = [(part.first, number, self._blocks(part, wanted, known)) for number, part in enumerate(parts)]
+        waiting = Waiting()
+        due = [
+            (part.first, number, self._guarded(part, self._blocks(part, wanted, known)))
+            for number, part in enumerate(parts)
+        ]
         heapify(due)
         while due:
             since, number, blocks = heappop(due)
@@ -163,17 +216,17 @@ class McapFile:
                 heappush(due, (found[-1][2] if found else since, number, blocks))
             if found and (found[0][2] < start or found[-1][2] >= end):
                 found = [one for one in found if start <= one[2] < end]
-            waiting = sorted(waiting + found, key=LOG_TIME) if waiting else [*found]
             del block
+            before = due[0][0] if due else None
+            if waiting.is_empty and (before is None or not found or found[-1][2] < before):
+                yield from found
+            else:
+                waiting.add(found)
+                yield from waiting.before(before)
+                self._require_few(waiting.size)
             if size > WHOLE:  # not kept while the next is unpacked, as small ones are, whose memory is not new then
                 del found
-            if due:
-                ready = bisect_left(waiting, due[0][0], key=LOG_TIME)
-                yield from waiting[:ready]
-                del waiting[:ready]
-                if waiting:
-                    self._require_few(waiting)
-        yield from waiting
+        yield from waiting.before(None)
 
     def blocks(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Block] | None:
         with damage_told(self._path):
@@ -190,15 +243,21 @@ class McapFile:
     def _in_blocks(
         self, parts: list[Part], wanted: Container[int], known: Mapping[int, Channel], start: int, end: int
     ) -> Iterator[Block]:
-        with damage_told(self._path):
-            for part in parts:
-                for data, size in self._contents(part, known):
-                    heads, begin = self._unpacker.heads(data, known, size)
-                    for number in np.unique(heads["channel"]).tolist():
-                        if number in wanted:
-                            mine = heads["channel"] == number
-                            block = Block(known[number], data, begin[mine], *_columns(heads[mine]))
-                            yield from self._due(block, part, start, end)
+        for part in parts:
+            yield from self._guarded(part, self._part_blocks(part, wanted, known, start, end))
+
+    def _part_blocks(
+        self, part: Part, wanted: Container[int], known: Mapping[int, Channel], start: int, end: int
+    ) -> Iterator[Block]:
+        for data, size in self._contents(part, known):
+            heads, begin = self._unpacker.heads(data, known, size)
+            by_channel = np.argsort(heads["channel"], kind="stable")
+            bounds = np.flatnonzero(np.diff(heads["channel"][by_channel])) + 1
+            for mine in np.split(by_channel, bounds) if len(heads) else ():
+                number = int(heads["channel"][mine[0]])
+                if number in wanted:
+                    block = Block(known[number], data, begin[mine], *_columns(heads[mine]))
+                    yield from self._due(block, part, start, end)
 
     def _due(self, block: Block, part: Part, start: int, end: int) -> Iterator[Block]:
         """The messages of a part that are asked for, by log time."""
@@ -219,9 +278,7 @@ class McapFile:
         if head is not None and self._is_cut(head, known):
             yield from pieces(self._read, head, False)  # its checksum was compared
             return
-        data = self._read(part.offset, max(0, part.end - part.offset))
-        if head is not None:
-            data = self._unpacker.unpacked(data)
+        data = self._data(part, head)
         yield data, len(data)
 
     # --------------------------------------------------------------------------------------------------------- parts
@@ -232,9 +289,7 @@ class McapFile:
         """The messages of a part, at once or piece by piece, each with its size and whether more may follow."""
         head = head_of(self._read, part.offset, part.end, str(self._path)) if part.is_chunk else None
         if head is None or not self._is_cut(head, known):
-            data = self._read(part.offset, max(0, part.end - part.offset))
-            if head is not None:
-                data = self._unpacker.unpacked(data)
+            data = self._data(part, head)
             found = self._unpacker.messages(data, wanted, known)
             size = len(data)
             del data
@@ -246,9 +301,15 @@ class McapFile:
             self._sort(part, found)
             yield found, len(some), True
 
+    def _data(self, part: Part, head: Head | None) -> bytes:
+        """Return the records of a part that is read at once."""
+        if head is not None:
+            return self._unpacker.unpacked(self._read, head)
+        return self._read(part.offset, max(0, part.end - part.offset))
+
     def _is_cut(self, head: Head, known: Container[int]) -> bool:
         """Whether a chunk is read in pieces: it is large, and its messages are in order, which takes reading it all."""
-        self._unpacker.require_size(head)
+        self._unpacker.require_size(self._read, head)
         if not is_large(self._read, head):
             return False
         is_ordered = self._ordered.get(head.at)
@@ -279,8 +340,7 @@ class McapFile:
             self._stream.seek(at)
             return self._stream.read(size)
 
-    def _require_few(self, waiting: list[Raw]) -> None:
-        held = sum(len(one[1]) for one in waiting)
+    def _require_few(self, held: int) -> None:
         if held > self._max_bytes:
             raise BagError(
                 f"{self._path}: its chunks overlap in time so much that {held} bytes of messages have to wait for "

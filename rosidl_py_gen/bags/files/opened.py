@@ -10,15 +10,20 @@ from rosidl_py_gen.bags.files.sqlite_file import SqliteFile
 from rosidl_py_gen.bags.remote import reached
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
     from contextlib import ExitStack
     from pathlib import Path
 
+    from rosidl_py_gen.bags.common import DamagedPart
     from rosidl_py_gen.bags.files.storage import Storage
 
 
 def open_files(
-    path: Path, kept: ExitStack, validate_crcs: bool, max_bytes: int
+    path: Path,
+    kept: ExitStack,
+    validate_crcs: bool,
+    max_bytes: int,
+    on_skipped: Callable[[DamagedPart], None] | None = None,
 ) -> tuple[list[Path], list[Storage], dict[tuple[str, str], str]]:
     """The files of a bag, what reads them, which `kept` closes, and known hashes by topic and type.
 
@@ -30,7 +35,9 @@ def open_files(
         files, has_packed_messages, hashes = files_of(path)
         for file in files:
             plain = unpacked(file, kept, max_bytes)
-            storage = SqliteFile(plain) if plain.suffix == ".db3" else McapFile(plain, validate_crcs, max_bytes)
+            storage = (
+                SqliteFile(plain) if plain.suffix == ".db3" else McapFile(plain, validate_crcs, max_bytes, on_skipped)
+            )
             kept.callback(storage.close)
             found.append(CompressedMessages(storage, file, max_bytes) if has_packed_messages else storage)
     return files, found, hashes

@@ -11,7 +11,7 @@ import contextlib
 import heapq
 from itertools import chain, pairwise
 from operator import itemgetter
-from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from rosidl_py_gen.bags.common import BagError, BagTopic
 from rosidl_py_gen.errors import RosidlError
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.bags.common import BagMessage
 
+M = TypeVar("M")
 MAX_TIME = (1 << 64) - 1
 """Of MCAP; databases have half of it."""
 MAX_UNPACKED_BYTES = 1 << 30
@@ -113,6 +114,15 @@ def damage_told(path: Path) -> Iterator[None]:
         raise BagError(f"{path}: damaged: a length in it is larger than memory") from None
     except Exception as error:  # compression libraries, struct, sqlite: whatever wrong bytes lead to
         raise BagError(f"{path}: damaged: {type(error).__name__}: {str(error)[:200]}") from None
+
+
+def with_bytes(found: Iterable[Raw], make: Callable[[Channel, bytes, int, int], M]) -> Iterator[M]:
+    """Yield what `make` makes of each message, without a reference to its chunk while the next one is read."""
+    for channel, data, log_time, publish_time in found:
+        made = make(channel, bytes(data), log_time, publish_time)
+        del data
+        yield made
+        del made
 
 
 def merged(files: list[Storage], topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.bags.common import BagError, BagWarning
+from rosidl_py_gen.bags.common import BagError, BagWarning, DamagedPart
 from rosidl_py_gen.bags.remote import is_url
 from rosidl_py_gen.tables.dataset import DatasetFile
 from rosidl_py_gen.tables.many.manifest import Entry, Manifest
@@ -42,12 +42,14 @@ class DatasetsReport:
         left_out: topics that were not written, or not wholly, with the reason, by name of the bag.
         failed: why a bag could not be written, by its path or URL. Of a large one, parts may be there.
         unchanged: names of bags that the dataset had already.
+        damaged: parts of MCAP files that were skipped with ``on_error="skip"``, by name of the bag.
     """
 
     files: dict[str, list[DatasetFile]] = field(default_factory=dict)
     left_out: dict[str, dict[str, str]] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
     unchanged: list[str] = field(default_factory=list)
+    damaged: dict[str, list[DamagedPart]] = field(default_factory=dict)
 
 
 def write_datasets(
@@ -75,7 +77,7 @@ def write_datasets(
         topics: those to write; a bag has to have one of them.
         start_offset_s: seconds that are left out at the beginning of each bag.
         duration_s: only so long.
-        on_error: ``"skip"`` leaves damaged messages out.
+        on_error: ``"skip"`` leaves damaged messages out, and damaged parts of MCAP files.
         overwrite: do all of it once more, and replace files that are there.
         scheduler: URL of a Dask scheduler, whose workers have this package: ``tls://10.0.0.1:8786`` with certificates
             that Dask's configuration names. With ``tcp://`` everybody who reaches the scheduler or a worker can run
@@ -185,6 +187,9 @@ class _Job:
             report.files.setdefault(entry.name, []).extend(outcome.files)
         if outcome.left_out:
             report.left_out.setdefault(entry.name, {}).update(outcome.left_out)
+        if outcome.damaged:  # two tasks may have read a chunk
+            known = report.damaged.get(entry.name, [])
+            report.damaged[entry.name] = [*dict.fromkeys([*known, *outcome.damaged])]
         for text in outcome.warnings:
             warnings.warn(text, BagWarning, stacklevel=4)
 

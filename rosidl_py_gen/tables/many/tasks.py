@@ -13,7 +13,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.bags import BagReader
-from rosidl_py_gen.bags.common import BagError, BagWarning
+from rosidl_py_gen.bags.common import BagError, BagWarning, DamagedPart
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import RosidlError
@@ -69,6 +69,7 @@ class Outcome:
     Attributes:
         error: why it could not be done, or nothing.
         warnings: what its reader warned of.
+        damaged: parts of the bag's files that were skipped.
     """
 
     files: tuple[DatasetFile, ...] = ()
@@ -76,6 +77,7 @@ class Outcome:
     error: str = ""
     warnings: tuple[str, ...] = ()
     cuts: tuple[int, ...] = ()
+    damaged: tuple[DamagedPart, ...] = ()
 
 
 def attempt(task: Task, within: Within | None = None) -> Outcome:
@@ -101,8 +103,13 @@ def _answered(function: Callable[[Task], Outcome], task: Task) -> Outcome:
     return replace(made, warnings=tuple(dict.fromkeys(texts)))
 
 
+def _opened(task: Task) -> BagReader:
+    wish = task.wish
+    return BagReader(task.entry.place, search_path=wish.search_path, skip_damaged=wish.on_error == "skip")
+
+
 def _cut(task: Task) -> Outcome:
-    with BagReader(task.entry.place, search_path=task.wish.search_path) as reader:
+    with _opened(task) as reader:
         start, end = _span(reader, task.wish)
         cuts = reader._cuts(task.wish.range_bytes)
     return Outcome(cuts=tuple(cut for cut in cuts if start < cut < end))
@@ -135,7 +142,7 @@ def _write(task: Task, within: Within | None) -> Outcome:
     entry, wish = task.entry, task.wish
     manifest = Manifest(task.out)
     suffix = f"-{entry.number:04}" if entry.of > 1 else ""
-    with BagReader(entry.place, search_path=wish.search_path) as reader:
+    with _opened(task) as reader:
         start, end = _span(reader, wish)
         start = start if task.start_ns is None else task.start_ns
         end = end if task.end_ns is None else task.end_ns
@@ -154,4 +161,4 @@ def _write(task: Task, within: Within | None) -> Outcome:
             manifest.begin(replace(entry, files=files))
             draft.publish()
             manifest.end(replace(entry, files=files, is_done=True))
-    return Outcome(tuple(report.files), report.left_out)
+    return Outcome(tuple(report.files), report.left_out, damaged=tuple(reader.damaged))

@@ -12,9 +12,9 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.bags import BagReader, BagWriter, RawMessage, SqliteWriter
-from rosidl_py_gen.tools import printing
+from rosidl_py_gen.tools import DAMAGED, printing
 from rosidl_py_gen.tools.bag.described import described_channels
-from rosidl_py_gen.tools.bag.part import part_of, progress
+from rosidl_py_gen.tools.bag.part import damaged_rows, part_of, progress
 
 if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagTopic
@@ -38,7 +38,7 @@ def run(
     without_definitions: bool,
 ) -> int:
     """Returns the exit code."""
-    with BagReader(path, search_path=paths) as reader:
+    with BagReader(path, search_path=paths, skip_damaged=True) as reader:
         part = part_of(reader, topics, offset_s, duration_s)
         channels = described_channels(reader, part.topics, without_definitions)
         if storage == "mcap":
@@ -55,10 +55,11 @@ def run(
             remove(Path(output))  # part of a bag would look like all of it
             raise
     if as_json:
-        printing.document({"path": output, "messages": count, "topics": len(part.topics)})
+        damaged = damaged_rows(reader.damaged)
+        printing.document({"path": output, "messages": count, "topics": len(part.topics), "damaged": damaged})
     else:
         printing.line(f"{count} messages of {len(part.topics)} topics in {output}")
-    return 0
+    return DAMAGED if reader.damaged else 0
 
 
 def remove(path: Path) -> None:

@@ -11,7 +11,7 @@ from rosidl_py_gen.bags import BagReader
 from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tools import printing
-from rosidl_py_gen.tools.bag.part import duration_text, size_text, time_text
+from rosidl_py_gen.tools.bag.part import damaged_rows, duration_text, size_text, time_text
 
 if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagTopic
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def run(path: str, is_verbose: bool, paths: Sequence[str], as_json: bool) -> int:
     """Returns the exit code."""
-    with BagReader(path, search_path=paths) as reader:
+    with BagReader(path, search_path=paths, skip_damaged=True) as reader:
         channels = _counted(reader)
         if as_json:
             printing.document(_told(reader, channels, is_verbose))
@@ -53,6 +53,7 @@ def _told(reader: BagReader, channels: Sequence[BagTopic], is_verbose: bool) -> 
         "storage": _storage(reader),
         "has_index": reader.has_index,
         "unread_bytes": reader.unread_bytes,
+        "damaged": damaged_rows(reader.damaged),
         "start_ns": reader.start_ns,
         "end_ns": reader.end_ns,
         "duration_ns": reader.end_ns - reader.start_ns,
@@ -89,7 +90,8 @@ def _definition_text(reader: BagReader, topic: BagTopic) -> str:
 
 
 def _storage(reader: BagReader) -> str:
-    return "sqlite3" if reader.files and reader.files[0].suffix == ".db3" else "mcap"
+    names = (file.name.removesuffix(".zstd") for file in reader.files)
+    return "sqlite3" if next(names, "").endswith(".db3") else "mcap"
 
 
 def _qos(profile: QoSProfile) -> dict[str, Any]:
@@ -115,6 +117,8 @@ def _show(reader: BagReader, channels: Sequence[BagTopic], is_verbose: bool) -> 
         rows.append(("Index", f"missing: the recorder did not end; {advice}"))
     if reader.unread_bytes:
         rows.append(("Lost", f"{size_text(reader.unread_bytes)} of an unfinished record at the end"))
+    if reader.damaged:
+        rows.append(("Damaged", f"{len(reader.damaged)} parts; `rosidl-py bag convert` saves the others"))
     missing = sum(not topic.definition for topic in reader.channels)
     if missing and not is_verbose:
         rows.append(("Types", f"{missing} have no definition in the bag; --verbose says which is taken from here"))

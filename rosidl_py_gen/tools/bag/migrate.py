@@ -23,7 +23,7 @@ from rosidl_py_gen.compiler.spec.definition import full_text, read_checked
 from rosidl_py_gen.compiler.spec.find import search_path
 from rosidl_py_gen.compiler.spec.resolve import Library
 from rosidl_py_gen.errors import DecodeError, EncodeError, InvalidNameError, RosidlError, TypeNotFoundError
-from rosidl_py_gen.tools import ToolError, printing
+from rosidl_py_gen.tools import DAMAGED, ToolError, printing
 from rosidl_py_gen.tools.bag.carrying import carrier
 from rosidl_py_gen.tools.bag.convert import remove
 from rosidl_py_gen.tools.bag.described import wrong
@@ -65,7 +65,7 @@ def run(
 ) -> int:
     """Returns the exit code."""
     rules = read_rules(rules_file) if rules_file else Rules()
-    with BagReader(path, search_path=old_paths) as reader:
+    with BagReader(path, search_path=old_paths, skip_damaged=True) as reader:
         wanted = part_of(reader, topics, 0.0, None).topics
         found = _planned(reader, wanted, paths, rules)
         _note_unused(rules, found)
@@ -88,7 +88,7 @@ def run(
     elif not dry_run:
         names = {one.old.name for one in found.values()}
         printing.line(f"{count} messages of {len(names)} topics in {output}, {carried} of them carried over")
-    return 0
+    return DAMAGED if reader.damaged else 0
 
 
 # ----------------------------------------------------------------------------------------------------------- planning

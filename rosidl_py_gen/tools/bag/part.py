@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from datetime import datetime
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
@@ -14,7 +15,7 @@ from rosidl_py_gen.tools import ToolError, printing
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from rosidl_py_gen.bags import BagReader
+    from rosidl_py_gen.bags import BagReader, DamagedPart
 
 
 class Part(NamedTuple):
@@ -37,6 +38,11 @@ def part_of(reader: BagReader, topics: Sequence[str], offset_s: float, duration_
         )
     end = reader.end_ns + 1 if duration_s is None else min(start + round(duration_s * NS_PER_S), reader.end_ns + 1)
     return Part([*(topics or reader.topics)], start, end)
+
+
+def damaged_rows(parts: Iterable[DamagedPart]) -> list[dict[str, Any]]:
+    """Return skipped parts of recordings for JSON output."""
+    return [{**asdict(part), "file": str(part.file)} for part in parts]
 
 
 def duration_text(nanoseconds: int) -> str:

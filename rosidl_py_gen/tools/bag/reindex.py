@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from rosidl_py_gen.bags.reindexing import reindex_file, reindex_folder
-from rosidl_py_gen.tools import printing
+from rosidl_py_gen.tools import DAMAGED, printing
+from rosidl_py_gen.tools.bag.part import damaged_rows
 
 
 def run(path: str, as_json: bool) -> int:
@@ -21,9 +22,10 @@ def run(path: str, as_json: bool) -> int:
                 "topics": done.topics,
                 "without_index": list(done.without_index),
                 "kept": None if done.kept is None else str(done.kept),
+                "damaged": damaged_rows(done.damaged),
             }
         )
-        return 0
+        return DAMAGED if done.damaged else 0
     for name in done.without_index:
         printing.note(
             f"{name} has no index: it is read once through when it is opened; `rosidl-py bag reindex` gives it one"
@@ -31,4 +33,4 @@ def run(path: str, as_json: bool) -> int:
     if done.kept is not None:
         printing.note(f"what it was before is kept as {done.kept}")
     printing.line(f"{done.messages} messages of {done.topics} topics in {done.files} files: {done.path}")
-    return 0
+    return DAMAGED if done.damaged else 0

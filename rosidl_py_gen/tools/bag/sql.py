@@ -16,7 +16,7 @@ from rosidl_py_gen.bags import BagError, BagReader
 from rosidl_py_gen.bags.remote import is_url
 from rosidl_py_gen.tables.many.sources import find, names_of
 from rosidl_py_gen.tables.query import Database, is_dataset, named
-from rosidl_py_gen.tools import ToolError, printing
+from rosidl_py_gen.tools import DAMAGED, ToolError, printing
 from rosidl_py_gen.tools.bag.part import progress_bar
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def run(
         places = [*_each(bags)]
         datasets = [path for path in places if is_dataset(path)]
         names = names_of(path for path in places if path not in datasets)
-        readers = {name: stack.enter_context(BagReader(path, search_path=paths)) for name, path in names.items()}
+        readers = {name: _opened(stack, path, paths, skips) for name, path in names.items()}
         topics = {topic for reader in readers.values() for topic in reader.topics}
         counts = [
             reader.topics[one].count
@@ -64,7 +64,11 @@ def run(
         for topic, reason in left_out.items():
             printing.note(f"left out {topic}: {reason}")
         _give(base.run(query), form, output)
-    return 0
+    return DAMAGED if any(one.damaged for one in readers.values()) else 0
+
+
+def _opened(stack: ExitStack, path: str, paths: Sequence[str], skips: bool) -> BagReader:
+    return stack.enter_context(BagReader(path, search_path=paths, skip_damaged=skips))
 
 
 def _ordered(words: Sequence[str]) -> tuple[str, Sequence[str]]:

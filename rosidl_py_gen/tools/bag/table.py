@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 from rosidl_py_gen.tables import write_datasets
-from rosidl_py_gen.tools import printing, report
-from rosidl_py_gen.tools.bag.part import progress_bar
+from rosidl_py_gen.tools import DAMAGED, printing, report
+from rosidl_py_gen.tools.bag.part import damaged_rows, progress_bar
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -51,7 +51,7 @@ def run(
             progress=show,
         )
     _tell(found, out, as_json)
-    return 1 if found.failed else 0
+    return 1 if found.failed else DAMAGED if found.damaged else 0
 
 
 @contextmanager
@@ -81,6 +81,7 @@ def _tell(found: DatasetsReport, out: str, as_json: bool) -> None:
         missing = [{"bag": name, "topic": topic, "reason": reason} for name, topic, reason in left_out]
         failed = [{"bag": bag, "error": error} for bag, error in found.failed.items()]
         told = {"path": out, "files": shown, "left_out": missing, "failed": failed, "unchanged": found.unchanged}
+        told["damaged"] = [{"bag": name, **row} for name, some in found.damaged.items() for row in damaged_rows(some)]
         printing.document(told)
     elif files or found.unchanged or not found.failed:
         count, topics = sum(one.messages for _, one in files), len({one.topic for _, one in files})

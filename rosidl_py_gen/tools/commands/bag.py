@@ -120,7 +120,10 @@ def convert(**arguments: Any) -> None:
 
 
 _skips = click.option(
-    "--skip-damaged", "skips", is_flag=True, help="Leave out messages that cannot be decoded, instead of ending."
+    "--skip-damaged",
+    "skips",
+    is_flag=True,
+    help="Skip messages that cannot be decoded, and damaged parts of MCAP files; the exit code is 3 then.",
 )
 
 

@@ -6,7 +6,7 @@ import asyncio
 from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.tools import Job, ToolError, printing
+from rosidl_py_gen.tools import DAMAGED, Job, ToolError, printing
 from rosidl_py_gen.tools.bag.part import progress
 from rosidl_py_gen.tools.bag.qos_overrides import read_qos_overrides
 from rosidl_py_gen.tools.commands.bag_play import PlayOptions
@@ -39,7 +39,8 @@ async def _open(network: Network, options: PlayOptions, overrides: Mapping[str, 
     with Recording(options.bags, options.paths, options.storage) as recording:
         topics = _playable(recording, played(recording, options))
         part = part_of(recording, topics, options)
-        return await _play(network, recording, part, options, overrides)
+        await _play(network, recording, part, options, overrides)
+        return DAMAGED if recording.is_damaged else 0
 
 
 def _playable(recording: Recording, topics: Sequence[str]) -> list[str]:
@@ -63,7 +64,7 @@ def _playable(recording: Recording, topics: Sequence[str]) -> list[str]:
 
 async def _play(
     network: Network, recording: Recording, part: Part, options: PlayOptions, overrides: Mapping[str, QoSProfile]
-) -> int:
+) -> None:
     node_options = {"start_type_description_service": True}  # others may not have the types
     async with Session(network, overrides=node_options) as session:
         player = Player(session, recording, part, options, overrides)
@@ -77,7 +78,6 @@ async def _play(
         sent = player.requests.count
         told = f" and sent {sent} requests" if options.publish_requests or options.actions_as_client else ""
         printing.note(f"published {player.count - sent} messages of {len(part.topics)} topics{told}")
-    return 0
 
 
 async def _steered(player: Player, options: PlayOptions) -> None:

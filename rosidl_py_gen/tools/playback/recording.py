@@ -32,7 +32,7 @@ class Recording:
         self._readers: list[BagReader] = []
         try:
             for place in places:
-                self._readers.append(BagReader(place, search_path=paths))
+                self._readers.append(BagReader(place, search_path=paths, skip_damaged=True))
                 _require_storage(self._readers[-1], storage)
         except BaseException:
             self.close()
@@ -59,6 +59,11 @@ class Recording:
             for reader in self._readers
         ]
         return each[0] if len(each) == 1 else merge(*each, key=attrgetter("log_time"))
+
+    @property
+    def is_damaged(self) -> bool:
+        """True if damaged parts were skipped so far."""
+        return any(one.damaged for one in self._readers)
 
     def close(self) -> None:
         """May be called twice."""

@@ -175,7 +175,7 @@ class WriterThread:
         except (OSError, RosidlError) as error:
             self._error = self._error or error
         if self._error is not None:
-            reason = getattr(self._error, "strerror", None) or self._error
+            reason = str(getattr(self._error, "strerror", None) or self._error).removeprefix(f"{self.path}: ")
             raise ToolError(
-                f"{self._bag.path}: {reason}; what was recorded before can be read, `rosidl-py bag info` shows it"
+                f"{self.path}: {reason}; what was recorded before can be read, `rosidl-py bag info` shows it"
             )
