@@ -157,6 +157,7 @@ SHARED_IN_RUNTIME = {
     "_publish_without_waiting",
     "_deliver",
     "_push",
+    "_has_news",
     "_schedule",
     "_why_missing",
     "_why_unmatched",

@@ -74,6 +74,7 @@ ON_ZENOH = {
     "test_lifecycle.py",
     "test_lost_results.py",
     "test_lost_servers.py",
+    "test_adaptive.py",
     "test_node.py",
     "test_node_services.py",
     "test_parameter_client.py",

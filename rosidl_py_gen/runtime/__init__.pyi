@@ -92,6 +92,7 @@ from rosidl_py_gen.runtime.node.context import Context as Context
 from rosidl_py_gen.runtime.node.environment import EnvironmentSettingError as EnvironmentSettingError
 from rosidl_py_gen.runtime.node.environment import middleware as middleware
 from rosidl_py_gen.runtime.node.environment import read_environment as read_environment
+from rosidl_py_gen.runtime.node.messages import AdaptiveSubscription as AdaptiveSubscription
 from rosidl_py_gen.runtime.node.node import Node as Node
 from rosidl_py_gen.runtime.node.parameters import ParameterChange as ParameterChange
 from rosidl_py_gen.runtime.parameters.callbacks import CallbackAnswerError as CallbackAnswerError

@@ -26,6 +26,7 @@ from rosidl_py_gen.runtime.node.actions import ActionMethods
 from rosidl_py_gen.runtime.node.arguments import NodeOptions, parse_node_arguments
 from rosidl_py_gen.runtime.node.context import Context
 from rosidl_py_gen.runtime.node.graph import GraphMethods
+from rosidl_py_gen.runtime.node.messages import MessageMethods
 from rosidl_py_gen.runtime.node.parameters import ParameterMethods
 from rosidl_py_gen.runtime.node.rosout import start_rosout
 from rosidl_py_gen.runtime.node.services import ServiceMethods
@@ -50,7 +51,7 @@ _DEFAULT_DEPTH = 10
 
 
 @knows_rclpy
-class Node(GraphMethods, ServiceMethods, TypeMethods, TimeMethods, ActionMethods, ParameterMethods):
+class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethods, ActionMethods, ParameterMethods):
     """A ROS 2 node.
 
     Callbacks run on the asyncio event loop. The loop is attached by the first use of the node inside it: ``async with

@@ -11,9 +11,8 @@ import asyncio
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime import Durability
+from rosidl_py_gen.runtime import AdaptiveSubscription, Durability
 from rosidl_py_gen.tools import printing, types
-from rosidl_py_gen.tools.follow import Follow
 from rosidl_py_gen.tools.names import is_hidden
 from rosidl_py_gen.types.from_description import definition_text
 
@@ -41,7 +40,7 @@ class _Shown:
     def __init__(self) -> None:
         self.opening: asyncio.Task[None] | None = None
         self.channel: Channel | None = None
-        self.followed: Follow | None = None
+        self.followed: AdaptiveSubscription[bytes] | None = None
         self.viewers: frozenset[int] = frozenset()
         self.has_failed = False
         """To subscribe; tried again for the next viewer."""
@@ -133,19 +132,19 @@ class Topics:
             if shown.followed is None:
                 shown.followed = self._subscribed(key, shown)
             elif has_newcomer and shown.followed.qos.durability is Durability.TRANSIENT_LOCAL:
-                shown.followed.renew()
+                shown.followed.resubscribe()
             else:
-                shown.followed.look()
+                shown.followed.refresh()
         except RosidlError as error:  # a name or type that is none of ROS
             shown.has_failed = True
             shown.unsubscribe()
             self._server.tell(key.topic, f"{key.topic} cannot be read: {error}")
 
-    def _subscribed(self, key: _Key, shown: _Shown) -> Follow:
+    def _subscribed(self, key: _Key, shown: _Shown) -> AdaptiveSubscription[bytes]:
         assert shown.channel is not None
         send, now_ns = shown.channel.send, self._clock.now_ns
         cls = types.opaque_class(self._session, key.topic, key.type_name)
-        return Follow(self._node, key.topic, cls, callback=lambda data: send(data, now_ns()))
+        return AdaptiveSubscription(self._node, key.topic, cls, lambda data: send(data, now_ns()), raw=True)
 
     async def close(self) -> None:
         """Let go of everything."""

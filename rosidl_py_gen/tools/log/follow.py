@@ -10,9 +10,8 @@ from typing import Any
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import stamp_ns
-from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability, WaitTimeoutError
+from rosidl_py_gen.runtime import AdaptiveSubscription, Durability, QoSProfile, Reliability, WaitTimeoutError
 from rosidl_py_gen.tools import Job, printing
-from rosidl_py_gen.tools.follow import Follow
 from rosidl_py_gen.tools.log.lines import Lines
 from rosidl_py_gen.tools.session import Network, Session, now_s
 
@@ -41,7 +40,10 @@ async def _follow(network: Network, lines: Lines, only_new: bool) -> int:
         await session.wait_until_quiet()
         cls: Any = get_message("rcl_interfaces/msg/Log")
         qos = _profile(session, only_new)
-        async with Follow(session.node, _TOPIC, cls, raw=False, qos=qos, depth=_DEPTH, note=printing.note) as messages:
+        following: AdaptiveSubscription[Any] = AdaptiveSubscription(
+            session.node, _TOPIC, cls, qos=qos, depth=_DEPTH, note=printing.note
+        )
+        async with following as messages:
             for message in await _kept(messages):
                 lines.show(message)
             while not lines.is_done:
@@ -61,7 +63,7 @@ def _profile(session: Session, only_new: bool) -> QoSProfile | None:
     return QoSProfile(depth=_DEPTH).transient_local()
 
 
-async def _kept(messages: Follow) -> list[Any]:
+async def _kept(messages: AdaptiveSubscription[Any]) -> list[Any]:
     found = []
     end_s = now_s() + _KEPT_S
     try:

@@ -15,10 +15,9 @@ from rosidl_py_gen.bags.metadata import qos_text
 from rosidl_py_gen.bags.writer import topic_of
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import ClosedError, InvalidNameError, RosidlError, TypeNotFoundError
-from rosidl_py_gen.runtime import validate_full_name
+from rosidl_py_gen.runtime import AdaptiveSubscription, validate_full_name
 from rosidl_py_gen.tools import ToolError, printing, types
 from rosidl_py_gen.tools.bag.part import size_text
-from rosidl_py_gen.tools.follow import Follow
 from rosidl_py_gen.tools.names import Owned
 from rosidl_py_gen.tools.recording.selection import owner_of
 from rosidl_py_gen.tools.session import now_s
@@ -61,7 +60,7 @@ class Recorder:
         self._options = options
         self._selection = selection
         self._qos = qos
-        self._followed: list[Follow] = []
+        self._followed: list[AdaptiveSubscription[bytes]] = []
         self._has_looked = False
         self._compiling = asyncio.Lock()
         self._tasks: list[asyncio.Task[None]] = []
@@ -188,12 +187,13 @@ class Recorder:
         publishers = self._node.get_publishers_info_by_topic(topic)
         offered = [one.qos_profile for one in publishers if one.topic_type == kind]
         cls = types.opaque_class(self._session, topic, kind)
-        following = Follow(
+        following: AdaptiveSubscription[bytes] = AdaptiveSubscription(
             self._node,
             topic,
             cls,
             qos=self._qos.get(topic),
             depth=_DEPTH,
+            raw=True,
             note=lambda text: printing.note(f"{topic}: {text}"),
         )
         async with following as messages:

@@ -7,12 +7,11 @@ from typing import Any
 
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.cdr import Message
-from rosidl_py_gen.runtime import WaitTimeoutError
+from rosidl_py_gen.runtime import AdaptiveSubscription, WaitTimeoutError
 from rosidl_py_gen.runtime import qos as presets
 from rosidl_py_gen.tools import Job, ToolError, printing, types
 from rosidl_py_gen.tools.commands.topic import EchoOptions
 from rosidl_py_gen.tools.filters import FilterError, compile_filter, compile_path, path_field
-from rosidl_py_gen.tools.follow import Follow
 from rosidl_py_gen.tools.messages import array_summary
 from rosidl_py_gen.tools.names import find_topic, full_topic_name
 from rosidl_py_gen.tools.session import Network, Session, now_s
@@ -70,15 +69,16 @@ class _Echo:
             condition = compile_filter(options.filter_text, cls) if options.filter_text else lambda value: True
             self._show = _shows(field, condition, self._pace, shown.printer())
         given = topic_qos.given(options.qos, presets.SENSOR_DATA)
-        async with Follow(
+        following: AdaptiveSubscription[Any] = AdaptiveSubscription(
             self._session.node, self._topic, cls, raw=options.raw, qos=given, note=printing.note
-        ) as messages:
+        )
+        async with following as messages:
             try:
                 await self._print_from(messages)
             finally:
                 self._pace.tell()
 
-    async def _print_from(self, messages: Follow) -> None:
+    async def _print_from(self, messages: AdaptiveSubscription[Any]) -> None:
         timeout_s = self._options.timeout_s
         shown_at = now_s()
         while True:

@@ -152,6 +152,7 @@ def test_inherited_things_say_that_they_do_not_work_after_a_fork(world: World) -
         lambda: time.advance(1.0),
         lambda: asyncio.run(parameters.get("x", 1)),
         lambda: asyncio.run(node.wait_for_node("x", 1)),
+        lambda: asyncio.run(node.wait_for_message(Int32, "x", 1)),
         lambda: asyncio.run(enter(node)),
         lambda: Node("child", context=node.context),
     ]

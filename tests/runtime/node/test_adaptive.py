@@ -1,0 +1,113 @@
+"""Subscriptions that follow their publishers, and waiting for one message."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from std_msgs.msg import Int32, String
+from worlds import World, until
+
+from rosidl_py_gen import decode
+from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime import AdaptiveSubscription, Durability, Reliability, WaitTimeoutError, WouldDeadlockError
+from rosidl_py_gen.runtime import qos as presets
+
+
+async def test_it_asks_for_less_when_one_appears_that_offers_less(world: World) -> None:
+    near, far = world.pair()
+    notes: list[str] = []
+    first = far.create_publisher(String, "t", presets.DEFAULT.transient_local())
+    await until(lambda: near.count_publishers("t") == 1)
+    async with AdaptiveSubscription(near, "t", String, raw=True, note=notes.append) as follow:
+        assert follow.qos.durability is Durability.TRANSIENT_LOCAL and follow.qos.reliability is Reliability.RELIABLE
+        waiting = asyncio.ensure_future(follow.receive_with_info(20))
+        await asyncio.sleep(0)  # it has begun
+        second = far.create_publisher(String, "t", presets.SENSOR_DATA)
+        await second.wait_for_subscribers(20)  # which the first subscription never was to it
+        assert follow.qos.durability is Durability.VOLATILE and follow.qos.reliability is Reliability.BEST_EFFORT
+        assert [note.split(":")[0] for note in notes] == [
+            "some, but not all, publishers are reliable",
+            "some, but not all, publishers are transient local",
+        ]
+        await first.wait_for_subscribers(20)
+        second.publish(String(data="new"))
+        message, _ = await waiting  # it did not end with the subscription that it began with
+        assert decode(String, message) == String(data="new")
+    with pytest.raises(ClosedError):
+        await follow.receive_with_info(1)
+
+
+async def test_what_was_dropped_stays_counted(world: World) -> None:
+    near, far = world.pair()
+    publisher = far.create_publisher(String, "t")
+    follow: AdaptiveSubscription[String] = AdaptiveSubscription(near, "t", String, depth=1)
+    await publisher.wait_for_subscribers(20)
+    for text in "abc":
+        publisher.publish(String(data=text))
+    await until(lambda: follow.dropped == 2)
+    follow.resubscribe()
+    assert follow.dropped == 2
+    await publisher.wait_for_subscribers(20)
+    for text in "de":
+        publisher.publish(String(data=text))
+    await until(lambda: follow.dropped == 3)
+    follow.close()
+
+
+async def test_what_arrived_is_kept_when_it_subscribes_again(world: World) -> None:
+    near, far = world.pair()
+    publisher = far.create_publisher(Int32, "t")
+    follow: AdaptiveSubscription[Int32] = AdaptiveSubscription(near, "t", Int32)
+    await publisher.wait_for_subscribers(20)
+    for number in range(3):
+        publisher.publish(Int32(data=number))
+    await publisher.wait_for_acknowledged(20)
+    follow.resubscribe()
+    assert [(await follow.receive_with_info(20))[0].data for _ in range(3)] == [0, 1, 2]
+    follow.close()
+
+
+@pytest.mark.every_transport
+async def test_one_message_is_received_whatever_its_publishers_offer(world: World) -> None:
+    near, far = world.pair()
+    for number, qos in enumerate((presets.DEFAULT, presets.SENSOR_DATA, presets.DEFAULT.transient_local())):
+        topic = f"t{number}"
+        waiting = asyncio.ensure_future(near.wait_for_message(String, topic, 20))
+        await asyncio.sleep(0.1)
+        publisher = far.create_publisher(String, topic, qos)
+        if qos.durability is Durability.VOLATILE:
+            await publisher.wait_for_subscribers(20)
+        publisher.publish(String(data=topic))  # what is retained may come before anybody is connected
+        assert await waiting == String(data=topic)
+        assert not near.count_subscribers(topic)
+    assert decode(String, await near.wait_for_message(String, "t2", 20, raw=True)) == String(data="t2")
+    assert await near.wait_for_message("std_msgs/msg/String", "t2", 20) == {"data": "t2"}
+
+
+async def test_a_wait_for_a_message_ends_with_the_reason_or_the_node(memory: World) -> None:
+    near, far = memory.pair()
+    far.create_publisher(String, "r1/t")
+    with pytest.raises(
+        WaitTimeoutError, match=r'no message on /t in 0\.1 s: no node publishes it; did you mean "/r1/t"'
+    ):
+        await near.wait_for_message(String, "t", 0.1)
+    far.create_publisher(String, "u", presets.SENSOR_DATA)
+    with pytest.raises(WaitTimeoutError, match="offers incompatible QoS: reliability BEST_EFFORT, here RELIABLE"):
+        await near.wait_for_message(String, "u", 0.1, qos=1)
+    with pytest.raises(WouldDeadlockError, match="wait_for_message_sync"):
+        near.wait_for_message_sync(String, "t", 0.1)
+    waiting = asyncio.ensure_future(near.wait_for_message(String, "t"))
+    await asyncio.sleep(0.1)
+    near.close()
+    with pytest.raises(ClosedError):
+        await waiting
+
+
+@pytest.mark.real_time("blocking calls")
+def test_plain_code_waits_for_a_message(memory: World) -> None:
+    near, far = memory.pair()
+    far.create_publisher(String, "t", presets.DEFAULT.transient_local()).publish(String(data="x"))
+    assert near.wait_for_message_sync(String, "t", 20) == String(data="x")
+    with pytest.raises(WaitTimeoutError):
+        near.wait_for_message_sync(String, "u", 0.05)
