@@ -147,6 +147,7 @@ def blocks(folder: Path, compression: str, count: int, step: int = BLOCK) -> dic
     """Cut a file, cut it and append zeros, and zero a block, at every block; with its index and without."""
     whole = recording(folder / f"{compression or 'none'}.mcap", count, compression)
     figures, path = Counter[str](), folder / "damaged.mcap"
+    places = chunks(whole)
     for kind, data in (("closed", whole), ("killed", whole[: -len(whole) // 50])):
         for at in range(0, len(data), step):
             rest = len(data) - at
@@ -161,6 +162,9 @@ def blocks(folder: Path, compression: str, count: int, step: int = BLOCK) -> dic
                 figures[f"{kind}, {name}: read strictly"] += strict is not None
                 figures[f"{kind}, {name}: read with skip_damaged"] += skipping is not None
                 lost = count - skipping[0] if skipping else 0
+                if name != "a block of zeros" and at >= 8:  # every chunk that is whole is read
+                    whole_chunks = sum(end <= at for _, end in places)
+                    assert strict and skipping and min(strict[0], skipping[0]) >= 40 * whole_chunks, (kind, name, at)
                 figures[f"{kind}, {name}: messages lost, at most"] = max(
                     lost, figures[f"{kind}, {name}: messages lost, at most"]
                 )

@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from contextlib import ExitStack
 from dataclasses import replace
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Literal
 
 from rosidl_py_gen.bags.common import BagError, BagMessage, BagTopic, BagWarning, LeftOut, RawMessage
@@ -180,7 +181,7 @@ class BagReader:
             raise ValueError(f'on_error is "raise" or "skip", got {on_error!r}')
         names = self._names(topics)
         if raw:
-            return with_bytes(self._merged(names, start_ns, end_ns), lambda one, *rest: BagMessage(one.topic, *rest))
+            return with_bytes(self._merged(names, start_ns, end_ns), BagMessage, attrgetter("topic"))
         for name in names or ():
             for one in self._channels_of(name):
                 self.message_class(one)
@@ -196,7 +197,7 @@ class BagReader:
     ) -> Iterator[RawMessage]:
         """The bytes of messages by log time, with the definition that each was written with; as `messages`."""
         found = self._merged(self._names(topics), start_ns, end_ns)
-        return with_bytes(found, lambda one, *rest: RawMessage(one.info, *rest))
+        return with_bytes(found, RawMessage, attrgetter("info"))
 
     def _names(self, topics: Iterable[str] | str | None) -> list[str] | None:
         names = [topics] if isinstance(topics, str) else None if topics is None else list(topics)

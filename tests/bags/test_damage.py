@@ -183,3 +183,14 @@ def test_a_topic_name_with_control_characters_is_not_written(tmp_path: Path) -> 
                 with pytest.raises(BagError, match="expected a name without control characters") as caught:
                     add(known)
                 assert str(caught.value).isprintable()
+
+
+def test_messages_of_a_chunk_that_lost_its_head_are_not_read_without_their_checksum(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    data = bytearray(recording(path, COUNT, ""))
+    (first, _), (begin, _) = chunks(bytes(data))[1:3]
+    data[first + 200] ^= 1  # damage, and then a chunk without its head of 49 bytes, in which a text is wrong
+    data[begin + 200] ^= 1
+    path.write_bytes(data[:begin] + data[begin + 49 : -60])
+    with pytest.warns(BagWarning, match="have no checksum"), BagReader(path, skip_damaged=True) as reader:
+        assert [one.log_time for one in reader] == [*range(40), *range(120, COUNT)]

@@ -11,7 +11,7 @@ import contextlib
 import heapq
 from itertools import chain, pairwise
 from operator import itemgetter
-from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from rosidl_py_gen.bags.common import BagError, BagTopic
 from rosidl_py_gen.errors import RosidlError
@@ -116,10 +116,11 @@ def damage_told(path: Path) -> Iterator[None]:
         raise BagError(f"{path}: damaged: {type(error).__name__}: {str(error)[:200]}") from None
 
 
-def with_bytes(found: Iterable[Raw], make: Callable[[Channel, bytes, int, int], M]) -> Iterator[M]:
-    """Yield what `make` makes of each message, without a reference to its chunk while the next one is read."""
+def with_bytes(found: Iterable[Raw], kind: type[M], first: Callable[[Channel], Any]) -> Iterator[M]:
+    """Yield messages as named tuples that begin with `first`, without a reference to a chunk while the next is read."""
+    make = tuple.__new__  # in half the time of a call of `kind`
     for channel, data, log_time, publish_time in found:
-        made = make(channel, bytes(data), log_time, publish_time)
+        made = make(kind, (first(channel), bytes(data), log_time, publish_time))  # type: ignore[type-var]
         del data
         yield made
         del made

@@ -62,6 +62,8 @@ class Walk:
         self._on_damage, self._skips = on_damage, skips
         self._loose = _Loose(index)
         self._end = 0
+        self._is_doubtful = False  # since the last damage, until a chunk is right: a chunk may have lost its head
+        self._doubtful_from: int | None = None
 
     def run(self, start: int, end: int) -> None:
         """Walk from `start` to `end`, or to where the file breaks off."""
@@ -87,13 +89,18 @@ class Walk:
                 if len(head) < MESSAGE.size or length < MESSAGE.size - RECORD.size:
                     at = self._skip(at, after, BagError(f"a message of {length} bytes at offset {at}"))
                     continue
-                self._loose.add(at, after, *MESSAGE.unpack(head)[2:5:2])
+                if not self._is_doubtful:
+                    self._loose.add(at, after, *MESSAGE.unpack(head)[2:5:2])
+                elif self._doubtful_from is None:
+                    self._doubtful_from = at
                 at = after
                 continue
+            self._end_doubtful(at)
             self._loose.end()
             at = self._take(opcode, at, after)
             if at < 0:
                 return
+        self._end_doubtful(at)
         self._loose.end()
         if at > max(start, end):
             self._skip(end, at, BagError(f"a record goes beyond byte {end}, where the next one begins"))
@@ -112,7 +119,14 @@ class Walk:
         else:
             channels = indexed_channels(self._read, after, self._size)
             self._on_damage(Damage(at, after, error, head.first, head.last, channels))
+        self._is_doubtful = True
         return after
+
+    def _end_doubtful(self, at: int) -> None:
+        """Report messages outside of chunks that ended before `at`, if they followed a damage."""
+        if self._doubtful_from is not None:
+            self._skip(self._doubtful_from, at, BagError("messages after a damaged part, which have no checksum"))
+            self._doubtful_from = None
 
     def _breaks_off(self, opcode: int, at: int) -> bool:
         """Return True where a file was not finished: within a record, or with the zeros that a power cut leaves."""
@@ -152,6 +166,7 @@ class Walk:
             with damage_told(self._unpacker.path):
                 if opcode == Opcode.CHUNK:
                     _add_chunk(_pieces(self._stream, self._unpacker, body, after), body, after, self._index)
+                    self._is_doubtful = False
                 elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                     self._index.take(opcode, self._read(body, after - body))
                 elif head is not None:
