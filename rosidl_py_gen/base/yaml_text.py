@@ -116,6 +116,10 @@ class _TreeLoader(_PyYamlLoader):
         return UNTAGGED if kind is yaml.ScalarNode else str(super().resolve(kind, value, implicit))  # type: ignore[no-untyped-call]
 
 
+class _AnchorLoader(_TreeLoader):
+    """Loader of `compose_yaml` that ignores anchors, as rcl does."""
+
+
 def _add_resolvers() -> None:
     merge = re.compile(r"<<\Z")
     for tag, pattern, first in (
@@ -174,17 +178,18 @@ def load_yaml(
     return _checked(text, _Loader, max_bytes, MAX_LEVELS, read)
 
 
-def compose_yaml(text: str | bytes, *, max_bytes: int = MAX_BYTES, max_levels: int = MAX_LEVELS) -> yaml.Node | None:
+def compose_yaml(
+    text: str | bytes, *, max_bytes: int = MAX_BYTES, max_levels: int = MAX_LEVELS, anchors: bool = False
+) -> yaml.Node | None:
     """Return the tree of a text without anchors and aliases; None for an empty one.
 
     Scalars without a tag have the tag `UNTAGGED`, whatever they look like.
 
     Raises:
-        YamlError: the text is not YAML, exceeds a limit, or has anchors or aliases.
+        YamlError: the text is not YAML, exceeds a limit, or has aliases or, unless `anchors` is set, anchors.
     """
-    node: yaml.Node | None = _checked(
-        text, _TreeLoader, max_bytes, max_levels, lambda text: _TreeLoader(text).get_single_node()
-    )
+    loader = _AnchorLoader if anchors else _TreeLoader
+    node: yaml.Node | None = _checked(text, loader, max_bytes, max_levels, lambda text: loader(text).get_single_node())
     return node
 
 
@@ -218,7 +223,8 @@ def _check_events(text: str, loader: Any, max_levels: int) -> None:
     anchors: dict[str | None, float] = {}
     for index, event in enumerate(yaml.parse(text, Loader=loader)):
         anchor = getattr(event, "anchor", None)
-        if anchor is not None and loader is _TreeLoader:
+        refuses = loader is _TreeLoader or (loader is _AnchorLoader and isinstance(event, yaml.AliasEvent))
+        if anchor is not None and refuses:
             raise YamlError("anchors and aliases are not supported", event.start_mark)
         if isinstance(event, yaml.CollectionStartEvent):
             open_counts.append(0)

@@ -73,6 +73,8 @@ MORE = {
         "rclpy.context.refused_arguments",
         "rclpy.duration.DurationType.nanoseconds",
         "rclpy.event_handler.EventHandle",
+        "rclpy.event_handler.rcl_publisher_event_type_t",
+        "rclpy.event_handler.rcl_subscription_event_type_t",
         "rclpy.guard_condition.GuardConditionHandle",
         "rclpy.impl.rcutils_logger.as_severity",
         "rclpy.impl.rcutils_logger.set_level",
@@ -82,7 +84,11 @@ MORE = {
         "rclpy.waitable.WaitSet",
     ),
     "all handles of C have it but that of a clock": ("rclpy.clock.ClockHandle.pointer",),
-    "names of types for checkers": ("rclpy.lifecycle.node.Described",),
+    "names of types for checkers": (
+        "rclpy.clock.AnyClockType",
+        "rclpy.lifecycle.node.Described",
+        "rclpy.time.AnyClockType",
+    ),
     "a value of the middleware that rclpy has no name for": ("rclpy.qos.RMW_QOS_DEADLINE_BEST_AVAILABLE",),
     "there under `rclpy.executors` in rclpy": ("rclpy.task.await_or_execute",),
     "fields with a default, which rclpy sets in constructors": (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import builtins
-from enum import IntEnum
+from enum import Enum
 
 from rosidl_py_gen import runtime
 
@@ -48,14 +48,62 @@ class RMWError(RuntimeError):
     """The middleware refused an operation."""
 
 
-class EnumOfC(IntEnum):
-    """What is printed with its name, as C's enumerations are; those of Python are numbers there from 3.11 on."""
+class ScopedEnumOfC(Enum):
+    """An enumeration of C++, printed with the name of its class. It has a number and is none: it equals no number."""
+
+    value: int
+
+    def __int__(self) -> int:
+        return self.value
+
+    def __index__(self) -> int:
+        return self.value
 
     def __str__(self) -> str:
         return f"{type(self).__name__}.{self.name}"
 
-    def __format__(self, spec: str) -> str:
-        return format(str(self), spec)
+
+class EnumOfC(ScopedEnumOfC):
+    """An enumeration of C; it equals its number, and so a member of an `IntEnum`."""
+
+    def __eq__(self, other: object) -> bool:
+        return self is other if isinstance(other, Enum) and not isinstance(other, int) else self.value == other
+
+    def __hash__(self) -> int:
+        return hash(self.value)
+
+
+class ClockType(EnumOfC):
+    """The kind of clock, as times have it; `rclpy.clock_type.ClockType` is what programs give."""
+
+    UNINITIALIZED = 0
+    ROS_TIME = 1
+    SYSTEM_TIME = 2
+    STEADY_TIME = 3
+
+
+class ClockChange(EnumOfC):
+    """The change of a clock's source, as callbacks get it; `rclpy.clock.ClockChange` has the same numbers."""
+
+    ROS_TIME_NO_CHANGE = 1
+    ROS_TIME_ACTIVATED = 2
+    ROS_TIME_DEACTIVATED = 3
+    SYSTEM_TIME_NO_CHANGE = 4
+
+
+class rmw_qos_policy_kind_t(EnumOfC):  # as in C
+    """The policy that two endpoints disagree on, as events have it; `rclpy.qos.QoSPolicyKind` has the same numbers."""
+
+    RMW_QOS_POLICY_INVALID = 1
+    RMW_QOS_POLICY_DURABILITY = 2
+    RMW_QOS_POLICY_DEADLINE = 4
+    RMW_QOS_POLICY_LIVELINESS = 8
+    RMW_QOS_POLICY_RELIABILITY = 16
+    RMW_QOS_POLICY_HISTORY = 32
+    RMW_QOS_POLICY_LIFESPAN = 64
+    RMW_QOS_POLICY_DEPTH = 128
+    RMW_QOS_POLICY_LIVELINESS_LEASE_DURATION = 256
+    RMW_QOS_POLICY_AVOID_ROS_NAMESPACE_CONVENTIONS = 512
 
 
 class QoSCompatibility(EnumOfC):
@@ -66,7 +114,7 @@ class QoSCompatibility(EnumOfC):
     ERROR = 2
 
 
-class TransitionCallbackReturnType(EnumOfC):
+class TransitionCallbackReturnType(ScopedEnumOfC):
     """What the callback of a lifecycle transition answers; numbers of lifecycle_msgs/Transition."""
 
     SUCCESS = 97

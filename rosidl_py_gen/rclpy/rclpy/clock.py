@@ -9,6 +9,8 @@ from enum import IntEnum
 from types import TracebackType
 from typing import Any, Optional, Protocol, Type, TypedDict  # noqa: F401, UP035
 
+from rclpy._rclpy_pybind11 import ClockChange as ClockChangeOfC
+from rclpy._rclpy_pybind11 import ClockType as ClockTypeOfC
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
@@ -16,7 +18,7 @@ from rclpy.destroyable import DestroyableType as DestroyableType
 from rclpy.duration import Duration
 from rclpy.exceptions import NotInitializedException
 from rclpy.handles import Destroyable
-from rclpy.time import Time, TimeHandle
+from rclpy.time import AnyClockType, Time, TimeHandle
 from rclpy.utilities import get_default_context
 from rosidl_py_gen import runtime
 
@@ -62,18 +64,18 @@ class TimeJump:
         delta: how far time jumped; 0 when the source changed.
     """
 
-    clock_change: ClockChange
+    clock_change: ClockChange | ClockChangeOfC
     delta: Duration
 
     def __post_init__(self) -> None:
-        if not isinstance(self.clock_change, ClockChange):
+        if not isinstance(self.clock_change, (ClockChange, ClockChangeOfC)):
             raise TypeError("clock_change must be an instance of rclpy.clock.ClockChange")
 
 
 class TimeJumpDictionary(TypedDict):
     """What the callback of a `JumpHandle` made by hand is given; `delta` in nanoseconds."""
 
-    clock_change: ClockChange
+    clock_change: ClockChange | ClockChangeOfC
     delta: int
 
 
@@ -104,7 +106,7 @@ class JumpHandle:
 
         def after(jump: runtime.TimeJump) -> None:
             if post_callback is not None:
-                post_callback({"clock_change": ClockChange(jump.clock_change), "delta": jump.delta.nanoseconds})
+                post_callback({"clock_change": ClockChangeOfC(jump.clock_change), "delta": jump.delta.nanoseconds})
 
         with clock.handle as handle:
             self._rosidl_registration = handle.clock.create_jump_callback(
@@ -138,11 +140,15 @@ def _pass_on(_doing: str) -> None:
 class ClockHandle(Destroyable):
     """The clock of rosidl_py_gen that a `Clock` reads; there is no C structure here."""
 
-    def __init__(self, clock_type: ClockType) -> None:
+    def __init__(self, clock_type: AnyClockType) -> None:
         super().__init__()
         self._clock_type = clock_type
-        kind = runtime.ClockType.SYSTEM_TIME if clock_type == ClockType.UNINITIALIZED else runtime.ClockType(clock_type)
-        self.clock = runtime.Clock(kind, on_failure=_pass_on)
+        kind = (
+            runtime.ClockType.SYSTEM_TIME
+            if clock_type == ClockType.UNINITIALIZED
+            else runtime.ClockType(int(clock_type))
+        )
+        self.clock = runtime.Clock(runtime.ClockType(int(kind)), on_failure=_pass_on)
 
     def get_now(self) -> TimeHandle:
         """What it reads; RCLError when it is of no kind."""
@@ -171,11 +177,11 @@ class ClockHandle(Destroyable):
 class Clock:
     """A clock of one kind; for ROS_TIME this makes a `ROSClock`."""
 
-    _clock_type: ClockType
+    _clock_type: AnyClockType
     _rosidl_clock: ClockHandle
 
-    def __new__(cls, *, clock_type: ClockType = ClockType.SYSTEM_TIME) -> Clock:
-        if not isinstance(clock_type, ClockType):
+    def __new__(cls, *, clock_type: AnyClockType = ClockType.SYSTEM_TIME) -> Clock:
+        if not isinstance(clock_type, (ClockType, ClockTypeOfC)):
             raise TypeError("Clock type must be a ClockType enum")
         made = super().__new__(ROSClock if clock_type is ClockType.ROS_TIME else cls)
         made._rosidl_clock = ClockHandle(clock_type)
@@ -183,7 +189,7 @@ class Clock:
         return made
 
     @property
-    def clock_type(self) -> ClockType:
+    def clock_type(self) -> AnyClockType:
         """Its kind."""
         return self._clock_type
 

@@ -14,7 +14,7 @@ from rclpy._rclpy_pybind11 import UnsupportedEventTypeError as UnsupportedEventT
 from rclpy.callback_groups import CallbackGroup as CallbackGroup
 from rclpy.handles import Destroyable
 from rclpy.logging import get_logger as get_logger
-from rclpy.mismatches import Watched
+from rclpy.mismatches import Watched, with_policy_of_c
 from rclpy.qos import qos_policy_name_from_kind as qos_policy_name_from_kind
 from rclpy.task import await_or_execute
 from rclpy.waitable import NumberOfEntities, Waitable
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rclpy.waitable import WaitSet
 
 
-class QoSPublisherEventType(EnumOfC):
+class rcl_publisher_event_type_t(EnumOfC):  # as in C
     """Events of publishers; numbers of rcl."""
 
     RCL_PUBLISHER_OFFERED_DEADLINE_MISSED = 0
@@ -35,7 +35,10 @@ class QoSPublisherEventType(EnumOfC):
     RCL_PUBLISHER_MATCHED = 4
 
 
-class QoSSubscriptionEventType(EnumOfC):
+QoSPublisherEventType = rcl_publisher_event_type_t
+
+
+class rcl_subscription_event_type_t(EnumOfC):  # as in C
     """Events of subscriptions; numbers of rcl."""
 
     RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED = 0
@@ -44,6 +47,9 @@ class QoSSubscriptionEventType(EnumOfC):
     RCL_SUBSCRIPTION_MESSAGE_LOST = 3
     RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE = 4
     RCL_SUBSCRIPTION_MATCHED = 5
+
+
+QoSSubscriptionEventType = rcl_subscription_event_type_t
 
 
 QoSRequestedDeadlineMissedInfo = runtime.CountStatus
@@ -81,7 +87,7 @@ class EventHandler(Waitable):
         *,
         callback_group: CallbackGroup,
         callback: Callable[[Any], Any],
-        event_type: int,
+        event_type: EnumOfC,
         parent_impl: Handle[Any],
     ) -> None:
         super().__init__(callback_group)
@@ -137,7 +143,7 @@ class QoSEventHandler(EventHandler):
 class _EventCallbacks:
     """Functions by the runtime's names of events."""
 
-    _ROSIDL_TYPES: dict[str, int]
+    _ROSIDL_TYPES: dict[str, EnumOfC]
     _ROSIDL_WORDS: str
     use_default_callbacks: bool
 
@@ -150,12 +156,12 @@ class _EventCallbacks:
 
         def keep(queue: deque[Any]) -> Callable[[Any], None]:
             def told(status: Any) -> None:
-                queue.append(status)
+                queue.append(with_policy_of_c(status))
                 context.arrived()
 
             return told
 
-        return {self._ROSIDL_TYPES[name]: queue for name, queue in queues.items()}, {
+        return {self._ROSIDL_TYPES[name].value: queue for name, queue in queues.items()}, {
             name: keep(queue) for name, queue in queues.items()
         }
 
@@ -171,7 +177,8 @@ class _EventCallbacks:
         """Have mismatches noticed that no function of the program is for, unless it wants none to be."""
         kinds = [kind for kind in ("qos", "type") if f"incompatible_{kind}" not in self._rosidl_functions()]
         queues = {kind: deque[Any]() for kind in kinds if self.use_default_callbacks}
-        handle.events.update({self._ROSIDL_TYPES[f"incompatible_{kind}"]: queue for kind, queue in queues.items()})
+        for kind, queue in queues.items():
+            handle.events[self._ROSIDL_TYPES[f"incompatible_{kind}"].value] = queue
         handle.watched = Watched(node, endpoint, queues)
         handle.context.mismatches.watch(handle.watched)
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import weakref
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
+from rclpy._rclpy_pybind11 import rmw_qos_policy_kind_t
 from rosidl_py_gen import runtime
 
 
@@ -50,7 +51,15 @@ class Watched:
             policies = runtime.check_compatible(one.writer.qos_profile, one.reader.qos_profile).policies
             policy = next(iter(policies), runtime.QoSPolicyKind.INVALID) if one.kind == "qos" else None
             status = runtime.IncompatibleStatus(total, 1, one.reason, policy or runtime.QoSPolicyKind.INVALID)
-            self.queues[one.kind].append(status)
+            self.queues[one.kind].append(with_policy_of_c(status))
+
+
+def with_policy_of_c(status: Any) -> Any:
+    """Return what the runtime tells of an event as rclpy does: the policy of an incompatible peer is an enum of C."""
+    if not isinstance(status, runtime.IncompatibleStatus):
+        return status
+    policy: Any = rmw_qos_policy_kind_t(int(status.last_policy_kind))
+    return replace(status, last_policy_kind=policy)
 
 
 class Mismatches:

@@ -24,7 +24,7 @@ from rclpy.exceptions import (
     ParameterUninitializedException,
 )
 from rclpy.impl._fields import valid_or
-from rclpy.impl.parameter_rules import PARAM_REL_TOL, read_declaration, refusal
+from rclpy.impl.parameter_rules import PARAM_REL_TOL, initial_value, read_declaration, refusal
 from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter
 from rclpy.qos import qos_profile_parameter_events
 from rclpy.type_description_service import START_TYPE_DESCRIPTION_SERVICE_PARAM
@@ -81,7 +81,7 @@ class NodeParameters:
             given = handle.entity.get_parameters_by_prefix("")
         if given[START_TYPE_DESCRIPTION_SERVICE_PARAM].value.value is True:
             del given[START_TYPE_DESCRIPTION_SERVICE_PARAM]  # the runtime declares it for its own
-        found = {name: Parameter(name, value=_plain(one.value.value)) for name, one in given.items()}
+        found = {name: Parameter(name, value=initial_value(one.value.value)) for name, one in given.items()}
         self._rosidl_overrides = self._parameter_overrides = found | {one.name: one for one in own or ()}
         if declare:
             initial = [(name, one.value, ParameterDescriptor()) for name, one in self._rosidl_overrides.items()]
@@ -388,11 +388,6 @@ class NodeParameters:
     def remove_post_set_parameters_callback(self, callback: PostSetCallback) -> None:
         """Tell it no more; ValueError when it is not there."""
         self._rosidl_post_set.remove(callback)
-
-
-def _plain(value: Any) -> Any:
-    """An initial value as rclpy has it: arrays are lists."""
-    return list(value) if isinstance(value, (tuple, list)) else value
 
 
 def _require_texts(names: list[str]) -> None:

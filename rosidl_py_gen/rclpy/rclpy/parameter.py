@@ -142,6 +142,8 @@ def get_parameter_value(string_value: str) -> Any:
     """
     from rosidl_py_gen.base.yaml_text import YamlError, load_yaml  # takes a while, and most programs need none
 
+    if not isinstance(string_value, str):
+        raise AttributeError(f"get_parameter_value: expected a str, got {string_value!r:.100}")  # rclpy reads it
     try:
         found = load_yaml(string_value, like_rclpy=True)
     except YamlError:

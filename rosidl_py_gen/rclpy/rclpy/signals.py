@@ -10,7 +10,7 @@ import signal
 import threading
 from typing import TYPE_CHECKING, Any
 
-from rclpy._rclpy_pybind11 import EnumOfC
+from rclpy._rclpy_pybind11 import ScopedEnumOfC
 from rclpy.context import mark_all_shut_down
 from rclpy.exceptions import InvalidHandle as InvalidHandle
 from rclpy.guard_condition import GuardCondition
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rclpy.context import Context
 
 
-class SignalHandlerOptions(EnumOfC):
+class SignalHandlerOptions(ScopedEnumOfC):
     """Which signals shut contexts down."""
 
     NO = 0
@@ -52,7 +52,7 @@ def install_signal_handlers(options: SignalHandlerOptions = SignalHandlerOptions
     if threading.current_thread() is not threading.main_thread():
         return
     for option, number in _SIGNALS.items():
-        if options & option:
+        if options.value & option.value:
             _install(number)
         else:
             _uninstall(number)
@@ -73,7 +73,7 @@ def _uninstall(number: int) -> None:
 
 def get_current_signal_handlers_options() -> SignalHandlerOptions:
     """Which signals shut contexts down now."""
-    return SignalHandlerOptions(sum(option for option, number in _SIGNALS.items() if number in _before))
+    return SignalHandlerOptions(sum(option.value for option, number in _SIGNALS.items() if number in _before))
 
 
 def uninstall_signal_handlers() -> None:

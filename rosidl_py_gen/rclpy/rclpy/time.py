@@ -6,9 +6,13 @@ from typing import Protocol, Tuple, Union, overload  # noqa: F401, UP035
 
 import builtin_interfaces.msg
 
+from rclpy._rclpy_pybind11 import ClockType as ClockTypeOfC
 from rclpy.clock_type import ClockType
 from rclpy.constants import S_TO_NS
 from rclpy.duration import Duration, _Ordered
+
+AnyClockType = ClockType | ClockTypeOfC
+_OF_C = {one: ClockTypeOfC(one) for one in ClockType}
 
 
 class TimeHandle(Protocol):
@@ -17,7 +21,7 @@ class TimeHandle(Protocol):
     @property
     def nanoseconds(self) -> int: ...
     @property
-    def clock_type(self) -> ClockType: ...
+    def clock_type(self) -> ClockTypeOfC: ...
 
 
 class Time(_Ordered):
@@ -28,9 +32,9 @@ class Time(_Ordered):
     """
 
     def __init__(
-        self, *, seconds: float = 0, nanoseconds: int = 0, clock_type: ClockType = ClockType.SYSTEM_TIME
+        self, *, seconds: float = 0, nanoseconds: int = 0, clock_type: AnyClockType = ClockType.SYSTEM_TIME
     ) -> None:
-        if not isinstance(clock_type, ClockType):
+        if not isinstance(clock_type, (ClockType, ClockTypeOfC)):
             raise TypeError("Clock type must be a ClockType enum")
         if seconds < 0:
             raise ValueError("Seconds value must not be negative")
@@ -40,7 +44,7 @@ class Time(_Ordered):
         if total >= 2**63:
             raise OverflowError("Total nanoseconds value is too large to store in C time point.")
         self._rosidl_nanoseconds = total
-        self._rosidl_clock_type = clock_type
+        self._rosidl_clock_type = clock_type if isinstance(clock_type, ClockTypeOfC) else _OF_C[clock_type]
 
     @property
     def nanoseconds(self) -> int:
@@ -52,8 +56,8 @@ class Time(_Ordered):
         return divmod(self.nanoseconds, S_TO_NS)
 
     @property
-    def clock_type(self) -> ClockType:
-        """The kind of clock it was read from."""
+    def clock_type(self) -> ClockTypeOfC:
+        """The kind of clock it was read from; it equals a `ClockType`."""
         return self._rosidl_clock_type
 
     def __repr__(self) -> str:
@@ -76,7 +80,7 @@ class Time(_Ordered):
     def __sub__(self, other: Duration) -> Time: ...
     def __sub__(self, other: Time | Duration) -> Time | Duration:
         if isinstance(other, Time):
-            if self.clock_type != other.clock_type:
+            if self._rosidl_clock_type is not other._rosidl_clock_type:
                 raise TypeError("Can't subtract times with different clock types")
             return Duration(nanoseconds=self.nanoseconds - other.nanoseconds)
         if not isinstance(other, Duration):
@@ -89,7 +93,7 @@ class Time(_Ordered):
     def _rosidl_comparable(self, other: object) -> int | None:
         if not isinstance(other, Time):
             return None
-        if self.clock_type != other.clock_type:
+        if self._rosidl_clock_type is not other._rosidl_clock_type:
             raise TypeError("Can't compare times with different clock types")
         return other.nanoseconds
 
@@ -99,7 +103,7 @@ class Time(_Ordered):
         return builtin_interfaces.msg.Time(sec=sec, nanosec=nanosec)
 
     @classmethod
-    def from_msg(cls, msg: builtin_interfaces.msg.Time, clock_type: ClockType = ClockType.ROS_TIME) -> Time:
+    def from_msg(cls, msg: builtin_interfaces.msg.Time, clock_type: AnyClockType = ClockType.ROS_TIME) -> Time:
         """Of a builtin_interfaces/Time; TypeError for anything else."""
         if not isinstance(msg, builtin_interfaces.msg.Time):
             raise TypeError("Must pass a builtin_interfaces.msg.Time object")

@@ -69,12 +69,12 @@ class TimerHandle(Destroyable):
         now_ns = self._now_ns()
         with self._lock:
             self._last_ns = now_ns
+            if self.period_ns == 0:
+                self._next_ns = now_ns
+                return
             self._next_ns += self.period_ns
-            if self._next_ns < now_ns:
-                late_ns = now_ns - self._next_ns
-                self._next_ns = (
-                    now_ns if self.period_ns == 0 else self._next_ns + -(-late_ns // self.period_ns) * self.period_ns
-                )
+            if self._next_ns <= now_ns:  # the next call is always later than now, also when now is one of the grid
+                self._next_ns += ((now_ns - self._next_ns) // self.period_ns + 1) * self.period_ns
 
     def is_ready(self) -> bool:
         """Whether a call is due."""

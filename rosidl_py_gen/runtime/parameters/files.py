@@ -3,14 +3,13 @@
 Decides what a scalar means, and it is not what YAML says: `y` is true, `010` is 8, `08` is 8.0 and `null` is a text
 (docs/internals/protocol.md 10.5). So the standard resolver is replaced by one that only tells plain scalars from quoted
 ones, and `plain_scalar` decides. Text is what is quoted or tagged ``!!str``; other tags are ignored (``!!int yes`` is
-true) and block scalars count as plain, as in `get_value` of rcl_yaml_param_parser's parse.c. Reading files is the
-caller's.
+true), anchors too, and block scalars count as plain, as in `get_value` of rcl_yaml_param_parser's parse.c. Reading
+files is the caller's.
 """
 
 from __future__ import annotations
 
 import base64
-import binascii
 import math
 import re
 import sys
@@ -125,7 +124,7 @@ def parse_parameter_value(text: str) -> ParameterValue:
 
 def _compose(text: str, name: str) -> yaml.Node | None:
     try:
-        return compose_yaml(text, max_bytes=_MAX_BYTES, max_levels=_MAX_LEVELS)
+        return compose_yaml(text, max_bytes=_MAX_BYTES, max_levels=_MAX_LEVELS, anchors=True)
     except YamlError as error:
         raise ParameterFileError(error.at(name)) from None
 
@@ -167,7 +166,7 @@ def _parameters(name: str, mapping: yaml.MappingNode, prefix: str) -> Iterator[t
 def _value(name: str, node: yaml.Node) -> ParameterValue:
     try:
         if isinstance(node, yaml.ScalarNode):
-            return _scalar(node)
+            return _bytes(node) or _scalar(node)
         if not isinstance(node, yaml.SequenceNode):
             _fail(name, node, "expected a value or a list, found a map")
         for item in node.value:
@@ -179,13 +178,20 @@ def _value(name: str, node: yaml.Node) -> ParameterValue:
 
 
 def _scalar(node: yaml.ScalarNode) -> ParameterValue:
-    if node.tag == _BINARY:
-        try:
-            return ParameterValue(
-                ParameterType.BYTE_ARRAY, base64.b64decode("".join(node.value.split()), validate=True)
-            )
-        except (binascii.Error, ValueError) as error:
-            raise InvalidParameterValueError(f"not base64: {error}") from error
     if node.tag == STRING or node.style in ("'", '"'):
         return ParameterValue(ParameterType.STRING, node.value)
     return plain_scalar(node.value)
+
+
+def _bytes(node: yaml.ScalarNode) -> ParameterValue | None:
+    """Return the value of a scalar in base64 with the tag ``!!binary``, which `dump_parameters` writes.
+
+    Returns:
+        None for others: like rcl, ignore the tag where it is of no use.
+    """
+    if node.tag != _BINARY:
+        return None
+    try:
+        return ParameterValue(ParameterType.BYTE_ARRAY, base64.b64decode("".join(node.value.split()), validate=True))
+    except ValueError:
+        return None

@@ -107,6 +107,36 @@ spin(lambda: g.status == 5)
 s.register_execute_callback(execute_async)
 done(goal(7).get_result_async())
 s.register_execute_callback(5)
+
+
+def result_of(value):
+    """Status and result when an execute callback returns something; what leaves `spin` otherwise."""
+    from rclpy.executors import SingleThreadedExecutor
+
+    node = rclpy.create_node("wrong")
+    spinner = SingleThreadedExecutor()
+    spinner.add_node(node)
+    server = ActionServer(node, Fibonacci, "wrong", lambda goal: (goal.succeed(), value)[1])
+    client = ActionClient(node, Fibonacci, "wrong")
+    client.wait_for_server(timeout_sec=10)
+    try:
+        future = client.send_goal_async(Fibonacci.Goal())
+        spinner.spin_until_future_complete(future, 10)
+        future = future.result().get_result_async()
+        spinner.spin_until_future_complete(future, 10)
+        return future.result().status, list(future.result().result.sequence)
+    except Exception as error:
+        return type(error).__name__
+    finally:
+        server.destroy(), client.destroy()
+        spinner.shutdown()
+        node.destroy_node()
+
+
+unencodable = Fibonacci.Result()
+unencodable._sequence = "abc"
+result_of(Fibonacci.Feedback(sequence=[1]))
+[result_of(value) for value in (None, 5, "x", {"sequence": [1]}, Fibonacci.Result, UUID(), unencodable)] == [(4, [])] * 7  # ours: True, and errors in the log
 s.register_cancel_callback(None)
 held = []
 s.register_handle_accepted_callback(held.append)

@@ -68,7 +68,7 @@ get_parameter_value("2020-01-01").string_value  # ours: no ROS message can hold 
 get_parameter_value("!!binary YQ==")  # ours: no ROS message can hold what rclpy makes of it, or it raises
 get_parameter_value("[[1]]").string_value
 get_parameter_value("@x")  # ours: no ROS message can hold what rclpy makes of it, or it raises
-get_parameter_value(5)
+get_parameter_value(5)  # text
 get_parameter_value("1e5").type
 get_parameter_value("0x10").integer_value
 get_parameter_value("yes").type

@@ -58,3 +58,25 @@ LivelinessPolicy.RMW_QOS_POLICY_LIVELINESS_AUTOMATIC
 QoSHistoryPolicy.RMW_QOS_POLICY_HISTORY_KEEP_ALL
 LivelinessPolicy.RMW_QOS_POLICY_DURABILITY_UNKNOWN
 str(QoSProfile(**QoSProfile(depth=7, deadline=Duration(seconds=1)).get_c_qos_profile().to_dict()))
+
+import time
+import rclpy
+from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherEventType, QoSSubscriptionEventType, SubscriptionEventCallbacks
+from rclpy.qos import QoSPolicyKind, qos_policy_name_from_kind
+from std_msgs.msg import String
+QoSPublisherEventType.RCL_PUBLISHER_MATCHED
+str(QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED)
+(isinstance(QoSCompatibility.OK, int), QoSCompatibility.ERROR == 2, f"{QoSCompatibility.OK}")
+rclpy.init()
+n = rclpy.create_node("n")
+told = {}
+pub = n.create_publisher(String, "t", QoSProfile(depth=1), event_callbacks=PublisherEventCallbacks(incompatible_qos=lambda e: told.update(pub=e.last_policy_kind)))
+sub = n.create_subscription(String, "t", print, QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL), event_callbacks=SubscriptionEventCallbacks(incompatible_qos=lambda e: told.update(sub=e.last_policy_kind)))
+end = time.monotonic() + 20
+while len(told) < 2 and time.monotonic() < end:
+    rclpy.spin_once(n, timeout_sec=0.1)
+sorted(told.items())
+kind = told["sub"]
+(str(kind), f"{kind}", isinstance(kind, int), int(kind), kind == QoSPolicyKind.DURABILITY, QoSPolicyKind.DURABILITY == kind, kind == 2, qos_policy_name_from_kind(kind), QoSPolicyKind(kind), {QoSPolicyKind.DURABILITY: 1}.get(kind))
+[str(one.event_type) for one in pub.event_handlers]
+rclpy.shutdown()

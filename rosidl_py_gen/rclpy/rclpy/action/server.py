@@ -25,7 +25,7 @@ from rclpy.time import Time
 from rclpy.type_support import check_for_type_support as check_for_type_support
 from rclpy.waitable import NumberOfEntities
 from rclpy.waitable import Waitable as Waitable
-from rosidl_py_gen import runtime
+from rosidl_py_gen import EncodeError, runtime
 
 if TYPE_CHECKING:
     from rclpy.callback_groups import CallbackGroup
@@ -177,10 +177,25 @@ class ActionServer(ActionWaitable):
             self._logger.warning(f"Goal state not set, assuming aborted. Goal ID: {goal_handle.goal_id.uuid}")
             goal_handle.abort()
         response = self._action_type.Impl.GetResultService.Response(status=goal_handle.status)
-        response.result = result
+        response.result = self._rosidl_as_result(result)
         future = self._result_futures.get(bytes(goal_handle.goal_id.uuid))
         if future is not None:  # else it expired already
             future.set_result(response)
+
+    def _rosidl_as_result(self, answer: Any) -> Any:
+        """Return what an execute callback answered; a default result, and an error in the log, when it is no result.
+
+        As in rclpy a message of another class is taken when it has the fields of a result.
+        """
+        kind = self._action_type.Result
+        if isinstance(answer, kind):
+            return answer
+        try:
+            return kind(**{name: getattr(answer, name) for name in kind.get_fields_and_field_types()})
+        except Exception:
+            found = f"{type(answer).__name__} {answer!r:.100}"
+            self._logger.error(f"execute callback: returned {found}, expected {kind.__name__}; a default one is sent")
+            return kind()
 
     async def _execute_cancel_request(self, request: Any) -> None:
         response = self._action_type.Impl.CancelGoalService.Response()
@@ -218,7 +233,13 @@ class ActionServer(ActionWaitable):
         future.add_done_callback(partial(self._rosidl_send_result, request))
 
     def _rosidl_send_result(self, request: Any, future: Future[Any]) -> None:
-        self._rosidl_respond(request, future.result(), "result")
+        response: Any = future.result()
+        try:
+            self._rosidl_respond(request, response, "result")
+        except EncodeError as error:
+            self._logger.error(f"execute callback: {error}; a default result is sent")
+            response.result = self._action_type.Result()
+            self._rosidl_respond(request, response, "result")
 
     def _rosidl_publish_status(self) -> None:
         states = [GoalStatus(goal_info=one._goal_info, status=one.status) for one in list(self._goal_handles.values())]

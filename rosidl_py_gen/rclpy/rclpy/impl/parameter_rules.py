@@ -111,3 +111,9 @@ def read_declaration(namespace: str, index: int, given: tuple[Any, ...]) -> tupl
             text = "Cannot declare a statically typed parameter with default value of type PARAMETER_NOT_SET"
             raise ValueError(text)
     return name, value, descriptor
+
+
+def initial_value(value: Any) -> Any:
+    """Return an initial value as rclpy has it: arrays are lists, those of bytes (``!!binary``) of single ones."""
+    items = [bytes([one]) for one in value] if isinstance(value, bytes) else value
+    return list(items) if isinstance(items, (tuple, list)) else items
