@@ -21,6 +21,7 @@ from rosidl_py_gen import compile_text, get_action, get_message, get_service, ty
 from rosidl_py_gen.bags import BagError, BagReader, BagWriter
 from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.runtime import Durability, IntrospectionState, QoSProfile, Reliability, ServiceEventType
+from rosidl_py_gen.tools import ToolError
 from rosidl_py_gen.tools.recording.writer import WriterThread
 
 if TYPE_CHECKING:
@@ -542,6 +543,24 @@ def test_small_messages_take_no_more_memory_than_a_snapshot_may_have(tmp_path: P
         tracemalloc.stop()
         writer.end()
     assert 700_000 < taken < 1_100_000
+
+
+def test_the_error_of_a_full_disk_has_the_path_once(tmp_path: Path) -> None:
+    for name, error in (("db3", BagError(f"{tmp_path / 'db3'}: full")), ("mcap", OSError(28, "full", "a file"))):
+        with BagWriter(tmp_path / name) as bag:
+            writer = WriterThread(bag, lambda: None)
+            bag.write = raising(error)  # type: ignore[method-assign]
+            writer.put("/a", b"", 0, 0)
+            with pytest.raises(ToolError) as caught:
+                writer.end()
+        assert str(caught.value).startswith(f"{tmp_path / name}: full; what was recorded before")
+
+
+def raising(error: Exception) -> Any:
+    def fail(*_: object) -> None:
+        raise error
+
+    return fail
 
 
 # ----------------------------------------------------------------------------------------------------- the command line
