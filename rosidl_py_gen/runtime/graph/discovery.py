@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal
 
 from rosidl_py_gen.base.registration import Registrations
 from rosidl_py_gen.base.waiting import Waiters
+from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.graph.definitions import definitions_differ
 from rosidl_py_gen.runtime.graph.state import Graph, Mismatch
 from rosidl_py_gen.runtime.graph.unmatched import UnmatchedReasons
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.port import Participant
 
 _USED = "; they are used all the same, as type_check says"
+_MAX_TEXT = 600
+"""Number of characters of a peer's type or hash that texts show."""
 _NAME_PATIENCE_S = 1.0
 """A node's name usually arrives some milliseconds after its endpoints; a warning waits this long for it."""
 
@@ -169,7 +172,7 @@ class Discovery:
         if reason := self._participant.mismatch(writer, reader):
             return "definition" if differ else "qos", reason
         if differ:
-            one, two = (end.type_hash or end.service_hash for end in (writer, reader))
+            one, two = (printable(end.type_hash or end.service_hash, _MAX_TEXT) for end in (writer, reader))
             return "definition", f"they have {_shown_type(writer)} by different definitions, {one} and {two}"
         return "", ""
 
@@ -244,4 +247,4 @@ class Discovery:
 
 
 def _shown_type(endpoint: EndpointFound) -> str:
-    return endpoint.service_type or endpoint.type
+    return printable(endpoint.service_type or endpoint.type, _MAX_TEXT)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import TYPE_CHECKING, Literal
 
+from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 from rosidl_py_gen.runtime.transport.discovered import Channel, EndpointFound, Lost, NodesFound, ParticipantFound
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 UNKNOWN_NODE = ("_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_")
+_MAX_TEXT = 600
+"""Number of characters of a name that texts show; ROS allows 255 for a node and 245 for its namespace."""
 BARE_DDS_NODE = ("_CREATED_BY_BARE_DDS_APP_", "_CREATED_BY_BARE_DDS_APP_")
 NamesAndTypes = list[tuple[str, list[str]]]
 
@@ -199,7 +202,7 @@ class Graph:
         namespace, name = self.node_of(endpoint)
         if (namespace, name) in (UNKNOWN_NODE, BARE_DDS_NODE):
             return "a DDS program without node name" if name == BARE_DDS_NODE[1] else "an unknown node"
-        return f"node {fully_qualified_node_name(name, namespace)}"
+        return f"node {printable(fully_qualified_node_name(name, namespace), _MAX_TEXT)}"
 
     def names_on(self, kind: str, *, writers: bool) -> list[str]:
         """Return the names of the channels of one kind that somebody writes or reads, sorted."""
