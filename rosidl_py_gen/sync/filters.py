@@ -60,6 +60,7 @@ class MessageFilter:
         self._closed = False
         self.dropped = 0
         """What nobody received in time."""
+        self._inputs = inputs
         self._nodes: tuple[Node, ...] = tuple({id(node): node for one in inputs for node in one._nodes}.values())
         if callback is not None:
             self.register_callback(callback)
@@ -120,7 +121,11 @@ class MessageFilter:
             return self._waiting.popleft()
         if self._closed:
             raise ClosedError(f"{self!r} is closed")
-        raise WaitTimeoutError(f"nothing came out of {self!r} in {timeout_s} s")
+        raise WaitTimeoutError(f"nothing came out of {self!r} in {timeout_s} s", "; ".join(await self._why_silent()))
+
+    async def _why_silent(self) -> list[str]:
+        """Return why inputs receive nothing, where that is known."""
+        return [reason for one in self._inputs for reason in await one._why_silent()]
 
     async def _wait(self, timeout_s: float | None) -> bool:
         """Whether something waits; False when the time passed or this ended."""
@@ -201,6 +206,13 @@ class Subscriber(MessageFilter):
         """Its figures are there: `dropped`, `publisher_count`, `wait_for_publishers`."""
         if callback is not None:
             self.register_callback(callback)
+
+    async def _why_silent(self) -> list[str]:
+        try:
+            await self.subscription.wait_for_publishers(0)
+        except WaitTimeoutError as error:
+            return [f"{self.subscription.topic}: {error.reason}"] if error.reason else []
+        return []
 
     def close(self) -> None:
         """Close the subscription, too."""

@@ -44,6 +44,15 @@ def ros_time(seconds: int) -> Time:
     return Time(seconds=seconds, clock_type=ClockType.ROS_TIME)
 
 
+async def test_a_wait_that_ends_says_which_topic_has_no_publisher(memory: World) -> None:
+    camera, viewer = memory.pair()
+    camera.create_publisher(PointStamped, "left"), camera.create_publisher(PointStamped, "front/right")
+    pairs = TimeSynchronizer([Subscriber(viewer, PointStamped, topic) for topic in ("left", "right")])
+    with pytest.raises(WaitTimeoutError) as raised:
+        await pairs.receive(0.1)
+    assert raised.value.reason == '/right: no node publishes it; did you mean "/front/right"?'
+
+
 @pytest.mark.every_transport
 async def test_messages_of_two_topics_come_in_pairs(world: World) -> None:
     camera, viewer = world.pair()
