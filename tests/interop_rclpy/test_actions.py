@@ -124,6 +124,26 @@ async def test_their_client_cancels_a_goal_of_our_server(dds: Any, shared_peer: 
     assert await shared_peer.ask("result", key=name) == {"status": GoalStatus.CANCELED, "result": DONE}
 
 
+async def test_twenty_goals_of_theirs_that_end_together_get_their_results(dds: Any, shared_peer: Peer) -> None:
+    """Their client keeps the last ten responses that it has not taken."""
+    may_end = asyncio.Event()
+
+    async def execute(goal: ServerGoal[Any]) -> Any:
+        await may_end.wait()
+        return goal.succeed()
+
+    name = fresh("action")
+    server = dds.node("tester").create_action_server(action(shared_peer, FIBONACCI), name, execute)
+    await shared_peer.ask("action_client", name=name, type=FIBONACCI)
+    keys = [f"{name} {number}" for number in range(20)]
+    accepted = (shared_peer.ask("send_goal", name=name, key=key, goal={"order": 1}) for key in keys)
+    assert all(await asyncio.gather(*accepted))
+    results = [asyncio.ensure_future(shared_peer.ask("result", key=key)) for key in keys]
+    await until(lambda: all(goal._record.changed for goal in server.goals))
+    may_end.set()
+    assert {one["status"] for one in await asyncio.gather(*results)} == {GoalStatus.SUCCEEDED}
+
+
 async def test_their_server_refuses_to_cancel(dds: Any, shared_peer: Peer) -> None:
     client = await client_of_theirs(dds, shared_peer, FIBONACCI, "cancel", cancels=False)
     goal = await client.send_goal(action(shared_peer, FIBONACCI).Goal(order=1), timeout_s=WAIT_S)

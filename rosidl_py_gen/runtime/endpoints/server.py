@@ -256,6 +256,8 @@ class ServiceServer(Takeable, ServiceEnd[RequestT, ResponseT]):
         """Stop serving; an iterator ends, running handlers are not interrupted but cannot answer. May be called
         twice.
         """
+        self._port.release()
+        self._outbox.flush()
         if self._ends(*self._port.endpoints):
             self._requests.close()
             if self._handler is not None:

@@ -65,7 +65,8 @@ class ServicePeers:
 
     def on(self, channel: Channel, *, writers: bool) -> list[EndpointFound]:
         """The writers or readers of a channel."""
-        return [one for one in self._by_channel.get(channel, {}).values() if one.is_writer is writers]
+        found = list(self._by_channel.get(channel, {}).values())  # at once: another thread may add some
+        return [one for one in found if one.is_writer is writers]
 
     def known(self, guids: Iterable[bytes]) -> list[EndpointFound]:
         """What is known of endpoints, without those that are not known."""
@@ -162,6 +163,9 @@ class ClientEnd(_End):
 
 class ServerEnd(_End):
     """The part of a `service_port.ServerPort` that is no correlation."""
+
+    def release(self) -> None:
+        """See `service_port.ServerPort`."""
 
     def close(self) -> None:
         """See `service_port.ServerPort`."""

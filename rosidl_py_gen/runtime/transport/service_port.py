@@ -149,7 +149,10 @@ class ServerPort(Protocol):
         """The next request that arrived; None when there is none."""
 
     def send(self, to: RequestId, data: bytes) -> bool:
-        """Send a response; False when it has to be tried again later."""
+        """Send a response; False when it has to be tried again later, also because clients may lose it now."""
+
+    def release(self) -> None:
+        """Send from now on as fast as possible, as the server closes."""
 
     def hears(self, to: RequestId) -> bool:
         """Whether a response would arrive, as far as that can be told."""

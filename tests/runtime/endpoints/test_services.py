@@ -115,6 +115,25 @@ async def test_requests_can_be_answered_later_from_another_task(world: World) ->
 
 
 @pytest.mark.every_transport
+async def test_replies_that_wait_are_sent_when_their_server_closes(memory: World, monkeypatch: Any) -> None:
+    """A server that would send many at once keeps some back for a moment."""
+    server, client = memory.node().create_service(AddTwoInts, "add"), memory.node().create_client(AddTwoInts, "add")
+    port, is_released = server._port, False
+
+    def release() -> None:
+        nonlocal is_released
+        is_released = True
+
+    send = port.send
+    monkeypatch.setattr(port, "release", release)
+    monkeypatch.setattr(port, "send", lambda to, data: is_released and send(to, data))
+    await client.wait_for_service(timeout_s=5)
+    call = asyncio.ensure_future(client.call(AddTwoInts.Request(), timeout_s=5))
+    (await anext(server)).respond(AddTwoInts.Response(sum=7))
+    server.close()
+    assert (await call).sum == 7
+
+
 async def test_a_call_without_server_times_out(world: World) -> None:
     _, bob = world.pair()
     client = bob.create_client(AddTwoInts, "nobody")

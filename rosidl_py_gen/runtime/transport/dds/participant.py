@@ -87,7 +87,7 @@ class DdsParticipant:
         request, reply = _halves(service, qos)
         writer = self.make_writer(replace(reply, service_id=own_id))
         reader = self.make_reader(replace(request, service_id=own_id))
-        return DdsServer(self.service_peers, reader, writer, entity_gid(own_id), self._refusal)
+        return DdsServer(service, self.service_peers, reader, writer, entity_gid(own_id), self._refusal)
 
     @property
     def identity_refusal(self) -> str | None:

@@ -18,6 +18,8 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
     with_header,
 )
 from rosidl_py_gen.runtime.transport.port import Writer
+from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
+from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
 from rosidl_py_gen.runtime.transport.service_ends import ClientEnd, ServerEnd, ServicePeers
 from rosidl_py_gen.runtime.transport.service_port import Refused, Servers
 
@@ -119,6 +121,7 @@ class DdsServer(ServerEnd):
 
     def __init__(
         self,
+        service: Service,
         peers: ServicePeers,
         reader: Reader,
         writer: ServiceWriter,
@@ -132,6 +135,9 @@ class DdsServer(ServerEnd):
         self._listening: set[tuple[ClientId, bytes | None]] = set()
         """Clients known to be connected, until something changes."""
         self._listening_at = -1
+        self._window = ReplyWindow(writer.all_acknowledged)
+        self._replies = service.channels[1]
+        self._limited_at = -1
 
     def take(self) -> Request | None:
         items = self._reader.queue.items
@@ -145,14 +151,36 @@ class DdsServer(ServerEnd):
             client, number, begin = header_of(data)
         except DecodeError as err:
             return None, err, writer, source_ns, received_ns
+        if self._is_limited():
+            self._window.on_request(client)
         return (client, number, writer, handle), message_of(data, begin), writer, source_ns, received_ns
 
     def send(self, to: RequestId, data: bytes) -> bool:
         asker: _Asker = to
         client, number, _, _ = asker
+        if not self._is_limited():
+            return self._write(data, client, number)
+        is_sent = self._window.is_open(client) and self._write(data, client, number)
+        if is_sent:
+            self._window.on_sent(client)
+        return is_sent
+
+    def _is_limited(self) -> bool:
+        peers = self._peers
+        if peers.version != self._limited_at:
+            self._limited_at = peers.version
+            readers = peers.on(self._replies, writers=False)
+            # Clients on Fast DDS do not announce their history: they are taken for what ROS has by default.
+            self._window.set_readers(SERVICES_DEFAULT if has_identities(one.guid) else one.qos for one in readers)
+        return self._window.limit > 0
+
+    def _write(self, data: bytes, client: ClientId, number: int) -> bool:
         if isinstance(client, bytes):
             return self._reply_writer.write_for(data, (client, number))
         return self._reply_writer.write(with_header(data, client, number))
+
+    def release(self) -> None:
+        self._window.release()
 
     def hears(self, to: RequestId) -> bool:
         asker: _Asker = to

@@ -19,6 +19,7 @@ import zenoh
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.port import TransportError
+from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
 from rosidl_py_gen.runtime.transport.service_ends import kept_by
 from rosidl_py_gen.runtime.transport.service_port import Servers, Unanswered
 from rosidl_py_gen.runtime.transport.zenoh.attachment import pack
@@ -271,7 +272,23 @@ class ZenohServer(_End):
         self._queries: dict[_Asker, _Query] = {}
         self._queries_bytes = 0
         self._queries_lock = threading.RLock()
+        self._replies = replies
+        self._window = ReplyWindow(None)
+        self._limited_at = -1
         super().__init__(owner, requests, replies, key)
+
+    def take(self) -> Any:
+        arrived = super().take()
+        if arrived is not None and self._is_limited():
+            self._window.on_request(arrived[0][0])
+        return arrived
+
+    def _is_limited(self) -> bool:
+        graph = self._owner.graph
+        if graph.changes != self._limited_at:
+            self._limited_at = graph.version()
+            self._window.set_readers(one.qos for one in graph.connected(self._replies).values())
+        return self._window.limit > 0
 
     def _declare(self, key: str) -> Any:
         return self._owner.session.declare_queryable(key, handler(self._take), complete=True)
@@ -317,10 +334,15 @@ class ZenohServer(_End):
         if self._closed:
             raise ClosedError(f"the server of {self.info.channel.name} is closed")
         asker: _Asker = to
+        is_limited = self._is_limited()
+        if is_limited and not self._window.is_open(asker[0]):
+            return False
         query = self.claim(asker)
         if query is None:
             return True
         gid, number = asker
+        if is_limited:
+            self._window.on_sent(gid)
         try:
             query.reply(self._key, data, attachment=pack(number, _time_ns(), gid))
         except zenoh.ZError as error:
@@ -329,6 +351,9 @@ class ZenohServer(_End):
         finally:
             query.drop()
         return True
+
+    def release(self) -> None:
+        self._window.release()
 
     def hears(self, to: RequestId) -> bool:
         """A response goes where its query came from."""

@@ -1,0 +1,129 @@
+"""Flow control of replies, with a clock that the tests move."""
+
+from __future__ import annotations
+
+from rosidl_py_gen.runtime.transport.clocks import Clocks
+from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
+from rosidl_py_gen.runtime.transport.reply_window import ACK_TIMEOUT_S, HOLD_S, PROBE_S, ReplyWindow
+
+
+class Server:
+    """Replies that go out when the window lets them; `acknowledged` None means that the transport cannot tell."""
+
+    def __init__(self, acknowledged: bool | None, depth: int = 10) -> None:
+        self.acknowledged, self.now_ns = acknowledged, 10**9
+        clocks = Clocks(steady_ns=lambda: self.now_ns)
+        arrived = None if acknowledged is None else lambda: bool(self.acknowledged)
+        self.window = ReplyWindow(arrived, clocks)
+        self.window.set_readers([SERVICES_DEFAULT.keep_all(), SERVICES_DEFAULT.keep_last(depth)])
+        self.waiting: list[str] = []
+
+    def wait(self, seconds: float) -> None:
+        self.now_ns += int(seconds * 1e9)
+
+    def request(self, *clients: str) -> None:
+        for client in clients:
+            if self.window.limit:
+                self.window.on_request(client)
+            self.waiting.append(client)
+
+    def reply(self) -> int:
+        """Send what may be sent; the number of replies."""
+        count = len(self.waiting)
+        while self.waiting and self.window.is_open(self.waiting[0]):
+            client = self.waiting.pop(0)
+            if self.window.limit:
+                self.window.on_sent(client)
+        return count - len(self.waiting)
+
+    def replies(self, pause_s: float, times: int) -> list[int]:
+        """How many are sent, each time `pause_s` later."""
+        sent = []
+        for _ in range(times):
+            sent.append(self.reply())
+            self.wait(pause_s)
+        return sent
+
+
+def test_many_replies_go_out_in_groups_that_clients_can_keep() -> None:
+    for clients in (["a"] * 20, [f"client {number}" for number in range(20)]):
+        server = Server(acknowledged=True)
+        server.request(*clients)
+        assert server.replies(HOLD_S, 3) == [8, 8, 4], clients
+    server = Server(acknowledged=False)  # a dead client: as slow once, later as where no acknowledgements come
+    server.request(*["a"] * 40)
+    assert server.replies(HOLD_S, 8) == [8, 0, 0, 8, 8, 8, 8, 0], "the timeout is 2.5 times the pause"
+    assert 2 < ACK_TIMEOUT_S / HOLD_S <= 3
+    server = Server(acknowledged=None)
+    server.request(*["a"] * 20)
+    assert server.replies(HOLD_S / 2, 5) == [8, 0, 8, 0, 4]
+
+
+def test_calls_one_after_another_wait_once_for_a_short_time() -> None:
+    for acknowledged in (True, False, None):
+        server = Server(acknowledged)
+        waited = 0
+        for _ in range(200):
+            server.request("a")
+            while not server.reply():
+                waited += 1
+                server.wait(0.001)
+            server.wait(0.0003)
+        assert waited * 0.001 <= PROBE_S, acknowledged
+        server = Server(acknowledged)
+        for _ in range(50):  # slower ones never wait
+            server.request("a")
+            assert server.reply() == 1
+            server.wait(PROBE_S)
+
+
+def test_some_calls_at_a_time_wait_once_too() -> None:
+    server = Server(acknowledged=False)
+    sent = []
+    server.request(*["a"] * 5)
+    for _ in range(50):
+        sent.append(server.reply())
+        server.wait(0.0003 if sent[-1] else PROBE_S)
+        server.request(*["a"] * sent[-1])
+    assert sent[1] == 0 and min(sent[2:]) > 0
+
+
+def test_a_client_that_sends_all_requests_before_it_takes_a_reply_is_found_out() -> None:
+    """The server is faster than the client sends, so that it never sees two requests at once before it waits."""
+    server = Server(acknowledged=True)
+    for _ in range(3):
+        sent = 0
+        for _ in range(20):
+            server.request("a")
+            sent += server.reply()
+            server.wait(0.0005)
+        assert sent <= 8
+        assert sum(server.replies(HOLD_S, 3)) + sent == 20
+
+
+def test_there_is_no_limit_without_clients_that_overwrite_or_at_the_end() -> None:
+    server = Server(acknowledged=False)
+    server.request(*["a"] * 100)
+    server.window.set_readers([SERVICES_DEFAULT.keep_all()])
+    assert server.reply() == 100
+    server.window.set_readers([SERVICES_DEFAULT])
+    server.request(*["a"] * 100)
+    assert server.reply() == 8
+    server.window.release()
+    server.window.set_readers([SERVICES_DEFAULT])
+    assert server.reply() == 92
+
+
+def test_clients_that_keep_one_reply_get_one_at_a_time() -> None:
+    server = Server(acknowledged=True, depth=1)
+    server.request("a", "a", "a")
+    assert server.replies(HOLD_S, 3) == [1, 1, 1]
+
+
+def test_state_of_clients_is_bounded() -> None:
+    server = Server(acknowledged=True)
+    for number in range(1000):
+        server.request(f"client {number}")
+        server.reply()
+        server.wait(1)
+    assert len(server.window._clients) <= 256
