@@ -228,6 +228,7 @@ KNOW_THE_TIME = (
     "runtime.time.clock",
     "runtime.loop.portal",
     "runtime.loop.virtual_time",
+    "base.interrupts",
     "tools.doctor.peers",
     "tools.recording.writer",
     "tools.bag.convert",

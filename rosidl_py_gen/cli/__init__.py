@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen import __version__
+from rosidl_py_gen.base.interrupts import command_interrupts
 from rosidl_py_gen.base.project import importable_current_folder, with_project_path
 from rosidl_py_gen.cli import reports
 from rosidl_py_gen.errors import DefinitionError, RosidlError
@@ -287,6 +288,11 @@ def completion(shell: str) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """The console script: exit code 0 when all is well, 1 for problems found, 2 for a wrong command line."""
+    with command_interrupts.handling(arguments is None):
+        _main(arguments)
+
+
+def _main(arguments: list[str] | None) -> None:
     as_json = "--json" in (sys.argv[1:] if arguments is None else arguments)
     if "_ROSIDL_PY_GEN_COMPLETE" in os.environ:
         import_module("rosidl_py_gen.cli.shells").install()

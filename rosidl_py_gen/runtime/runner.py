@@ -2,14 +2,15 @@
 
 Decides what "cleanly" means: tasks are cancelled and awaited, nodes are closed so that peers see them go at once, and
 there is no traceback. A second signal is for a program that does not end by itself: SIGINT then raises
-KeyboardInterrupt where the program is, SIGTERM ends the process. `asyncio.run` works just as well for async programs;
-it raises KeyboardInterrupt, as always.
+KeyboardInterrupt where the program is, unless it follows the first within `REPEAT_S`; SIGTERM ends the process.
+`asyncio.run` works just as well for async programs; it raises KeyboardInterrupt, as always.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import os
 import signal
 import socket
@@ -17,6 +18,7 @@ import sys
 import threading
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
+from rosidl_py_gen.base.interrupts import REPEAT_S, CommandInterrupts
 from rosidl_py_gen.base.waiting import current_loop
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
@@ -52,7 +54,7 @@ def run(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, T]) -> 
     Raises:
         LoopMismatchError: an event loop runs already, as in Jupyter.
         TypeError: no async function or coroutine.
-        KeyboardInterrupt: at the second SIGINT.
+        KeyboardInterrupt: at the second SIGINT, 0.4 s or more after the first.
         SystemExit: the ROS arguments of the process, or a parameter file, are wrong; the code is the message.
         Exception: what `main` raised, or the first callback that failed of a node with ``on_error="raise"``.
     """
@@ -86,7 +88,7 @@ def spin(*nodes: Node) -> None:
 
     Raises:
         LoopMismatchError: an event loop runs already, as in Jupyter; nothing is closed then.
-        TypeError: no node. KeyboardInterrupt: at the second SIGINT. What callbacks raised: as `run`.
+        TypeError: no node. KeyboardInterrupt: at the second SIGINT, as `run`. What callbacks raised: as `run`.
     """
     for node in nodes:
         if not isinstance(getattr(node, "context", None), Context):
@@ -173,6 +175,7 @@ class _Signals:
         self._previous: dict[int, Any] = {}
         self._sockets: tuple[socket.socket, socket.socket] | None = None
         self._previous_descriptor = -1
+        self._first_s = -math.inf
         self.stopped = False
         """A signal came."""
         self.insisted = False
@@ -190,7 +193,7 @@ class _Signals:
         self._sockets = reading, writing = socket.socketpair()
         for end in self._sockets:
             end.setblocking(False)
-        self._loop.add_reader(reading, reading.recv, 4096)
+        self._loop.add_reader(reading, _drain, reading)
         self._previous_descriptor = signal.set_wakeup_fd(writing.fileno(), warn_on_full_buffer=False)
 
     def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, _: TracebackType | None) -> None:
@@ -205,18 +208,29 @@ class _Signals:
         """What a signal meets from now on is the end itself."""
         self._ending = True
 
-    def _on_signal(self, number: int, _: FrameType | None) -> None:
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
         if not (self.stopped or self._ending):
             self.stopped = True
+            self._first_s = self._loop.time()
             if self.task is not None:
                 self.task.cancel()
             with contextlib.suppress(RuntimeError):  # closed
                 self._loop.call_soon_threadsafe(lambda: None)  # wakes it
         elif number == signal.SIGTERM:
             _die(number)
-        else:
-            self.insisted = True
-            raise KeyboardInterrupt
+        elif self._loop.time() - self._first_s > REPEAT_S:
+            previous = self._previous.get(number)
+            if isinstance(previous, CommandInterrupts):
+                previous(number, frame)
+            else:
+                self.insisted = True
+                raise KeyboardInterrupt
+
+
+def _drain(reading: socket.socket) -> None:
+    """Read what signals wrote; nothing when an interrupted round of the loop is made up for by the next one."""
+    with contextlib.suppress(BlockingIOError, InterruptedError):
+        reading.recv(4096)
 
 
 def _die(number: int) -> NoReturn:

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen import __version__
+from rosidl_py_gen.base.interrupts import command_interrupts
 from rosidl_py_gen.base.output import printable_line, printable_lines
 from rosidl_py_gen.base.project import importable_current_folder
 from rosidl_py_gen.base.resources import extra_missing
@@ -170,8 +171,13 @@ def run_job(job: Job) -> int:
     """Run it; the exit code it returns, or what a signal makes of it."""
     from rosidl_py_gen.runtime import run
 
-    code = run(job.main)
+    command_interrupts.ignores_first = True
+    try:
+        code = run(job.main)
+    finally:
+        command_interrupts.ignores_first = False
     if code is None:  # a signal
+        command_interrupts.note()
         return 0 if job.endless else 130
     return code
 
@@ -186,7 +192,8 @@ def main(arguments: list[str] | None = None) -> None:
     shown = warnings.showwarning
     program = None
     is_ours = given[:1] != ["run"] and "_ROSIDL_PY_COMPLETE" not in os.environ
-    with reporting(), importable_current_folder() if is_ours else nullcontext():
+    interrupts = command_interrupts.handling(is_ours and arguments is None)
+    with interrupts, reporting(), importable_current_folder() if is_ours else nullcontext():
         warnings.showwarning = _show_warning
         answer = _cli.main(arguments, prog_name="rosidl-py", standalone_mode=False)
         if isinstance(answer, int) and answer:

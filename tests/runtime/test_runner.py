@@ -8,6 +8,7 @@ import gc
 import logging
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -19,8 +20,9 @@ import pytest
 from std_msgs.msg import Int32
 from worlds import ROOT, until
 
+from rosidl_py_gen.base.interrupts import CommandInterrupts
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime import Context, MemoryTransport, Node, run, spin
+from rosidl_py_gen.runtime import Context, MemoryTransport, Node, run, runner, spin
 from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
 
 if TYPE_CHECKING:
@@ -217,6 +219,37 @@ run(main)
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=20)
         assert (process.returncode, errors) == (-signal.SIGINT, "")
+
+
+async def interrupted_twice() -> None:
+    signal.raise_signal(signal.SIGINT)
+    signal.raise_signal(signal.SIGINT)
+    await asyncio.Event().wait()
+
+
+def test_a_second_ctrl_c_at_once_is_the_same_request() -> None:
+    assert run(interrupted_twice) is None
+
+
+def test_a_second_ctrl_c_of_a_command_interrupts_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    handler = CommandInterrupts()
+    handler.ignores_first = True
+    monkeypatch.setattr(runner, "REPEAT_S", -1.0)
+    before = signal.signal(signal.SIGINT, handler)
+    try:
+        assert run(interrupted_twice) is None
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_a_signal_that_was_read_already_is_no_failure() -> None:
+    """A round of the loop that an exception ends leaves its callbacks to the next one, which finds them due again."""
+    reading, writing = socket.socketpair()
+    with reading, writing:
+        reading.setblocking(False)
+        writing.send(b"2")
+        runner._drain(reading)
+        runner._drain(reading)
 
 
 def test_handlers_of_the_program_come_back() -> None:

@@ -1,0 +1,47 @@
+"""What SIGINT does in a process that is one of our commands."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+import pytest
+
+from rosidl_py_gen.base.interrupts import REPEAT_S, CommandInterrupts
+
+
+class ExitedError(Exception):
+    """Raised in the place of `os._exit`."""
+
+
+def test_one_ctrl_c_ends_in_order_and_a_late_second_one_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    def exit_now(code: int) -> None:
+        raise ExitedError(code)
+
+    now_s = 100.0
+    monkeypatch.setattr(time, "monotonic", lambda: now_s)
+    monkeypatch.setattr(os, "_exit", exit_now)
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        handler = CommandInterrupts()
+        with pytest.raises(KeyboardInterrupt), handler.handling(is_process=True):
+            signal.raise_signal(signal.SIGINT)
+        now_s += REPEAT_S / 2
+        signal.raise_signal(signal.SIGINT)
+        now_s += REPEAT_S
+        with pytest.raises(ExitedError, match="130"):
+            signal.raise_signal(signal.SIGINT)
+        done = CommandInterrupts()
+        with done.handling(is_process=True):
+            pass
+        signal.raise_signal(signal.SIGINT)  # while the interpreter ends
+        signal.raise_signal(signal.SIGINT)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_a_command_inside_another_program_sets_no_handler() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    with CommandInterrupts().handling(is_process=False):
+        assert signal.getsignal(signal.SIGINT) is before
