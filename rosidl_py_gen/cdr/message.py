@@ -98,7 +98,7 @@ class Message:
 
     def __init_subclass__(cls) -> None:
         # Saves a call on the hot path: the public names are the generated functions themselves.
-        if "_encode" in cls.__dict__:
+        if "_encode" in cls.__dict__ and "_TYPE" in cls.__dict__:
             names = {field[0] for field in cls._TYPE._spec}
             if "encode" not in names:
                 cls.encode = _public(cls, "encode")  # type: ignore[method-assign]

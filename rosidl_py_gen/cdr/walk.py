@@ -1,4 +1,4 @@
-"""The slow paths of generated code: field by field, driven by the field table of a class.
+"""The slow paths of generated code, and the decoder of wide messages: field by field, driven by the field table.
 
 Generated code is flat and does not know which field it was at when something went wrong. Only then do these walks run:
 `validate` names the wrong value, `decode_slowly` names the wrong byte and also reads big-endian data (no ROS 2
@@ -190,11 +190,28 @@ def measured(cls: type[Message], data: Readable) -> int:
     return reader.pos
 
 
+def read_message(
+    cls: type[M], data: bytes | bytearray | memoryview, view: bytes | bytearray | memoryview, pos: int, arrays: bool
+) -> tuple[M, int]:
+    """Read a little-endian message that begins at an offset; returns it and the offset behind it.
+
+    Raises:
+        DecodeError: the path begins at this message.
+    """
+    reader = _Reader(data, view, big_endian=False, arrays=arrays)
+    reader.pos = pos
+    return reader.message(cls, cls._TYPE.name), reader.pos
+
+
 class _Reader:
     """A cursor over one message's bytes; `pos` is an offset into the data, alignment counts from offset 4."""
 
     def __init__(
-        self, data: bytes | bytearray, view: bytes | bytearray | memoryview, big_endian: bool, arrays: bool
+        self,
+        data: bytes | bytearray | memoryview,
+        view: bytes | bytearray | memoryview,
+        big_endian: bool,
+        arrays: bool,
     ) -> None:
         self.data = data
         self.view = view
@@ -290,7 +307,7 @@ class _Reader:
         if self.data[start + length - 1]:
             raise DecodeError(path, start + length - 1, f"expected NUL, found {self.data[start + length - 1]:#04x}")
         try:
-            return self.data[start : start + length - 1].decode()
+            return str(self.data[start : start + length - 1], "utf-8")
         except UnicodeDecodeError as error:
             raise DecodeError(path, start + error.start, f"expected UTF-8, found {error.reason}") from None
 

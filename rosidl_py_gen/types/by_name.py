@@ -33,6 +33,7 @@ Find: TypeAlias = "Callable[[Library, RosName], type | None]"
 """Gives a class that is there already for a checked type."""
 
 _MEMORY = "rosidl_py_gen_memory"  # top of the module names of classes compiled in memory
+_MAX_LEAVES = 10_000  # of one definition, for which code is generated; each takes up to 4 kB
 _lock = threading.RLock()
 _loaded: dict[str, list[type]] = {}  # full name -> classes in use for it, one for each different definition
 _by_name: dict[tuple[str, tuple[str, ...]], type] = {}
@@ -320,7 +321,7 @@ def _class(library: Library, name: RosName, find: Find) -> type:
         return cls
     from rosidl_py_gen.compiler.codegen.sources import Layouts
 
-    layouts, known = Layouts(library.message), dict[str, type]()
+    layouts, known = Layouts(library.message, max_leaves=_MAX_LEAVES), dict[str, type]()
 
     def made(part: RosName) -> type:
         """Each type once: comparing or planning one costs as much as all it refers to."""
@@ -375,9 +376,8 @@ def _compile(library: Library, name: RosName, layouts: Layouts, made: Callable[[
     top = library.owner(name)
     interface = library.interface(top) if top else None
     assert top is not None and interface is not None
-    own = {str(message.name) for message in messages_of(interface)}
-    target = Target(root, lambda full_name: None if full_name in own or full_name == str(top) else known(full_name),
-                    library.type_hash)  # fmt: skip
+    own = {str(top), *(str(message.name) for message in messages_of(interface))}
+    target = Target(root, lambda full_name: None if full_name in own else known(full_name), library.type_hash, False)
     source = module_source(library, top, layouts, target)
     module = _run(root + module_path(str(top)), source)
     for exported in module.__all__:

@@ -121,7 +121,8 @@ class Interfaces:
         except BaseException:
             self._library = None  # what was read half must not be used later
             raise
-        source = module_source(library, name, self._layouts, Target("", lambda _: None, library.type_hash))
+        target = Target("", lambda _: None, library.type_hash, is_typed=False)
+        source = module_source(library, name, self._layouts, target)
         owners = {library.owner(split_ros_name(part)) for part in library.all_hashes(str(name))}
         parts = {str(owner): self._digest(str(owner)) for owner in owners if owner is not None}
         return parts, compile(source, f"<{module_path(str(name))}>", "exec")

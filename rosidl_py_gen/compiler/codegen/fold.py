@@ -12,7 +12,9 @@ from itertools import pairwise
 WIDTH = 88
 _OPEN = {"(": ")", "[": "]", "{": "}"}
 _SIGNS = frozenset("()[]{},")
-_TOKEN = re.compile(r"""[()\[\]{},]|"(?:\\.|[^"\\])*"?|'(?:\\.|[^'\\])*'?""")
+_MAX_FOLDED = 100_000
+"""Length of a line that is not folded: it holds a table or a value that no reader wants on thousands of lines."""
+_TOKEN = re.compile(r"""[()\[\]{},]|"[^"\\]*(?:\\.[^"\\]*)*"?|'[^'\\]*(?:\\.[^'\\]*)*'?""")
 _PRAGMA = "  # type: ignore[assignment]"
 
 
@@ -53,6 +55,9 @@ class Folder:
 
     def _fold(self, line: str) -> list[str]:
         if len(line) <= WIDTH:
+            return [line]
+        if len(line) > _MAX_FOLDED:
+            self.overflow = True
             return [line]
         head, imported, names = line.partition(" import ")
         if imported and head.lstrip().startswith("from "):

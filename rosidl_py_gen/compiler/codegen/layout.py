@@ -6,6 +6,7 @@ print steps and never count bytes. A struct has no alignment of its own: a neste
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -32,37 +33,31 @@ from rosidl_py_gen.compiler.codegen.plan import (
     Strings,
     Text,
 )
+from rosidl_py_gen.compiler.codegen.weights import Weights
 
 if TYPE_CHECKING:
     from rosidl_py_gen.compiler.spec.model import MessageDef
 
-# A nested message of more leaves than this is called, not printed in line. It bounds the generated code to a multiple
-# of the definition; every common message (Odometry has 22 leaves, Marker 43) stays flat.
-INLINE_WEIGHT = 48
-# So is one with more levels or loops in each other: CPython takes 20 loops, and each is planned up to four times.
-INLINE_LEVELS = 12
-INLINE_LOOPS = 5
 # A fixed array of more bytes than this is joined as it is instead of being copied through a struct.
 BLOCK_BYTES = 1024
 
 
-class Layouts:
-    """Plans by message name, each made once; `rclpy`: for classes in which `byte` is bytes of length 1."""
+class Layouts(Weights):
+    """Plans by message name, each made once.
 
-    def __init__(self, lookup: Callable[[str], MessageDef | None], *, rclpy: bool = False) -> None:
-        self._lookup, self.rclpy, self.codes = lookup, rclpy, RCLPY_CODES if rclpy else CODES
+    Args:
+        rclpy: for classes in which `byte` is bytes of length 1.
+        max_leaves: as of `Weights`.
+    """
+
+    def __init__(
+        self, lookup: Callable[[str], MessageDef | None], *, rclpy: bool = False, max_leaves: float = math.inf
+    ) -> None:
+        super().__init__(lookup, max_leaves)
+        self.rclpy, self.codes = rclpy, RCLPY_CODES if rclpy else CODES
         self._plans: dict[str, Plan] = {}
         self._sizes: dict[tuple[str, int], int | None] = {}
-        self._weights: dict[str, int] = {}
-        self._heights: dict[str, tuple[int, int]] = {}
-        self._fixed: dict[str, bool] = {}
-        self._records: dict[str, bool] = {}
         self._least: dict[str, int] = {}
-
-    def message(self, name: str) -> MessageDef:
-        found = self._lookup(name)
-        assert found is not None, name  # references were checked before
-        return found
 
     def plan(self, name: str) -> Plan:
         """The plan of a message whose references all exist."""
@@ -75,54 +70,6 @@ class Layouts:
             fixed = largest if self.is_fixed(name) else None
             self._plans[name] = Plan(name, tuple(builder.steps), heavy, self.weight(name), fixed, largest, records)
         return self._plans[name]
-
-    def is_heavy(self, name: str) -> bool:
-        levels, loops = self.height(name)
-        return self.weight(name) > INLINE_WEIGHT or levels > INLINE_LEVELS or loops > INLINE_LOOPS
-
-    def height(self, name: str) -> tuple[int, int]:
-        """How many levels of nested messages, and of loops over them, are printed in line in a message."""
-        if name not in self._heights:
-            levels = loops = 0
-            for item in self.message(name).fields:
-                if item.type.is_message:
-                    below, within = (0, 0) if self.is_heavy(item.type.base) else self.height(item.type.base)
-                    levels = max(levels, below + 1)
-                    loops = max(loops, within + (item.type.arity is not Arity.SCALAR))
-            self._heights[name] = levels, loops
-        return self._heights[name]
-
-    def weight(self, name: str) -> int:
-        """Leaves of a message after flattening; a nested message that is called counts as one."""
-        if name not in self._weights:
-            total = 0
-            for item in self.message(name).fields:
-                is_inline = item.type.is_message and not self.is_heavy(item.type.base)
-                total += self.weight(item.type.base) if is_inline else 1
-            self._weights[name] = max(1, total)
-        return self._weights[name]
-
-    def is_fixed(self, name: str) -> bool:
-        """Whether every message of the type has the same shape."""
-        if name not in self._fixed:
-            self._fixed[name] = all(
-                item.type.arity in (Arity.SCALAR, Arity.ARRAY)
-                and not item.type.is_string
-                and (not item.type.is_message or self.is_fixed(item.type.base))
-                for item in self.message(name).fields
-            )
-        return self._fixed[name]
-
-    def has_records(self, name: str) -> bool:
-        """Whether there are sequences or arrays of fixed-size messages in a message, at any depth."""
-        if name not in self._records:
-            self._records[name] = any(
-                (item.type.arity is not Arity.SCALAR and self.is_fixed(item.type.base))
-                or self.has_records(item.type.base)
-                for item in self.message(name).fields
-                if item.type.is_message
-            )
-        return self._records[name]
 
     def max_size(self, name: str, offset: int = 0) -> int | None:
         """The end of the largest message that begins at `offset` (modulo 8), as a distance; None when unbounded."""

@@ -30,6 +30,8 @@ def py_literal(value: bool | int | float | str) -> str:
 def py_string(text: str) -> str:
     """A string literal; double quotes unless that needs more escapes, everything unprintable escaped."""
     quote = "'" if text.count('"') > text.count("'") else '"'
+    if text.isascii() and text.isprintable():
+        return quote + text.replace("\\", "\\\\").replace(quote, "\\" + quote) + quote
     return quote + "".join(_character(char, quote) for char in text) + quote
 
 

@@ -57,6 +57,7 @@ class Imports:
     members: frozenset[str]
     runtime: dict[str, dict[str, str]] = field(default_factory=dict)
     typing: dict[str, dict[str, str]] = field(default_factory=dict)
+    _aliases: set[str] = field(default_factory=set)
 
     def use(self, module: str, name: str, *, for_typing: bool = False, in_class: bool = True) -> str:
         """Import a name and return what it is called here.
@@ -71,10 +72,10 @@ class Imports:
             known = table.get(module, {}).get(name)
             if known is not None and (for_typing or table is self.runtime):
                 return known
-        used = {alias for table in (self.runtime, self.typing) for names in table.values() for alias in names.values()}
-        used |= self.classes | (self.members if in_class else set())
-        alias = next(candidate for candidate in self._candidates(module, name) if candidate not in used)
+        used = (self._aliases, self.classes, self.members if in_class else ())
+        alias = next(one for one in self._candidates(module, name) if not any(one in names for names in used))
         (self.typing if for_typing else self.runtime).setdefault(module, {})[name] = alias
+        self._aliases.add(alias)
         return alias
 
     def use_numpy(self) -> str:

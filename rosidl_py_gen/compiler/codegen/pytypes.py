@@ -46,14 +46,23 @@ class ConstantView(NamedTuple):
     ignore: str = ""
 
 
-def field_view(item: FieldDef, imports: Imports, classes: dict[str, str], is_fixed: Callable[[str], bool]) -> FieldView:
-    """`classes` maps full names of nested messages to what they are called in the module."""
+def field_view(
+    item: FieldDef, imports: Imports, classes: dict[str, str], is_fixed: Callable[[str], bool], *, is_table: bool
+) -> FieldView:
+    """Return the view of a field.
+
+    Args:
+        classes: full names of nested messages, and what they are called in the module.
+        is_table: only type checkers see the field.
+    """
     kind = item.type
     name = py_name(item.name)
     # A field may have the name of a method of the base class; the method then gives way.
     ignore = "  # type: ignore[assignment]" if name in ("encode", "decode") else ""
     annotation = _annotation(kind, imports, classes)
     accepted = annotation
+    if is_table:
+        return FieldView(name, annotation, accepted, "", _doc(item), ignore)
     if kind.primitive is not None and kind.arity is not Arity.SCALAR:
         accepted = imports.use(SUPPORT, kind.primitive.numpy.rstrip("_").capitalize() + "s", for_typing=True)
     elif kind.is_message and kind.arity is not Arity.SCALAR and is_fixed(kind.base):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -28,12 +29,13 @@ if TYPE_CHECKING:
 
 _CDR = "rosidl_py_gen.cdr"
 _RCLPY = "rosidl_py_gen.cdr.rclpy.message"
+_WIDE = "rosidl_py_gen.cdr.wide"
 _OF_ALL_ACTIONS = (
     ("CancelGoalService", "action_msgs/srv/CancelGoal"),
     ("GoalStatusMessage", "action_msgs/msg/GoalStatusArray"),
 )
-_WIDE = 1000
-"""Fields of a message whose constructor is not the one of dataclasses, which takes time by the square of them."""
+_MAX_PRINTED = 1000
+"""Fields, constants and values of default arrays up to which each is printed; beyond, they come from a table."""
 
 
 class Target(NamedTuple):
@@ -43,11 +45,13 @@ class Target(NamedTuple):
         root: prefix of the generated packages' import paths; empty, or ending in a dot.
         known: full message name -> module that already defines a class for it; that class is used instead of a twin.
         hashes: full name -> RIHS01.
+        is_typed: type checkers may read the modules; False where they exist in memory only.
     """
 
     root: str
     known: Callable[[str], str | None]
     hashes: Callable[[str], str]
+    is_typed: bool = True
 
     def module(self, full_name: str) -> str:
         """The module that defines the class of a message (its interface's module)."""
@@ -66,7 +70,12 @@ def module_name(interface: str) -> str:
 
 
 class MessageView(NamedTuple):
-    """One message class; `slots` and `defaults` are those of rclpy's flavour."""
+    """One message class; `slots` and `defaults` are those of rclpy's flavour.
+
+    Attributes:
+        encoder, decoder: None in a class that walks its fields.
+        name: what things are called in the class; `members`: the decorator that makes fields and constants of a table.
+    """
 
     cls: str
     ros_name: str
@@ -75,10 +84,9 @@ class MessageView(NamedTuple):
     fields: tuple[FieldView, ...]
     constructor: tuple[str, ...]
     type_info: str
-    encoder: EncoderView
-    decoder: DecoderView
+    encoder: EncoderView | None
+    decoder: DecoderView | None
     heavy: bool
-    wide: bool
     name: dict[str, str]
     slots: tuple[str, ...] | None = None
     defaults: str = ""
@@ -168,14 +176,14 @@ def module_view(interface: Interface, layouts: Layouts, target: Target) -> Modul
 
 def _nested(messages: Iterable[MessageDef], layouts: Layouts) -> set[str]:
     """Every message class the module's code mentions: direct fields, and what is written in line behind them."""
-    found: set[str] = set()
-    pending = [item.type.base for message in messages for item in message.fields if item.type.is_message]
+    found = {item.type.base for message in messages for item in message.fields if item.type.is_message}
+    in_line: set[str] = set()
+    pending = [str(message.name) for message in messages if not layouts.is_wide(str(message.name))]
     while pending:
-        base = pending.pop()
-        if base not in found:
-            found.add(base)
-            if not layouts.is_heavy(base):
-                pending += [item.type.base for item in layouts.message(base).fields if item.type.is_message]
+        below = {item.type.base for item in layouts.message(pending.pop()).fields if item.type.is_message}
+        found |= below
+        pending += (base for base in below - in_line if not layouts.is_heavy(base))
+        in_line |= below
     return found
 
 
@@ -188,53 +196,76 @@ def _message(
     classes: dict[str, str],
 ) -> MessageView:
     full_name = str(message.name)
-    plan = layouts.plan(full_name)
-    name = _class_scope_names(imports, plan.heavy, layouts.rclpy)
+    is_table = _is_table(message)
+    name = _class_scope_names(imports, message, layouts)
     fields: tuple[FieldView, ...] = ()
-    if not layouts.rclpy:
-        fields = tuple(field_view(item, imports, classes, layouts.is_fixed) for item in message.fields)
-    constants = tuple(constant_view(item, imports, layouts.rclpy) for item in message.constants)
-    is_wide = len(fields) > _WIDE
-    if is_wide:
-        imports.use(SUPPORT, "fill", in_class=False)
+    constants: tuple[ConstantView, ...] = ()
+    if target.is_typed or not is_table:
+        if not layouts.rclpy:
+            fields = tuple(
+                field_view(item, imports, classes, layouts.is_fixed, is_table=is_table) for item in message.fields
+            )
+        constants = tuple(constant_view(item, imports, layouts.rclpy) for item in message.constants)
     flavour = (RclpyFlavour if layouts.rclpy else Flavour)(imports)
-    encoder = encoder_view(plan, flavour, structs, classes)
-    decoder = decoder_view(plan, flavour, structs, classes)
-    slots = tuple(flavour.attribute(py_name(item.name)) for item in message.fields)
-    imports.use(SUPPORT, "viewable" if decoder.bulk else "readable", in_class=False)
-    imports.use(SUPPORT, "new", in_class=False)
+    encoder = decoder = None
+    if not layouts.is_wide(full_name):
+        plan = layouts.plan(full_name)
+        encoder = encoder_view(plan, flavour, structs, classes)
+        decoder = decoder_view(plan, flavour, structs, classes)
+        imports.use(SUPPORT, "viewable" if decoder.bulk else "readable", in_class=False)
+        imports.use(SUPPORT, "new", in_class=False)
+    slots = tuple(flavour.attribute(py_name(item.name)) for item in message.fields) if layouts.rclpy else None
     return MessageView(
         classes[full_name],
         full_name,
         visible(message.comment) or (f"{full_name}.",),
         constants,
         fields,
-        _constructor(fields, is_wide),
-        _type_info(message, name["TypeInfo"], target.hashes(full_name), classes),
+        _constructor(fields),
+        (_wide_info if is_table else _type_info)(message, imports, target.hashes(full_name), classes),
         encoder,
         decoder,
-        plan.heavy,
-        is_wide,
+        layouts.is_heavy(full_name),
         name,
-        slots if layouts.rclpy else None,
-        rclpy_defaults(message.fields) if layouts.rclpy else "",
+        slots,
+        rclpy_defaults(message.fields) if layouts.rclpy and not is_table else "",
     )
 
 
-def _constructor(fields: tuple[FieldView, ...], is_wide: bool) -> tuple[str, ...]:
+def _is_table(message: MessageDef) -> bool:
+    values = sum(len(item.default) for item in message.fields if isinstance(item.default, tuple))
+    return len(message.fields) + len(message.constants) + values > _MAX_PRINTED
+
+
+def _constructor(fields: tuple[FieldView, ...]) -> tuple[str, ...]:
     """The parameters of ``__init__`` as type checkers shall see it; empty when the dataclass's own says the same."""
-    if not is_wide and all(item.accepted == item.annotation for item in fields):
+    if all(item.accepted == item.annotation for item in fields):
         return ()
     this = "self" if all(item.name != "self" for item in fields) else "__self"
     return (this, *(f"{item.name}: {item.accepted} = ..." for item in fields))
 
 
-def _type_info(message: MessageDef, type_info: str, digest: str, classes: dict[str, str]) -> str:
+def _type_info(message: MessageDef, imports: Imports, digest: str, classes: dict[str, str]) -> str:
     rows = [_table_row(item.name, str(item.type), classes.get(item.type.base)) for item in message.fields]
     table = f"({rows[0]},)" if len(rows) == 1 else f"({', '.join(rows)})"
     defaults = [f"{py_string(key)}: {py_string(text)}" for key, text in defaults_text(message.fields)]
     last = ", {" + ", ".join(defaults) + "}" if defaults else ""
-    return f'{type_info}("{message.name}", "{digest}", {table}{last})'
+    return f'{imports.use(_CDR, "TypeInfo")}("{message.name}", "{digest}", {table}{last})'
+
+
+def _wide_info(message: MessageDef, imports: Imports, digest: str, classes: dict[str, str]) -> str:
+    """The same with all fields and constants in one literal."""
+    nested = {item.type.base: classes[item.type.base] for item in message.fields if item.type.is_message}
+    numbers = {base: str(number) for number, base in enumerate(nested)}
+    fields: list[tuple[object, ...]] = []
+    for item in message.fields:
+        base = item.type.base
+        default = () if item.default is None else (item.default,)
+        fields.append((item.name, str(item.type).replace(base, numbers.get(base, base), 1), *default))
+    constants = [(item.name, item.type.base, item.value) for item in message.constants]
+    table = json.dumps({"fields": fields, "constants": constants}, separators=(",", ":"))
+    arguments = ", ".join([f'"{message.name}"', f'"{digest}"', py_string(table), *nested.values()])
+    return f"{imports.use(_WIDE, 'WideInfo')}({arguments})"
 
 
 def _table_row(name: str, kind: str, cls: str | None) -> str:
@@ -244,25 +275,35 @@ def _table_row(name: str, kind: str, cls: str | None) -> str:
     return f'("{name}", "{array}", {cls})' if array else f'("{name}", {cls})'
 
 
-def _class_scope_names(imports: Imports, heavy: bool, rclpy: bool) -> dict[str, str]:
+def _class_scope_names(imports: Imports, message: MessageDef, layouts: Layouts) -> dict[str, str]:
     """What the template itself mentions inside a class, as it is called there."""
-    builtins = ("bool", "bytes", "classmethod") + (("int", "memoryview", "tuple") if heavy else ())
-    names = {word: imports.builtin(word) for word in builtins}
+    is_wide, heavy = (is_of(str(message.name)) for is_of in (layouts.is_wide, layouts.is_heavy))
+    names = {word: imports.use("typing", word) for word in ("ClassVar", "TYPE_CHECKING")}
+    names["TypeInfo"] = imports.use(_CDR, "TypeInfo")
+    names["bases"] = imports.use(_WIDE, "WideMessage") if is_wide else ""
+    if layouts.rclpy:
+        names["metaclass"] = imports.use(_RCLPY, "metaclass")
+        names["bases"] += ", " * is_wide + imports.use(_RCLPY, "RclpyMessage")
+    else:
+        names["bases"] = names["bases"] or imports.use(_CDR, "Message")
+    names["members"] = ""
+    if _is_table(message):
+        names["Any"] = imports.use("typing", "Any", for_typing=True)
+        wide = (_RCLPY, "wide_rclpy_message") if layouts.rclpy else (_WIDE, "wide_message")
+        names["members"] = imports.use(*wide)
+    elif not layouts.rclpy:
+        names["dataclass"] = imports.use("dataclasses", "dataclass")
+    if is_wide:
+        return names
+    builtins = ("bool", "bytes", "classmethod") + (("int", "memoryview", "tuple", "bytearray") if heavy else ())
+    names |= {word: imports.builtin(word) for word in builtins}
     if heavy:
-        names["bytearray"] = imports.builtin("bytearray")
         names["Append"] = imports.use(SUPPORT, "Append", for_typing=True)
     names["Fault"] = imports.use(SUPPORT, "Fault", in_class=False)
-    names["TypeInfo"] = imports.use(_CDR, "TypeInfo")
-    if rclpy:
-        names["Message"], names["metaclass"] = imports.use(_RCLPY, "RclpyMessage"), imports.use(_RCLPY, "metaclass")
-    else:
-        names["Message"], names["dataclass"] = imports.use(_CDR, "Message"), imports.use("dataclasses", "dataclass")
     for word in ("recover_decode", "recover_encode"):
         imports.use(_CDR, word, in_class=False)
-    names["ClassVar"] = imports.use("typing", "ClassVar")
-    names["TYPE_CHECKING"] = imports.use("typing", "TYPE_CHECKING")
-    names["Self"] = imports.use(SUPPORT, "Self", for_typing=True)
-    names["Readable"] = imports.use(SUPPORT, "Readable", for_typing=True)
+    for word in ("Self", "Readable"):
+        names[word] = imports.use(SUPPORT, word, for_typing=True)
     return names
 
 

@@ -112,6 +112,9 @@ def parse_idl_interface(name: RosName, source: Source, findings: Findings) -> In
     except _Wrong as wrong:
         findings.add(Location(source, wrong.at.line, wrong.at.column), wrong.text)
         return None
+    except RecursionError:
+        findings.add(Location(source, 1, 1), "nested too deeply")
+        return None
     return derive.assemble(name, messages, source)
 
 
@@ -203,6 +206,8 @@ def _type(kind: IdlType, scope: _Scope, name: RosName, depth: int) -> FieldType:
             return FieldType(kind.words[0], string_bound=_positive(kind.size, scope) if kind.size else 0)
         case "sequence":
             assert kind.element is not None
+            if kind.element.kind == "sequence":
+                raise _Wrong(kind.at, "sequences of sequences or arrays are not supported")
             element = _type(kind.element, scope, name, depth)
             if element.arity is not Arity.SCALAR:
                 raise _Wrong(kind.at, "sequences of sequences or arrays are not supported")

@@ -28,7 +28,7 @@ MAX_BYTES = 1 << 28
 """Of fixed arrays of numbers in a new message, at all levels."""
 
 _FEW = 48
-"""Fields of a nested message that may be printed where it is used; `codegen.layout.INLINE_WEIGHT`, at least."""
+"""Fields of a nested message that may be printed where it is used; `codegen.weights.INLINE_WEIGHT`, at least."""
 
 
 class _Measure(NamedTuple):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import textwrap
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import TYPE_CHECKING, TypeVar
 
 from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity, FieldType
@@ -56,11 +57,25 @@ Element = TypeVar("Element", FieldDef, ConstantDef)
 
 
 @dataclass(slots=True)
-class _Pending:
-    """An element whose comment may still grow by indented comment lines below it."""
+class _Elements:
+    """The elements of a section; the comment of the last one may still grow by indented comment lines below it."""
 
-    element: FieldDef | ConstantDef
+    fields: list[FieldDef] = field(default_factory=list)
+    constants: list[ConstantDef] = field(default_factory=list)
+    last: FieldDef | ConstantDef | None = None
     comment: list[str] = field(default_factory=list)
+
+    def begin(self, element: FieldDef | ConstantDef, comment: list[str]) -> None:
+        self.finish()
+        self.last, self.comment = element, comment
+
+    def finish(self) -> None:
+        comment, unit = _tidy(self.comment) if self.comment else ((), "")
+        if isinstance(self.last, FieldDef):
+            self.fields.append(self.last._replace(comment=comment, unit=unit) if comment or unit else self.last)
+        elif self.last is not None:
+            self.constants.append(self.last._replace(comment=comment, unit=unit) if comment or unit else self.last)
+        self.last = None
 
 
 def parse_section(
@@ -78,24 +93,24 @@ def parse_section(
     lines = [line.replace("\t", " ") for line in lines]
     count = next((i for i, line in enumerate(lines) if not line.startswith("#")), len(lines))
     head = [line.lstrip("#") for line in lines[:count]]
-    done: list[_Pending] = []
+    done = _Elements()
     waiting: list[str] = []
     for number, line in enumerate(lines[count:], first_line + count):
         if findings.is_full(Location(source, number, 1)):
             break
         _read_line(line.rstrip(), number, name, done, waiting, source, findings)
-    fields, constants = _finish(done)
-    _refuse_duplicates(fields, findings)
-    _refuse_duplicates(constants, findings)
+    done.finish()
+    _refuse_duplicates(done.fields, findings)
+    _refuse_duplicates(done.constants, findings)
     comment, _ = _tidy(head, with_unit=False)
-    return MessageDef(name, tuple(fields), tuple(constants), comment, source)
+    return MessageDef(name, tuple(done.fields), tuple(done.constants), comment, source)
 
 
 def _read_line(
     line: str,
     number: int,
     name: RosName,
-    done: list[_Pending],
+    done: _Elements,
     waiting: list[str],
     source: Source,
     findings: Findings,
@@ -104,8 +119,8 @@ def _read_line(
     if mark:
         comment = comment.lstrip("#")
         if text and not text.strip():  # indented: belongs to the element above
-            if done:
-                done[-1].comment.append(comment)
+            if done.last is not None:
+                done.comment.append(comment)
             return
         waiting.append(comment)
     text = text.rstrip()
@@ -116,7 +131,7 @@ def _read_line(
     except (_Wrong, SyntaxProblem) as problem:
         findings.add(Location(source, number, problem.column), _explain(text, problem))
         return
-    done.append(_Pending(element, list(waiting)))
+    done.begin(element, waiting[:])
     waiting.clear()
 
 
@@ -177,13 +192,21 @@ def _type(syntax: TypeSyntax, name: RosName) -> FieldType:
         raise _Wrong(syntax.bound, f'only string and wstring take a bound, not "{base}"')
     match syntax.array:
         case None:
-            return FieldType(base, string_bound=bound)
+            return _field_type(base, Arity.SCALAR, 0, bound)
         case "unbounded":
-            return FieldType(base, Arity.UNBOUNDED, 0, bound)
+            return _field_type(base, Arity.UNBOUNDED, 0, bound)
         case array:
             assert syntax.size is not None
             arity = Arity.ARRAY if array == "fixed" else Arity.BOUNDED
-            return FieldType(base, arity, _size(syntax.size), bound)
+            return _field_type(base, arity, _size(syntax.size), bound)
+
+
+_shared_type = lru_cache(maxsize=512)(FieldType)
+
+
+def _field_type(base: str, arity: Arity, capacity: int, bound: int) -> FieldType:
+    """Thousands of fields have few types; names of absurd length are not cached."""
+    return (_shared_type if len(base) < 100 else FieldType)(base, arity, capacity, bound)
 
 
 def _base(syntax: TypeSyntax, name: RosName) -> str:
@@ -221,18 +244,6 @@ def _refuse_duplicates(elements: Sequence[FieldDef | ConstantDef], findings: Fin
         first = seen.setdefault(element.name, element.location)
         if first is not element.location:
             findings.add(element.location, f'"{element.name}" is already defined in line {first.line}')
-
-
-def _finish(done: list[_Pending]) -> tuple[list[FieldDef], list[ConstantDef]]:
-    fields: list[FieldDef] = []
-    constants: list[ConstantDef] = []
-    for pending in done:
-        comment, unit = _tidy(pending.comment)
-        if isinstance(pending.element, FieldDef):
-            fields.append(pending.element._replace(comment=comment, unit=unit))
-        else:
-            constants.append(pending.element._replace(comment=comment, unit=unit))
-    return fields, constants
 
 
 def _tidy(lines: list[str], with_unit: bool = True) -> tuple[tuple[str, ...], str]:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.spec.model import Default, Scalar
 
 _MAX_DIGITS = 400  # of an integer: far above any legal value, below where conversion becomes slow or is refused
+_LITERALS_AT_ONCE = 4096  # elements whose Python syntax tree exists at a time: 250 bytes each
 _IDL_STRING = re.compile(r'"(.*?)(?<!\\)(?:\\\\)*?"')
 _IDL_ESCAPE = re.compile(r"\\[ntvbrfa\\?'\"]|\\[0-7]{1,3}|\\x[0-9a-fA-F]{1,2}")
 _PYTHON_ESCAPE = re.compile(r"\\([4-7][0-7]{2}|.)", re.DOTALL)
@@ -125,12 +126,15 @@ def _unquote(text: str) -> str:
 def _string_elements(kind: FieldType, text: str) -> tuple[str, ...]:
     # The reference reads each element as if it stood alone, so blanks and quotes inside the quotes go too.
     values = [_check_bound(kind, _unquote(value.strip())) for value in _split_strings(text)]
-    # The reference writes the Python repr of the whole tuple through the IDL stage.
-    rendered = repr(tuple(values)).replace("\\", r"\\").replace('"', r"\"")
-    result = python_value(decode_idl_string(rendered))
-    if not isinstance(result, tuple) or not all(isinstance(item, str) for item in result):
-        raise LiteralProblem(f"expected a list of strings, found {_cut(text)}")
-    return result
+    # The reference writes the Python repr of the whole tuple through the IDL stage; in pieces it takes less memory.
+    results: list[str] = []
+    for start in range(0, len(values), _LITERALS_AT_ONCE):
+        rendered = repr(tuple(values[start : start + _LITERALS_AT_ONCE])).replace("\\", r"\\").replace('"', r"\"")
+        result = python_value(decode_idl_string(rendered))
+        if not isinstance(result, tuple) or not all(isinstance(item, str) for item in result):
+            raise LiteralProblem(f"expected a list of strings, found {_cut(text)}")
+        results += result
+    return tuple(results)
 
 
 def _split_strings(text: str) -> list[str]:

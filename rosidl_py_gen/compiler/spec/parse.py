@@ -30,6 +30,8 @@ from rosidl_py_gen.compiler.spec.idl_syntax import (
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+MAX_TOKENS = 250_000
+"""Words and signs of a file, comments not counted; each takes 400 bytes, and may be a single character."""
 _WORDS = {
     "LSQB": '"["',
     "RSQB": '"]"',
@@ -72,16 +74,30 @@ def parse_idl(text: str) -> tuple[IdlDefinition, ...]:
         SyntaxProblem: with line and column and what was expected there.
     """
     try:
-        return _Idl().transform(_idl_parser().parse(text))  # type: ignore[no-any-return]
+        return _parsed(text)
     except LarkError as error:
         raise _translate(error, text) from error
     except RecursionError:
         raise SyntaxProblem(1, 1, "nested too deeply") from None
 
 
+def _parsed(text: str) -> tuple[IdlDefinition, ...]:
+    parsing = _idl_parser().parse_interactive(text)
+    last: Token | None = None
+    try:
+        for number, last in enumerate(parsing.iter_parse(), 1):
+            if number > MAX_TOKENS:
+                raise SyntaxProblem(last.line or 1, last.column or 1, f"more than {MAX_TOKENS} words and signs")
+        return parsing.feed_eof(last)  # type: ignore[no-any-return, no-untyped-call]
+    except UnexpectedToken as error:
+        error.interactive_parser = parsing  # knows what would have been accepted
+        raise
+
+
 @lru_cache(maxsize=1)
 def _idl_parser() -> Lark:
-    return Lark(grammar_text("idl.lark"), parser="lalr", propagate_positions=False, maybe_placeholders=False)
+    # Without a tree in between, which takes more memory than the definitions.
+    return Lark(grammar_text("idl.lark"), parser="lalr", transformer=_Idl(), maybe_placeholders=False)
 
 
 def _translate(error: LarkError, text: str) -> SyntaxProblem:

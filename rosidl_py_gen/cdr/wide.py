@@ -1,0 +1,215 @@
+"""Messages with very many fields: members that come from a table, and a codec that walks it.
+
+CPython takes kilobytes and microseconds to compile each line of generated code. For a definition with thousands of
+fields that is a multiple of the memory that its text deserves, so its class holds one string literal instead: a table
+in JSON, from which `wide_message` makes fields and constants. `WideMessage` encodes and decodes field by field.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from dataclasses import dataclass, field
+from struct import Struct
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+import numpy as np
+
+from rosidl_py_gen.base.descriptions import default_text
+from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity, FieldType
+from rosidl_py_gen.base.names import py_name
+from rosidl_py_gen.cdr import support
+from rosidl_py_gen.cdr.arrays import BOOL_BYTE, DTYPES, coerce
+from rosidl_py_gen.cdr.message import Field, Message, TypeInfo
+from rosidl_py_gen.cdr.walk import read_message, recover_decode, recover_encode
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from typing_extensions import Self
+
+    from rosidl_py_gen.cdr.support import Append, Readable
+
+M = TypeVar("M", bound=Message)
+_MAX_INIT_FIELDS = 1000
+"""Fields up to which a dataclass prints its own constructor; printing takes time by the square of them."""
+_ZERO: dict[str, Any] = {"bool": False, "int": 0, "float": 0.0}
+_PYTHON = {"bool": bool, "int": int, "float": float}
+_NESTED = re.compile(r"(\d+)(.*)\Z", re.ASCII)
+_PACK = {primitive.code: Struct(f"<{primitive.code}").pack for primitive in PRIMITIVES.values()}
+_PADS = {1: (b"",), 2: support.PAD2, 4: support.PAD4, 8: support.PAD8}
+
+
+class WideInfo(TypeInfo):
+    """Type information made of a table.
+
+    Args:
+        table: JSON with `fields`, rows of name, type and, if there is one, default value; and `constants`, rows of
+            name, type and value. The type of a nested message is its position in `classes` and the array suffix.
+        classes: the classes of nested messages.
+
+    Attributes:
+        values: explicit default values by field name, tuples for arrays.
+        constants: name, type and value of each constant.
+    """
+
+    __slots__ = ("constants", "values")
+
+    def __init__(self, name: str, hash: str, table: str, *classes: type[Message]) -> None:
+        found = json.loads(table)
+        self.values = {row[0]: tuple(row[2]) if type(row[2]) is list else row[2] for row in found["fields"] if row[2:]}
+        self.constants: list[tuple[str, str, Any]] = [tuple(row) for row in found["constants"]]
+        rows = tuple(_row(row[0], row[1], classes) for row in found["fields"])
+        super().__init__(name, hash, rows, {key: default_text(value) for key, value in self.values.items()})
+
+
+def _row(name: str, text: str, classes: tuple[type[Message], ...]) -> Any:
+    nested = _NESTED.match(text)
+    if nested is None:
+        return sys.intern(name), sys.intern(text)
+    cls, array = classes[int(nested[1])], sys.intern(nested[2])
+    return (sys.intern(name), array, cls) if array else (sys.intern(name), cls)
+
+
+def wide_message(cls: type[M]) -> type[M]:
+    """Return the dataclass with the fields and constants of the class's table; `cls` must not be used afterwards."""
+    info: Any = cls._TYPE
+    annotations = cls.__annotations__
+    for name, base, value in info.constants:
+        setattr(cls, py_name(name), value)
+        annotations[py_name(name)] = ClassVar[_PYTHON[PRIMITIVES[base].python] if base in PRIMITIVES else str]
+    for item in info.fields:
+        setattr(cls, item.py_name, _default(item, info.values.get(item.ros_name)))
+        annotations[item.py_name] = _annotation(item)
+    is_short = len(info.fields) <= _MAX_INIT_FIELDS
+    if not is_short:
+        cls.__init__ = _init  # type: ignore[method-assign, assignment]
+    return dataclass(slots=True, eq=False, repr=False, init=is_short)(cls)
+
+
+def _init(self: Message, *args: Any, **kwargs: Any) -> None:
+    support.fill(self, args, kwargs)
+
+
+def _annotation(item: Field) -> Any:
+    primitive = item.type.primitive
+    if primitive is not None and item.type.arity is not Arity.SCALAR:
+        return np.ndarray
+    base = _PYTHON[primitive.python] if primitive is not None else item.cls or str
+    return base if item.type.arity is Arity.SCALAR else list[base]  # type: ignore[valid-type]
+
+
+def _default(item: Field, value: Any) -> Any:
+    """Return the default of a dataclass field, `value` if the definition has one."""
+    kind, cls = item.type, item.cls
+    primitive = kind.primitive
+    if kind.arity is Arity.SCALAR:
+        if cls is not None:
+            return field(default_factory=cls)
+        return value if value is not None else _ZERO[primitive.python] if primitive is not None else ""
+    count = kind.capacity if kind.arity is Arity.ARRAY else 0
+    make: Callable[[], Any] = list
+    if primitive is not None:
+        dtype = DTYPES[primitive.code]
+        make = (lambda: np.array(value, dtype)) if value else lambda: np.zeros(count, dtype)
+    elif value:
+        make = lambda: [*value]  # noqa: E731
+    elif cls is not None and count:
+        made = cls
+        make = lambda: [made() for _ in range(count)]  # noqa: E731
+    elif count:
+        make = lambda: [""] * count  # noqa: E731
+    return field(default_factory=make)
+
+
+class WideMessage(Message):
+    """Base of messages with so many fields that a codec of their own would be out of proportion."""
+
+    __slots__ = ()
+
+    def _encode(self) -> bytes:
+        try:
+            parts: list[bytes] = [b"\0\1\0\0"]
+            _write_message(self, parts.append, 0)
+            return b"".join(parts)
+        except support.Fault as error:
+            return recover_encode(self, error)
+
+    def _write(self, append: Append, pos: int) -> int:
+        return _write_message(self, append, pos)
+
+    @classmethod
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
+        return recover_decode(cls, data, copy, None, arrays)
+
+    @classmethod
+    def _read(
+        cls, raw: bytes | bytearray, view: bytes | bytearray | memoryview, pos: int, arrays: bool = False
+    ) -> tuple[Self, int]:
+        return read_message(cls, raw, view, pos, arrays)
+
+
+def _write_message(message: Message, append: Append, pos: int) -> int:
+    """Append the fields of a message; returns the position behind them (docs/internals/protocol.md 2.2)."""
+    fields = message._TYPE.fields
+    if not fields:
+        append(b"\0")
+        return pos + 1
+    for item in fields:
+        value, kind = message._native(item), item.type
+        if kind.arity is Arity.SCALAR:
+            pos = _write_element(value, kind, item.cls, append, pos)
+            continue
+        if kind.primitive is not None:
+            value = coerce(value, kind.primitive.code)
+        elif item.cls is not None:
+            value = support.list_or_records(value)
+        else:
+            support.expect_list(value)
+        if kind.arity is Arity.ARRAY:
+            support.exactly(len(value), kind.capacity)
+        else:
+            if kind.arity is Arity.BOUNDED:
+                support.limit(len(value), kind.capacity)
+            pos = _write_number(len(value), "I", 4, append, pos)
+        pos = _write_elements(value, kind, item.cls, append, pos)
+    return pos
+
+
+def _write_number(value: Any, code: str, size: int, append: Append, pos: int) -> int:
+    pad = _PADS[size][pos % size]
+    append(pad + _PACK[code](BOOL_BYTE[value] if code == "?" else value))
+    return pos + len(pad) + size
+
+
+def _write_elements(value: Any, kind: FieldType, cls: type[Message] | None, append: Append, pos: int) -> int:
+    if kind.primitive is not None:
+        if len(value):
+            pad = _PADS[kind.primitive.size][pos % kind.primitive.size]
+            append(pad + value.tobytes())
+            pos += len(pad) + value.nbytes
+        return pos
+    if cls is not None and type(value) is support.ndarray:
+        return support.write_records(cls, value, append, pos)
+    element = kind.element
+    for one in value:
+        pos = _write_element(one, element, cls, append, pos)
+    return pos
+
+
+def _write_element(value: Any, kind: FieldType, cls: type[Message] | None, append: Append, pos: int) -> int:
+    if cls is not None:
+        return _write_message(support.expect(value, cls), append, pos)
+    if kind.primitive is not None:
+        return _write_number(value, kind.primitive.code, kind.primitive.size, append, pos)
+    if kind.string_bound:
+        support.limit(len(value), kind.string_bound)
+    if kind.base == "wstring":
+        text = support.utf16(value)
+        pos = _write_number(len(text) >> 2, "I", 4, append, pos)
+    else:
+        text = support.utf8(value) + b"\0"
+        pos = _write_number(len(text), "I", 4, append, pos)
+    append(text)
+    return pos + len(text)

@@ -1,0 +1,104 @@
+"""How much code a message is worth: what is written in line, what is called, and what walks its fields.
+
+Generated code is kept in proportion to the definition: its size is that of the leaves, the fields of a message after
+nested messages are flattened.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.base.fieldtype import Arity
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.compiler.spec.model import MessageDef
+
+# A nested message of more leaves than this is called, not printed in line. It bounds the generated code to a multiple
+# of the definition; every common message (Odometry has 22 leaves, Marker 43) stays flat.
+INLINE_WEIGHT = 48
+# So is one with more levels or loops in each other: CPython takes 20 loops, and each is planned up to four times.
+INLINE_LEVELS = 12
+INLINE_LOOPS = 5
+# A message of more leaves than this has no generated codec at all, but `cdr.wide.WideMessage`: CPython takes 40 kB to
+# compile what encodes and decodes one string. Messages of public packages have up to 70 fields.
+WIDE_WEIGHT = 500
+
+
+class Weights:
+    """Facts of messages by name, each found once.
+
+    Args:
+        lookup: gives the definition of a message.
+        max_leaves: leaves of all messages together that get a codec of their own; all others are wide.
+    """
+
+    def __init__(self, lookup: Callable[[str], MessageDef | None], max_leaves: float) -> None:
+        self._lookup = lookup
+        self._leaves_left = max_leaves
+        self._weights: dict[str, int] = {}
+        self._heights: dict[str, tuple[int, int]] = {}
+        self._wide: dict[str, bool] = {}
+        self._fixed: dict[str, bool] = {}
+        self._records: dict[str, bool] = {}
+
+    def message(self, name: str) -> MessageDef:
+        found = self._lookup(name)
+        assert found is not None, name  # references were checked before
+        return found
+
+    def is_heavy(self, name: str) -> bool:
+        levels, loops = self.height(name)
+        return self.weight(name) > INLINE_WEIGHT or levels > INLINE_LEVELS or loops > INLINE_LOOPS
+
+    def is_wide(self, name: str) -> bool:
+        """Return True if a codec of its own would be out of proportion to the definition."""
+        if name not in self._wide:
+            weight = self.weight(name)
+            self._wide[name] = weight > min(WIDE_WEIGHT, self._leaves_left)
+            self._leaves_left -= 0 if self._wide[name] else weight
+        return self._wide[name]
+
+    def height(self, name: str) -> tuple[int, int]:
+        """How many levels of nested messages, and of loops over them, are printed in line in a message."""
+        if name not in self._heights:
+            levels = loops = 0
+            for item in self.message(name).fields:
+                if item.type.is_message:
+                    below, within = (0, 0) if self.is_heavy(item.type.base) else self.height(item.type.base)
+                    levels = max(levels, below + 1)
+                    loops = max(loops, within + (item.type.arity is not Arity.SCALAR))
+            self._heights[name] = levels, loops
+        return self._heights[name]
+
+    def weight(self, name: str) -> int:
+        """Leaves of a message after flattening; a nested message that is called counts as one."""
+        if name not in self._weights:
+            total = 0
+            for item in self.message(name).fields:
+                is_inline = item.type.is_message and not self.is_heavy(item.type.base)
+                total += self.weight(item.type.base) if is_inline else 1
+            self._weights[name] = max(1, total)
+        return self._weights[name]
+
+    def is_fixed(self, name: str) -> bool:
+        """Whether every message of the type has the same shape."""
+        if name not in self._fixed:
+            self._fixed[name] = all(
+                item.type.arity in (Arity.SCALAR, Arity.ARRAY)
+                and not item.type.is_string
+                and (not item.type.is_message or self.is_fixed(item.type.base))
+                for item in self.message(name).fields
+            )
+        return self._fixed[name]
+
+    def has_records(self, name: str) -> bool:
+        """Whether there are sequences or arrays of fixed-size messages in a message, at any depth."""
+        if name not in self._records:
+            self._records[name] = any(
+                (item.type.arity is not Arity.SCALAR and self.is_fixed(item.type.base))
+                or self.has_records(item.type.base)
+                for item in self.message(name).fields
+                if item.type.is_message
+            )
+        return self._records[name]
