@@ -36,7 +36,8 @@ def test_files_cut_and_zeroed_at_every_block_lose_what_is_there(tmp_path: Path, 
         assert figures[f"{kind}, cut: read strictly"] == figures[f"{kind}, cut: cases"]
         zeros = figures[f"{kind}, zeros to the end: cases"] - figures[f"{kind}, zeros to the end: read strictly"]
         assert zeros == 1  # from the first byte on, it is no MCAP file
-    assert figures["closed, a block of zeros: lost without a report"] == 0
+        assert figures[f"{kind}, a block of zeros: lost without a report"] == 0
+        assert figures[f"{kind}, zeros to the end: lost without a report"] == 0
     assert figures["closed, a block of zeros: messages lost, at most"] <= 120  # three chunks of small messages
 
 
