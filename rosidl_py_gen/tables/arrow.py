@@ -20,11 +20,6 @@ def parquet() -> Any:
     return import_module("pyarrow.parquet")
 
 
-def compute() -> Any:
-    """``pyarrow.compute``, which takes a while to load."""
-    return import_module("pyarrow.compute")
-
-
 def from_numpy(values: Any, kind: Any = None) -> Any:
     """An array of numbers, without a copy unless they are bools; `kind` is another Arrow type of the same bytes."""
     made = pa.array(values)

@@ -41,6 +41,8 @@ LARGE_TYPES = {
 }
 """Messages of these types, and of those that have them inside, are large."""
 ROW_GROUP_BYTES = 1 << 24
+_MAX_FILE_NAME = 255
+"""Characters of a name in Linux, macOS and Windows."""
 _BATCH_BYTES = 1 << 20
 _MOST_WAITING = 1 << 25
 """Bytes of all topics that wait for their row groups."""
@@ -109,7 +111,11 @@ def write_dataset(
 
 
 def _chosen(
-    bag: BagReader, topics: Collection[str] | None, include_large: bool, left_out: dict[str, str]
+    bag: BagReader,
+    topics: Collection[str] | None,
+    include_large: bool,
+    left_out: dict[str, str],
+    folder_of: Callable[[str], str],
 ) -> list[BagTopic]:
     """The channels that are written; says of others why they are not."""
     found = []
@@ -122,6 +128,7 @@ def _chosen(
         try:
             cls = bag.message_class(channel)
             nodes_of(cls)
+            _require_short(channel.name, folder_of(channel.name))
         except RosidlError as error:
             if topics is not None:
                 raise
@@ -132,6 +139,16 @@ def _chosen(
             continue
         found.append(channel)
     return found
+
+
+def _require_short(topic: str, folder: str) -> None:
+    if (size := len(TOPIC) + 1 + len(folder)) > _MAX_FILE_NAME:
+        found = f"the name of its folder would have {size} characters; expected at most {_MAX_FILE_NAME}"
+        raise BagError(f"{topic}: {found}; BagReader.table and bag sql read it from the bag")
+
+
+def _quoted(name: str) -> str:
+    return quote(name, safe="")
 
 
 def is_large(cls: type[Any]) -> bool:
@@ -162,6 +179,7 @@ class Draft:
 
     Args:
         suffix: of the names of files, for one of several parts of a bag.
+        folder_of: name of the folder of a topic, without ``topic=``.
 
     Attributes:
         report: what was done, after `fill`.
@@ -176,8 +194,9 @@ class Draft:
         compression: str = "zstd",
         row_group_bytes: int = ROW_GROUP_BYTES,
         suffix: str = "",
+        folder_of: Callable[[str], str] = _quoted,
     ) -> None:
-        self._bag, self._out, self._name, self._suffix = bag, out, name, suffix
+        self._bag, self._out, self._name, self._suffix, self._folder_of = bag, out, name, suffix, folder_of
         self._overwrite, self._compression, self._most = overwrite, compression, row_group_bytes
         self._output = Output(out)
         self._open = ExitStack()
@@ -196,7 +215,7 @@ class Draft:
     ) -> None:
         """Read the bag; arguments and errors as `write_dataset`."""
         bag, left_out = self._bag, self.report.left_out
-        channels = _chosen(bag, topics, include_large, left_out)
+        channels = _chosen(bag, topics, include_large, left_out, self._folder_of)
         source = bag._source([*dict.fromkeys(one.name for one in channels)], start_ns, end_ns, on_error, topics is None)
         for channel in channels:
             self._add(channel, Columns(bag, channel, None, source.decoded))
@@ -211,8 +230,8 @@ class Draft:
     def _add(self, channel: BagTopic, columns: Columns) -> None:
         """Make a file known for the messages of a channel."""
         kind = f"{channel.type_name.rpartition('/')[2]}-{columns.cls._TYPE.hash.removeprefix('RIHS01_')[:8]}"
-        folders = f"{TOPIC}={quote(channel.name, safe='')}", f"{BAG}={quote(self._name, safe='')}"
-        path = joined(self._out, *folders, f"{quote(kind, safe='')}{self._suffix}.parquet")
+        folders = f"{TOPIC}={self._folder_of(channel.name)}", f"{BAG}={_quoted(self._name)}"
+        path = joined(self._out, *folders, f"{_quoted(kind)}{self._suffix}.parquet")
         same = next((one for one in self._by_key.values() if one.path == path), None)
         self._by_key[channel.key] = same or _File(path, channel, columns, min(_BATCH_BYTES, self._most))
 

@@ -21,7 +21,7 @@ from rosidl_py_gen.bags.remote import is_url, reached
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.output import escape_json
 from rosidl_py_gen.base.resources import extra_missing
-from rosidl_py_gen.tables.dataset import TOPIC, write_dataset
+from rosidl_py_gen.tables.dataset import TOPIC, Draft
 from rosidl_py_gen.tables.places import file_system, url_of
 
 if TYPE_CHECKING:
@@ -39,7 +39,8 @@ except ModuleNotFoundError as missing:
 _QUOTED = re.compile(r"""["]((?:[^"]|"")*)["]|[']((?:[^']|'')*)[']""")
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _UNQUOTED = re.compile(r"\b(?:from|join)\s+(/?[\w~]+(?:/[\w~]+)+|/[\w~]+)", re.IGNORECASE)
-_LISTING = re.compile(r"\s*show\s+(?:all\s+)?tables\s*;?\s*", re.IGNORECASE)
+_SPACE = r"(?:\s|--[^\n]*(?:\n|\Z)|/\*.*?\*/)"
+_LISTING = re.compile(rf"{_SPACE}*show{_SPACE}+(?:all{_SPACE}+)?tables(?:{_SPACE}|;)*", re.IGNORECASE | re.DOTALL)
 _NO_NUMBER = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"|-?(?:NaN|Infinity)')
 MEMORY_LIMIT = "1GB"
 """Of DuckDB, which would take four fifths of the memory of the machine."""
@@ -127,20 +128,20 @@ class Database:
         done = 0
         for name, bag in bags.items():
             mine = [topic for topic in wanted if topic in bag.topics]
-            report = write_dataset(
-                bag,
-                self._folder.name,
-                name=name,
-                topics=mine,
-                on_error=on_error,
-                compression="lz4",
-                progress=None if progress is None else partial(_shifted, progress, done),
-            )
+            shown = None if progress is None else partial(_shifted, progress, done)
+            with Draft(bag, self._folder.name, name, compression="lz4", folder_of=self._number_of) as draft:
+                draft.fill(mine, False, None, None, on_error, shown)
+                draft.publish()
+            report = draft.report
             done += sum(bag.topics[topic].count or 0 for topic in mine)
             left_out.update(report.left_out)
             for one in report.files:
                 self._files.setdefault(one.topic, []).append(one.path)
         return left_out
+
+    def _number_of(self, topic: str) -> str:
+        """Return the name of a topic's folder: a name of any length would not be one of a file."""
+        return str([*self._known].index(topic))
 
     def _of_dataset(self, place: str) -> list[tuple[str, str]]:
         """Topics and files."""

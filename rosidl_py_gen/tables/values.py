@@ -12,7 +12,7 @@ import numpy as np
 
 from rosidl_py_gen.bags.common import BagError
 from rosidl_py_gen.errors import printable
-from rosidl_py_gen.tables.arrow import compute, pa
+from rosidl_py_gen.tables.arrow import pa
 from rosidl_py_gen.tables.columns import Kind
 from rosidl_py_gen.tables.schema import NUMBERS
 
@@ -36,7 +36,7 @@ def plain(column: Any) -> Any:
     if types.is_dictionary(kind):
         found = plain(_taken(plain(column.dictionary), column.indices))
     elif types.is_run_end_encoded(kind):
-        found = plain(compute().run_end_decode(column))
+        found = plain(_taken(plain(column.values), _runs(column)))
     elif types.is_string_view(kind):
         found = pa.array(column.to_pylist(), pa.large_string())
     elif types.is_binary_view(kind):
@@ -44,6 +44,12 @@ def plain(column: Any) -> Any:
     if len(found) != len(column):
         raise BagError(f"Arrow has read {len(found)} of {len(column)} values of {shown(kind)}")
     return found
+
+
+def _runs(column: Any) -> Any:
+    """Return for each element of a run-end encoded array the place of its value."""
+    rows = column.offset + np.arange(len(column))
+    return pa.array(np.searchsorted(column.run_ends.to_numpy(), rows, side="right"))
 
 
 def _taken(column: Any, places: Any) -> Any:

@@ -314,6 +314,13 @@ def test_names_that_are_known_are_kept() -> None:
     assert names_of(["/x.mcap"], {"/y": "x"}) == {"/x.mcap": "/x.mcap"}
 
 
+def test_several_processes_need_posix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.mcap").write_bytes(b"")
+    monkeypatch.setattr("rosidl_py_gen.tables.many.pool.IS_POSIX", False)
+    with pytest.raises(BagError, match=r"found workers=2 on .*; expected workers=1"):
+        write_datasets([tmp_path / "a.mcap"], tmp_path / "out", workers=2)
+
+
 def test_a_scheduler_has_its_own_workers(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="scheduler and workers"):
         write_datasets([], tmp_path, scheduler="tcp://x", workers=2)

@@ -159,6 +159,12 @@ def test_values_are_those_of_the_table_in_every_layout_of_arrow(tmp_path: Path) 
         ),
         "fixed": (pa.FixedSizeListArray.from_arrays(flat, 3)[1:], [["d", "e", "f"]]),
         "run ends inside": (pa.ListArray.from_arrays([0, 1, 6], runs), [["x"], ["x", "y", "y", "y", "y"]]),
+        "run ends of views": (
+            pa.RunEndEncodedArray.from_arrays(pa.array([1, 3, 5]), pa.array(rows[:3], pa.list_view(pa.string_view())))[
+                2:
+            ],
+            [["c"], [], []],
+        ),
         "dictionary inside a view": (view([2, 1], [1, 0], repeated, pa.int32()), [["x", "y"], ["y"]]),
         "nothing": (pa.array([[], []]), [[], []]),
     }

@@ -98,6 +98,7 @@ def test_show_tables_lists_the_topics(run_here: Any, tmp_path: Path) -> None:
     bag, out = bag_of(tmp_path / "a.mcap", "/s", "/a/b", "/tables"), str(tmp_path / "out")
     right = [f"{name}\tstd_msgs/msg/String\t1\n" for name in ("/a/b", "/s", "/tables")]
     assert run_here("bag", "sql", "show tables", bag) == (0, "".join(right), "")
+    assert run_here("bag", "sql", "/* all */show\n-- of them\ntables; -- by name", bag) == (0, "".join(right), "")
     assert run_here("bag", "table", bag, "-o", out)[0] == 0
     assert run_here("bag", "sql", "SHOW ALL TABLES;", out) == (0, "".join(right), "")
     said = run_here("bag", "sql", "show tables", out, bag, "--json")[1]
@@ -105,6 +106,17 @@ def test_show_tables_lists_the_topics(run_here: Any, tmp_path: Path) -> None:
     with BagWriter(tmp_path / "none.mcap"):
         pass
     assert run_here("bag", "sql", "show tables", str(tmp_path / "none.mcap")) == (0, "", "")
+
+
+def test_a_topic_may_be_longer_than_names_of_files(run_here: Any, tmp_path: Path) -> None:
+    long = "/robot" + "/segment_of_a_name" * 14
+    bag, out = bag_of(tmp_path / "a.mcap", "/s", long), str(tmp_path / "out")
+    assert run_here("bag", "sql", f'select data, bag from "{long}"', bag) == (0, f"{long}\ta\n", "")
+    code, said, err = run_here("bag", "table", bag, "-o", out)
+    assert (code, said) == (0, f"1 messages of 1 topics in {out}\n")
+    assert "the name of its folder would have 294 characters; expected at most 255" in err
+    code, _, err = run_here("bag", "table", bag, "-o", out, "--overwrite", "--topics", long)
+    assert code == 1 and "expected at most 255" in err
 
 
 def test_a_topic_without_quotes_is_explained_before_anything_is_read(run_here: Any, tmp_path: Path) -> None:

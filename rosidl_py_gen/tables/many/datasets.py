@@ -17,7 +17,7 @@ from rosidl_py_gen.bags.common import BagError, BagWarning, DamagedPart
 from rosidl_py_gen.bags.remote import is_url
 from rosidl_py_gen.tables.dataset import DatasetFile
 from rosidl_py_gen.tables.many.manifest import Entry, Manifest
-from rosidl_py_gen.tables.many.pool import running
+from rosidl_py_gen.tables.many.pool import IS_POSIX, running
 from rosidl_py_gen.tables.many.sources import Found, find, names_of
 from rosidl_py_gen.tables.many.tasks import Outcome, Task, Wish, attempt, cuts_of, parts_of
 
@@ -83,13 +83,14 @@ def write_datasets(
             that Dask's configuration names. With ``tcp://`` everybody who reaches the scheduler or a worker can run
             code on all of them, and in this process. Needs the extra ``cluster``.
         workers: number of processes of this machine; 1 is this one. None: one for each core if there is enough to do,
-            else 1. The processes open no port.
+            else 1. The processes open no port, and need POSIX.
         search_path: folders with the packages of the recordings, as of `BagReader`.
         progress: called with the number of tasks done, and of all.
 
     Raises:
-        ValueError: both `scheduler` and `workers`. BagError: the place is none, or no scheduler answers. OSError: the
-            place cannot be read or written. What is wrong with a bag is in the report.
+        ValueError: both `scheduler` and `workers`. BagError: the place is none, no scheduler answers, or several
+            `workers` without POSIX. OSError: the place cannot be read or written. What is wrong with a bag is in the
+            report.
     """
     if scheduler is not None and workers is not None:
         raise ValueError("a scheduler has its own workers: expected one of scheduler and workers")
@@ -205,7 +206,7 @@ def _runner(scheduler: str | None, workers: int | None, sizes: list[int]) -> Abs
     """What runs tasks: this process, others of this machine, or those of Dask."""
     if scheduler is None and workers is None:
         parts = sum(max(1, -(-size // RANGE_BYTES)) for size in sizes)
-        workers = min(os.cpu_count() or 1, parts) if sum(sizes) >= POOL_BYTES and os.name == "posix" else 1
+        workers = min(os.cpu_count() or 1, parts) if sum(sizes) >= POOL_BYTES and IS_POSIX else 1
     if not sizes or (scheduler is None and workers == 1):
         return nullcontext(one_by_one)
     if workers is not None:

@@ -19,6 +19,7 @@ from subprocess import DEVNULL, Popen
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
+from rosidl_py_gen.bags.common import BagError
 from rosidl_py_gen.tables.many.tasks import Outcome
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.tables.many.tasks import Function, Run, Task
 
+IS_POSIX = os.name == "posix"
 _MAX_DEATHS = 4
 """A task that has killed so many processes is not repeated; Dask has the same limit."""
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -34,7 +36,13 @@ _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 @contextmanager
 def running(workers: int) -> Iterator[Run]:
-    """A function that runs tasks by so many processes, and yields each with its outcome as they end."""
+    """A function that runs tasks by so many processes, and yields each with its outcome as they end.
+
+    Raises:
+        BagError: the platform is not POSIX: processes inherit no socket there.
+    """
+    if not IS_POSIX:
+        raise BagError(f"found workers={workers} on {sys.platform}; expected workers=1: several processes need POSIX")
     idle: list[_Worker] = []
     try:
         yield lambda function, tasks: _run(function, tasks, workers, idle)
