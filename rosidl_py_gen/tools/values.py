@@ -137,14 +137,24 @@ def _fit(field: Field, value: Any) -> Any:
     if kind.primitive is None:
         convert = as_text
     else:
-        convert = {"b": as_bool, "f": as_float}.get(DTYPES[kind.primitive.code].kind, as_integer)
+        convert = {"b": as_bool, "f": _as_float_field}.get(DTYPES[kind.primitive.code].kind, _as_integer_field)
     if kind.arity is Arity.SCALAR:
         return _converted(convert(value))
     if not isinstance(value, list):
         return plain(value)
-    if convert is as_integer and set(map(type, value)) <= {int}:  # an image: nothing to convert
+    if convert is _as_integer_field and set(map(type, value)) <= {int}:  # an image: nothing to convert
         return value
     return [_converted(convert(item)) for item in value]
+
+
+def _as_integer_field(value: Any) -> Any:
+    """Return the value for an integer field; a bool is 0 or 1, as in ros2cli."""
+    return int(value) if isinstance(value, bool) else as_integer(value)
+
+
+def _as_float_field(value: Any) -> Any:
+    """Return the value for a float field; a bool is 0.0 or 1.0, as in ros2cli."""
+    return float(value) if isinstance(value, bool) else as_float(value)
 
 
 def _converted(value: Any) -> Any:

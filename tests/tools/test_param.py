@@ -192,6 +192,9 @@ async def test_a_file_that_sets_what_it_must_not_fails(memory: World, tool: Tool
         tool("param", "load", "/drive", str(other)), tool("param", "load", "/drive", str(wrong))
     )
     assert "nothing for /drive; the file has parameters of /other" in nothing.err
+    other.write_bytes(b"/drive:\n  ros__parameters: {speed: '\xff'}\n")
+    no_text = await tool("param", "load", "/drive", str(other))
+    assert no_text.err == f"error: {other}: expected UTF-8, found the byte 0xff\n"
     assert (partly.code, partly.out) == (1, "Set parameter speed successful\n")
     assert partly.err.startswith("error: Set parameter on failed: ")
 

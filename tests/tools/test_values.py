@@ -79,6 +79,9 @@ def test_numbers_are_taken_in_every_form_and_converted_by_the_type_of_their_fiel
     for text, expected in TAKEN:
         found = to_dict(message_from(_CLASS, text))
         assert {name: found[name] for name in expected} == expected, text
+    bools = to_json(message_from(_CLASS, "{i: true, d: true, f: [on, 2], n: [false, true], inner: [{k: yes, x: on}]}"))
+    for part in ('"i":1,', '"d":1.0,', '"f":[1.0,2.0],', '"n":[0,1],', '"inner":[{"x":1.0,"k":1}]'):
+        assert part in bools.replace(" ", ""), bools
     assert math.isnan(message_from(_CLASS, '{"d": NaN}').d)
     assert math.isnan(message_from(_CLASS, "{d: .nan}").d)
 

@@ -35,7 +35,7 @@ from rosidl_py_gen.runtime.endpoints.types import message_type, service_type
 from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.parameters.batches import read_all
-from rosidl_py_gen.runtime.parameters.files import parse_parameter_file
+from rosidl_py_gen.runtime.parameters.files import read_parameter_file
 from rosidl_py_gen.runtime.parameters.messages import (
     descriptor_from_message,
     event_from_message,
@@ -348,7 +348,7 @@ class ParameterClient(Composite):
             ParameterFileError: it is not a parameter file, or has nothing for the remote node.
             OSError: it cannot be read.
         """
-        entries = parse_parameter_file(Path(path).read_text(encoding="utf-8"), str(path))
+        entries = read_parameter_file(Path(path))
         if not any(entry.matches(self.node) for entry in entries):
             named = ", ".join(dict.fromkeys(entry.pattern for entry in entries)) or "no node at all"
             raise ParameterFileError(f"{path}: nothing for {self.node}; the file has parameters of {named}")

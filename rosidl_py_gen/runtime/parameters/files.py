@@ -34,6 +34,7 @@ except ModuleNotFoundError as missing:
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 PARAMETERS_KEY = "ros__parameters"
 _BINARY = "tag:yaml.org,2002:binary"
@@ -112,6 +113,19 @@ def parse_parameter_file(text: str, name: str = "<text>") -> list[ParameterOverr
     if not isinstance(root, yaml.MappingNode):
         _fail(name, root, "expected node names with parameters below them")
     return list(_nodes(name, root, ""))
+
+
+def read_parameter_file(path: Path) -> list[ParameterOverrides]:
+    """Read and parse a parameter file.
+
+    Raises:
+        ParameterFileError: it is not UTF-8, or not a parameter file. OSError: it cannot be read.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ParameterFileError(f"{path}: expected UTF-8, found the byte {error.object[error.start]:#04x}") from None
+    return parse_parameter_file(text, str(path))
 
 
 def parse_parameter_value(text: str) -> ParameterValue:
