@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 import sys
 from contextlib import contextmanager
 from importlib.abc import MetaPathFinder
@@ -83,9 +84,11 @@ def _project_path() -> list[str]:
 def _table(file: Path) -> object:
     """Return the table of a file; None if there is none."""
     try:
+        if not stat.S_ISREG(file.stat().st_mode):  # opening a FIFO would wait for a writer
+            return None
         with file.open("rb") as opened:
             raw = opened.read(_MAX_BYTES + 1)
-    except (FileNotFoundError, NotADirectoryError, IsADirectoryError, PermissionError):
+    except (FileNotFoundError, NotADirectoryError, PermissionError):
         return None
     except OSError as error:
         raise _wrong(file, f"cannot be read: {error.strerror or error}") from error

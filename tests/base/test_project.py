@@ -30,6 +30,7 @@ def test_the_nearest_table_upwards_sets_folders_relative_to_its_file(
     }
     folders = ("src", "more/packages", "own/here", "deep/er")
     write(tmp_path, {**files, **{f"{name}/x": "" for name in folders}})
+    os.mkfifo(tmp_path / "deep/er/pyproject.toml")  # no regular file: not opened, which would wait for a writer
     for place, expected in {
         ".": ["src", "more/packages"],
         "deep/er": [str(tmp_path / "src"), str(tmp_path / "more/packages")],

@@ -165,6 +165,12 @@ def test_values_are_those_of_the_table_in_every_layout_of_arrow(tmp_path: Path) 
             ],
             [["c"], [], []],
         ),
+        "run ends of views inside": (
+            pa.ListArray.from_arrays(
+                [0, 1, 6], pa.RunEndEncodedArray.from_arrays([2, 6], pa.array(["x", "y"], pa.string_view()))
+            ),
+            [["x"], ["x", "y", "y", "y", "y"]],
+        ),
         "dictionary inside a view": (view([2, 1], [1, 0], repeated, pa.int32()), [["x", "y"], ["y"]]),
         "nothing": (pa.array([[], []]), [[], []]),
     }
