@@ -16,6 +16,7 @@ import yaml
 
 from rosidl_py_gen import from_dict
 from rosidl_py_gen.base.fieldtype import Arity
+from rosidl_py_gen.base.output import printable_lines
 from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import EncodeError, InvalidNameError, TypeNotFoundError
@@ -110,13 +111,16 @@ def _plain(value: Any, shown: _Shown) -> Any:
 def to_yaml(value: Any, *, flow: bool | None = False) -> str:
     """YAML of a plain value, keys in their order, with a line break at the end.
 
+    Where a character may not be printed, all characters beyond ASCII are escaped: reading it gives the same value.
+
     Args:
         flow: on one line; None: only what holds nothing but scalars is on one line.
     """
-    text: str = yaml.dump(
-        value, Dumper=_Dumper, allow_unicode=True, sort_keys=False, default_flow_style=flow, width=1 << 30
-    )
-    return text.removesuffix("...\n")  # the end mark behind a scalar
+    style = {"Dumper": _Dumper, "sort_keys": False, "default_flow_style": flow, "width": 1 << 30}
+    text: str = yaml.dump(value, allow_unicode=True, **style)
+    if not text.isascii() and printable_lines(text) != text:
+        text = yaml.dump(value, allow_unicode=False, **style)
+    return text.removesuffix("...\n") if text.endswith("\n...\n") else text  # the end mark behind a scalar
 
 
 def type_and_values(words: Sequence[str], *, stdin: bool = False) -> tuple[str | None, str]:

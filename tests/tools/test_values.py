@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from rosidl_py_gen import compile_text, to_dict, to_json
+from rosidl_py_gen.base.output import printable_lines
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.runtime import ParameterDescriptor, ParameterType
 from rosidl_py_gen.tools import ToolError
-from rosidl_py_gen.tools.messages import message_from, plain
+from rosidl_py_gen.tools.messages import message_from, plain, to_yaml
 from rosidl_py_gen.tools.param.set import fit_parameter
 from rosidl_py_gen.tools.values import MAX_TEXT
 
@@ -91,6 +92,18 @@ def test_what_does_not_fit_is_refused() -> None:
         with pytest.raises(ToolError) as error:
             message_from(_CLASS, text)
         assert reason in str(error.value), text[:100]
+
+
+def test_what_echo_prints_as_yaml_is_taken_again() -> None:
+    strings = ["é\u202e\u200b\u2028", "a\r\nb\x1b", "\x85\x7f\ufeff", "x...", "...", "a\n...", " ", "~"]
+    for text in strings:
+        message = _CLASS(s=text, t=[text], d=-math.inf)
+        printed = printable_lines(to_yaml(plain(message)))
+        assert message_from(_CLASS, printed).encode() == message.encode(), printed
+        assert printable_lines(to_yaml({"s": text})).endswith("\n")
+    assert to_yaml({"s": "x..."}) == "s: x...\n"
+    assert to_yaml({"s": "é"}) == "s: é\n"
+    assert to_yaml("x") == "x\n"
 
 
 def test_what_echo_prints_as_json_is_taken_again() -> None:
