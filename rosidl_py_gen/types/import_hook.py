@@ -57,6 +57,13 @@ class FoundPackage:
     folder: Path
     interfaces: tuple[str, ...]
 
+    @property
+    def share(self) -> Path:
+        """The share folder: `folder`, or one of links where setup.py or CMakeLists.txt install files elsewhere."""
+        from rosidl_py_gen.types.package_files import share_folder
+
+        return share_folder(self.name, self.folder)
+
 
 _lock = threading.Lock()
 _installed: _Finder | None = None
@@ -216,6 +223,8 @@ class _Finder(MetaPathFinder, Loader):
     ) -> ModuleSpec | None:
         """What `import` asks; None leaves the module to the other finders."""
         package, _, rest = fullname.partition(".")
+        if self.last and not rest and fullname in self._python.packages and self._is_plain_folder(fullname):
+            return self._python.find_spec(fullname)
         if fullname in _PARSER and self._is_rclpy:
             return None if self._others(fullname, path) else self._parser(fullname)
         if fullname in self._shim:
@@ -296,6 +305,12 @@ class _Finder(MetaPathFinder, Loader):
         finally:
             self._looking.name = ""
         return None
+
+    def _is_plain_folder(self, name: str) -> bool:
+        """Return True if others find no more than a folder without ``__init__.py``, as that of a ROS package is."""
+        other = self._others(name, None)
+        is_folder = other is not None and other.origin is None and other.submodule_search_locations is not None
+        return is_folder and name not in self._interfaces.search.packages
 
     def _parser(self, fullname: str) -> ModuleSpec | None:
         from rosidl_py_gen.cdr import rclpy

@@ -176,6 +176,29 @@ def test_path_may_name_packages_without_definitions(tmp_path: Path) -> None:
     assert "empty: expected a package with definitions (in a folder msg, srv or action), found none" in found.stderr
 
 
+def test_what_is_around_a_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Variables of a ROS setup; a package of `--path` beside a folder of its name; an option behind the program."""
+    program = """
+        import os, sys
+        from greeter.hello import NAME
+        print(NAME, [os.environ[name] for name in ("ROS_VERSION", "ROS_PYTHON_VERSION", "ROS_DISTRO")], sys.argv[1:])
+    """
+    files = {
+        "ws/greeter/package.xml": "<name>greeter</name>",
+        "ws/greeter/greeter/__init__.py": "",
+        "ws/greeter/greeter/hello.py": "NAME = 'a'",
+        "own/greeter/notes.txt": "a folder without modules",
+        "own/program.py": textwrap.dedent(program),
+    }
+    write(tmp_path, files)
+    monkeypatch.delenv("ROS_VERSION", raising=False)
+    monkeypatch.setenv("ROS_DISTRO", "kilted")
+    found = run("--path", "ws", "own/program.py", "--check", cwd=tmp_path)
+    assert found.stdout == "a ['2', '3', 'kilted'] ['--check']\n"
+    note = "note: --check after the program is an argument of the program; rosidl-py run --check PROGRAM is ours\n"
+    assert found.stderr == note
+
+
 @pytest.fixture
 def workspace(tmp_path: Path) -> Path:
     """A workspace nobody built: its folder."""

@@ -40,9 +40,10 @@ def get_package_prefix(package_name: str) -> str:
 
 
 def get_package_share_directory(package_name: str, print_warning: bool = True) -> str:
-    """``share/<package>`` of an installed package, else the source folder of the package.
+    """Return ``share/<package>`` of an installed package, else the source folder of the package.
 
-    Sources have below them what is installed: files that setup.py or CMakeLists.txt put elsewhere are not found.
+    Where setup.py or CMakeLists.txt install files under other paths than they have in the sources, it is a folder of
+    links that has both.
 
     Raises:
         PackageNotFoundError: there is no such package.
@@ -65,5 +66,6 @@ def get_package_share_path(package_name: str, print_warning: bool = True) -> Pat
 def _share(name: str) -> str:
     prefix = get_package_prefix(name)
     found = found_packages().get(name)
-    is_source = found is not None and str(found.folder) == prefix
-    return prefix if is_source else os.path.join(prefix, "share", name)
+    if found is not None and str(found.folder) == prefix:
+        return str(found.share)
+    return os.path.join(prefix, "share", name)

@@ -1,28 +1,26 @@
 """The executables of a package, read from its sources: nothing of them is run.
 
-Console scripts of setup.py (by its syntax tree), setup.cfg and pyproject.toml, and the files that CMakeLists.txt
-installs as PROGRAMS into ``lib/<package>``. An installed package has the console scripts of its distribution, and
-what is in ``lib/<package>`` of its prefix.
+Console scripts of setup.py (by its syntax tree), setup.cfg and pyproject.toml, the files that CMakeLists.txt installs
+as PROGRAMS, and Python files that it installs into ``lib/<package>``. An installed package has the console scripts of
+its distribution, and what is in ``lib/<package>`` of its prefix.
 """
 
 from __future__ import annotations
 
-import ast
 import configparser
 import os
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import pairwise, takewhile
 from pathlib import Path
 
-from rosidl_py_gen.compiler.spec.cmake import Script, inside
-from rosidl_py_gen.compiler.spec.files import MAX_BYTES, UnreadableError, read_text
+from rosidl_py_gen.compiler.spec.files import UnreadableError, read_text
 from rosidl_py_gen.tools import ToolError
+from rosidl_py_gen.types.package_files import cmake_installs
+from rosidl_py_gen.types.setup_py import SetupSyntaxError, setup_calls
 
 _ENTRY = re.compile(r"\s*([^\s=]+)\s*=\s*([\w.]+)\s*:\s*([\w.]+)\s*(?:\[.*\])?\s*")
 _TOML_LINE = re.compile(r"""\s*(?:"([^"]+)"|'([^']+)'|([\w-]+))\s*=\s*(?:"([^"\\]*)"|'([^']*)')\s*(?:#.*)?""")
-_LIST_ENDS = ("DESTINATION", "PERMISSIONS", "CONFIGURATIONS", "COMPONENT", "RENAME", "OPTIONAL", "TYPE")
 _GROUP = "console_scripts"
 
 
@@ -115,28 +113,14 @@ def _scripts(texts: Iterable[str], folder: Path, source: Path) -> Iterator[Execu
 
 
 def _setup_py(text: str, source: Path) -> tuple[list[str], str]:
-    """Console scripts, and where modules are below the package's folder."""
+    """Return the console scripts, and where modules are below the package's folder."""
     try:
-        tree = ast.parse(text)
-    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        calls = setup_calls(text, source.parent)
+    except SetupSyntaxError as error:
         raise ToolError(f"{source}: {error}") from error
-    names: dict[str, object] = {}
     texts: list[str] = []
     root = ""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Assign):
-            for target in node.targets:
-                if isinstance(target, ast.Name):
-                    names.setdefault(target.id, _value(node.value, names))
-    for node in ast.walk(tree):
-        called = node.func if isinstance(node, ast.Call) else None
-        if getattr(called, "id", getattr(called, "attr", None)) != "setup":
-            continue
-        assert isinstance(node, ast.Call)
-        given = {word.arg: _value(word.value, names) for word in node.keywords if word.arg is not None}
-        for word in node.keywords:
-            if word.arg is None and isinstance(more := _value(word.value, names), dict):  # setup(**arguments)
-                given.update(more)
+    for given in calls:
         points = given.get("entry_points")
         listed = points.get(_GROUP) if isinstance(points, dict) else None
         if isinstance(points, str):
@@ -148,61 +132,6 @@ def _setup_py(text: str, source: Path) -> tuple[list[str], str]:
         if isinstance(folders, dict) and isinstance(folders.get(""), str):
             root = folders[""]
     return texts, root
-
-
-def _value(node: ast.expr, names: dict[str, object]) -> object:
-    """What an expression of strings, lists and dicts is; None for what would have to be run."""
-    match node:
-        case ast.Constant(value=str(text)):
-            return text
-        case ast.Name(id=name):
-            return names.get(name)
-        case ast.List(elts=parts) | ast.Tuple(elts=parts):
-            return [_value(part, names) for part in parts]
-        case ast.Dict(keys=keys, values=values):
-            read = [(_value(key, names), _value(value, names)) for key, value in zip(keys, values, strict=True) if key]
-            return {key: value for key, value in read if isinstance(key, str)}
-        case ast.BinOp(left=left, op=ast.Add(), right=right):
-            first, second = _value(left, names), _value(right, names)
-            if isinstance(first, list) and isinstance(second, list):
-                return first + second
-            return first + second if isinstance(first, str) and isinstance(second, str) else None
-        case ast.BinOp(left=left, op=ast.Mod(), right=right):
-            return _percent(_value(left, names), _value(right, names))
-        case ast.JoinedStr(values=pieces):
-            read_pieces = [
-                _value(piece.value if isinstance(piece, ast.FormattedValue) else piece, names) for piece in pieces
-            ]
-            whole = [piece for piece in read_pieces if isinstance(piece, str)]
-            return "".join(whole) if len(whole) == len(read_pieces) else None
-        case ast.Call(func=ast.Attribute(value=ast.Constant(value=str(text)), attr="format"), args=parts, keywords=[]):
-            return _formatted(text, [_value(part, names) for part in parts])
-        case ast.Call(func=ast.Name(id="dict"), args=[], keywords=words):
-            return {word.arg: _value(word.value, names) for word in words if word.arg is not None}
-    return None
-
-
-def _percent(text: object, values: object) -> str | None:
-    parts = values if isinstance(values, list) else [values]
-    if not isinstance(text, str) or text.replace("%s", "").count("%") or text.count("%s") != len(parts):
-        return None
-    return _filled(text.split("%s"), parts)
-
-
-def _formatted(text: str, values: list[object]) -> str | None:
-    pieces = re.split(r"\{(\d*)\}", text)
-    if any("{" in piece or "}" in piece for piece in pieces[::2]):
-        return None
-    asked = [int(number or index) for index, number in enumerate(pieces[1::2]) if len(number) < 4]
-    chosen = [values[index] for index in asked if index < len(values)]
-    return _filled(pieces[::2], chosen) if len(chosen) == len(pieces[1::2]) else None
-
-
-def _filled(pieces: list[str], values: list[object]) -> str | None:
-    texts = [value for value in values if isinstance(value, str)]
-    if len(texts) != len(values):
-        return None
-    return pieces[0] + "".join(value + piece for value, piece in zip(texts, pieces[1:], strict=True))
 
 
 # --- setup.cfg, pyproject.toml ----------------------------------------------------------------------------------------
@@ -241,19 +170,16 @@ def _section(text: str, name: str) -> list[str]:
 
 
 def _programs(folder: Path) -> Iterator[Executable]:
-    """The files that ``install(PROGRAMS ...)`` lists."""
+    """Yield what is installed as PROGRAMS, and Python files that go into ``lib/<package>`` in another way."""
     source = folder / "CMakeLists.txt"
-    if source.stat().st_size > MAX_BYTES:
-        raise ToolError(f"{source}: the file is longer than {MAX_BYTES} bytes")
     try:
-        calls = Script(folder, _text(folder, source.name)).calls
+        installs = cmake_installs(folder)
     except UnreadableError as error:
         raise ToolError(f"{source}: {error.reason}") from error
-    for texts in [[word.text for word in words] for name, words in calls if name == "install"]:
-        if texts[:1] != ["PROGRAMS"]:
-            continue
-        renamed = dict(pairwise(texts)).get("RENAME")
-        for path in map(inside, takewhile(lambda text: text not in _LIST_ENDS, texts[1:])):
-            if path is not None and (folder / path).is_file():
+    for one in installs:
+        is_program = one.kind == "PROGRAMS"
+        if is_program or (one.kind in ("FILES", "DIRECTORY") and one.destination.startswith("lib/")):
+            for name, path in one.files():
                 file = folder / path
-                yield Executable(renamed or file.name, folder, source, file=file)
+                if is_program or (file.suffix == ".py" and "/" not in name):
+                    yield Executable(name, folder, source, file=file)

@@ -6,6 +6,7 @@ import ast
 import os
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from importlib.machinery import PathFinder
 from itertools import takewhile
 from pathlib import Path
@@ -22,6 +23,9 @@ from rosidl_py_gen.types.import_hook import ImportHookWarning, install_import_ho
 if TYPE_CHECKING:
     from rosidl_py_gen.tools.run.executables import Executable
 
+_ENVIRONMENT = {"ROS_VERSION": "2", "ROS_PYTHON_VERSION": "3", "ROS_DISTRO": "jazzy"}
+"""Variables that programs read to know which ROS runs them, and which a setup script of ROS sets."""
+
 
 def run(
     words: Sequence[str], paths: Sequence[str], check: bool, listed: bool, as_json: bool
@@ -37,7 +41,22 @@ def run(
         from rosidl_py_gen.tools.run.check import check as checked
 
         return checked(program, as_json)
+    for name, value in _ENVIRONMENT.items():
+        os.environ.setdefault(name, value)
+    _explain_own_option(program)
     return program.start
+
+
+def _explain_own_option(program: Program) -> None:
+    """Print a note where an option of ours follows the program, which may not know it."""
+    first = program.arguments[0] if program.arguments else ""
+    if first not in ("--check", "--list"):
+        return
+    with suppress(OSError):
+        if program.file is not None and first.encode() in program.file.read_bytes():
+            return
+    text = f"note: {first} after the program is an argument of the program; rosidl-py run {first} PROGRAM is ours"
+    click.echo(text, err=True)
 
 
 def _make_importable(place: Path, paths: Sequence[str]) -> None:

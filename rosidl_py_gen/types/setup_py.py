@@ -1,0 +1,166 @@
+"""Arguments of `setup` in a setup.py, read from its syntax tree: nothing is run.
+
+Values are strings, lists and dicts, made of literals, variables, formatting, `os.path.join` and `glob`. An expression
+that would have to be run is None.
+"""
+
+from __future__ import annotations
+
+import ast
+import glob
+import os
+import re
+from itertools import islice
+from pathlib import Path
+
+from rosidl_py_gen.errors import RosidlError
+
+_MAX_FILES = 10_000
+"""Maximum number of files that one `glob` returns; more than a package installs."""
+_PATH_NAMES = ("join", "glob")
+
+
+class SetupSyntaxError(RosidlError):
+    """A setup.py is not Python, or nested too deeply."""
+
+
+def setup_calls(text: str, folder: Path) -> list[dict[str, object]]:
+    """Return the keyword arguments of each call of `setup`.
+
+    Args:
+        text: content of the setup.py.
+        folder: where `glob` looks.
+
+    Raises:
+        SetupSyntaxError: the text is not Python.
+    """
+    try:
+        tree = ast.parse(text)
+        return _Reader(folder).calls(tree)
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        raise SetupSyntaxError(str(error)) from error
+
+
+class _Reader:
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._names: dict[str, object] = {}
+
+    def calls(self, tree: ast.Module) -> list[dict[str, object]]:
+        for node in ast.walk(tree):
+            self._assign(node)
+        found = []
+        for node in ast.walk(tree):
+            called = node.func if isinstance(node, ast.Call) else None
+            if getattr(called, "id", getattr(called, "attr", None)) != "setup":
+                continue
+            assert isinstance(node, ast.Call)
+            given = {word.arg: self._value(word.value) for word in node.keywords if word.arg is not None}
+            for word in node.keywords:
+                if word.arg is None and isinstance(more := self._value(word.value), dict):  # setup(**arguments)
+                    given.update(more)
+            found.append(given)
+        return found
+
+    def _assign(self, node: ast.AST) -> None:
+        """Note what a variable holds, and what is added to a list."""
+        match node:
+            case ast.Assign(targets=targets, value=value):
+                for target in targets:
+                    if isinstance(target, ast.Name):
+                        self._names.setdefault(target.id, self._value(value))
+            case ast.AugAssign(target=ast.Name(id=name), op=ast.Add(), value=value):
+                self._extend(name, self._value(value))
+            case ast.Call(func=ast.Attribute(value=ast.Name(id=name), attr="extend"), args=[value]):
+                self._extend(name, self._value(value))
+            case ast.Call(func=ast.Attribute(value=ast.Name(id=name), attr="append"), args=[value]):
+                self._extend(name, [self._value(value)])
+
+    def _extend(self, name: str, more: object) -> None:
+        known = self._names.get(name)
+        if isinstance(known, list) and isinstance(more, list):
+            self._names[name] = known + more
+
+    def _value(self, node: ast.expr) -> object:
+        match node:
+            case ast.Constant(value=str(text)):
+                return text
+            case ast.Name(id=name):
+                return self._names.get(name)
+            case ast.List(elts=parts) | ast.Tuple(elts=parts):
+                return self._list(parts)
+            case ast.Dict(keys=keys, values=values):
+                read = [(self._value(key), self._value(one)) for key, one in zip(keys, values, strict=True) if key]
+                return {key: value for key, value in read if isinstance(key, str)}
+            case ast.BinOp(left=left, op=ast.Add(), right=right):
+                first, second = self._value(left), self._value(right)
+                if isinstance(first, list) and isinstance(second, list):
+                    return first + second
+                return first + second if isinstance(first, str) and isinstance(second, str) else None
+            case ast.BinOp(left=left, op=ast.Mod(), right=right):
+                return _percent(self._value(left), self._value(right))
+            case ast.JoinedStr(values=pieces):
+                return _joined(
+                    [self._value(piece.value if isinstance(piece, ast.FormattedValue) else piece) for piece in pieces]
+                )
+            case ast.Call(func=ast.Attribute(value=ast.Constant(value=str(text)), attr="format"), args=parts):
+                return None if node.keywords else _formatted(text, self._list(parts))
+            case ast.Call(func=ast.Name(id="dict"), args=[], keywords=words):
+                return {word.arg: self._value(word.value) for word in words if word.arg is not None}
+            case ast.Call(func=ast.Name(id="str" | "list" | "sorted" | "tuple"), args=[part], keywords=[]):
+                return self._value(part)
+            case ast.Call(func=ast.Attribute(attr=name) | ast.Name(id=name), args=parts) if name in _PATH_NAMES:
+                return self._path(name, self._list(parts), node)
+        return None
+
+    def _list(self, parts: list[ast.expr]) -> list[object]:
+        """Return the values of a list; ``*more`` is written out."""
+        found: list[object] = []
+        for part in parts:
+            if isinstance(part, ast.Starred):
+                more = self._value(part.value)
+                found += more if isinstance(more, list) else [None]
+            else:
+                found.append(self._value(part))
+        return found
+
+    def _path(self, name: str, values: list[object], node: ast.Call) -> object:
+        """Return what `os.path.join` or `glob` makes of texts; `glob` stays inside of the package's folder."""
+        texts = [value for value in values if isinstance(value, str)]
+        if not texts or len(texts) != len(values):
+            return None
+        if name == "join":
+            return os.path.join(*texts)
+        pattern = os.path.normpath(texts[0])
+        if len(texts) > 1 or os.path.isabs(pattern) or pattern.startswith(os.pardir):
+            return None
+        is_deep = any(word.arg == "recursive" for word in node.keywords)
+        return sorted(islice(glob.iglob(pattern, root_dir=self._folder, recursive=is_deep), _MAX_FILES))
+
+
+def _joined(pieces: list[object]) -> str | None:
+    whole = [piece for piece in pieces if isinstance(piece, str)]
+    return "".join(whole) if len(whole) == len(pieces) else None
+
+
+def _percent(text: object, values: object) -> str | None:
+    parts = values if isinstance(values, list) else [values]
+    if not isinstance(text, str) or text.replace("%s", "").count("%") or text.count("%s") != len(parts):
+        return None
+    return _filled(text.split("%s"), parts)
+
+
+def _formatted(text: str, values: list[object]) -> str | None:
+    pieces = re.split(r"\{(\d*)\}", text)
+    if any("{" in piece or "}" in piece for piece in pieces[::2]):
+        return None
+    asked = [int(number or index) for index, number in enumerate(pieces[1::2]) if len(number) < 4]
+    chosen = [values[index] for index in asked if index < len(values)]
+    return _filled(pieces[::2], chosen) if len(chosen) == len(pieces[1::2]) else None
+
+
+def _filled(pieces: list[str], values: list[object]) -> str | None:
+    texts = [value for value in values if isinstance(value, str)]
+    if len(texts) != len(values):
+        return None
+    return pieces[0] + "".join(value + piece for value, piece in zip(texts, pieces[1:], strict=True))
