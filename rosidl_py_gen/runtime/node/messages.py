@@ -67,6 +67,8 @@ class AdaptiveSubscription(Generic[T]):
         self._topic, self._type, self._type_name = topic, msg_type, message_type(msg_type).ros_name
         self._options: dict[str, Any] = {"raw": raw, "arrays": arrays}
         self._callback, self._given, self._depth, self._note = callback, qos, depth, note
+        self._notes: list[str] = []
+        """What is not received because of the choice."""
         self._dropped = 0
         self._had_publishers = False
         """When the profile was chosen."""
@@ -104,8 +106,8 @@ class AdaptiveSubscription(Generic[T]):
         if profile is None:
             publishers = self._publishers()
             self._had_publishers = bool(publishers)
-            profile, notes = _chosen(publishers, self._depth)
-            for text in notes:
+            profile, self._notes = _chosen(publishers, self._depth)
+            for text in self._notes:
                 self._note(text)
         subscription: Subscription[T] = self._node.create_subscription(
             self._type, self._topic, self._callback, profile, **self._options
@@ -152,7 +154,8 @@ class AdaptiveSubscription(Generic[T]):
                     self._raise_failure()
                     raise
             except WaitTimeoutError as error:
-                raise WaitTimeoutError(f"no message on {subscription.topic} in {timeout_s} s", error.reason) from None
+                reason = "; ".join(filter(None, [error.reason, *self._notes]))
+                raise WaitTimeoutError(f"no message on {subscription.topic} in {timeout_s} s", reason) from None
             else:
                 self._is_untouched = False
                 return found
