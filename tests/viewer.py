@@ -154,12 +154,15 @@ async def viewer(address: str, **how: Any) -> AsyncIterator[Viewer]:
 async def served(access: Access | None = None, **limits: int) -> AsyncIterator[tuple[Server, str]]:
     """A server and its address."""
 
-    async def nothing(_: Any) -> dict[str, Any]:
+    async def nothing(*_: Any) -> dict[str, Any]:
         return {}
+
+    async def publish(*_: Any) -> None:
+        pass
 
     server = Server(access or Access())
     usual: dict[str, Any] = {"queue": 256, "most_bytes": 1 << 20, "per_s": 1000, **limits}
-    handlers = Handlers(lambda: None, lambda key, data: None, nothing, nothing)
+    handlers = Handlers(lambda: None, publish, nothing, nothing)
     port = await server.start(Listening("127.0.0.1", 0, has_time=False, is_read_only=False, **usual), handlers)
     try:
         yield server, f"ws://127.0.0.1:{port}"

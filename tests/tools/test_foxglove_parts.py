@@ -13,7 +13,7 @@ from worlds import until
 
 from rosidl_py_gen import get_message, get_service
 from rosidl_py_gen.tools import ToolError, types
-from rosidl_py_gen.tools.foxglove import publishing
+from rosidl_py_gen.tools.foxglove import limits
 from rosidl_py_gen.tools.foxglove.clock import Clock
 from rosidl_py_gen.tools.foxglove.connections import Connections
 from rosidl_py_gen.tools.foxglove.parameters import Parameters
@@ -185,7 +185,7 @@ async def test_events_of_nodes_that_are_not_there_are_not_kept(memory: World, to
 async def test_viewers_can_define_so_many_types_and_no_more(
     memory: World, told: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(publishing, "_MAX_SCHEMAS", 2)
+    monkeypatch.setattr(limits, "MAX_SCHEMAS", 2)
     node = memory.node()
     publisher = Publishing(session_of(node), told, paths=())
 
@@ -199,7 +199,7 @@ async def test_viewers_can_define_so_many_types_and_no_more(
     assert await refusal(0, "Wrong", b"no field\n")
     assert [await refusal(number, f"Many{number}", b"int8 x\n") for number in (1, 2)] == ["", ""]
     assert await refusal(3, "Many2", b"int8 x\n") == ""
-    assert "viewers have defined 2 types already" in await refusal(4, "Many4", b"int8 x\n")
+    assert "would be 3 types of 21 bytes; at most 2 types" in await refusal(4, "Many4", b"int8 x\n")
     await publisher.close()
 
 

@@ -14,8 +14,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 
 from rosidl_py_gen.runtime import CallTimeoutError
-from rosidl_py_gen.tools.foxglove import protocol
-from rosidl_py_gen.tools.foxglove import viewer as server_viewer
+from rosidl_py_gen.tools.foxglove import limits, protocol
 
 
 @pytest.mark.parametrize(
@@ -53,7 +52,7 @@ async def test_who_has_too_many_questions_is_told() -> None:
 
 
 async def test_who_takes_nothing_of_what_it_is_told_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server_viewer, "_MAX_TOLD", 100)
+    monkeypatch.setattr(limits, "MAX_TOLD", 100)
     protocols: Any = ["foxglove.sdk.v1"]
     async with (
         served() as (server, address),

@@ -11,10 +11,12 @@ import base64
 import binascii
 import json
 import math
+import reprlib
 import struct
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen.errors import RosidlError, printable
+from rosidl_py_gen.tools.foxglove.limits import MAX_ENTRIES, MAX_NAME, MAX_STATUS_LENGTH, MAX_TEXT, MAX_VALUES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -74,14 +76,18 @@ def read(message: str | bytes) -> Said:
     try:
         if isinstance(message, bytes):
             return _read_bytes(message)
-        said = json.loads(message, parse_constant=_no_number)
+        if len(message) > MAX_TEXT:
+            raise ValueError(f"got a text of {len(message)} characters, expected at most {MAX_TEXT}")
+        said = json.loads(message, parse_constant=_no_number, parse_int=_integer)
         key, read_one = _READ[said["op"]]
-        what = [read_one(one) for one in _list(said[key])] if key else None
-        return Said(said["op"], what, None if said.get("id") is None else _text(said["id"]))
+        what = [read_one(one) for one in _entries(key, said[key])] if key else None
+        if said["op"] == "setParameters":
+            _require_few_values(what or [])
+        return Said(said["op"], what, None if said.get("id") is None else _name(said["id"]))
     except KeyError as missing:
-        raise ProtocolError(f"Invalid message: there is no {missing}") from None
+        raise ProtocolError(f"Invalid message: there is no {_short(missing.args[0])}") from None
     except (TypeError, ValueError, IndexError, RecursionError, struct.error) as error:
-        raise ProtocolError(f"Invalid message: {printable(str(error))[:200]}") from None
+        raise ProtocolError(f"Invalid message: {printable(str(error), 200)}") from None
 
 
 def _read_bytes(message: bytes) -> Said:
@@ -92,6 +98,8 @@ def _read_bytes(message: bytes) -> Said:
     service, number, length = _CALL.unpack_from(message, 1)
     begin = 1 + _CALL.size
     end = begin + length
+    if length > MAX_NAME:
+        raise ValueError(f"got an encoding of {length} bytes, expected at most {MAX_NAME}")
     return Said("call", Call(service, number, message[begin:end].decode(), message[end:]))
 
 
@@ -99,40 +107,68 @@ def _no_number(text: str) -> float:
     raise ValueError(f"{text} is no number of JSON")
 
 
+def _integer(text: str) -> int:
+    """Return an integer that fits into 64 bits; Python's own take quadratic time."""
+    if len(text) > 20 or not -(1 << 63) <= (value := int(text)) < 1 << 63:
+        raise ValueError(f"got the number {text:.30} of {len(text)} digits, expected -2^63 to 2^63 - 1")
+    return value
+
+
+def _short(value: Any) -> str:
+    """Return a representation of bounded length; of a large list the time is bounded, too."""
+    return f"{reprlib.repr(value):.50}"
+
+
 def _number(value: Any) -> int:
     if type(value) is not int or not 0 <= value < 1 << 32:
-        raise ValueError(f"expected a number from 0 to {(1 << 32) - 1}, found {value!r:.50}")
+        raise ValueError(f"expected a number from 0 to {(1 << 32) - 1}, found {_short(value)}")
     return value
 
 
 def _text(value: Any) -> str:
     if not isinstance(value, str):
-        raise ValueError(f"expected a text, found {value!r:.50}")
+        raise ValueError(f"expected a text, found {_short(value)}")
     return value
 
 
-def _list(value: Any) -> list[Any]:
+def _name(value: Any) -> str:
+    if len(_text(value)) > MAX_NAME:
+        raise ValueError(f"got {_short(value)} of {len(value)} characters, expected at most {MAX_NAME}")
+    return value  # type: ignore[no-any-return]
+
+
+def _entries(key: str, value: Any) -> list[Any]:
     if not isinstance(value, list):
-        raise ValueError(f"expected a list, found {value!r:.50}")
+        raise ValueError(f"expected a list, found {_short(value)}")
+    if len(value) > MAX_ENTRIES:
+        raise ValueError(f"got {len(value)} {key}, expected at most {MAX_ENTRIES} in a message; send several")
     return value
+
+
+def _require_few_values(wanted: list[tuple[str, Any]]) -> None:
+    count = sum(len(value) for _, value in wanted if isinstance(value, list))
+    if count > MAX_VALUES:
+        raise ValueError(f"got {count} values in lists, expected at most {MAX_VALUES} in a message")
 
 
 def _offer(one: Mapping[str, Any]) -> tuple[int, Offer]:
-    topic, encoding, name = (_text(one[key]) for key in ("topic", "encoding", "schemaName"))
-    schema_encoding, schema = (_text(one.get(key) or "") for key in ("schemaEncoding", "schema"))
+    topic, encoding, name = (_name(one[key]) for key in ("topic", "encoding", "schemaName"))
+    schema_encoding, schema = _name(one.get("schemaEncoding") or ""), _text(one.get("schema") or "")
     return _number(one["id"]), Offer(topic, encoding, name, schema_encoding, schema.encode())
 
 
 def _wanted(one: Mapping[str, Any]) -> tuple[str, Any]:
-    name, value = _text(one["name"]), one.get("value")
+    name, value = _name(one["name"]), one.get("value")
     if one.get("type") == "byte_array":
         try:
             value = base64.b64decode(_text(value), validate=True)
         except binascii.Error as error:
-            raise ValueError(f"{name!r:.50} is no base64: {error}") from None
+            raise ValueError(f"{_short(name)} is no base64: {error}") from None
     for item in value if isinstance(value, list) else (value,):
         if isinstance(item, list | dict) or (item is None and value is not None):
-            raise ValueError(f"a parameter has a value, or a list of values, not {value!r:.50}")
+            raise ValueError(f"a parameter has a value, or a list of values, not {_short(value)}")
+        if isinstance(item, float) and not math.isfinite(item):
+            raise ValueError(f"the number for {_short(name)} is beyond the range of a double")
     return name, value
 
 
@@ -141,10 +177,10 @@ _READ: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "unsubscribe": ("subscriptionIds", _number),
     "advertise": ("channels", _offer),
     "unadvertise": ("channelIds", _number),
-    "getParameters": ("parameterNames", _text),
+    "getParameters": ("parameterNames", _name),
     "setParameters": ("parameters", _wanted),
-    "subscribeParameterUpdates": ("parameterNames", _text),
-    "unsubscribeParameterUpdates": ("parameterNames", _text),
+    "subscribeParameterUpdates": ("parameterNames", _name),
+    "unsubscribeParameterUpdates": ("parameterNames", _name),
     "subscribeConnectionGraph": ("", _text),
     "unsubscribeConnectionGraph": ("", _text),
     "fetchAsset": ("", _text),
@@ -166,7 +202,7 @@ def server_info(name: str, capabilities: list[str], encodings: list[str], sessio
 
 def status(text: str, level: int = WARNING) -> str:
     """What is wrong."""
-    return _say("status", level=level, message=printable(text))
+    return _say("status", level=level, message=printable(text, MAX_STATUS_LENGTH))
 
 
 def channel(number: int, topic: str, type_name: str, definition: str) -> dict[str, Any]:
@@ -222,7 +258,9 @@ def response(call: Call, data: bytes) -> bytes:
 
 def failure(call: Call, text: str) -> str:
     """Why there is no answer of a service."""
-    return _say("serviceCallFailure", serviceId=call.service, callId=call.number, message=printable(text))
+    return _say(
+        "serviceCallFailure", serviceId=call.service, callId=call.number, message=printable(text, MAX_STATUS_LENGTH)
+    )
 
 
 def parameter_values(values: Mapping[str, Any], id: str | None = None) -> str:

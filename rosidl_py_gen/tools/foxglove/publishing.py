@@ -9,16 +9,19 @@ not found yet, so it is waited for as what users name in commands is.
 from __future__ import annotations
 
 import asyncio
+import hashlib
 from collections import deque
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen import Message, compile_text, decode, from_json, get_message
+from rosidl_py_gen import Message, compile_text, encode, get_message
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
 from rosidl_py_gen.runtime import WaitTimeoutError
 from rosidl_py_gen.runtime.qos import BEST_AVAILABLE
 from rosidl_py_gen.tools import ToolError, types
+from rosidl_py_gen.tools.foxglove import limits
+from rosidl_py_gen.tools.foxglove.decoding import Decoder, Worker
 from rosidl_py_gen.tools.names import full_topic_name
 
 if TYPE_CHECKING:
@@ -31,13 +34,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.tools.session import Session
 
 _ENCODINGS = ("cdr", "json")
-_MAX_WAITING = 10
-_MAX_WAITING_BYTES = 1 << 20
-"""Of messages that come before the type of their topic is known."""
-_MAX_SCHEMA_BYTES = 1 << 18
-"""Of the definition of one type; a class takes a second for each 64 KiB, in a thread that the loop competes with."""
-_MAX_SCHEMAS = 256
-"""Of viewers, that become classes: these stay for good."""
 
 
 class _Offered:
@@ -46,9 +42,11 @@ class _Offered:
     def __init__(self, offer: Offer) -> None:
         self.offer = offer
         self.opening: asyncio.Task[None] | None = None
-        self.cls: type[Message] | None = None
+        self.decoder: Decoder | None = None
         self.publisher: Publisher[Any] | None = None
         self.waiting: deque[bytes] = deque()
+        self.turn = asyncio.Lock()
+        """Messages are decoded and published in order."""
 
     def close(self) -> None:
         if self.opening is not None:
@@ -65,8 +63,10 @@ class Publishing:
         self._server = server
         self._paths = paths
         self._offered: dict[OfferKey, _Offered] = {}
-        self._compiled: set[int] = set()
-        """Hashes of names and schemas."""
+        self._compiled: dict[tuple[str, bytes], type[Any]] = {}
+        """Classes by name and hash of the schema; they stay."""
+        self._compiled_bytes = 0
+        self._compiling, self._decoding = Worker(), Worker()
 
     def serve(self) -> None:
         """Follow what viewers offer."""
@@ -79,25 +79,33 @@ class Publishing:
                 offered = self._offered[key] = _Offered(offer)
                 offered.opening = asyncio.ensure_future(self._open(offered))
 
-    def take(self, key: OfferKey, data: bytes) -> None:
+    async def take(self, key: OfferKey, data: bytes) -> None:
         """Publish what a viewer sent, now or when its type is known."""
         offered = self._offered.get(key)
         if offered is None or offered.offer is not self._server.offers[key]:  # it was offered in this moment
             self.serve()
             offered = self._offered[key]
         if offered.publisher is not None:
-            self._publish(offered, data)
+            await self._publish(offered, data)
         elif offered.opening is not None and not offered.opening.done():
-            offered.waiting.append(data)
-            while len(offered.waiting) > _MAX_WAITING or sum(map(len, offered.waiting)) > _MAX_WAITING_BYTES:
-                offered.waiting.popleft()
+            self._retain(key[0], offered, data)
+
+    def _retain(self, viewer: int, offered: _Offered, data: bytes) -> None:
+        offered.waiting.append(data)
+        all_waiting = [one.waiting for key, one in self._offered.items() if key[0] == viewer]
+        size = sum(len(one) for waiting in all_waiting for one in waiting)
+        while len(offered.waiting) > limits.MAX_WAITING or (offered.waiting and size > limits.MAX_WAITING_BYTES):
+            size -= len(offered.waiting.popleft())
+            topic = offered.offer.topic
+            self._server.tell(topic, f"messages for {topic} are left out: too many came before its type was known")
 
     async def _open(self, offered: _Offered) -> None:
         offer = offered.offer
         try:
             topic = full_topic_name(self._session, offer.topic)
-            offered.cls = await self._class(topic, offer)
-            offered.publisher = self._session.node.create_publisher(offered.cls, topic, BEST_AVAILABLE)
+            cls = await self._class(topic, offer)
+            offered.decoder = Decoder(cls, offer.encoding)
+            offered.publisher = self._session.node.create_publisher(cls, topic, BEST_AVAILABLE)
             patience_s = 5.0 if self._session.node.count_subscribers(topic) else 1.0
             with suppress(WaitTimeoutError):
                 await offered.publisher.wait_for_subscribers(patience_s)
@@ -105,7 +113,7 @@ class Publishing:
             self._server.tell(offer.topic, f"{offer.topic} cannot be published: {error}")
             return
         while offered.waiting:
-            self._publish(offered, offered.waiting.popleft())
+            await self._publish(offered, offered.waiting.popleft())
 
     async def _class(self, topic: str, offer: Offer) -> type[Message]:
         if offer.encoding not in _ENCODINGS:
@@ -114,7 +122,7 @@ class Publishing:
         if self._is_there(topic, name):
             return await types.message_class(self._session, topic, name, self._paths)
         try:
-            return await asyncio.to_thread(get_message, name, path=self._paths)
+            return await self._compiling.run(lambda: get_message(name, path=self._paths))
         except TypeNotFoundError:
             if offer.schema_encoding == "ros2msg":
                 return await self._compile(name, offer.schema)
@@ -134,34 +142,31 @@ class Publishing:
         return bool(there)
 
     async def _compile(self, name: str, schema: bytes) -> type[Message]:
-        if len(schema) > _MAX_SCHEMA_BYTES:
-            raise ToolError(f"its definition has {len(schema)} bytes, at most {_MAX_SCHEMA_BYTES} are read")
-        known = hash((name, schema))
-        if known not in self._compiled and len(self._compiled) >= _MAX_SCHEMAS:
-            raise ToolError(f"viewers have defined {_MAX_SCHEMAS} types already, and there is no room for more")
-        self._compiled.add(known)
-        try:
-            cls: type[Message] = await asyncio.to_thread(compile_text, name, schema.decode(errors="replace"))
-        except RosidlError:  # there is no class
-            self._compiled.discard(known)
-            raise
+        cls = await self._compiling.run(self._compiled_class, name, schema)
         if not issubclass(cls, Message):
             raise ToolError(f"{name} is a service or action, not a message")
         return cls
 
-    def _publish(self, offered: _Offered, data: bytes) -> None:
-        assert offered.cls is not None and offered.publisher is not None
-        offer, cls = offered.offer, offered.cls
+    def _compiled_class(self, name: str, schema: bytes) -> type[Any]:
+        """Return the class of a definition; runs in the thread that compiles, one definition after another."""
+        key = (name, hashlib.sha256(schema).digest())
+        if key not in self._compiled:
+            count, size = len(self._compiled) + 1, self._compiled_bytes + len(schema)
+            if count > limits.MAX_SCHEMAS or size > limits.MAX_SCHEMAS_BYTES:
+                most = f"at most {limits.MAX_SCHEMAS} types of {limits.MAX_SCHEMAS_BYTES} bytes are read from viewers"
+                raise ToolError(f"with its definition there would be {count} types of {size} bytes; {most}")
+            self._compiled[key] = compile_text(name, schema.decode(errors="replace"))
+            self._compiled_bytes = size
+        return self._compiled[key]
+
+    async def _publish(self, offered: _Offered, data: bytes) -> None:
+        assert offered.decoder is not None and offered.publisher is not None
+        topic = offered.offer.topic
         try:
-            if offer.encoding == "json":
-                message = from_json(cls, data)
-            elif cls._TYPE.fields:
-                message = decode(cls, data)
-            else:  # what viewers send as a message without fields is not always what ROS sends
-                message = cls()
-            offered.publisher.publish(message)
+            async with offered.turn:
+                offered.publisher.publish_raw(await offered.decoder.run(data, self._decoding, encode))
         except RosidlError as error:
-            self._server.tell(offer.topic, f"a message for {offer.topic} was not published: {error}")
+            self._server.tell(topic, f"a message for {topic} was not published: {error}")
 
     async def close(self) -> None:
         """Let go of everything."""
@@ -169,4 +174,6 @@ class Publishing:
         for offered in self._offered.values():
             offered.close()
         self._offered.clear()
+        self._compiling.close()
+        self._decoding.close()
         await asyncio.gather(*opening, return_exceptions=True)

@@ -26,6 +26,8 @@ from rosidl_py_gen.tools.session import Network, Session, first_of
 _APP = "https://app.foxglove.dev"
 _PAUSE_S = 0.1
 """Between looks at a graph that keeps changing."""
+_VIEWERS_INTERVAL_S = 0.01
+"""Shortest time between two updates of subscriptions, which take time for each topic."""
 
 
 def run(network: Network, options: FoxgloveOptions) -> Job:
@@ -106,6 +108,7 @@ class _View:
             self._wanted.clear()
             self._topics.serve()
             self._publishing.serve()
+            await asyncio.sleep(_VIEWERS_INTERVAL_S)
 
     async def _follow_parameters(self) -> None:
         while await self._changed.wait():

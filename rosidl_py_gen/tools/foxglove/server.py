@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
-from websockets.asyncio.server import serve
+from websockets.asyncio.server import ServerConnection, serve
 
 from rosidl_py_gen.tools import ToolError, printing
-from rosidl_py_gen.tools.foxglove import protocol
+from rosidl_py_gen.tools.foxglove import limits, protocol
 from rosidl_py_gen.tools.foxglove.access import Access, Pace
 from rosidl_py_gen.tools.foxglove.viewer import Channel, Handlers, Service, Shown, Viewer
 
@@ -25,17 +25,17 @@ if TYPE_CHECKING:
     from http import HTTPStatus
 
     from websockets.asyncio.server import Server as WebSocketServer
-    from websockets.asyncio.server import ServerConnection
     from websockets.http11 import Request, Response
 
 _NAME = "rosidl-py"
 _PATIENCE_S = 10.0
 """For a viewer to say what it wants."""
-_CLOSE_S = 1.0
+_CLOSE_S = 0.2
+"""For a viewer to confirm the end; then its connection is aborted."""
 _STATUS_S = 1.0
 """The same trouble is reported so often at most."""
-_MAX_VIEWERS = 64
-_READ_QUEUE = 4
+_READ_QUEUE = 1
+"""Messages that wait for being read; each may be as large as one may be."""
 _SILENT = logging.Logger("rosidl-py foxglove")
 """What is wrong with viewers is told them."""
 _SILENT.addHandler(logging.NullHandler())
@@ -60,6 +60,21 @@ class Listening:
     per_s: int
     has_time: bool
     is_read_only: bool
+
+
+class _Connection(ServerConnection):
+    """Connection of which little is read at once, and which ends when nobody takes the answers to its pings."""
+
+    def connection_made(self, transport: Any) -> None:
+        """Begin to read."""
+        transport.max_size = limits.READ_BYTES
+        super().connection_made(transport)
+
+    def data_received(self, data: bytes) -> None:
+        """Handle what was read; `websockets` answers pings without waiting for the peer to read."""
+        super().data_received(data)
+        if self.transport.get_write_buffer_size() > 2 * limits.MAX_TOLD_BYTES:
+            self.transport.abort()
 
 
 class Server:
@@ -98,6 +113,7 @@ class Server:
             sock=bound,
             subprotocols=names,
             process_request=self._look_at,
+            create_connection=_Connection,
             compression=None,
             max_size=listening.most_bytes,
             max_queue=_READ_QUEUE,
@@ -116,12 +132,14 @@ class Server:
         if self._server is not None:
             self._server.close()
             with suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(self._server.wait_closed(), 2 * _CLOSE_S)
+                await asyncio.wait_for(self._server.wait_closed(), _CLOSE_S)
+            for viewer in self._viewers.values():
+                viewer.abort()
 
     def _look_at(self, connection: ServerConnection, request: Request) -> Response | None:
         refusal = self._access.refusal(request.headers.get_all("Origin"), request.path)
-        if refusal is None and len(self._viewers) >= _MAX_VIEWERS:
-            refusal = 503, f"there are {_MAX_VIEWERS} viewers already"
+        if refusal is None and len(self._viewers) >= limits.MAX_VIEWERS:
+            refusal = 503, f"there are {limits.MAX_VIEWERS} viewers already"
         if refusal is None:
             return None
         code: HTTPStatus | Any = refusal[0]
@@ -162,7 +180,7 @@ class Server:
     def close_channel(self, channel: Channel) -> None:
         """Take a topic away from viewers."""
         del self._shown.channels[channel.told["id"]]
-        channel.watchers.clear()
+        channel.close()
         self._tell(protocol.unadvertise([channel.told["id"]]))
 
     def add_service(
@@ -212,10 +230,13 @@ class Server:
         if now < self._said.get(about, 0.0) + _STATUS_S:
             return
         self._said = {key: at for key, at in self._said.items() if now < at + _STATUS_S}
+        count = len(self._said)
+        if count > limits.MAX_WARNINGS:
+            return
         self._said[about] = now
-        self._tell(protocol.status(text))
+        self._tell(protocol.status(text if count < limits.MAX_WARNINGS else "further warnings of now are left out"))
 
 
 def _bind(host: str, port: int) -> socket.socket:
     family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-    return socket.create_server(address[:2], family=family, backlog=_MAX_VIEWERS)
+    return socket.create_server(address[:2], family=family, backlog=limits.MAX_VIEWERS)

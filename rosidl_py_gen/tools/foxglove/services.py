@@ -14,6 +14,7 @@ from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr.typesupport import referenced_classes
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.tools import ToolError, printing, types
+from rosidl_py_gen.tools.foxglove.decoding import Decoder, Worker
 from rosidl_py_gen.tools.names import is_hidden, is_served
 from rosidl_py_gen.types.from_description import definition_text
 
@@ -57,6 +58,7 @@ class Services:
         self._hidden = hidden
         self._shown: dict[str, _Shown] = {}
         self._turns = asyncio.Semaphore(_AT_A_TIME)
+        self._decoding = Worker()
 
     def look(self) -> None:
         """Follow the graph."""
@@ -80,7 +82,7 @@ class Services:
         try:
             split_ros_name(shown.type_name, "srv")
             async with self._turns:
-                cls = await types.service_class(self._session, name, shown.type_name, self._paths)
+                cls: Any = await types.service_class(self._session, name, shown.type_name, self._paths)
                 texts = await asyncio.to_thread(_definitions, cls)
         except InvalidNameError:
             return  # a part of an action
@@ -88,16 +90,16 @@ class Services:
             printing.note(f"{name}: viewers cannot call it, as there is no definition of {shown.type_name}: {error}")
             return
 
+        decoder = Decoder(cls.Request)
+
         async def call(data: bytes) -> bytes:
-            return await self._call(name, shown, cls, data)
+            return await self._call(name, shown, cls, await decoder.run(data, self._decoding, lambda request: request))
 
         self._server.add_service(name, shown.type_name, texts, call)
         shown.is_open = True
 
-    async def _call(self, name: str, shown: _Shown, cls: Any, data: bytes) -> bytes:
+    async def _call(self, name: str, shown: _Shown, cls: Any, request: Any) -> bytes:
         """Raises `RosidlError`, which the viewer is told."""
-        # What viewers send as a request without fields is not always what ROS sends.
-        request = cls.Request.decode(data) if cls.Request._TYPE.fields else cls.Request()
         if self._shown.get(name) is not shown:  # nobody would close a client made now
             raise ToolError(f"service {name} has gone")
         if shown.client is None:
@@ -112,6 +114,7 @@ class Services:
         for shown in self._shown.values():
             shown.close()
         self._shown.clear()
+        self._decoding.close()
         await asyncio.gather(*opening, return_exceptions=True)
 
 

@@ -1,0 +1,70 @@
+"""Limits for viewers of ``foxglove``: each number once, as docs/commands/foxglove.md lists it.
+
+The event loop serves every viewer, so that none may occupy it for long or make the process grow. What exceeds a limit
+is refused with a status that names the number; a viewer that does not read what it is sent is disconnected.
+"""
+
+from __future__ import annotations
+
+MAX_VIEWERS = 64
+"""Connected at a time."""
+MAX_TEXT = 1 << 20
+"""Characters of a text message, and bytes of a message published as JSON. Parsing 1 MiB holds the interpreter for at
+most 0.1 s; 16 MiB took 0.5 s, and 1.3 GB as lists of lists."""
+MAX_ENTRIES = 8192
+"""Entries of a list in a text message, such as subscriptions or names of parameters."""
+MAX_VALUES = 1 << 16
+"""Values in lists of all parameters that one message sets."""
+MAX_NAME = 1024
+"""Characters of a name, a type, an encoding and the id of a request."""
+MAX_STATUSES = 8
+"""Refused entries of one message that are reported one by one; the others are counted."""
+MAX_WARNINGS = 32
+"""Different warnings to all viewers in a second."""
+MAX_STATUS_LENGTH = 4000
+"""Characters of a status."""
+
+MAX_OFFERS = 64
+"""Topics that a viewer publishes on at a time."""
+MAX_WAITING = 10
+"""Messages of a topic that wait until its type is known."""
+MAX_WAITING_BYTES = 1 << 20
+"""Of these messages, for all topics of a viewer."""
+MAX_NESTED_BYTES = 1 << 20
+"""Size of a CDR message or request with a sequence of strings, or of messages that contain strings or sequences:
+these become up to 500 bytes of objects for 4 bytes sent."""
+MAX_DEFAULTS = 1 << 20
+"""Values of a message published as JSON, with those that a JSON object leaves to their defaults."""
+MAX_INLINE = 8192
+"""Bytes, and values, of a message that is decoded on the event loop; larger ones are decoded in a thread."""
+
+MAX_SCHEMA_BYTES = 3 << 13
+"""Size of the definition of a type of a viewer's own. Compiling takes 20 ms for each KiB, in a thread, but the
+compiler of CPython holds the interpreter for half of that."""
+MAX_VIEWER_SCHEMA_BYTES = 1 << 18
+"""Of the definitions for all topics that a viewer publishes on."""
+MAX_SCHEMAS = 256
+"""Definitions of all viewers until the command ends: their classes are never freed. One definition counts once."""
+MAX_SCHEMAS_BYTES = 1 << 20
+"""Size of these definitions."""
+
+MAX_FOLLOWED = 8192
+"""Parameters that a viewer follows by name."""
+MAX_FOLLOWED_LENGTH = 1 << 19
+"""Characters of their names."""
+
+MAX_JOBS = 64
+"""Calls and parameter requests of a viewer in flight."""
+MAX_JOB_BYTES = 16 << 20
+"""Size of these; a larger one must be alone."""
+MAX_TOLD = 4096
+"""Text messages, times and responses that wait for a viewer; most are times, 30 in a second."""
+MAX_TOLD_BYTES = 64 << 20
+"""Size of these, and of the topics' messages that wait for a viewer in addition to the newest."""
+
+READ_BYTES = 1 << 15
+"""Read from a connection at once; asyncio's 256 KiB full of pings take 0.1 s each."""
+HEAVY_TEXT = 1 << 16
+"""Characters from which on text messages of all viewers are parsed one at a time, with pauses."""
+PAUSE_FROM_S = 0.001
+"""A message that took longer is followed by a pause of the same length for its viewer."""
