@@ -185,7 +185,7 @@ class SeveralCommand(click.Command):
     """Gives all words behind an option of `Several` to it, up to the next option; completes by the other arguments.
 
     Until the command has the arguments it needs, such an option takes only one: in ``--topics /a my_bag``, the bag
-    is none of the topics.
+    is none of the topics. Words behind ``--`` count as arguments: ``--topics /a /b -- my_bag``.
     """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -208,6 +208,7 @@ class SeveralCommand(click.Command):
         }
         arguments = [param for param in self.params if isinstance(param, click.Argument)]
         missing = sum(param.nargs == 1 or param.required for param in arguments)
+        missing -= len(args[args.index("--") + 1 :]) if "--" in args else 0
         spread: list[str] = []
         rest = list(args)
         while rest and rest[0] != "--":

@@ -108,6 +108,8 @@ def test_topics_takes_several_words_in_every_command_of_bags() -> None:
         ("record --topics /a /b", "more_topics", {"topics": ()}),
         ("play bag --topics /a /b", "topics", {"path": "bag"}),
         ("convert --topics /a bag out --topics /b", "topics", {"path": "bag", "output": "out"}),
+        ("convert --topics /a /b -- bag out", "topics", {"path": "bag", "output": "out"}),
+        ("play --topics /a /b --rate 2 -- bag", "topics", {"path": "bag", "rate": 2.0}),
         ("convert bag out --topics /a /b --duration 3", "topics", {"duration_s": 3.0}),
         ("table bag1 bag2 --topics /a /b --out x", "topics", {"bags": ("bag1", "bag2"), "out": "x"}),
         ("table --topics /a bag1 --topics /b -o x", "topics", {"bags": ("bag1",), "out": "x"}),
