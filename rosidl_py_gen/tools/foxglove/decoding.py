@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+import time
 from concurrent.futures import Executor, Future
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -28,7 +29,10 @@ _Job = tuple["Future[Any]", "Callable[[], Any]"]
 
 
 class Worker(Executor):
-    """One daemon thread that runs functions in order; a cancelled function is skipped."""
+    """One daemon thread that runs functions in order; a cancelled function is skipped.
+
+    It pauses after each function for as long as that took: much of the work holds the interpreter.
+    """
 
     def __init__(self) -> None:
         self._jobs: SimpleQueue[_Job | None] = SimpleQueue()
@@ -50,12 +54,15 @@ class Worker(Executor):
     def _work(self) -> None:
         while job := self._jobs.get():
             future, function = job
+            began = time.monotonic()
             if future.set_running_or_notify_cancel():
                 try:
                     future.set_result(function())
                 except BaseException as error:
                     future.set_exception(error)
             del job, future, function  # results may be large
+            if (took_s := time.monotonic() - began) > limits.PAUSE_FROM_S:
+                time.sleep(took_s)
 
     def close(self) -> None:
         """Stop the thread after the queued functions; does not wait."""

@@ -38,7 +38,7 @@ MAX_DEFAULTS = 1 << 20
 MAX_INLINE = 8192
 """Bytes, and values, of a message that is decoded on the event loop; larger ones are decoded in a thread."""
 
-MAX_SCHEMA_BYTES = 3 << 13
+MAX_SCHEMA_BYTES = 1 << 14
 """Size of the definition of a type of a viewer's own. Compiling takes 20 ms for each KiB, in a thread, but the
 compiler of CPython holds the interpreter for half of that."""
 MAX_VIEWER_SCHEMA_BYTES = 1 << 18
@@ -62,8 +62,11 @@ MAX_TOLD = 4096
 MAX_TOLD_BYTES = 64 << 20
 """Size of these, and of the topics' messages that wait for a viewer in addition to the newest."""
 
-READ_BYTES = 1 << 15
-"""Read from a connection at once; asyncio's 256 KiB full of pings take 0.1 s each."""
+MAX_ANSWER_BYTES = 1 << 18
+"""Size of the answers to pings that wait for a viewer."""
+
+READ_BYTES = 1 << 12
+"""Read from a connection at once; asyncio's 256 KiB full of pings take 0.3 s each."""
 HEAVY_TEXT = 1 << 16
 """Characters from which on text messages of all viewers are parsed one at a time, with pauses."""
 PAUSE_FROM_S = 0.001

@@ -68,12 +68,18 @@ class _Connection(ServerConnection):
     def connection_made(self, transport: Any) -> None:
         """Begin to read."""
         transport.max_size = limits.READ_BYTES
+        self._answers = 0
         super().connection_made(transport)
 
     def data_received(self, data: bytes) -> None:
         """Handle what was read; `websockets` answers pings without waiting for the peer to read."""
+        if self.transport.is_closing():
+            return
+        before = self.transport.get_write_buffer_size()
         super().data_received(data)
-        if self.transport.get_write_buffer_size() > 2 * limits.MAX_TOLD_BYTES:
+        grown = self.transport.get_write_buffer_size() - before
+        self._answers = self._answers + grown if before else 0
+        if self._answers > limits.MAX_ANSWER_BYTES:
             self.transport.abort()
 
 
