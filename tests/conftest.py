@@ -38,7 +38,7 @@ NOT_QUICK = re.compile(
     r"|companions/|tools/test_run|files_end_soon|line_of_a_megabyte|every_count_is_as_large|what_breaks_off_says|time_limits_end_at_their_time"
     r"|fuzz/|_random|against_|cdr/test_peers|tables/test_(dataset|blocks|writing|many)|bags/test_edges|test_threads_and_loops|changes/test_wire"
     r"|test_docstrings|test_public_face|however_well_it_compresses|very_deep_and_very_wide|works_on_zenoh_is|none_of_many_calls"
-    r"|interrupts_no_wait|hundred_goals|thousand_goals|every_message_of_the_checkout|for_the_same_reason|every_recorded_sample"
+    r"|killed_recorder|interrupts_no_wait|hundred_goals|thousand_goals|every_message_of_the_checkout|for_the_same_reason|every_recorded_sample"
 )
 """Tests and files of tests that start processes, or take long by themselves."""
 MOST_CASES = 40

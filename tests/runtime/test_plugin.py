@@ -191,13 +191,20 @@ def test_expected(heard, ros_errors):
 
 def test_no_callbacks(ros_node):
     ros_node("n").create_subscription(String, "chatter")
+
+
+def test_entities_that_were_closed_or_canceled_need_no_loop(ros_node):
+    node = ros_node("closed")
+    node.create_timer(1.0, print).cancel()
+    node.create_timer(1.0, print).close()
+    node.create_subscription(String, "closed", print).close()
 """
 
 
 def test_a_test_fails_whose_callbacks_never_ran_and_any_loop_runs_them(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_it=SERVED)
     result = pytester.runpytest_inprocess("-p", "no:cacheprovider", "-rA")
-    result.assert_outcomes(passed=8, failed=3)
+    result.assert_outcomes(passed=9, failed=3)
     text = result.stdout.str()
     assert "the callbacks of /listener never ran: no event loop has served the node" in text
     assert "the callbacks of /n never ran" in text and "callbacks that failed" in text

@@ -142,8 +142,8 @@ class Scope:
         self.closed = False
         self.owned: dict[int, Closable] = {}
         """Everything that has to be closed with this scope, oldest first; emptied by `close`."""
-        self.has_callbacks = False
-        """Whether there ever was an endpoint with a function of the user."""
+        self.with_callbacks: dict[int, object] = {}
+        """Entities with a function of the user, by `id`; those that the user closed before the node are not in it."""
         self.type_check: TypeCheck = "error"
         """What endpoints do about messages of another definition, where they are not told otherwise."""
         self.request_window = request_windows.of
@@ -187,7 +187,10 @@ class Scope:
     def disown(self, endpoint: object, *guids: bytes) -> None:
         """Undo `own`; nothing is announced when the whole node is going."""
         self.owned.pop(id(endpoint), None)
-        if guids and not (self._node or self).closed:
+        if (self._node or self).closed:
+            return
+        self.with_callbacks.pop(id(endpoint), None)
+        if guids:
             self.discovery.change_endpoints(self.number, remove=guids)
 
     def require_open(self, closed: bool, what: str) -> None:

@@ -118,7 +118,8 @@ class ActionMethods:
             policy=policy,
             type_check=type_check,
         )
-        self._scope.has_callbacks |= execute is not None
+        if execute is not None:
+            self._scope.with_callbacks[id(server)] = server
         return server
 
     @overload

@@ -106,9 +106,10 @@ class ContextCore:
 
     def unserved(self, scope: Scope) -> CallbacksNeverRanError | None:
         """Return the error of a node with callbacks that no event loop has served; the next call returns None."""
-        if self.had_loop or not scope.has_callbacks:
+        entities = scope.with_callbacks.values()
+        if self.had_loop or all(getattr(one, "is_canceled", False) for one in entities):  # timers have that
             return None
-        scope.has_callbacks = False
+        scope.with_callbacks.clear()
         return CallbacksNeverRanError(
             f"the callbacks of {scope.node_name} never ran: no event loop has served the node; use `async with` on it, "
             "spin(node) or run(main); in a test an async function, asyncio.run or ros_loop.run"

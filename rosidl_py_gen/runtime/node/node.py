@@ -318,7 +318,8 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             event_callbacks=event_callbacks,
             concurrency=concurrency,
         )
-        self._scope.has_callbacks |= callback is not None
+        if callback is not None:
+            self._scope.with_callbacks[id(subscription)] = subscription
         return subscription
 
     # ----------------------------------------------------------------------------------------------------- lifetime

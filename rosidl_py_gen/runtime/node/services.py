@@ -80,7 +80,8 @@ class ServiceMethods:
         known = service_type(srv_type, arrays=arrays)
         resolved = self._names.resolve_service(name)
         server = ServiceServer(self._scope, known, resolved, handler, as_profile(qos), type_check=type_check)
-        self._scope.has_callbacks |= handler is not None
+        if handler is not None:
+            self._scope.with_callbacks[id(server)] = server
         return server
 
     @overload

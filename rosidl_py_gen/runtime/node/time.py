@@ -42,7 +42,8 @@ class TimeMethods:
         """
         self._require_open()
         timer = Timer(self._scope, period_to_ns(period_s), callback, self.clock if clock is None else clock)
-        self._scope.has_callbacks |= callback is not None
+        if callback is not None:
+            self._scope.with_callbacks[id(timer)] = timer
         return timer
 
     def create_wall_timer(self, period_s: float, callback: Callable[[], object] | None = None) -> Timer:

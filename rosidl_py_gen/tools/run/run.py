@@ -56,7 +56,7 @@ def _explain_own_option(program: Program) -> None:
         if program.file is not None and first.encode() in program.file.read_bytes():
             return
     text = f"note: {first} after the program is an argument of the program; rosidl-py run {first} PROGRAM is ours"
-    click.echo(text, err=True)
+    printing.note(text)
 
 
 def _make_importable(place: Path, paths: Sequence[str]) -> None:

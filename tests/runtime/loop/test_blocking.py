@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 String: Any = get_message("std_msgs/msg/String")
 SetBool: Any = get_service("std_srvs/srv/SetBool")
 WITHOUT = {
+    "AdaptiveSubscription": "made for loops that await; Node.wait_for_message_sync blocks",
     "Clock": "time.sleep, or a timer",
     "Rate": "made for loops that await",
     "Timer": "made for loops that await",
