@@ -56,7 +56,10 @@ class ServicePeers:
                 self.version += 1
             elif isinstance(event, Lost) and event.guid in self._known:
                 gone = self._known.pop(event.guid)
-                del self._by_channel[gone.channel][event.guid]
+                here = self._by_channel[gone.channel]
+                del here[event.guid]
+                if not here:  # else each name that ever was would stay
+                    del self._by_channel[gone.channel]
                 self.version += 1
 
     def get(self, guid: bytes) -> EndpointFound | None:

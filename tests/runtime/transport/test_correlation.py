@@ -25,7 +25,8 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
     message_of,
     with_header,
 )
-from rosidl_py_gen.runtime.transport.discovered import EndpointFound
+from rosidl_py_gen.runtime.transport.discovered import EndpointFound, Lost
+from rosidl_py_gen.runtime.transport.service_ends import ServicePeers
 
 HANDLE = 0x1122334455667788
 READER, WRITER = b"\1\x10" + bytes(10) + b"\0\0\1\4", b"\1\x10" + bytes(10) + b"\0\0\2\3"
@@ -260,3 +261,16 @@ def test_a_response_is_held_until_its_client_listens() -> None:
     assert not listens(READER, None, lambda: (), reading.get)
     assert listens(READER, None, lambda: (READER,), reading.get)
     assert listens(WRITER, None, lambda: (), reading.get), "it names its writer, which says nothing"
+
+
+# -------------------------------------------------------------------------------------------------------------- peers
+
+
+def test_nothing_is_retained_of_services_that_went() -> None:
+    """A node that is up for days meets any number of names: those of the parameter services of each node."""
+    peers = ServicePeers()
+    for one in (*CYCLONE, *OTHER):
+        peers.apply([one])
+    for one in (*CYCLONE, *OTHER):
+        peers.apply([Lost(one.guid)])
+    assert (peers.version, peers._known, peers._by_channel) == (8, {}, {})
