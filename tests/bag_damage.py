@@ -74,7 +74,7 @@ def zeroed_chunk(path: Path, number: int, *, has_index: bool = True, compression
 
 
 def found(path: Path, count: int, *, skip_damaged: bool) -> tuple[int, int] | None:
-    """How many messages, all of them right, and how many parts are reported as lost; None if the file is refused."""
+    """Return the numbers of messages, which are checked, and of parts reported as lost; None if the file is refused."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
@@ -179,7 +179,7 @@ def blocks(folder: Path, compression: str, count: int, step: int = BLOCK) -> dic
 
 
 def write_until_killed(folder: str, mode: str) -> None:
-    """What a recorder does, in a process of its own: says which messages are in files that it flushed."""
+    """Record in this process, and print which messages are in files that were flushed."""
     with BagWriter(folder, split_bytes=300_000, **MODES[mode]) as writer:
         for number in range(100_000):
             writer.write(f"/t{number % 2}", String(data=text(number)), number)

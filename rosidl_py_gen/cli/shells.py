@@ -152,8 +152,8 @@ class _Bash(_Safe, BashComplete):
             return value if typed[0] not in value else _quote(value)
         typed = typed[len(_option_part(typed)) :]
         breaks = os.environ.get("COMP_WORDBREAKS", _BREAKS)
-        kept = max((typed.rfind(char) + 1 for char in ":=" if char in breaks), default=0)
-        return _quote(value[kept:])
+        offset = max((typed.rfind(char) + 1 for char in ":=" if char in breaks), default=0)
+        return _quote(value[offset:])
 
 
 class _Zsh(_Safe, ZshComplete):

@@ -45,7 +45,7 @@ _NO_NUMBER = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"|-?(?:NaN|Infinity)')
 MEMORY_LIMIT = "1GB"
 """Of DuckDB, which would take four fifths of the memory of the machine."""
 _SCHEMA = "topics"
-"""Of all tables: the one that DuckDB starts with has views of its own, which a topic cannot replace."""
+"""Schema of all tables. The one that DuckDB starts with has views of its own, which a topic cannot replace."""
 _ROWS = 1000
 
 
@@ -189,13 +189,13 @@ class Database:
         """A query for all topics."""
         rows = []
         for topic, (types, count) in sorted(self._known.items()):
-            told, messages = _text(types), str(count)
+            type_sql, messages = _text(types), str(count)
             if files := self._in_datasets.get(topic):
                 listed = f"[{', '.join(map(_text, files))}]"
                 metadata = f"parquet_kv_metadata({listed}) where key = 'ros.type'::blob"
-                told = told if types else f"(select string_agg(distinct decode(value), ', ') from {metadata})"
+                type_sql = type_sql if types else f"(select string_agg(distinct decode(value), ', ') from {metadata})"
                 messages += f" + (select sum(num_rows)::bigint from parquet_file_metadata({listed}))"
-            rows.append(f"({_text(topic)}, {told}, {messages})")
+            rows.append(f"({_text(topic)}, {type_sql}, {messages})")
         values = ", ".join(rows) or "(null, null, null)"
         return f"from (values {values}) as topics(name, type, messages) where name is not null"
 

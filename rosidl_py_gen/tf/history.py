@@ -20,7 +20,7 @@ number blocks it longer, with a smaller one a late packet could replace what is 
 
 
 class Link(NamedTuple):
-    """How a frame lies in its parent."""
+    """Transform of a frame in its parent at one time."""
 
     parent: str
     translation: Vector
@@ -29,7 +29,7 @@ class Link(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class FrameInfo:
-    """What is known of a frame.
+    """Transforms of one frame over time.
 
     Attributes:
         parent: of the newest transform; None for the root of a tree.

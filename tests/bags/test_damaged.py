@@ -46,7 +46,7 @@ RIGHT = [("/a", Bool(data=True), number, number) for number in range(3)]
 
 
 def read(path: Path, is_checked: bool = True) -> int | None:
-    """How many messages, all of them right when the kind of file has checksums; None when it is refused."""
+    """Return the number of messages, which are checked if the file has checksums; None when it is refused."""
     try:
         with BagReader(path) as reader:
             found = list(reader)

@@ -1,4 +1,4 @@
-"""What SIGINT does in a process that is one of our commands."""
+"""SIGINT in a process that runs a command."""
 
 from __future__ import annotations
 

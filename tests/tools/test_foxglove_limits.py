@@ -138,11 +138,13 @@ async def test_definitions_of_a_viewer_have_limits_each_and_in_total() -> None:
     shown = Shown()
     _, said = await _statuses({"op": "advertise", "channels": [channel(1, most + 1)]}, shown=shown)
     assert f"its definition has {most + 1} bytes, expected at most {most}" in said and shown.offers == {}
-    channels = [channel(number, most) for number in range(18)]
+    full, total = limits.MAX_VIEWER_SCHEMA_BYTES // most, limits.MAX_VIEWER_SCHEMA_BYTES
+    channels = [channel(number, most) for number in range(full + 2)]
     one, said = await _statuses({"op": "advertise", "channels": channels}, shown=shown)
-    assert "/q16 cannot be published: with its definition there are 278528 bytes" in said and len(shown.offers) == 16
+    refused = f"/q{full} cannot be published: with its definition there are {total + most} bytes"
+    assert refused in said and len(shown.offers) == full
     await one._take('{"op": "unadvertise", "channelIds": [0, 0, 99]}', _NoPace())  # type: ignore[arg-type]
-    assert len(shown.offers) == 15
+    assert len(shown.offers) == full - 1
     many = [channel(number, 0) for number in range(100)]
     _, said = await _statuses({"op": "advertise", "channels": many})
     assert said.count("64 topics are already") == 8 and "28 further entries" in said

@@ -1,4 +1,4 @@
-"""What packages install, read from their sources, and the share folder that is made of it."""
+"""Files that packages install, read from their sources, and the share folder made of them."""
 
 from __future__ import annotations
 

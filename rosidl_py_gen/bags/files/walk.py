@@ -45,7 +45,7 @@ _CRC = Struct("<I")
 _SUMMARY = "SCHEMA CHANNEL CHUNK_INDEX ATTACHMENT_INDEX STATISTICS METADATA_INDEX SUMMARY_OFFSET FOOTER"
 _HOLD_MESSAGES = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
 _AFTER_DATA = [b"", *(bytes([Opcode[name]]) for name in _SUMMARY.split())]
-"""How what follows the data begins: nothing, where the file breaks off just there."""
+"""Possible first bytes after the data; empty if the file ends there."""
 
 
 class Walk:
@@ -185,7 +185,7 @@ class Walk:
 
 
 def _unread(head: bytes, at: int, size: int) -> int:
-    """How much of a file is in a record at its end that was not finished; of records with messages, not of indexes."""
+    """Return the size of an unfinished record at the end of a file; 0 for a record of an index."""
     return size - at if head[:1] and head[0] in _HOLD_MESSAGES else 0
 
 

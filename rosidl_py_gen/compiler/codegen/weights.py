@@ -1,6 +1,6 @@
-"""How much code a message is worth: what is written in line, what is called, and what walks its fields.
+"""Size of generated code: which messages are emitted inline, which are called, and which have no codec of their own.
 
-Generated code is kept in proportion to the definition: its size is that of the leaves, the fields of a message after
+Generated code stays in proportion to the definition: its size is that of the leaves, the fields of a message after
 nested messages are flattened.
 """
 
@@ -60,7 +60,7 @@ class Weights:
         return self._wide[name]
 
     def height(self, name: str) -> tuple[int, int]:
-        """How many levels of nested messages, and of loops over them, are printed in line in a message."""
+        """Return the levels of nested messages, and of loops over them, that are emitted inline in a message."""
         if name not in self._heights:
             levels = loops = 0
             for item in self.message(name).fields:
@@ -82,7 +82,7 @@ class Weights:
         return self._weights[name]
 
     def is_fixed(self, name: str) -> bool:
-        """Whether every message of the type has the same shape."""
+        """Return True if every message of the type has the same shape."""
         if name not in self._fixed:
             self._fixed[name] = all(
                 item.type.arity in (Arity.SCALAR, Arity.ARRAY)
@@ -93,7 +93,7 @@ class Weights:
         return self._fixed[name]
 
     def has_records(self, name: str) -> bool:
-        """Whether there are sequences or arrays of fixed-size messages in a message, at any depth."""
+        """Return True if a message contains sequences or arrays of fixed-size messages, at any depth."""
         if name not in self._records:
             self._records[name] = any(
                 (item.type.arity is not Arity.SCALAR and self.is_fixed(item.type.base))

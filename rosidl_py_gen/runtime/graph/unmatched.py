@@ -31,7 +31,7 @@ _CURES = {
 
 
 class Comparer(Protocol):
-    """What compares endpoints: `Discovery.apart`."""
+    """Function that compares a writer and a reader: `Discovery.apart`."""
 
     def __call__(self, writer: EndpointFound, reader: EndpointFound) -> tuple[str, str]: ...
 

@@ -68,7 +68,7 @@ class AdaptiveSubscription(Generic[T]):
         self._options: dict[str, Any] = {"raw": raw, "arrays": arrays}
         self._callback, self._given, self._depth, self._note = callback, qos, depth, note
         self._notes: list[str] = []
-        """What is not received because of the choice."""
+        """Sentences about the messages that the chosen profile does not receive."""
         self._dropped = 0
         self._had_publishers = False
         """When the profile was chosen."""

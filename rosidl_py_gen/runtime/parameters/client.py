@@ -82,7 +82,7 @@ class MalformedAnswerError(RosidlError):
 
 
 class RemoteParameterEvent(NamedTuple):
-    """What one node said on ``/parameter_events``; `stamp` is None where that was negative."""
+    """Event that a node sent on ``/parameter_events``; `stamp` is None where it was negative."""
 
     node: str
     stamp: Time | None

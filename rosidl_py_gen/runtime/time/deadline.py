@@ -14,7 +14,7 @@ from rosidl_py_gen.runtime.time.values import limit_to_ns
 
 
 class WaitTimeoutError(RosidlError, TimeoutError):
-    """What the caller waited for did not happen in `timeout_s` seconds.
+    """Raised when a wait has not ended after `timeout_s` seconds.
 
     Attributes:
         reason: why not, in words, which the text ends with; empty where it is not known.

@@ -203,7 +203,7 @@ class _Job:
 
 
 def _runner(scheduler: str | None, workers: int | None, sizes: list[int]) -> AbstractContextManager[Run]:
-    """What runs tasks: this process, others of this machine, or those of Dask."""
+    """Return the function that runs tasks: in this process, in others of this machine, or in workers of Dask."""
     if scheduler is None and workers is None:
         parts = sum(max(1, -(-size // RANGE_BYTES)) for size in sizes)
         workers = min(os.cpu_count() or 1, parts) if sum(sizes) >= POOL_BYTES and IS_POSIX else 1

@@ -29,14 +29,14 @@ if TYPE_CHECKING:
 
 IS_POSIX = os.name == "posix"
 _MAX_DEATHS = 4
-"""A task that has killed so many processes is not repeated; Dask has the same limit."""
+"""Number of processes that a task may kill before it is given up; Dask has the same limit."""
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 """Environment of the processes, unless it is set: there is one for each core already."""
 
 
 @contextmanager
 def running(workers: int) -> Iterator[Run]:
-    """A function that runs tasks by so many processes, and yields each with its outcome as they end.
+    """Yield a function that runs tasks in `workers` processes, and yields each with its outcome as they end.
 
     Raises:
         BagError: the platform is not POSIX: processes inherit no socket there.

@@ -29,7 +29,7 @@ MAX_OFFERS = 64
 MAX_WAITING = 10
 """Messages of a topic that wait until its type is known."""
 MAX_WAITING_BYTES = 1 << 20
-"""Of these messages, for all topics of a viewer."""
+"""Size of the messages that wait for a type, for all topics of a viewer."""
 MAX_NESTED_BYTES = 1 << 20
 """Size of a CDR message or request with a sequence of strings, or of messages that contain strings or sequences:
 these become up to 500 bytes of objects for 4 bytes sent."""
@@ -38,11 +38,11 @@ MAX_DEFAULTS = 1 << 20
 MAX_INLINE = 8192
 """Bytes, and values, of a message that is decoded on the event loop; larger ones are decoded in a thread."""
 
-MAX_SCHEMA_BYTES = 1 << 14
-"""Size of the definition of a type of a viewer's own. Compiling takes 20 ms for each KiB, in a thread, but the
-compiler of CPython holds the interpreter for half of that."""
+MAX_SCHEMA_BYTES = 1 << 15
+"""Size of the definition of a type of a viewer's own. Compiling takes about 30 ms for each KiB, in a thread. 32 KiB
+hold the interpreter for up to 0.17 s at once on a busy machine, 64 KiB for up to 0.44 s."""
 MAX_VIEWER_SCHEMA_BYTES = 1 << 18
-"""Of the definitions for all topics that a viewer publishes on."""
+"""Size of the definitions for all topics that a viewer publishes on."""
 MAX_SCHEMAS = 256
 """Definitions of all viewers until the command ends: their classes are never freed. One definition counts once."""
 MAX_SCHEMAS_BYTES = 1 << 20

@@ -83,7 +83,7 @@ class Service(NamedTuple):
 
 @dataclass(slots=True)
 class Shown:
-    """What all viewers see, by numbers, the topics that they offer, and a lock for one heavy message at a time."""
+    """State that all viewers share: channels and services by number, and a lock for one heavy message at a time."""
 
     channels: dict[int, Channel] = field(default_factory=dict)
     services: dict[int, Service] = field(default_factory=dict)

@@ -91,7 +91,7 @@ Clock().sleep_for(Duration(seconds=1))
 
 
 def steps(period_ms, *times_ms):
-    """How many times a timer is called at each time, and how long it is to the next call then."""
+    """Return the number of calls of a timer at each time, and the time until its next call."""
     context = rclpy.Context()
     context.init()
     node = rclpy.create_node("steps", context=context)

@@ -1,4 +1,4 @@
-"""What scalars, tags and lists of a parameter file are, and of what rclpy reads with PyYAML."""
+"""Values of scalars, tags and lists in parameter files, and in text that rclpy reads with PyYAML."""
 # ruff: noqa
 # fmt: off
 

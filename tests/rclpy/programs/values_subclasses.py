@@ -1,4 +1,4 @@
-"""What subclasses of nodes define and set: names of public programs, for methods and for attributes."""
+"""Names that public programs define in subclasses of nodes, tried as methods and as attributes."""
 # ruff: noqa
 # fmt: off
 

@@ -125,7 +125,7 @@ async def test_a_server_that_always_denies_an_ended_goal_ends_it(
 async def test_a_server_that_registers_a_goal_after_its_acceptance_is_asked_again(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As rclcpp's reentrant servers do: the result and a cancel that come in between find no goal."""
+    """Simulate a reentrant server of rclcpp: a result request or cancel that arrives early finds no goal."""
     now_s = asyncio.get_running_loop().time
     times_s, get_result, cancel = list[float](), ActionServer._on_get_result, ActionServer._on_cancel_goal
     registration_s = 0.5

@@ -1,4 +1,4 @@
-"""What the errors of waits that ended say: why an endpoint has no peer."""
+"""Errors of waits that time out state why an endpoint has no peer."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ class Server:
         return count - len(self.waiting)
 
     def replies(self, pause_s: float, times: int) -> list[int]:
-        """How many are sent, each time `pause_s` later."""
+        """Return the number of replies sent after each `pause_s`."""
         sent = []
         for _ in range(times):
             sent.append(self.reply())
