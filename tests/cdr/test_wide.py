@@ -187,7 +187,9 @@ TEXTS = {
 }
 
 
-@pytest.mark.parametrize("case", [*TEXTS, "strings of an array", "a long default", "half a service"])
+@pytest.mark.parametrize(
+    "case", [*TEXTS, "strings of an array", "a long default", "half a service", "a comment of idl"]
+)
 def test_memory_is_in_proportion_to_the_text(case: str) -> None:
     """At most 50 MB and 100 times the size of a text; measured without what imports take, so with 10 MB."""
     name, pieces, size = f"memory_msgs/msg/Q{next(NUMBERS)}", [], 0
@@ -207,6 +209,9 @@ def test_memory_is_in_proportion_to_the_text(case: str) -> None:
     elif case == "half a service":
         name = name.replace("/msg/", "/srv/")
         text = "".join(f"string a{i}\n" for i in range(SIZE // 12)) + "---\nbool ok\n"
+    elif case == "a comment of idl":
+        struct = f"struct {name[16:]} {{ short a; }};"
+        text = f"module memory_msgs {{ module msg {{ /*{'x ' * 10 * SIZE}*/ {struct} }}; }};"
     compile_text("memory_msgs/msg/First", "string a\n")
     gc.collect()
     tracemalloc.start()
