@@ -73,7 +73,7 @@ def replace_durably(partial: Path, target: Path) -> None:
     Raises:
         OSError: the disk is full.
     """
-    with partial.open("rb") as stream:
+    with partial.open("r+b") as stream:  # Windows syncs only what is open for writing
         os.fsync(stream.fileno())
     partial.replace(target)
     if os.name == "posix":  # other systems cannot open a folder

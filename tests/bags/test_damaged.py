@@ -359,3 +359,24 @@ def test_of_a_plain_file_and_its_compressed_form_the_complete_one_is_read(tmp_pa
         with BagReader(folder) as reader:
             assert [one.log_time for one in reader.messages(raw=True)] == [0, 1, 2]
             assert reader.files == [plain if whole == data else packed]
+
+
+def test_files_are_on_the_disk_before_they_get_their_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    steps: list[tuple[str, str]] = []
+    sync, replace = os.fsync, Path.replace
+
+    def note_sync(descriptor: int) -> None:
+        steps.append(("sync", Path(f"/proc/self/fd/{descriptor}").resolve().name))
+        sync(descriptor)
+
+    def note_rename(self: Path, target: Path) -> Path:
+        steps.append(("rename", target.name))
+        return replace(self, target)
+
+    monkeypatch.setattr(os, "fsync", note_sync)
+    monkeypatch.setattr(Path, "replace", note_rename)
+    with BagWriter(tmp_path / "bag", packing="file") as bag:
+        bag.write("/s", get_message("std_msgs/msg/String")(data="x"), log_time_ns=1)
+    for name in ("bag_0.mcap.zstd", "metadata.yaml"):
+        at = steps.index(("rename", name))
+        assert steps[at - 1 : at + 2] == [("sync", f".{name}"), ("rename", name), ("sync", "bag")]
