@@ -21,7 +21,7 @@ from worlds import until
 from rosidl_py_gen import get_action, get_message, tools
 from rosidl_py_gen.bags import BagWriter
 from rosidl_py_gen.cli import shells
-from rosidl_py_gen.tools.completion import complete_names
+from rosidl_py_gen.tools.completion import complete_call, complete_fields, complete_names
 
 if TYPE_CHECKING:
     from conftest import Ended, Tool
@@ -73,18 +73,24 @@ async def test_names_come_from_the_live_graph(dds: World, tool: Tool) -> None:
     assert nodes == ["/base", "/pilot"]
     assert (recorded, excluded) == (["/speed"], ["/drive"])
     assert (actions, parameters, nobody) == (["/drive"], ["max_speed"], [])
-    lines = {
-        "topic pub --spin-time 5 /odom ": ["nav_msgs/msg/Odometry"],
-        "topic pub --spin-time 5 /odom std_msgs/msg/Strin": ["std_msgs/msg/String"],  # a type that nobody announces
-        "service call --spin-time 5 /stop std": ["std_srvs/srv/Trigger"],
-        "action send_goal --spin-time 5 /drive ": ["example_interfaces/action/Fibonacci"],
-        "topic echo --spin-time 5 /odom --field pose.pose.pos": [
-            *("pose.pose.position", "pose.pose.position.x", "pose.pose.position.y", "pose.pose.position.z")
-        ],
-        "topic echo --spin-time 5 /odom --field nothing.": [],
+    position = "pose.pose.position"
+    cases = {
+        ("topic", "/odom", ""): ["nav_msgs/msg/Odometry"],
+        ("topic", "/odom", "std_msgs/msg/Strin"): ["std_msgs/msg/String"],  # a type that no node announces
+        ("service", "/stop", "std"): ["std_srvs/srv/Trigger"],
+        ("action", "/drive", ""): ["example_interfaces/action/Fibonacci"],
+        ("field", "/odom", "pose.pose.pos"): [position, *(f"{position}.{axis}" for axis in "xyz")],
+        ("field", "/odom", "nothing."): [],
     }
-    offers = await asyncio.gather(*(complete(tool, f"rosidl-py {line}") for line in lines))
-    assert dict(zip(lines, offers, strict=True)) == lines
+
+    def offers(kind: str, name: str, typed: str) -> list[str]:
+        context = click.Context(click.Command("x"))
+        context.params.update({"topic" if kind == "field" else kind: name}, network={"spin_time_s": 2})
+        found = complete_fields(context, typed) if kind == "field" else complete_call(kind, context, typed)
+        return [item.value for item in found]
+
+    found = await asyncio.gather(*(asyncio.to_thread(offers, *case) for case in cases))
+    assert dict(zip(cases, found, strict=True)) == cases
 
 
 async def test_groups_options_choices_and_types_need_no_network(tool: Tool) -> None:
