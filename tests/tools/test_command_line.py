@@ -88,12 +88,14 @@ def _commands(group: click.Group, context: click.Context) -> Iterator[click.Comm
 
 
 ROOT = tools.root()
-COMMANDS = [*_commands(ROOT, click.Context(ROOT))]
+# A command retains the help option of the first context that asks for it, so each context here has the names of ours.
+CONTEXT = click.Context(ROOT, **ROOT.context_settings)
+COMMANDS = [*_commands(ROOT, CONTEXT)]
 
 
 def test_help_names_what_options_take_and_every_command_that_asks_the_graph_accepts_no_daemon() -> None:
     for command in COMMANDS:
-        context = click.Context(command, info_name=command.name, max_content_width=200)
+        context = click.Context(command, CONTEXT, command.name, max_content_width=200)
         assert "RANGE" not in command.get_help(context).replace("DISCOVERY_RANGE", ""), command.name
         names = {name for parameter in command.params for name in parameter.opts}
         assert ("--domain" in names) == ("--no-daemon" in names), command.name
@@ -102,7 +104,7 @@ def test_help_names_what_options_take_and_every_command_that_asks_the_graph_acce
 
 
 def test_topics_takes_several_words_in_every_command_of_bags() -> None:
-    group = ROOT.get_command(click.Context(ROOT), "bag")
+    group = ROOT.get_command(CONTEXT, "bag")
     assert isinstance(group, click.Group)
     for words, topics, others in [
         ("record --topics /a /b", "more_topics", {"topics": ()}),
@@ -116,9 +118,9 @@ def test_topics_takes_several_words_in_every_command_of_bags() -> None:
         ("migrate bag --topics /a /b --path new", "topics", {"path": "bag", "paths": ("new",)}),
     ]:
         name, *rest = words.split()
-        command = group.get_command(click.Context(group), name)
+        command = group.get_command(CONTEXT, name)
         assert command is not None
-        found = command.make_context(name, rest).params
+        found = command.make_context(name, rest, CONTEXT).params
         assert found[topics] == ("/a", "/b"), words
         assert others.items() <= found.items(), words
 
@@ -130,7 +132,7 @@ def test_what_click_hands_on_is_what_the_command_takes(command: click.Command, m
     declared = command.callback.__globals__
     monkeypatch.setitem(declared, "run_command", lambda module, **arguments: called.append((module, arguments)))
     monkeypatch.setitem(declared, "start_program", lambda **arguments: called.append(("run.run", arguments)))
-    context = click.Context(command)
+    context = click.Context(command, CONTEXT)
     for parameter in command.params:
         if parameter.expose_value:
             context.params[parameter.name or ""] = "given"
