@@ -40,7 +40,6 @@ from rosidl_py_gen.runtime.actions.states import ZERO_ID, ActionError, CancelCod
 from rosidl_py_gen.runtime.actions.status import find_status
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_goal_id
 from rosidl_py_gen.runtime.endpoints.client import Client
-from rosidl_py_gen.runtime.endpoints.matching import Matching
 from rosidl_py_gen.runtime.endpoints.scope import Composite, shown
 from rosidl_py_gen.runtime.endpoints.service_parts import CallTimeoutError, ServerLostError, carrier_qos
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
@@ -48,6 +47,7 @@ from rosidl_py_gen.runtime.endpoints.types import raw_type
 from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError, with_reason
 from rosidl_py_gen.runtime.time.values import Time, limit_to_ns, read_stamp
+from rosidl_py_gen.runtime.transport.match_cache import MatchCache
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
         self.action_class = action_type.cls
         """The generated class, with `Goal`, `Result` and `Feedback`."""
         self._type = action_type
-        self._matching: Matching[None] = Matching(scope, lambda _: not self._missing())
+        self._is_available: MatchCache[bool] = MatchCache(scope.graph, lambda _: not self._missing())
         self._goals: dict[bytes, GoalProgress] = {}
         # The topics first: endpoints become known in this order, and a server that knows the client of send_goal shall
         # know who wants the feedback. Feedback is kept until it is sorted: the queue is shared by all goals, each has
@@ -119,7 +119,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
         """
         self._scope.require_open(self._closed, f"the action client of {self.name}")
         self._scope.discovery.refresh()
-        return self._matching.is_complete(None)
+        return self._is_available.get()
 
     def _missing(self) -> list[str]:
         """The names of what no server is connected at."""
@@ -141,7 +141,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
             WaitTimeoutError: none was in time. Others as `server_is_available`.
         """
         return await self._scope.expect(
-            lambda: self._matching.is_complete(None),
+            self._is_available.get,
             timeout_s,
             lambda: self._closed,
             lambda: f"no server of action {self.name} ({self.action_type}) appeared at {', '.join(self._missing())}",
@@ -195,7 +195,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
         return ClientGoal(progress, goal, self.cancel_goal, self._run_sync)
 
     async def _call_send_goal(self, request: Any, deadline: Deadline, timeout_s: float | None) -> Any:
-        if not self._matching.is_complete(None):
+        if not self._is_available.get():
             # A goal that does not fit is refused before anybody is waited for.
             self._type.send_goal.request.encode(request)
             try:

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
     from rosidl_py_gen.runtime.transport.samples import Payload
+    from rosidl_py_gen.runtime.transport.service_port import Servers
 
 RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
@@ -81,7 +82,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         """
         self._scope.require_open(self._closed, f"the client of {self.name}")
         self._scope.discovery.refresh()
-        return self._is_available()
+        return self._available().is_available
 
     async def wait_for_service(self, timeout_s: float | None = None) -> Literal[True]:
         """Wait until a server with matching endpoints is connected.
@@ -91,7 +92,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             ForeignServiceError: the only servers are on Fast DDS, and this machine's Cyclone DDS cannot talk to them.
         """
         return await self._scope.expect(
-            self._is_available, timeout_s, lambda: self._closed, self._missing, why=self._why_missing
+            self._available, timeout_s, lambda: self._closed, self._missing, why=self._why_missing
         )
 
     wait_for_service_sync = blocking(wait_for_service)
@@ -99,15 +100,16 @@ class Client(ServiceEnd[RequestT, ResponseT]):
     def _servers(self) -> set[bytes]:
         """The GUIDs of what answers, of all servers; empty when none can be talked to."""
         try:
-            return set(self._port.connected()) if self._is_available() else set()
+            return set(self._port.connected()) if self._available() else set()
         except ForeignServiceError:
             return set()
 
-    def _is_available(self) -> bool:
+    def _available(self) -> Servers:
+        """Return who serves; true when somebody does. Raises `ForeignServiceError`."""
         servers = self._port.servers()
         if servers.refused is not None:
             raise ForeignServiceError(why_refused(self._scope.graph, servers.refused, self.name, "the server"))
-        return servers.is_available
+        return servers
 
     def _missing(self) -> str:
         return f"no server of {self.name} ({self.service_type}) appeared"
@@ -141,17 +143,18 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         deadline = Deadline(timeout_s)
         loop = scope.bridge.running_loop()
         encoded = self._type.request.encode(request)
-        is_there = self._is_available() or await scope.wait_until(
-            self._is_available, deadline.left_s(), lambda: self._closed
-        )
-        if not is_there:
+        servers = self._available()
+        if not servers:
+            await scope.wait_until(self._available, deadline.left_s(), lambda: self._closed)
+            servers = self._available()
+        if not servers:
             raise CallTimeoutError(with_reason(f"{self._missing()} in {timeout_s:g} s", self._why_missing()))
         future: asyncio.Future[ResponseT] = loop.create_future()
         on_error = partial(complete_threadsafe, future, None)
         pending: PendingRequest[ResponseT]
         left_s = deadline.left_s()
         pending = PendingRequest(encoded, lambda response, _: complete(future, response), on_error, left_s)
-        self._put(pending)
+        self._put(pending, servers)
         if left_s is not None:
             self._limit(pending, loop, left_s)
         try:
@@ -208,7 +211,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         self._was_asked = True
         pending = PendingRequest(encoded, on_reply, on_error)
         future.add_done_callback(on_done)
-        scope.bridge.call_in_loop(partial(self._put, pending))
+        scope.bridge.call_in_loop(lambda: self._put(pending, self._port.servers()))
         return future
 
     def _ask(
@@ -235,7 +238,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         self._scope.bridge.running_loop()
         self._was_asked = True
         pending = PendingRequest(self._type.request.encode(request), on_reply, on_error)
-        self._put(pending)
+        self._put(pending, self._port.servers())
         return pending.sequence
 
     def _forget(self, sequence: int) -> None:
@@ -250,12 +253,11 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             if pending.turn:
                 self._window.leave(pending.turn)
 
-    def _put(self, pending: PendingRequest[ResponseT]) -> None:
-        pending.had_servers = bool(self._port.present())
+    def _put(self, pending: PendingRequest[ResponseT], servers: Servers) -> None:
+        pending.had_servers = servers.is_available or bool(self._port.present())
         self._pending[pending.sequence] = pending
-        kept = self._port.servers().keeps
-        if kept:
-            self._window.enter(partial(self._send_in_turn, pending), kept, self)
+        if servers.keeps:
+            self._window.enter(partial(self._send_in_turn, pending), servers.keeps, self)
         else:
             self._send_soon(pending)
 

@@ -234,7 +234,7 @@ class Scope:
 
     async def wait_until(
         self,
-        condition: Callable[[], bool],
+        condition: Callable[[], object],
         timeout_s: float | None,
         is_closed: Callable[[], bool],
         *,
@@ -254,7 +254,7 @@ class Scope:
 
         def is_over() -> bool:
             self.require_open(is_closed(), "what was waited for")
-            return condition()
+            return bool(condition())
 
         while not await self.discovery.changes.wait(is_over, deadline.left_s(poll_s)):
             if deadline.is_over():
@@ -263,7 +263,7 @@ class Scope:
 
     async def expect(
         self,
-        condition: Callable[[], bool],
+        condition: Callable[[], object],
         timeout_s: float | None,
         is_closed: Callable[[], bool],
         missing: Callable[[], str],

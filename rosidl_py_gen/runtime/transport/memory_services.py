@@ -55,7 +55,7 @@ class MemoryClient(ClientEnd):
         (number, data), _, handle, _, _ = items.popleft()
         return number, data, self._reader.writer_guid(handle)
 
-    def _find(self) -> Servers:
+    def _find(self, _: object) -> Servers:
         reading = self._peers.known(self._writer.matched_readers())
         answering = self._peers.known(self._reader.matched_writers())
         ids = [{one.service_id for one in ends if self._counts(one)} for ends in (reading, answering)]

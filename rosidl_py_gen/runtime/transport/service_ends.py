@@ -1,9 +1,7 @@
 """What transports have in common whose clients and servers consist of a reader and a writer each.
 
-Decides who is asked: what was discovered of the endpoints of services, and which of them are connected. A yes is
-remembered until something changes there; a no is looked at again each time, because nothing announces when endpoints
-that are known get connected. And which requests are lost: those that were sent while servers were there none of whom is
-left.
+Decides who is asked: what was discovered of the endpoints of services, and which of them are connected. And which
+requests are lost: those that were sent while servers were there none of whom is left.
 """
 
 from __future__ import annotations
@@ -12,8 +10,9 @@ from collections import defaultdict, deque
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.transport.discovered import EndpointFound, Lost
+from rosidl_py_gen.runtime.transport.match_cache import MatchCache
 from rosidl_py_gen.runtime.transport.qos import History
-from rosidl_py_gen.runtime.transport.service_port import Servers, Unanswered
+from rosidl_py_gen.runtime.transport.service_port import Unanswered
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -21,8 +20,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.discovered import Channel, DiscoveryEvent
     from rosidl_py_gen.runtime.transport.port import Reader, Writer
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
-    from rosidl_py_gen.runtime.transport.samples import Sink
-    from rosidl_py_gen.runtime.transport.service_port import Reply
+    from rosidl_py_gen.runtime.transport.service_port import Reply, Servers
 
 
 def kept_by(servers: Iterable[QoSProfile], clients: Iterable[EndpointFound]) -> int:
@@ -77,25 +75,16 @@ class ServicePeers:
 
 
 class _End:
-    """A reader and a writer, and what both kinds of ports ask of them."""
+    """The reader and the writer of a client or a server."""
 
     def __init__(self, reader: Reader, writer: Writer, gid: bytes) -> None:
         self.gid = gid
         self.endpoints = reader.guid, writer.guid
         self._reader = reader
         self._writer = writer
-
-    def connected(self) -> list[bytes]:
-        """See the ports."""
-        return self._reader.matched_writers()
-
-    def all_acknowledged(self) -> bool:
-        """See the ports."""
-        return self._writer.all_acknowledged()
-
-    def set_sink(self, sink: Sink | None) -> None:
-        """See the ports."""
-        self._reader.set_sink(sink)
+        self.connected = reader.matched_writers
+        self.all_acknowledged = writer.all_acknowledged
+        self.set_sink = reader.set_sink
 
 
 class ClientEnd(_End):
@@ -116,21 +105,16 @@ class ClientEnd(_End):
         self._asked: dict[int, frozenset[bytes]] = {}
         """The servers that were there when a request was sent that somebody waits for."""
         self._lost: deque[int] = deque()
-        self._known = Servers()
-        self._known_at = -1
+        self._servers: MatchCache[Servers] = MatchCache(peers, self._find)
         self._present: frozenset[bytes] = frozenset()
         self._present_at = -1
 
     def servers(self) -> Servers:
         """See `service_port.ClientPort`."""
-        version = self._peers.version
-        if version != self._known_at or not self._known.is_available:
-            self._known_at = version
-            self._known = self._find()
-        return self._known
+        return self._servers.get()
 
-    def _find(self) -> Servers:
-        """Look who is there."""
+    def _find(self, _: object) -> Servers:
+        """Return the servers that are connected now."""
         raise NotImplementedError
 
     def present(self) -> frozenset[bytes]:

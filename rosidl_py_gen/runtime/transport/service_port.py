@@ -74,6 +74,9 @@ class Servers:
     keeps: int = 0
     refused: Refused | None = None
 
+    def __bool__(self) -> bool:
+        return self.is_available
+
 
 Reply: TypeAlias = "tuple[int, Payload | Unanswered, bytes | None]"
 """The number of the request, the response, and the GUID of who sent it, where that is known. A plain tuple, as one is

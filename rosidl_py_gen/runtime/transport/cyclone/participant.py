@@ -85,9 +85,8 @@ class CycloneParticipant(DdsParticipant):
     """See `port.Participant`."""
 
     def __init__(self, domain_id: int, user_data: bytes, xml: str, *, is_local: bool) -> None:
-        super().__init__()
+        super().__init__(_fast_dds)
         self.api = _api
-        self.fast_dds = _fast_dds
         self.domain_id = domain_id
         self._closed = False
         self._lock = threading.Lock()
@@ -122,10 +121,6 @@ class CycloneParticipant(DdsParticipant):
             )
             self._early.learn(self.discovery.entities[0])
             self._undo = undo.pop_all()
-
-    @property
-    def identity_refusal(self) -> str | None:
-        return self.fast_dds.refusal
 
     @property
     def library(self) -> str:

@@ -20,6 +20,7 @@ from rosidl_py_gen.runtime.transport.type_names import wire_type
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
     from rosidl_py_gen.runtime.transport.dds.services import ServiceWriter
     from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent, EndpointFound, NodeEntities
     from rosidl_py_gen.runtime.transport.port import EndpointSpec, Reader, Writer
@@ -50,7 +51,8 @@ class DdsParticipant:
     middleware = "DDS"
     guid: bytes
 
-    def __init__(self) -> None:
+    def __init__(self, fast_dds: FastDds) -> None:
+        self.fast_dds = fast_dds
         self.service_peers = ServicePeers()
         self._entity_numbers = itertools.count(1)
         self._nodes: NodeTopic | None = None
@@ -79,7 +81,7 @@ class DdsParticipant:
         request, reply = _halves(service, qos)
         reader = self.make_reader(replace(reply, client_id=own_id))
         writer = self.make_writer(replace(request, client_id=own_id))
-        return DdsClient(service, self.service_peers, reader, writer, entity_gid(own_id), self._refusal)
+        return DdsClient(service, self.service_peers, reader, writer, entity_gid(own_id), self.fast_dds)
 
     def create_server(self, service: Service, qos: QoSProfile, *, node: int = 0) -> DdsServer:
         """See `port.Participant`."""
@@ -87,15 +89,12 @@ class DdsParticipant:
         request, reply = _halves(service, qos)
         writer = self.make_writer(replace(reply, service_id=own_id))
         reader = self.make_reader(replace(request, service_id=own_id))
-        return DdsServer(service, self.service_peers, reader, writer, entity_gid(own_id), self._refusal)
+        return DdsServer(service, self.service_peers, reader, writer, entity_gid(own_id), self.fast_dds)
 
     @property
     def identity_refusal(self) -> str | None:
         """See `port.Participant`."""
-        raise NotImplementedError
-
-    def _refusal(self) -> str | None:
-        return self.identity_refusal
+        return self.fast_dds.refusal
 
     def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> str:
         """See `port.Participant`."""

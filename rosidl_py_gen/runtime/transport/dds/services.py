@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
@@ -17,6 +17,7 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
     message_of,
     with_header,
 )
+from rosidl_py_gen.runtime.transport.match_cache import MatchCache
 from rosidl_py_gen.runtime.transport.port import Writer
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
@@ -24,8 +25,7 @@ from rosidl_py_gen.runtime.transport.service_ends import ClientEnd, ServerEnd, S
 from rosidl_py_gen.runtime.transport.service_port import Refused, Servers
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
+    from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
     from rosidl_py_gen.runtime.transport.dds.correlation import ClientId, Identity
     from rosidl_py_gen.runtime.transport.port import Reader
     from rosidl_py_gen.runtime.transport.samples import Payload
@@ -47,7 +47,7 @@ class DdsClient(ClientEnd):
     """See `service_port.ClientPort`.
 
     Args:
-        refusal: why servers on Fast DDS cannot be talked to; None when they can.
+        fast_dds: states whether servers on Fast DDS can be talked to.
     """
 
     def __init__(
@@ -57,18 +57,22 @@ class DdsClient(ClientEnd):
         reader: Reader,
         writer: ServiceWriter,
         gid: bytes,
-        refusal: Callable[[], str | None],
+        fast_dds: FastDds,
     ) -> None:
         super().__init__(peers, *service.channels, reader, writer, gid)
         self._service = service
         self._request_writer = writer
-        self._refusal = refusal
-        self._refused_because: str | None = None
+        self._fast_dds = fast_dds
+        self._refusal: str | None = None
+        """The refusal of Fast DDS that `servers` was found with."""
+        self._found_at = -1
+        """The version of the peers that requests are sent by; -1 to find the servers again with each request."""
         self._correlation = ClientCorrelation(writer.handle, reader.guid, writer.guid)
         self._sent = 0
 
     def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
-        self.servers()
+        if self._found_at != self._peers.version:
+            self.servers()
         number, writer = self._sent + 1, self._request_writer
         message, identity = self._correlation.request(data, number)
         try:
@@ -99,19 +103,22 @@ class DdsClient(ClientEnd):
         return self._next_lost()
 
     def servers(self) -> Servers:
-        refusal = self._refusal()
-        if refusal != self._refused_because:
-            self._refused_because, self._known_at = refusal, -1
-        return super().servers()
+        refusal = self._fast_dds.refusal
+        if refusal != self._refusal:
+            self._refusal = refusal
+            self._servers.clear()
+        return self._servers.get()
 
-    def _find(self) -> Servers:
-        peers, refusal = self._peers, self._refused_because
+    def _find(self, _: object) -> Servers:
+        peers, refusal = self._peers, self._refusal
+        version = peers.version
         matched, answering = self._writer.matched_readers(), self._reader.matched_writers()
         announced, clients = (peers.on(self._requests, writers=writers) for writers in (False, True))
         known = peers.known(matched), peers.known(answering)
         found = find_servers(*known, announced, clients, refusal, self._service.counts)
         readers = {*matched, *(one.guid for one in announced)}
         self._correlation.settle(readers, is_identified=found.is_identified)
+        self._found_at = version if found.is_available else -1
         refused = None if found.refused is None else Refused(found.refused.guid, refusal or "")
         return Servers(found.is_available, found.keeps, refused)
 
@@ -126,15 +133,14 @@ class DdsServer(ServerEnd):
         reader: Reader,
         writer: ServiceWriter,
         gid: bytes,
-        refusal: Callable[[], str | None],
+        fast_dds: FastDds,
     ) -> None:
         super().__init__(reader, writer, gid)
         self._peers = peers
         self._reply_writer = writer
-        self._refusal = refusal
-        self._listening: set[tuple[ClientId, bytes | None]] = set()
-        """Clients known to be connected, until something changes."""
-        self._listening_at = -1
+        self._fast_dds = fast_dds
+        self._listening: MatchCache[bool] = MatchCache(peers, self._listens)
+        """By client, and the GUID of its request writer."""
         self._window = ReplyWindow(writer.all_acknowledged)
         self._replies = service.channels[1]
         self._limited_at = -1
@@ -146,7 +152,7 @@ class DdsServer(ServerEnd):
         data, source_ns, handle, received_ns, _ = items.popleft()
         writer = self._reader.writer_guid(handle)
         if writer is not None and has_identities(writer) and identity_of(data) is None:
-            return None, Refused(writer, self._refusal() or ""), writer, source_ns, received_ns
+            return None, Refused(writer, self._fast_dds.refusal or ""), writer, source_ns, received_ns
         try:
             client, number, begin = header_of(data)
         except DecodeError as err:
@@ -185,17 +191,12 @@ class DdsServer(ServerEnd):
     def hears(self, to: RequestId) -> bool:
         asker: _Asker = to
         client, _, guid, _ = asker
-        peers = self._peers
-        if peers.version != self._listening_at:
-            self._listening.clear()
-            self._listening_at = peers.version
-        if (client, guid) in self._listening:
-            return True
-        writer = None if guid is None else peers.get(guid)
-        if not listens(client, writer, self._writer.matched_readers, peers.get):
-            return False
-        self._listening.add((client, guid))
-        return True
+        return self._listening.get((client, guid))
+
+    def _listens(self, key: Any) -> bool:
+        client, guid = key
+        writer = None if guid is None else self._peers.get(guid)
+        return listens(client, writer, self._writer.matched_readers, self._peers.get)
 
     def asked_by(self, to: RequestId) -> tuple[bytes, int]:
         asker: _Asker = to

@@ -1,0 +1,47 @@
+"""Caches positive results of a check of which peers are connected; a negative result is checked again each time.
+
+DDS reports when endpoints appear and disappear, but not when endpoints that are known become connected. So a positive
+result holds until the set of known endpoints changes, and a negative one may be outdated a moment later.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable
+
+ResultT = TypeVar("ResultT")
+
+
+class Versioned(Protocol):
+    """A set of endpoints whose `version` grows with each change."""
+
+    version: int
+
+
+class MatchCache(Generic[ResultT]):
+    """Results of `check`, cached per key while they are true and the version of `endpoints` stays."""
+
+    def __init__(self, endpoints: Versioned, check: Callable[[Hashable], ResultT]) -> None:
+        self._endpoints = endpoints
+        self._check = check
+        self._positive: dict[Hashable, ResultT] = {}
+        self._version = -1
+
+    def get(self, key: Hashable = None) -> ResultT:
+        """Return the cached result for `key`, or check."""
+        version = self._endpoints.version
+        if version != self._version:
+            self._positive.clear()
+            self._version = version
+        found = self._positive.get(key)
+        if found is None:
+            found = self._check(key)
+            if found and version == self._version:  # else another thread has found a newer version meanwhile
+                self._positive[key] = found
+        return found
+
+    def clear(self) -> None:
+        """Check again, as something else has changed."""
+        self._positive.clear()
