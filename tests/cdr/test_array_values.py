@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each_case import each_case
 
 from rosidl_py_gen import EncodeError, compile_text, decode, encode, validate
 
@@ -38,8 +39,8 @@ def wire(code: str, items: list[Any], *, counted: bool) -> bytes:
     return b"\0\1\0\0" + out + b"\x34\x12"
 
 
-@pytest.mark.parametrize("arity", ARITIES)
-@pytest.mark.parametrize("kind", KINDS)
+@each_case("arity", ARITIES)
+@each_case("kind", KINDS)
 def test_lists_tuples_buffers_and_arrays_of_any_make_are_written_alike(kind: str, arity: str) -> None:
     code = KINDS[kind]
     items: list[Any] = [True, False, True] if code == "?" else [1.5, 2.0, -3.25] if code in "fd" else [1, 2, 100]
@@ -81,7 +82,7 @@ def _swapped_view(own: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     return swapped
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@each_case("kind", KINDS)
 def test_an_array_too_large_for_a_run_may_be_strided_or_a_list(kind: str) -> None:
     code = KINDS[kind]
     items = [n % 2 == 0 if code == "?" else n for n in range(100)] * 2
@@ -96,8 +97,8 @@ def test_an_array_too_large_for_a_run_may_be_strided_or_a_list(kind: str) -> Non
         assert encode(cls(7, value, 0x1234)) == wire(code, items, counted=False)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("arity", [*ARITIES, MANY])
+@each_case("kind", KINDS)
+@each_case("arity", [*ARITIES, MANY])
 def test_values_that_would_be_changed_are_refused_and_named(kind: str, arity: str) -> None:
     code = KINDS[kind]
     cls = box(kind + arity)
@@ -157,7 +158,7 @@ def test_values_that_would_be_changed_are_refused_and_named(kind: str, arity: st
         assert message.v is value
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@each_case("kind", KINDS)
 def test_lengths_are_kept(kind: str) -> None:
     one = KINDS[kind] == "?" or 1
     for arity, count, text in (
@@ -177,8 +178,8 @@ def test_lengths_are_kept(kind: str) -> None:
 # --- who owns the memory ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("arity", [*ARITIES, MANY])
+@each_case("kind", KINDS)
+@each_case("arity", [*ARITIES, MANY])
 def test_without_copy_arrays_are_read_only_views_of_the_input(kind: str, arity: str) -> None:
     cls = box(kind + arity)
     count = 200 if arity == MANY else 3
@@ -193,9 +194,9 @@ def test_without_copy_arrays_are_read_only_views_of_the_input(kind: str, arity: 
             found[0] = 0
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("arity", [*ARITIES, MANY])
-@pytest.mark.parametrize("big_endian", [False, True])
+@each_case("kind", KINDS)
+@each_case("arity", [*ARITIES, MANY])
+@each_case("big_endian", [False, True])
 def test_with_copy_arrays_are_writable_and_their_own(kind: str, arity: str, big_endian: bool) -> None:
     cls = box(kind + arity)
     count = 200 if arity == MANY else 3

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each_case import each_case
 
 from rosidl_py_gen import Message, compile_text, decode, encode, from_dict, get_message, get_service, to_dict
 
@@ -193,10 +194,8 @@ NAMES = (
 )
 
 
-@pytest.mark.parametrize(
-    "name", [*NAMES, "from", "class", "lambda", "none", "true", "type", "print", "dataclass", "len"]
-)
-@pytest.mark.parametrize("kind", ["int32", "string", "float64[]", "Inner", "Inner[]", "bool[2]", "string[]"])
+@each_case("name", [*NAMES, "from", "class", "lambda", "none", "true", "type", "print", "dataclass", "len"])
+@each_case("kind", ["int32", "string", "float64[]", "Inner", "Inner[]", "bool[2]", "string[]"])
 def test_any_legal_field_name_works(name: str, kind: str) -> None:
     cls = compile_text(
         f"plain/msg/N{name.title()}{kind.encode().hex()}",

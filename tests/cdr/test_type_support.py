@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from bundled import INTERFACES, TESTS, library, message_names
+from each_case import each_case
 from hypothesis import given, settings
 from scale import examples
 from strategies import World, worlds
@@ -62,7 +63,7 @@ def test_all_recorded_hashes_are_here() -> None:
     assert len(HASHES) == 399
 
 
-@pytest.mark.parametrize("name", sorted(HASHES))
+@each_case("name", sorted(HASHES))
 def test_hash_name_and_description_of_a_type(name: str) -> None:
     cls = subject(name)
     assert type_name(cls) == name

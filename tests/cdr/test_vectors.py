@@ -6,13 +6,14 @@ from random import Random
 
 import pytest
 from bundled import Vector, message, reference, vectors, vectors_by_type
+from each_case import each_case
 from reference_cdr import ReferenceError, same
 from scale import examples
 
 from rosidl_py_gen import DecodeError, decode, encode, from_dict, from_json, to_dict, to_json
 
 BY_TYPE = vectors_by_type()
-TYPES = pytest.mark.parametrize("name", sorted(BY_TYPE))
+TYPES = each_case("name", sorted(BY_TYPE))
 
 
 def test_all_recorded_vectors_are_here() -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from each_case import each_case
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image as Pillow
@@ -28,8 +29,8 @@ def noise(encoding: str, height: int = 6, width: int = 8, seed: int = 1) -> Any:
     return array_to_image(values, encoding)
 
 
-@pytest.mark.parametrize("source", COLORS)
-@pytest.mark.parametrize("target", COLORS)
+@each_case("source", COLORS)
+@each_case("target", COLORS)
 def test_every_colour_lands_where_its_letter_stands(source: str, target: str) -> None:
     image = noise(source)
     before, after = image_to_array(image), image_to_array(image, to=target)

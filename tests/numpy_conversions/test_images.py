@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from each_case import each_case
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -30,9 +31,9 @@ ENCODINGS = {
 }
 
 
-@pytest.mark.parametrize("encoding", ENCODINGS)
-@pytest.mark.parametrize("is_bigendian", [0, 1])
-@pytest.mark.parametrize("padding", [0, 3])
+@each_case("encoding", ENCODINGS)
+@each_case("is_bigendian", [0, 1])
+@each_case("padding", [0, 3])
 def test_every_encoding_is_read_pixel_by_pixel(encoding: str, is_bigendian: int, padding: int) -> None:
     bits, channels = ENCODINGS[encoding]
     size, height, width = bits // 8, 3, 5

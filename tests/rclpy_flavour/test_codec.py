@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from bundled import message, vectors, vectors_by_type
+from each_case import each_case
 from flavours import rclpy_class, rclpy_flavour
 from scale import examples
 
@@ -52,7 +53,7 @@ def test_all_recorded_vectors_are_here() -> None:
     assert len(vectors()) == 1109
 
 
-@pytest.mark.parametrize("name", sorted(BY_TYPE))
+@each_case("name", sorted(BY_TYPE))
 def test_recorded_bytes_are_read_and_written(name: str) -> None:
     cls, own = rclpy_class(name), message(name)
     for vector in BY_TYPE[name]:
@@ -65,7 +66,7 @@ def test_recorded_bytes_are_read_and_written(name: str) -> None:
         assert encode(again) == vector.cdr
 
 
-@pytest.mark.parametrize("name", sorted(BY_TYPE))
+@each_case("name", sorted(BY_TYPE))
 def test_truncated_bytes_are_refused_at_the_place_where_ours_are(name: str) -> None:
     cls, own = rclpy_class(name), message(name)
     for vector in BY_TYPE[name]:

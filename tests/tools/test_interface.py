@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from each_case import each_case
 
 from rosidl_py_gen import from_dict, get_action, get_message, get_service, tools, type_hash
 from rosidl_py_gen.base.resources import install_command, interfaces_dir
@@ -126,7 +127,7 @@ def test_a_wrong_definition_is_located(capsys: pytest.CaptureFixture[str], tmp_p
     assert "Bad.msg:2:1: unknown type" in said
 
 
-@pytest.mark.parametrize("name", BUNDLED)
+@each_case("name", BUNDLED)
 def test_prototypes_are_messages_as_they_are(name: str, run: Run) -> None:
     cls = get_message(name + {"msg": "", "srv": "_Request", "action": "_Goal"}[name.split("/")[1]])
     (word,) = shlex.split(run("proto", name))

@@ -20,6 +20,7 @@ from typing import Any
 
 import pytest
 from compiler_worlds import assert_clean, importable, message, parse, problems_of, run, source_of, write
+from each_case import each_case
 
 from rosidl_py_gen import decode, encode, from_dict, to_dict
 from rosidl_py_gen.base.names import py_name
@@ -185,7 +186,7 @@ def modules(out: Path) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("name", CASES)
+@each_case("name", CASES)
 def test_hostile_text_becomes_inert_code(generated: Path, name: str) -> None:
     source = (generated / name / "msg" / "_sample.py").read_text(encoding="utf-8")
     tree = ast.parse(source)
@@ -221,8 +222,8 @@ def test_the_code_is_formatted_and_clean(generated: Path) -> None:
     assert_clean(generated)
 
 
-@pytest.mark.parametrize("package", ["named_msgs", "other_msgs"])
-@pytest.mark.parametrize("name", NAMES)
+@each_case("package", ["named_msgs", "other_msgs"])
+@each_case("name", NAMES)
 def test_a_message_may_have_any_name(generated: Path, package: str, name: str) -> None:
     cls = getattr(importlib.import_module(f"{package}.msg"), py_name(name))
     value = cls(x=1.5, text=["a"], raw=[1, 2, 3, 4])

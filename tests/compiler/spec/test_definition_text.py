@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from bundled import message, message_names
+from each_case import each_case
 
 from rosidl_py_gen import compile_text, get_service, type_description, type_hash
 from rosidl_py_gen.errors import TypeNotFoundError
@@ -14,13 +15,13 @@ BUNDLED = [name for name in message_names() if not name.startswith(ELSEWHERE)]
 OTHERS = [name for name in message_names() if name.startswith(ELSEWHERE) and "/msg/" in name]
 
 
-@pytest.mark.parametrize("name", BUNDLED[::4])
+@each_case("name", BUNDLED[::4])
 def test_a_bundled_type_comes_back_as_itself(name: str) -> None:
     cls = message(name)
     assert compile_text(name, definition_text(cls)) is cls
 
 
-@pytest.mark.parametrize("name", OTHERS)
+@each_case("name", OTHERS)
 def test_a_type_from_elsewhere_comes_back_with_its_fields_and_defaults(name: str) -> None:
     cls = message(name)
     again = compile_text(name, definition_text(cls))

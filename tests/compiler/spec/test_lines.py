@@ -6,6 +6,7 @@ import math
 
 import pytest
 from compiler_worlds import message, parse, read
+from each_case import each_case
 
 from rosidl_py_gen.base.names import (
     is_constant_name,
@@ -229,8 +230,8 @@ def test_a_default_has_its_value(kind: str, text: str, value: object) -> None:
     assert repr(item.default) == repr(value)
 
 
-@pytest.mark.parametrize(("kind", "text", "value"), [row for row in VALUES if "[" not in row[0] and "<=" not in row[0]])
-@pytest.mark.parametrize("equals", ["=", " = ", "= ", " ="])
+@each_case(("kind", "text", "value"), [row for row in VALUES if "[" not in row[0] and "<=" not in row[0]])
+@each_case("equals", ["=", " = ", "= ", " ="])
 def test_a_constant_has_its_value(kind: str, text: str, value: object, equals: str) -> None:
     (item,) = message(f"{kind} X_1{equals}{text}").constants
     assert repr(item.value) == repr(value)

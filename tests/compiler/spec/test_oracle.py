@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from compiler_worlds import read
+from each_case import each_case
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rosidl_deviations import compare_or_explain
@@ -245,7 +246,7 @@ SAME = [
 ]
 
 
-@pytest.mark.parametrize("text", SAME)
+@each_case("text", SAME)
 def test_rosidl_agrees_about_a_message(rosidl: Rosidl, text: str) -> None:
     compare(rosidl, text)
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from compiler_worlds import TEST_INTERFACES, VECTORS
+from each_case import each_case
 
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.resources import interfaces_dir
@@ -58,7 +59,7 @@ def qualified(kind: str, package: str) -> str:
     return kind if "/" in kind or not kind[0].isupper() else f"{package}/{kind}"
 
 
-@pytest.mark.parametrize("name", FACTS)
+@each_case("name", FACTS)
 def test_a_definition_says_what_is_recorded(library: Library, name: str) -> None:
     interface = library.interface(split_ros_name(name))
     assert interface is not None, library.findings.problems
@@ -79,7 +80,7 @@ def test_every_file_is_sound(library: Library) -> None:
     assert {str(name) for name in names} >= set(FACTS)
 
 
-@pytest.mark.parametrize("name", HASHES)
+@each_case("name", HASHES)
 def test_a_type_has_its_recorded_hash(library: Library, name: str) -> None:
     assert library.type_hash(name) == HASHES[name]
 

@@ -6,6 +6,7 @@ import itertools
 from typing import Any
 
 import pytest
+from each_case import each_case
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
@@ -46,7 +47,7 @@ def test_statuses_have_the_numbers_of_action_msgs() -> None:
     assert [int(code) for code in CancelCode] == [0, 1, 2, 3]
 
 
-@pytest.mark.parametrize(("status", "event"), list(itertools.product(S, E)))
+@each_case(("status", "event"), list(itertools.product(S, E)))
 def test_every_pair_of_status_and_event(status: GoalStatus, event: GoalEvent) -> None:
     expected = ALLOWED.get((status, event))
     if expected is not None:

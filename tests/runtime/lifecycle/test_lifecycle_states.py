@@ -7,6 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+from scale import examples
 
 from rosidl_py_gen import runtime
 from rosidl_py_gen.runtime.lifecycle.states import (
@@ -45,17 +49,15 @@ def test_state_numbers_and_labels() -> None:
     assert State.ERRORPROCESSING.label == "errorprocessing"
 
 
-@pytest.mark.parametrize(("state", "label"), list(itertools.product(State, LABELS)))
-def test_every_request_by_label_in_every_state(state: State, label: str) -> None:
-    got = requested_transition(state, 255, label)
-    assert (None if got is None else (got.id, got.goal)) == REQUESTS.get((state, label))
-
-
-@pytest.mark.parametrize(("state", "number"), list(itertools.product(State, range(70))))
-def test_every_request_by_id_in_every_state(state: State, number: int) -> None:
-    got = requested_transition(state, number, "")
-    expected = {(start, row[0]): row[1] for (start, _), row in REQUESTS.items()}
-    assert (None if got is None else got.goal) == expected.get((state, number))
+def test_every_request_in_every_state() -> None:
+    by_id = {(start, row[0]): row[1] for (start, _), row in REQUESTS.items()}
+    for state in State:
+        for label in LABELS:
+            got = requested_transition(state, 255, label)
+            assert (None if got is None else (got.id, got.goal)) == REQUESTS.get((state, label)), (state, label)
+        for number in range(70):
+            got = requested_transition(state, number, "")
+            assert (None if got is None else got.goal) == by_id.get((state, number)), (state, number)
 
 
 def test_a_label_wins_over_the_id_and_outcomes_cannot_be_requested() -> None:
@@ -64,18 +66,50 @@ def test_a_label_wins_over_the_id_and_outcomes_cannot_be_requested() -> None:
     assert requested_transition(State.CONFIGURING, 0, "transition_success") is None
 
 
-@pytest.mark.parametrize(("state", "index"), list(itertools.product(ENDS, range(3))))
-def test_every_outcome_of_every_passing_state(state: State, index: int) -> None:
-    first, *goals = ENDS[state]
-    outcome = list(Outcome)[index]
-    row = finished_transition(state, outcome)
-    assert (row.id, row.goal, row.label) == (first + index, goals[index], outcome.value)
+def test_every_outcome_in_every_state() -> None:
+    for state, (index, outcome) in itertools.product(State, enumerate(Outcome)):
+        if state in ENDS:
+            first, *goals = ENDS[state]
+            row = finished_transition(state, outcome)
+            assert (row.id, row.goal, row.label) == (first + index, goals[index], outcome.value)
+        else:
+            with pytest.raises(TransitionError, match="not possible in state"):
+                finished_transition(state, outcome)
 
 
-@pytest.mark.parametrize("state", [state for state in State if state not in ENDS])
-def test_the_other_states_wait_for_requests(state: State) -> None:
-    with pytest.raises(TransitionError, match="not possible in state"):
-        finished_transition(state, Outcome.SUCCESS)
+class Walk(RuleBasedStateMachine):
+    """Requests and outcomes in any order lead where the rows of the protocol lead."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.state = State.UNCONFIGURED
+
+    @rule(label=st.sampled_from(LABELS), by_id=st.booleans())
+    def request(self, label: str, by_id: bool) -> None:
+        expected = REQUESTS.get((self.state, label))
+        number = expected[0] if expected else 255
+        row = requested_transition(self.state, number, "" if by_id else label)
+        assert (row and (row.id, row.goal)) == expected
+        self.state = row.goal if row else self.state
+
+    @precondition(lambda self: self.state in ENDS)
+    @rule(outcome=st.sampled_from(Outcome))
+    def finish(self, outcome: Outcome) -> None:
+        expected = ENDS[self.state][1 + list(Outcome).index(outcome)]
+        self.state = finished_transition(self.state, outcome).goal
+        assert self.state is expected
+
+    @invariant()
+    def the_available_transitions_leave_the_state(self) -> None:
+        rows = available_transitions(self.state)
+        assert {row.start for row in rows} <= {self.state}
+        assert [row.id for row in rows if row.id < 10] == sorted(
+            number for (start, _), (number, _) in REQUESTS.items() if start is self.state
+        )
+
+
+TestWalk = Walk.TestCase
+TestWalk.settings = settings(max_examples=examples(50), stateful_step_count=30, deadline=None)
 
 
 @pytest.mark.parametrize(("state", "outcome"), [(10, Outcome.SUCCESS), (State.CONFIGURING, "transition_success")])
