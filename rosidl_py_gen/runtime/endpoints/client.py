@@ -23,7 +23,6 @@ from rosidl_py_gen.runtime.endpoints.service_parts import (
     why_refused,
 )
 from rosidl_py_gen.runtime.endpoints.window import OutOfTimeError, PendingRequest
-from rosidl_py_gen.runtime.graph.unmatched import NOT_YET
 from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
 from rosidl_py_gen.runtime.time.deadline import Deadline, with_reason
@@ -119,9 +118,9 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         reader, writer = self._port.endpoints
         requests, replies = self._told.channels
         why = self._scope.why_unmatched(writer, requests, is_writer=True, ending=ending)
-        if why.endswith(NOT_YET):
+        if not why.is_known:
             why = self._scope.why_unmatched(reader, replies, is_writer=False, ending=ending)
-        return why
+        return why.text
 
     # ------------------------------------------------------------------------------------------------------- calls
 
@@ -144,10 +143,10 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         loop = scope.bridge.running_loop()
         encoded = self._type.request.encode(request)
         servers = self._available()
-        if not servers:
+        if not servers.is_available:
             await scope.wait_until(self._available, deadline.left_s(), lambda: self._closed)
             servers = self._available()
-        if not servers:
+        if not servers.is_available:
             raise CallTimeoutError(with_reason(f"{self._missing()} in {timeout_s:g} s", self._why_missing()))
         future: asyncio.Future[ResponseT] = loop.create_future()
         on_error = partial(complete_threadsafe, future, None)

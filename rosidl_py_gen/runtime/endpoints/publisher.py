@@ -157,7 +157,7 @@ class Publisher(Owned, Generic[T]):
 
     def _why_unmatched(self) -> str:
         matched = self.matched_subscriptions()
-        return self._scope.why_unmatched(self._writer.guid, self._channel, is_writer=True, matched=matched)
+        return self._scope.why_unmatched(self._writer.guid, self._channel, is_writer=True, matched=matched).text
 
     async def wait_for_acknowledged(self, timeout_s: float | None = None) -> Literal[True]:
         """Wait until every reliable subscription confirmed all that was published.

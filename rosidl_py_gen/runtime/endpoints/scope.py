@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.window import RequestWindows
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.graph.discovery import Discovery
+    from rosidl_py_gen.runtime.graph.unmatched import UnmatchedReason
     from rosidl_py_gen.runtime.loop.bridge import Bridge
     from rosidl_py_gen.runtime.loop.failures import OnError
     from rosidl_py_gen.runtime.transport.clocks import Clocks
@@ -285,7 +286,7 @@ class Scope:
 
     def why_unmatched(
         self, own: bytes, channel: Channel, *, is_writer: bool, matched: Collection[bytes] = (), ending: str = ""
-    ) -> str:
+    ) -> UnmatchedReason:
         """Return why an endpoint has no other peers than `matched`; see `UnmatchedReasons.why`."""
         self.discovery.refresh()
         return self.discovery.unmatched.why(own, channel, is_writer=is_writer, matched=matched, ending=ending)

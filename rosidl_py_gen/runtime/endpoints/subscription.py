@@ -371,7 +371,7 @@ class Subscription(Takeable, Generic[T]):
 
     def _why_unmatched(self) -> str:
         matched = self._reader.matched_writers()
-        return self._scope.why_unmatched(self._reader.guid, self._channel, is_writer=False, matched=matched)
+        return self._scope.why_unmatched(self._reader.guid, self._channel, is_writer=False, matched=matched).text
 
     def _why_silent(self) -> str:
         """Return why no message was handed out."""

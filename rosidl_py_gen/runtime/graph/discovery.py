@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import itertools
 import threading
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.registration import Registrations
 from rosidl_py_gen.base.waiting import Waiters
-from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.graph.definitions import definitions_differ
 from rosidl_py_gen.runtime.graph.state import Graph, Mismatch
 from rosidl_py_gen.runtime.graph.unmatched import UnmatchedReasons
 from rosidl_py_gen.runtime.logs.loggers import get_logger, logger_name
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 from rosidl_py_gen.runtime.transport.discovered import EndpointFound, Lost, NodeEntities
+from rosidl_py_gen.runtime.transport.incompatibility import Incompatibility, IncompatibilityKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -29,10 +30,21 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.port import Participant
 
 _USED = "; they are used all the same, as type_check says"
-_MAX_TEXT = 600
-"""Number of characters of a peer's type or hash that texts show."""
+_CURE = (
+    ". Bring both to one, or take that of the other side: `await node.resolve_type(topic)`, or `rosidl-py`, which "
+    "looks it up"
+)
 _NAME_PATIENCE_S = 1.0
 """A node's name usually arrives some milliseconds after its endpoints; a warning waits this long for it."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Warning:
+    """An incompatibility that is logged when the names of both nodes are known."""
+
+    found: Incompatibility
+    is_used: bool
+    """Messages arrive and are handed out all the same."""
 
 
 class Discovery:
@@ -56,7 +68,7 @@ class Discovery:
         self._closed = False
         self._warned: set[tuple[bytes, bytes]] = set()
         self._warned_services: set[tuple[str, bytes, bytes]] = set()
-        self._mismatches: list[tuple[EndpointFound, EndpointFound, str]] = []
+        self._mismatches: list[_Warning] = []
         self.on_mismatch: Callable[[str], None] | None = None
         """See `Context`."""
         self.type_checks: dict[bytes, str] = {}
@@ -162,28 +174,20 @@ class Discovery:
 
     # ------------------------------------------------------------------------------------------------ mismatches
 
-    def apart(
-        self, writer: EndpointFound, reader: EndpointFound
-    ) -> tuple[Literal["", "type", "definition", "qos"], str]:
-        """In what a writer and a reader of one channel differ, and the reason in words; both empty when they do not."""
-        if writer.type != reader.type:
-            return "type", f"types differ, {_shown_type(writer)} and {_shown_type(reader)}"
-        differ = definitions_differ(writer, reader.type_hash, reader.service_hash)
-        if reason := self._participant.mismatch(writer, reader):
-            return "definition" if differ else "qos", reason
-        if differ:
-            one, two = (printable(end.type_hash or end.service_hash, _MAX_TEXT) for end in (writer, reader))
-            return "definition", f"they have {_shown_type(writer)} by different definitions, {one} and {two}"
-        return "", ""
+    def apart(self, writer: EndpointFound, reader: EndpointFound) -> Incompatibility | None:
+        """Return in what a writer and a reader of one channel differ; None when they do not."""
+        kind = IncompatibilityKind.TYPE if writer.type != reader.type else self._participant.mismatch(writer, reader)
+        if kind is None and definitions_differ(writer, reader.type_hash, reader.service_hash):
+            kind = IncompatibilityKind.DEFINITION
+        return None if kind is None else Incompatibility(kind, writer, reader)
 
     def mismatches(self, channel: Channel) -> Iterator[Mismatch]:
         """Who does not understand whom on a channel, as far as both are known."""
         info = self.graph.info
         for writer in self.graph.on(channel, writers=True):
             for reader in self.graph.on(channel, writers=False):
-                kind, reason = self.apart(writer, reader)
-                if kind:
-                    yield Mismatch(info(writer), info(reader), kind, reason)
+                if found := self.apart(writer, reader):
+                    yield Mismatch(info(writer), info(reader), found.mismatch_kind, found.reason)
 
     def _compare(self, new: EndpointFound) -> None:
         """Look for endpoints that `new` should talk to but cannot; one side must be ours."""
@@ -193,22 +197,15 @@ class Discovery:
             ours = [one for one in (writer, reader) if one.participant_guid == mine]
             if not ours or (writer.guid, reader.guid) in self._warned:
                 continue
-            reason = self.apart(writer, reader)[1]
-            if not reason or not self._is_news(writer, reader):
+            found = self.apart(writer, reader)
+            if found is None or not self._is_news(writer, reader):
                 continue
             self._warned.add((writer.guid, reader.guid))
             modes = {self.type_checks.get(one.guid, "error") for one in ours}
-            if "by different definitions" in reason:
-                if modes == {"off"}:
-                    continue
-                if reader in ours and "error" not in modes:
-                    reason += _USED
-                else:
-                    reason += (
-                        ". Bring both to one, or take that of the other side: `await node.resolve_type(topic)`, or "
-                        "`rosidl-py`, which looks it up"
-                    )
-            self._mismatches.append((writer, reader, reason))
+            is_definition = found.kind is IncompatibilityKind.DEFINITION
+            if is_definition and modes == {"off"}:
+                continue
+            self._mismatches.append(_Warning(found, is_definition and reader in ours and "error" not in modes))
             loop = self._bridge.loop
             if loop is not None:
                 loop.call_later(_NAME_PATIENCE_S, self._warn_mismatches)
@@ -225,14 +222,18 @@ class Discovery:
 
     def _warn_mismatches(self, *, final: bool = True) -> None:
         waiting, self._mismatches = self._mismatches, []
-        for writer, reader, reason in waiting:
-            words = [self.graph.describe_node(writer), self.graph.describe_node(reader)]
-            if not final and any(not text.startswith("node") for text in words):
-                self._mismatches.append((writer, reader, reason))
+        for warning in waiting:
+            found = warning.found
+            writer, reader = found.writer, found.reader
+            if not final and not (self.graph.has_named_node(writer) and self.graph.has_named_node(reader)):
+                self._mismatches.append(warning)
                 continue
             own = writer if writer.participant_guid == self._participant.guid else reader
-            what = "messages that may be read wrong" if reason.endswith(_USED) else "no messages"
-            text = f"{what} on {own.channel.name} from {words[0]} to {words[1]}: {reason}"
+            what = "messages that may be read wrong" if warning.is_used else "no messages"
+            names = f"from {self.graph.describe_node(writer)} to {self.graph.describe_node(reader)}"
+            text = f"{what} on {own.channel.name} {names}: {found.reason}"
+            if found.kind is IncompatibilityKind.DEFINITION:
+                text += _USED if warning.is_used else _CURE
             if self.on_mismatch is not None:
                 self.on_mismatch(text)
                 continue
@@ -244,7 +245,3 @@ class Discovery:
         self._closed = True
         self._mismatches.clear()
         self._changed()
-
-
-def _shown_type(endpoint: EndpointFound) -> str:
-    return printable(endpoint.service_type or endpoint.type, _MAX_TEXT)

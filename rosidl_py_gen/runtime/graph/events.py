@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, Protocol
 from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.loop.user_function import Owner, UserFunction
-from rosidl_py_gen.runtime.transport.matching import check_compatible
 from rosidl_py_gen.runtime.transport.qos import QoSPolicyKind
 
 if TYPE_CHECKING:
@@ -244,13 +243,11 @@ class EndpointEvents:
         for other in others:
             if other.guid in self._apart:
                 continue
-            writer, reader = (mine, other) if mine.is_writer else (other, mine)
-            kind, reason = self._discovery.apart(writer, reader)
-            if reason:
+            differ = self._discovery.apart(*((mine, other) if mine.is_writer else (other, mine)))
+            if differ is not None:
                 self._apart.add(other.guid)
-                policies = check_compatible(writer.qos, reader.qos).policies if kind == "qos" else ()
-                name = "incompatible_qos" if kind == "qos" else "incompatible_type"
-                found.setdefault(name, []).append((reason, next(iter(policies), QoSPolicyKind.INVALID)))
+                name = "incompatible_qos" if differ.mismatch_kind == "qos" else "incompatible_type"
+                found.setdefault(name, []).append((differ.reason, next(iter(differ.policies), QoSPolicyKind.INVALID)))
         for name, items in found.items():
             self._totals[name] += len(items)
             self._tell(name, IncompatibleStatus(self._totals[name], len(items), *items[-1]))

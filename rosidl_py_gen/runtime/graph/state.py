@@ -197,10 +197,14 @@ class Graph:
         endpoint = self.endpoints.get(guid)
         return None if endpoint is None else endpoint.participant_guid
 
+    def has_named_node(self, endpoint: EndpointFound) -> bool:
+        """Return True if the node of an endpoint is known."""
+        return self.node_of(endpoint) not in (UNKNOWN_NODE, BARE_DDS_NODE)
+
     def describe_node(self, endpoint: EndpointFound) -> str:
         """The owning node in words, for messages to people."""
         namespace, name = self.node_of(endpoint)
-        if (namespace, name) in (UNKNOWN_NODE, BARE_DDS_NODE):
+        if not self.has_named_node(endpoint):
             return "a DDS program without node name" if name == BARE_DDS_NODE[1] else "an unknown node"
         return f"node {printable(fully_qualified_node_name(name, namespace), _MAX_TEXT)}"
 

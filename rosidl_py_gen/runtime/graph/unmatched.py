@@ -6,23 +6,24 @@ A reason is cached until the graph changes, as programs poll with short time lim
 from __future__ import annotations
 
 from itertools import islice
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.names import similar_name
 from rosidl_py_gen.errors import printable
-from rosidl_py_gen.runtime.transport.matching import check_compatible, describe_policies, find_preset
+from rosidl_py_gen.runtime.transport.incompatibility import IncompatibilityKind
+from rosidl_py_gen.runtime.transport.matching import find_preset
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Callable, Collection
 
     from rosidl_py_gen.runtime.graph.state import Graph
     from rosidl_py_gen.runtime.transport.discovered import Channel, EndpointFound
+    from rosidl_py_gen.runtime.transport.incompatibility import Incompatibility
 
-NOT_YET = "was found, but is not connected (yet)"
-"""End of the reason where none is known."""
+_NOT_YET = "was found, but is not connected (yet)"
 _MAX_PEERS = 3
 """Number of peers that a text names."""
-_MAX_NAME, _MAX_TYPE = 200, 300
+_MAX_NAME = 200
 _VERBS = {(False, "topic"): "publishes", (True, "topic"): "subscribes to"}
 _CURES = {
     "DDS": "; check ROS_DOMAIN_ID and the discovery range, or run `rosidl-py doctor`",
@@ -30,25 +31,36 @@ _CURES = {
 }
 
 
-class Comparer(Protocol):
-    """Function that compares a writer and a reader: `Discovery.apart`."""
+class UnmatchedReason(NamedTuple):
+    """Text of a reason, empty where there is none.
 
-    def __call__(self, writer: EndpointFound, reader: EndpointFound) -> tuple[str, str]: ...
+    Attributes:
+        is_known: false when a peer was found and nothing stands against it.
+    """
+
+    text: str
+    is_known: bool = True
 
 
 class UnmatchedReasons:
     """The reasons for the endpoints of one context."""
 
-    def __init__(self, graph: Graph, compare: Comparer, middleware: str) -> None:
+    def __init__(
+        self,
+        graph: Graph,
+        compare: Callable[[EndpointFound, EndpointFound], Incompatibility | None],
+        middleware: str,
+    ) -> None:
+        """`compare` gets a writer and a reader."""
         self._graph = graph
         self._compare = compare
         self._middleware = middleware
-        self._cache: dict[object, str] = {}
+        self._cache: dict[object, UnmatchedReason] = {}
         self._version = -1
 
     def why(
         self, own: bytes, channel: Channel, *, is_writer: bool, matched: Collection[bytes] = (), ending: str = ""
-    ) -> str:
+    ) -> UnmatchedReason:
         """Return why an endpoint of ours has no peers but `matched`.
 
         Args:
@@ -63,16 +75,21 @@ class UnmatchedReasons:
             self._cache[key] = self._why(own, channel, is_writer, matched, ending)
         return self._cache[key]
 
-    def _why(self, own: bytes, channel: Channel, is_writer: bool, matched: Collection[bytes], ending: str) -> str:
+    def _why(
+        self, own: bytes, channel: Channel, is_writer: bool, matched: Collection[bytes], ending: str
+    ) -> UnmatchedReason:
         peers = [one for one in self._graph.on(channel, writers=not is_writer) if one.guid not in matched]
         mine = self._graph.endpoints.get(own)
         if not peers:
-            return "" if matched else self._nobody(channel, is_writer, ending)
+            return UnmatchedReason("" if matched else self._nobody(channel, is_writer, ending))
         if mine is None:  # not discovered yet
-            return f"{self._named(peers[0])} {NOT_YET}"
-        several: dict[str, None] = dict.fromkeys(islice(self._reasons(mine, peers), _MAX_PEERS))
+            return UnmatchedReason(self._reason(peers[0], None), is_known=False)
+        found = [(peer, self._compare_with(mine, peer)) for peer in peers]
+        several = dict.fromkeys(self._reason(peer, reason) for peer, reason in islice(found, _MAX_PEERS))
         more = f"; and {len(peers) - _MAX_PEERS} others" if len(peers) > _MAX_PEERS else ""
-        return "; ".join(several) + more + self._preset(mine, peers)
+        has_policies = any(reason is not None and reason.policies for _, reason in found)
+        text = "; ".join(several) + more + (self._preset(mine) if has_policies else "")
+        return UnmatchedReason(text, is_known=any(reason is not None for _, reason in found))
 
     def alone(self) -> str:
         """Return that there is no other participant, and what to check; empty where there is one."""
@@ -86,36 +103,19 @@ class UnmatchedReasons:
         if mine is None:
             return ""
         for writer in self._graph.on(channel, writers=True):
-            if self._compare(writer, mine)[0] == "definition":
-                return self._reason(mine, writer)
+            found = self._compare(writer, mine)
+            if found is not None and found.kind is IncompatibilityKind.DEFINITION:
+                return self._reason(writer, found)
         return ""
 
-    def _reasons(self, mine: EndpointFound, peers: list[EndpointFound]) -> Iterator[str]:
-        for peer in peers:
-            yield self._reason(mine, peer)
+    def _compare_with(self, mine: EndpointFound, peer: EndpointFound) -> Incompatibility | None:
+        return self._compare(*((mine, peer) if mine.is_writer else (peer, mine)))
 
-    def _reason(self, mine: EndpointFound, peer: EndpointFound) -> str:
-        kind, reason = self._compare(*((mine, peer) if mine.is_writer else (peer, mine)))
-        who = self._named(peer)
-        if kind == "type":
-            return f"{who} has another type, {printable(peer.service_type or peer.type, _MAX_TYPE)}"
-        if kind == "definition":
-            theirs, ours = (printable(one.type_hash or one.service_hash, _MAX_NAME) for one in (peer, mine))
-            of = "its type" if mine.channel.kind != "topic" else printable(mine.type, _MAX_TYPE)
-            return f"{who} has another definition of {of}, {theirs}; here it is {ours}"
-        if kind == "qos":
-            verb = "requests" if mine.is_writer else "offers"
-            found = describe_policies(theirs=peer.qos, ours=mine.qos, policies=self._policies(mine, peer))
-            return f"{who} {verb} incompatible QoS: {found}" if found else f"{who} does not match: {reason}"
-        return f"{who} {NOT_YET}"
+    def _reason(self, peer: EndpointFound, found: Incompatibility | None) -> str:
+        name = printable(self._graph.describe_node(peer), _MAX_NAME)
+        return f"{name} {_NOT_YET}" if found is None else found.reason_of(peer, name)
 
-    def _policies(self, mine: EndpointFound, peer: EndpointFound) -> tuple[str, ...]:
-        offer, request = (mine, peer) if mine.is_writer else (peer, mine)
-        return tuple(one.name.lower() for one in check_compatible(offer.qos, request.qos).policies)
-
-    def _preset(self, mine: EndpointFound, peers: list[EndpointFound]) -> str:
-        if self._middleware == "Zenoh" or not any(self._policies(mine, peer) for peer in peers):
-            return ""
+    def _preset(self, mine: EndpointFound) -> str:
         profiles = [peer.qos for peer in self._graph.on(mine.channel, writers=not mine.is_writer)]
         name = find_preset(
             mine.qos, publisher=mine.is_writer, peers=profiles, is_service=mine.channel.kind in ("request", "reply")
@@ -130,6 +130,3 @@ class UnmatchedReasons:
         if not hint and (alone := self.alone()):
             return alone
         return f"no node {verb} it{printable(hint, 2 * _MAX_NAME)}"
-
-    def _named(self, peer: EndpointFound) -> str:
-        return printable(self._graph.describe_node(peer), _MAX_NAME)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.clocks import SYSTEM_CLOCKS
 from rosidl_py_gen.runtime.transport.discovered import EndpointFound, Lost, NodesFound, ParticipantFound
+from rosidl_py_gen.runtime.transport.incompatibility import IncompatibilityKind
 from rosidl_py_gen.runtime.transport.matching import check_compatible
 from rosidl_py_gen.runtime.transport.memory_services import MemoryClient, MemoryServer
 from rosidl_py_gen.runtime.transport.qos import Durability, History, effective
@@ -197,10 +198,9 @@ class MemoryParticipant:
                 if peer is not self:
                     peer.tell(NodesFound(self.guid, self.nodes))
 
-    def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> str:
-        """Why two endpoints do not match, by the rules of DDS; empty when they do."""
-        result = check_compatible(writer.qos, reader.qos)
-        return "" if result.matches else f"their quality of service is incompatible. {result.reason}"
+    def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> IncompatibilityKind | None:
+        """Return why two endpoints do not match, by the rules of DDS; None when they do."""
+        return None if check_compatible(writer.qos, reader.qos).matches else IncompatibilityKind.QOS
 
     def report_discovery(self) -> None:
         self._report()

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.transport.clocks import Clocks
     from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent, EndpointFound, NodeEntities
+    from rosidl_py_gen.runtime.transport.incompatibility import IncompatibilityKind
     from rosidl_py_gen.runtime.transport.samples import Payload, ReceiveQueue, Sink
     from rosidl_py_gen.runtime.transport.service_port import ClientPort, ServerPort, Service
 
@@ -200,8 +201,8 @@ class Participant(Protocol):
     def identity_refusal(self) -> str | None:
         """Why services of peers on Fast DDS cannot be used; None when they can."""
 
-    def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> str:
-        """Why a writer and a reader of one topic and type are not connected; empty when they are."""
+    def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> IncompatibilityKind | None:
+        """Return why a writer and a reader of one topic and type are not connected; None when they are."""
 
     def create_writer(self, spec: EndpointSpec) -> Writer:
         """Raises `TransportError` when the middleware refuses."""

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.runtime.transport.dds.names import entity_gid, entity_id, wire_name
 from rosidl_py_gen.runtime.transport.dds.nodes import NodeTopic
 from rosidl_py_gen.runtime.transport.dds.services import DdsClient, DdsServer
+from rosidl_py_gen.runtime.transport.incompatibility import IncompatibilityKind
 from rosidl_py_gen.runtime.transport.matching import check_compatible
 from rosidl_py_gen.runtime.transport.service_ends import ServicePeers
 from rosidl_py_gen.runtime.transport.type_names import wire_type
@@ -96,10 +97,9 @@ class DdsParticipant:
         """See `port.Participant`."""
         return self.fast_dds.refusal
 
-    def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> str:
+    def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> IncompatibilityKind | None:
         """See `port.Participant`."""
-        result = check_compatible(writer.qos, reader.qos)
-        return "" if result.matches else f"their quality of service is incompatible. {result.reason}"
+        return None if check_compatible(writer.qos, reader.qos).matches else IncompatibilityKind.QOS
 
     # ---------------------------------------------------------------------------------------------------- nodes
 

@@ -24,8 +24,9 @@ from rosidl_py_gen.runtime.transport.discovered import (
     NodesFound,
     ParticipantFound,
 )
+from rosidl_py_gen.runtime.transport.incompatibility import IncompatibilityKind
 from rosidl_py_gen.runtime.transport.type_names import ros_type
-from rosidl_py_gen.runtime.transport.zenoh.keys import FORMAT_VARIABLE, known_hash
+from rosidl_py_gen.runtime.transport.zenoh.keys import known_hash
 from rosidl_py_gen.runtime.transport.zenoh.tokens import EndpointToken, EntityKind, NodeToken, gid_of, read_token
 
 if TYPE_CHECKING:
@@ -247,17 +248,12 @@ def _told_hash(endpoint: EndpointFound) -> str:
     return endpoint.service_hash if endpoint.service_id else endpoint.type_hash
 
 
-def why_apart(writer: EndpointFound, reader: EndpointFound) -> str:
-    """Why two endpoints of one topic and type are not connected: their hashes differ. Empty when they are.
+def incompatibility(writer: EndpointFound, reader: EndpointFound) -> IncompatibilityKind | None:
+    """Return why two endpoints of one topic and type are not connected: their hashes differ. None when they are.
 
     Of a service only the half that asks has a reason, and none where every node has both ends: there would be hundreds.
     """
     hashes = {_told_hash(writer), _told_hash(reader)}
     if len(hashes) == 1 or writer.channel == _OF_EVERY_NODE or writer.channel.kind == "reply":
-        return ""
-    if "" in hashes:
-        return (
-            "only one of them has a type hash, and Humble has none: all nodes of a domain have to use the format of "
-            f"Humble ({FORMAT_VARIABLE}=humble), or none"
-        )
-    return f"they have {writer.type} by different definitions"
+        return None
+    return IncompatibilityKind.HASH_FORMAT if "" in hashes else IncompatibilityKind.DEFINITION

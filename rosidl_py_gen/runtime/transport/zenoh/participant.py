@@ -24,7 +24,7 @@ from rosidl_py_gen.runtime.transport.qos import Durability
 from rosidl_py_gen.runtime.transport.type_names import wire_type
 from rosidl_py_gen.runtime.transport.zenoh.arrivals import Arrivals
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import BufferReader, ZenohReader, ZenohWriter, handler, keep
-from rosidl_py_gen.runtime.transport.zenoh.graph import TokenGraph, endpoints_of, participant_guid, why_apart
+from rosidl_py_gen.runtime.transport.zenoh.graph import TokenGraph, endpoints_of, incompatibility, participant_guid
 from rosidl_py_gen.runtime.transport.zenoh.keys import data_key
 from rosidl_py_gen.runtime.transport.zenoh.qos import qos_text, read_qos
 from rosidl_py_gen.runtime.transport.zenoh.services import ZenohClient, ZenohServer
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent, EndpointFound, NodeEntities
+    from rosidl_py_gen.runtime.transport.incompatibility import IncompatibilityKind
     from rosidl_py_gen.runtime.transport.port import EndpointSpec
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
     from rosidl_py_gen.runtime.transport.samples import Sink
@@ -177,9 +178,9 @@ class ZenohParticipant:
             self.graph.remove_own(owned.told)
             self.arrivals.put(self.report_discovery)
 
-    def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> str:
-        """See `port.Participant`; nobody looks at profiles here."""
-        return why_apart(writer, reader)
+    def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> IncompatibilityKind | None:
+        """See `port.Participant`; QoS profiles play no part here."""
+        return incompatibility(writer, reader)
 
     # ---------------------------------------------------------------------------------------------------- nodes
 
