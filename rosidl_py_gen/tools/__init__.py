@@ -1,8 +1,8 @@
 """``rosidl-py``: look at a running ROS 2 system and act on it from the command line.
 
-This file knows the groups of commands, with a sentence each, and how a run ends. A group is a module in `commands/`
-that declares its commands with click and imports nothing else, so that help is quick; what a command does is in a
-module beside this one, loaded when it runs.
+This file knows the commands, with a sentence each, and how a run ends. A group of commands is a folder, whose
+``__init__.py`` has their names and short help. The module of a command declares its options and implements it; it is
+imported for that command alone, and imports inside its functions what help and completion do not need.
 
 Exit codes: 0 done, 1 it could not be done (the reason is on standard error), 2 a wrong command line, 3 done, except for
 damaged parts of a recording that were skipped (standard error has topics and times), 130 interrupted,
@@ -20,6 +20,7 @@ import sys
 import warnings
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from functools import wraps
 from importlib import import_module
 from inspect import iscoroutine
 from typing import TYPE_CHECKING, Any
@@ -32,28 +33,29 @@ from rosidl_py_gen.base.output import printable_line, printable_lines
 from rosidl_py_gen.base.project import importable_current_folder
 from rosidl_py_gen.base.resources import extra_missing
 from rosidl_py_gen.errors import DefinitionError, RosidlError, printable
+from rosidl_py_gen.tools.groups import LazyGroup
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
     from contextlib import AbstractContextManager
 
-_GROUPS = {
-    "action": "Actions: list, info, send goals.",
-    "bag": "Recordings: record, play, info, convert, migrate, reindex, table, sql.",
-    "completion": "Print the completion script of a shell.",
-    "doctor": "Check this installation, the network, and what answers on it.",
-    "foxglove": "Show topics, parameters and services live in Foxglove or Lichtblick.",
-    "graph": "Nodes and topics as text, Mermaid or SVG.",
-    "interface": "Definitions of messages, services and actions.",
-    "lifecycle": "Lifecycle nodes: list, get and set their states.",
-    "log": "Follow what all nodes log.",
-    "node": "Nodes: list, info.",
-    "param": "Parameters: list, get, set, describe, dump, load, delete.",
-    "run": "Run a program written for rclpy as it is.",
-    "service": "Services: list, type, call, info, echo.",
-    "tf": "Transforms: the tree of frames, one transform, rates and delays.",
-    "topic": "Topics: list, info, echo, pub, hz, bw, delay, type, find.",
-    "zenoh-router": "A router for nodes on rmw_zenoh.",
+_COMMANDS = {
+    "action": ("action", "Actions: list, info, send goals."),
+    "bag": ("commands.bag", "Recordings: record, play, info, convert, migrate, reindex, table, sql."),
+    "completion": ("commands.completion", "Print the completion script of a shell."),
+    "doctor": ("commands.doctor", "Check this installation, the network, and what answers on it."),
+    "foxglove": ("commands.foxglove", "Show topics, parameters and services live in Foxglove or Lichtblick."),
+    "graph": ("commands.graph", "Nodes and topics as text, Mermaid or SVG."),
+    "interface": ("commands.interface", "Definitions of messages, services and actions."),
+    "lifecycle": ("lifecycle", "Lifecycle nodes: list, get and set their states."),
+    "log": ("commands.log", "Follow what all nodes log."),
+    "node": ("node", "Nodes: list, info."),
+    "param": ("param", "Parameters: list, get, set, describe, dump, load, delete."),
+    "run": ("commands.run", "Run a program written for rclpy as it is."),
+    "service": ("commands.service", "Services: list, type, call, info, echo."),
+    "tf": ("commands.tf", "Transforms: the tree of frames, one transform, rates and delays."),
+    "topic": ("commands.topic", "Topics: list, info, echo, pub, hz, bw, delay, type, find."),
+    "zenoh-router": ("commands.zenoh_router", "A router for nodes on rmw_zenoh."),
 }
 
 
@@ -67,42 +69,11 @@ class ToolError(RosidlError):
     """What the user asked for cannot be done; the text says why and what would help."""
 
 
-class _Groups(click.Group):
-    """Loads a group when it is used."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return sorted(_GROUPS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in _GROUPS:
-            return None
-        module = cmd_name.replace("-", "_")
-        command = getattr(import_module(f"{__name__}.commands.{module}"), module)
-        assert isinstance(command, click.Command)
-        return command
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl(sorted(_GROUPS.items()))
-
-    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[Any]:
-        from click.shell_completion import CompletionItem
-
-        found = [CompletionItem(name, help=text) for name, text in _GROUPS.items() if name.startswith(incomplete)]
-        return [*found, *click.Command.shell_complete(self, ctx, incomplete)]
-
-    def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[Any, Any, list[str]]:
-        if args and args[0] not in _GROUPS:
-            from rosidl_py_gen.base.names import did_you_mean
-
-            ctx.fail(f'no command "{args[0]}"{did_you_mean(args[0], _GROUPS)}')
-        return super().resolve_command(ctx, args)
-
-
 @click.group(
-    cls=_Groups,
+    cls=LazyGroup,
+    package=__name__,
+    verbs=_COMMANDS,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
-    no_args_is_help=True,
 )
 @click.version_option(__version__, prog_name="rosidl-py")
 def _cli() -> None:
@@ -134,26 +105,41 @@ class Job:
     endless: bool = False
 
 
-def run_command(module: str, **arguments: Any) -> None:
-    """Load ``tools/<module>.py`` and call its `run`; click's commands do it.
+def verb(function: Callable[..., Any]) -> Callable[..., None]:
+    """Decorate what click calls when a command is used: run what the function returns, and end with its exit code.
 
-    It answers an exit code or a `Job`, or is a coroutine function.
+    The function returns an exit code or a `Job`, or is a coroutine function. A context listens for peers while the
+    function imports what it needs, unless a recording is read instead.
     """
-    listening: AbstractContextManager[None] = nullcontext()
-    if "network" in arguments:
-        listening = import_module(f"{__name__}.session").listening(arguments["network"])
-    try:
-        with listening:
-            answer = import_module(f"{__name__}.{module}").run(**arguments)
-            if iscoroutine(answer):
-                answer = Job(answer)
-            code = run_job(answer) if isinstance(answer, Job) else answer
-        sys.stdout.flush()
-    except BrokenPipeError:  # whoever read our output has enough; click would end with 1
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = _BROKEN_PIPE
-    if code:
-        raise click.exceptions.Exit(code)
+
+    @wraps(function)
+    def run(**arguments: Any) -> None:
+        listening: AbstractContextManager[None] = nullcontext()
+        if "network" in arguments and arguments.get("bag") is None:
+            listening = import_module(f"{__name__}.session").listening(arguments["network"])
+        try:
+            with listening:
+                answer = function(**arguments)
+                if iscoroutine(answer):
+                    answer = Job(answer)
+                code = run_job(answer) if isinstance(answer, Job) else answer
+            sys.stdout.flush()
+        except BrokenPipeError:  # whoever read our output has enough; click would end with 1
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            code = _BROKEN_PIPE
+        if code:
+            raise click.exceptions.Exit(code)
+
+    return run
+
+
+def run_command(module: str, **arguments: Any) -> None:
+    """Load ``tools/<module>.py`` and call its `run`; click's commands do it."""
+
+    def load_and_run(**arguments: Any) -> Any:
+        return import_module(f"{__name__}.{module}").run(**arguments)
+
+    verb(load_and_run)(**arguments)
 
 
 def start_program(**arguments: Any) -> Callable[[], None] | None:

@@ -25,6 +25,7 @@ def _with_project_path(ctx: click.Context, param: click.Parameter, value: tuple[
     return with_project_path(value)
 
 
+show_types = click.option("-t", "--show-types", is_flag=True, help="Show the types.")
 as_json = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 paths = click.option(
     "--path",
@@ -49,6 +50,21 @@ def timeout(what: str, default_s: float = 5) -> Callable[[F], F]:
         metavar="SECONDS",
         help=what,
     )
+
+
+node_timeout = timeout("Wait so long for the node, and for its answers.")
+topic_timeout = click.option(
+    "--timeout",
+    "timeout_s",
+    type=click.FloatRange(0),
+    metavar="SECONDS",
+    help="How long to wait for a topic that is not there yet.  [default: 5]",
+)
+
+
+def count(kind: str) -> Callable[[F], F]:
+    """``--count-topics`` and the like, handed on as `count`."""
+    return click.option("-c", f"--count-{kind}", "count", is_flag=True, help="Print only how many there are.")
 
 
 def drawn(picture: str) -> Callable[[F], F]:
@@ -320,3 +336,8 @@ def action_argument(name: str = "action", **settings: Any) -> Callable[[F], F]:
 def node_argument(name: str = "node", **settings: Any) -> Callable[[F], F]:
     """A node name."""
     return click.argument(name, shell_complete=completion("nodes"), **settings)
+
+
+def parameter_argument(name: str = "name", **settings: Any) -> Callable[[F], F]:
+    """A parameter name."""
+    return click.argument(name, shell_complete=completion("parameters"), **settings)

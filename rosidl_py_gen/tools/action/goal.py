@@ -6,22 +6,32 @@ which may mean to hear first whether it was accepted at all.
 
 from __future__ import annotations
 
-import asyncio
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen import to_dict
-from rosidl_py_gen.runtime import ActionTimeoutError, CancelError, GoalRejectedError, GoalStatus, WaitTimeoutError
-from rosidl_py_gen.tools import ToolError, messages, printing, types
-from rosidl_py_gen.tools.names import find_action
-from rosidl_py_gen.tools.session import Network, Session
+import click
+
+from rosidl_py_gen.tools import ToolError, options, printing, verb
 
 if TYPE_CHECKING:
+    import asyncio
+
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.runtime import ActionClient, ClientGoal
+    from rosidl_py_gen.runtime import ActionClient, ClientGoal, GoalStatus
+    from rosidl_py_gen.tools.session import Network
 
 
-async def run(
+@click.command("send_goal")
+@options.action_argument()
+@click.argument("words", nargs=-1, metavar="[TYPE] [GOAL]", shell_complete=options.call_completion("action"))
+@click.option("--stdin", is_flag=True, help="Read the goal from standard input.")
+@click.option("-f", "--feedback", "show_feedback", is_flag=True, help="Print the feedback.")
+@options.timeout("Wait so long for the server and its answers; the result is waited for without a limit.", default_s=10)
+@options.paths
+@options.as_json
+@options.node_options
+@verb
+async def send_goal(
     network: Network,
     action: str,
     words: tuple[str, ...],
@@ -31,7 +41,20 @@ async def run(
     paths: tuple[str, ...],
     as_json: bool,
 ) -> int:
-    """What the command does."""
+    """Send a goal and wait for its result; GOAL is YAML or JSON, what it leaves out has its default.
+
+    Ctrl-C cancels the goal, and again does not wait for the answer. The exit code is 0 when the goal succeeded, 1 when
+    it was rejected, aborted or canceled, 130 after Ctrl-C.
+
+    \b
+    rosidl-py action send_goal /fibonacci '{order: 5}' --feedback
+    rosidl-py action send_goal /fibonacci example_interfaces/action/Fibonacci '{order: 5}' --json
+    """
+    from rosidl_py_gen.runtime import WaitTimeoutError
+    from rosidl_py_gen.tools import messages, types
+    from rosidl_py_gen.tools.names import find_action
+    from rosidl_py_gen.tools.session import Session
+
     type_name, text = messages.type_and_values(words, stdin=stdin)
     show = _Printer(as_json)
     async with Session(network) as session:
@@ -52,6 +75,10 @@ async def _follow(
     client: ActionClient[Any], goal: Message, show: _Printer, show_feedback: bool, timeout_s: float
 ) -> int:
     """From sending the goal to its end; returns the exit code."""
+    import asyncio
+
+    from rosidl_py_gen.runtime import GoalRejectedError, GoalStatus
+
     sending = asyncio.ensure_future(client.send_goal(goal, timeout_s))
     try:
         handle = await asyncio.shield(sending)
@@ -81,6 +108,8 @@ async def _cancel(sending: asyncio.Task[ClientGoal[Any]], show: _Printer, timeou
     Raises:
         ToolError: it may still be running; says why.
     """
+    from rosidl_py_gen.runtime import ActionTimeoutError, CancelError, GoalRejectedError
+
     printing.note("Canceling goal...")
     with suppress(GoalRejectedError):
         try:
@@ -107,18 +136,25 @@ class _Printer:
 
     def message(self, heading: str, message: Message) -> None:
         """Only for people."""
+        from rosidl_py_gen.tools import messages
+
         if not self._as_json:
             shown = messages.to_yaml(messages.plain(message)).rstrip("\n").replace("\n", "\n    ")
             printing.block(f"{heading}:\n    {shown}\n")
 
     def feedback(self, feedback: Message) -> None:
         """One of many."""
+        from rosidl_py_gen import to_dict
+
         self.message("Feedback", feedback)
         if self._as_json:
             printing.json_line({"feedback": to_dict(feedback)})
 
     def result(self, goal_id: bytes, status: GoalStatus, result: Message) -> None:
         """The end."""
+        from rosidl_py_gen import to_dict
+        from rosidl_py_gen.runtime import GoalStatus
+
         self.message("Result", result)
         self.say(f"Goal finished with status: {status.name}", "green" if status is GoalStatus.SUCCEEDED else "red")
         if self._as_json:

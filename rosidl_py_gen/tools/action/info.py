@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.tools import printing
-from rosidl_py_gen.tools.names import actions, find_action
-from rosidl_py_gen.tools.session import Network, Session
+import click
+
+from rosidl_py_gen.tools import options, printing, verb
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.runtime import Node
+    from rosidl_py_gen.tools.session import Network
 
 
-async def run(
+async def _show(
     network: Network, action: str, as_json: bool, only_type: bool = False, show_types: bool = False, count: bool = False
 ) -> int:
-    """What the command does."""
+    """Print the type of an action, or also who serves and uses it."""
+    from rosidl_py_gen.tools.names import actions, find_action
+    from rosidl_py_gen.tools.session import Session
+
     async with Session(network) as session:
         node = session.node
         name = await find_action(session, action)
@@ -41,10 +45,42 @@ async def run(
     return 0
 
 
+@click.command("info")
+@options.action_argument()
+@options.show_types
+@click.option("-c", "--count", is_flag=True, help="Print only how many clients and servers there are.")
+@options.as_json
+@options.node_options
+@verb
+def info(**arguments: Any) -> Any:
+    """Print which nodes serve an action, and which have clients of it.
+
+    \b
+    rosidl-py action info /fibonacci -t
+    """
+    return _show(**arguments)
+
+
+@click.command("type")
+@options.action_argument()
+@options.as_json
+@options.node_options
+@verb
+def type_(**arguments: Any) -> Any:
+    """Print the type of an action.
+
+    \b
+    rosidl-py action type /fibonacci
+    """
+    return _show(only_type=True, **arguments)
+
+
 def _users(
     node: Node, action: str, topics_of: Callable[[str, str], list[tuple[str, list[str]]]]
 ) -> list[dict[str, Any]]:
     """The nodes among whose topics the action is."""
+    from rosidl_py_gen.tools.names import actions
+
     return [
         {"node": one.fully_qualified_name, "types": types}
         for one in sorted(node.get_nodes(), key=lambda known: known.fully_qualified_name)

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.tools import printing
-from rosidl_py_gen.tools.names import actions, is_one_of
-from rosidl_py_gen.tools.session import Network, Session
+import click
+
+from rosidl_py_gen.tools import options, printing, verb
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.tools.session import Network
 
 
-async def run(network: Network, count: bool, as_json: bool, show_types: bool = False, of_type: str = "") -> int:
-    """What the command does."""
+async def _list(network: Network, count: bool, as_json: bool, show_types: bool = False, of_type: str = "") -> int:
+    """Print the actions, all or those of a type."""
+    from rosidl_py_gen.tools.names import actions, is_one_of
+    from rosidl_py_gen.tools.session import Session
+
     async with Session(network) as session:
         await session.wait_until_quiet()
         found: list[dict[str, Any]] = [
@@ -21,3 +27,33 @@ async def run(network: Network, count: bool, as_json: bool, show_types: bool = F
         session.note_if_alone()
     printing.names(found, count, show_types, as_json)
     return 0
+
+
+@click.command("list")
+@options.show_types
+@options.count("actions")
+@options.as_json
+@options.node_options
+@verb
+def list_(**arguments: Any) -> Any:
+    """Print the actions there are.
+
+    \b
+    rosidl-py action list -t
+    """
+    return _list(**arguments)
+
+
+@click.command("find")
+@click.argument("of_type", metavar="TYPE", shell_complete=options.completion("action types"))
+@options.count("actions")
+@options.as_json
+@options.node_options
+@verb
+def find(**arguments: Any) -> Any:
+    """Print the actions of a type.
+
+    \b
+    rosidl-py action find example_interfaces/action/Fibonacci
+    """
+    return _list(**arguments)

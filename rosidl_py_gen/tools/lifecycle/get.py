@@ -5,26 +5,39 @@ Decides, as `param list`, that all nodes are asked at once, and that one that ne
 
 from __future__ import annotations
 
-import asyncio
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.runtime import RosidlError
-from rosidl_py_gen.tools import Job, printing
-from rosidl_py_gen.tools.lifecycle.remote import RemoteLifecycle, lifecycle_nodes, lifecycle_of
-from rosidl_py_gen.tools.session import Network, Session
+import click
+
+from rosidl_py_gen.tools import Job, options, printing, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.msgs.lifecycle_msgs.msg import State
+    from rosidl_py_gen.tools.session import Network
 
 
-def run(network: Network, node: str | None, hidden: bool, timeout_s: float, as_json: bool) -> Job:
-    """What the command does."""
+@click.command("get")
+@options.node_argument(required=False)
+@click.option("-a", "--include-hidden-nodes", "hidden", is_flag=True, help="Ask hidden nodes, too.")
+@options.node_timeout
+@options.as_json
+@options.node_options
+@verb
+def get(network: Network, node: str | None, hidden: bool, timeout_s: float, as_json: bool) -> Job:
+    """Print the state of a node, or of all lifecycle nodes, which are asked at once.
+
+    \b
+    rosidl-py lifecycle get
+    rosidl-py lifecycle get /camera
+    """
     if node:
         return Job(_of_one(network, node, timeout_s, as_json))
     return Job(_of_all(network, hidden, timeout_s, as_json))
 
 
 async def _of_one(network: Network, node: str, timeout_s: float, as_json: bool) -> int:
+    from rosidl_py_gen.tools.lifecycle.remote import lifecycle_of
+
     async with lifecycle_of(network, node, timeout_s) as remote:
         state = await remote.state()
     if as_json:
@@ -35,6 +48,12 @@ async def _of_one(network: Network, node: str, timeout_s: float, as_json: bool) 
 
 
 async def _of_all(network: Network, hidden: bool, timeout_s: float, as_json: bool) -> int:
+    import asyncio
+
+    from rosidl_py_gen.runtime import RosidlError
+    from rosidl_py_gen.tools.lifecycle.remote import RemoteLifecycle, lifecycle_nodes
+    from rosidl_py_gen.tools.session import Session
+
     async with Session(network) as session:
         await session.wait_until_quiet()
         names = lifecycle_nodes(session.node, hidden=hidden)

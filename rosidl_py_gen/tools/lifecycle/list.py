@@ -2,14 +2,32 @@
 
 from __future__ import annotations
 
-from rosidl_py_gen import to_dict
-from rosidl_py_gen.tools import printing
-from rosidl_py_gen.tools.lifecycle.remote import lifecycle_of
-from rosidl_py_gen.tools.session import Network
+from typing import TYPE_CHECKING
+
+import click
+
+from rosidl_py_gen.tools import options, printing, verb
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.tools.session import Network
 
 
-async def run(network: Network, node: str, show_all: bool, timeout_s: float, as_json: bool) -> int:
-    """What the command does."""
+@click.command("list")
+@options.node_argument()
+@click.option("-a", "--all", "show_all", is_flag=True, help="Show all transitions there are, in any state.")
+@options.node_timeout
+@options.as_json
+@options.node_options
+@verb
+async def list_(network: Network, node: str, show_all: bool, timeout_s: float, as_json: bool) -> int:
+    """Print the transitions that are possible in the state a node has.
+
+    \b
+    rosidl-py lifecycle list /camera
+    """
+    from rosidl_py_gen import to_dict
+    from rosidl_py_gen.tools.lifecycle.remote import lifecycle_of
+
     async with lifecycle_of(network, node, timeout_s) as remote:
         found = await remote.transitions(every=show_all)
     if as_json:

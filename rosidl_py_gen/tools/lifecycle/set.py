@@ -4,18 +4,33 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.tools import ToolError, printing
-from rosidl_py_gen.tools.lifecycle.remote import lifecycle_of
-from rosidl_py_gen.tools.session import Network
+import click
+
+from rosidl_py_gen.tools import ToolError, options, printing, verb
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rosidl_py_gen.msgs.lifecycle_msgs.msg import Transition
+    from rosidl_py_gen.tools.session import Network
 
 
-async def run(network: Network, node: str, transition: str, timeout_s: float, as_json: bool) -> int:
-    """What the command does."""
+@click.command("set")
+@options.node_argument()
+@click.argument("transition")
+@options.node_timeout
+@options.as_json
+@options.node_options
+@verb
+async def set_(network: Network, node: str, transition: str, timeout_s: float, as_json: bool) -> int:
+    """Let a node change its state; TRANSITION is a name or a number that `list` shows.
+
+    \b
+    rosidl-py lifecycle set /camera configure
+    rosidl-py lifecycle set /camera 3
+    """
+    from rosidl_py_gen.tools.lifecycle.remote import lifecycle_of
+
     async with lifecycle_of(network, node, timeout_s) as remote:
         possible = [one.transition for one in await remote.transitions()]
         wanted = _wanted(possible, transition)

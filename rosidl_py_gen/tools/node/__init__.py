@@ -1,1 +1,17 @@
-"""What ``rosidl-py node`` does: a module for each command."""
+"""``rosidl-py node``: a module for each command, or for several that do nearly the same."""
+
+import click
+
+from rosidl_py_gen.tools.groups import LazyGroup
+
+
+@click.group(
+    cls=LazyGroup,
+    package=__name__,
+    verbs={
+        "info": ("info", "Print what a node subscribes to, publishes and serves."),
+        "list": ("list", "Print the nodes there are."),
+    },
+)
+def node() -> None:
+    """Nodes: list, info."""

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.tools import printing
-from rosidl_py_gen.tools.names import actions, find_node, is_hidden
-from rosidl_py_gen.tools.session import Network, Session
+import click
+
+from rosidl_py_gen.tools import options, printing, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node
+    from rosidl_py_gen.tools.session import Network
+
 
 _HEADINGS = {
     "subscribers": "Subscribers",
@@ -21,8 +23,21 @@ _HEADINGS = {
 }
 
 
-async def run(network: Network, node: str, hidden: bool, as_json: bool) -> int:
-    """What the command does."""
+@click.command("info")
+@options.node_argument()
+@click.option("-a", "--include-hidden", "hidden", is_flag=True, help="Show hidden topics, services and actions, too.")
+@options.as_json
+@options.node_options
+@verb
+async def info(network: Network, node: str, hidden: bool, as_json: bool) -> int:
+    """Print what a node subscribes to, publishes and serves.
+
+    \b
+    rosidl-py node info /talker
+    """
+    from rosidl_py_gen.tools.names import find_node, is_hidden
+    from rosidl_py_gen.tools.session import Session
+
     async with Session(network) as session:
         full_name = await find_node(session, node)
         await session.wait_until_quiet()
@@ -49,6 +64,8 @@ async def run(network: Network, node: str, hidden: bool, as_json: bool) -> int:
 
 def _of_node(node: Node, full_name: str) -> dict[str, dict[str, list[str]]]:
     """Names and types of everything a node has, by kind."""
+    from rosidl_py_gen.tools.names import actions
+
     namespace, _, name = full_name.rpartition("/")
     subscribed = node.get_subscriber_names_and_types_by_node(name, namespace or "/")
     published = node.get_publisher_names_and_types_by_node(name, namespace or "/")

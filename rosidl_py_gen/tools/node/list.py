@@ -2,13 +2,32 @@
 
 from __future__ import annotations
 
-from rosidl_py_gen.tools import printing
-from rosidl_py_gen.tools.names import is_hidden_node
-from rosidl_py_gen.tools.session import Network, Session
+from typing import TYPE_CHECKING
+
+import click
+
+from rosidl_py_gen.tools import options, printing, verb
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.tools.session import Network
 
 
-async def run(network: Network, hidden: bool, count: bool, as_json: bool) -> int:
-    """What the command does."""
+@click.command("list")
+@click.option("-a", "--all", "hidden", is_flag=True, help="Show hidden ones, which begin with _, too.")
+@options.count("nodes")
+@options.as_json
+@options.node_options
+@verb
+async def list_(network: Network, hidden: bool, count: bool, as_json: bool) -> int:
+    """Print the nodes there are.
+
+    \b
+    rosidl-py node list
+    rosidl-py node list --json | jq -r '.[].name'
+    """
+    from rosidl_py_gen.tools.names import is_hidden_node
+    from rosidl_py_gen.tools.session import Session
+
     async with Session(network) as session:
         await session.wait_until_named()
         nodes = session.node.get_nodes()

@@ -5,16 +5,30 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.tools import printing
-from rosidl_py_gen.tools.param.remote import parameters_of, type_in_words
-from rosidl_py_gen.tools.session import Network
+import click
+
+from rosidl_py_gen.tools import options, printing, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import ParameterDescriptor
+    from rosidl_py_gen.tools.session import Network
 
 
-async def run(network: Network, node: str, names: tuple[str, ...], timeout_s: float, as_json: bool) -> int:
-    """What the command does."""
+@click.command("describe")
+@options.node_argument()
+@options.parameter_argument("names", nargs=-1, required=True, metavar="NAME...")
+@options.node_timeout
+@options.as_json
+@options.node_options
+@verb
+async def describe(network: Network, node: str, names: tuple[str, ...], timeout_s: float, as_json: bool) -> int:
+    """Print type, description and limits of parameters.
+
+    \b
+    rosidl-py param describe /talker rate use_sim_time
+    """
+    from rosidl_py_gen.tools.param.remote import parameters_of, type_in_words
+
     async with parameters_of(network, node, timeout_s) as client:
         found = await client.describe(names, timeout_s)
     if as_json:
@@ -26,6 +40,8 @@ async def run(network: Network, node: str, names: tuple[str, ...], timeout_s: fl
 
 
 def _lines(one: ParameterDescriptor) -> list[str]:
+    from rosidl_py_gen.tools.param.remote import type_in_words
+
     lines = [f"Parameter name: {one.name}", f"  Type: {type_in_words(one.type)}"]
     if one.description:
         lines.append(f"  Description: {one.description}")

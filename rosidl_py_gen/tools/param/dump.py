@@ -2,16 +2,35 @@
 
 from __future__ import annotations
 
-import asyncio
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from rosidl_py_gen.tools import printing
-from rosidl_py_gen.tools.param.remote import parameters_of
-from rosidl_py_gen.tools.session import Network, now_s
+import click
+
+from rosidl_py_gen.tools import options, printing, verb
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.tools.session import Network
 
 
-async def run(network: Network, node: str, output: str | None, timeout_s: float, as_json: bool) -> int:
-    """What the command does."""
+@click.command("dump")
+@options.node_argument()
+@click.option("-o", "--output", type=click.Path(dir_okay=False, writable=True), metavar="FILE", help="Write it there.")
+@options.node_timeout
+@options.as_json
+@options.node_options
+@verb
+async def dump(network: Network, node: str, output: str | None, timeout_s: float, as_json: bool) -> int:
+    """Print all parameters of a node as a parameter file.
+
+    \b
+    rosidl-py param dump /talker -o talker.yaml
+    """
+    import asyncio
+
+    from rosidl_py_gen.tools.param.remote import parameters_of
+    from rosidl_py_gen.tools.session import now_s
+
     end_s = now_s() + timeout_s
 
     def left_s() -> float:

@@ -2,14 +2,34 @@
 
 from __future__ import annotations
 
-from rosidl_py_gen.runtime import parameter_value
-from rosidl_py_gen.tools import printing
-from rosidl_py_gen.tools.param.remote import parameters_of
-from rosidl_py_gen.tools.session import Network
+from typing import TYPE_CHECKING
+
+import click
+
+from rosidl_py_gen.tools import options, printing, verb
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.tools.session import Network
 
 
-async def run(network: Network, node: str, name: str, hide_type: bool, timeout_s: float, as_json: bool) -> int:
-    """What the command does."""
+@click.command("get")
+@options.node_argument()
+@options.parameter_argument()
+@click.option("--hide-type", is_flag=True, help="Print the value alone.")
+@options.node_timeout
+@options.as_json
+@options.node_options
+@verb
+async def get(network: Network, node: str, name: str, hide_type: bool, timeout_s: float, as_json: bool) -> int:
+    """Print the value of a parameter.
+
+    \b
+    rosidl-py param get /talker use_sim_time
+    rosidl-py param get /talker rate --hide-type
+    """
+    from rosidl_py_gen.runtime import parameter_value
+    from rosidl_py_gen.tools.param.remote import parameters_of
+
     async with parameters_of(network, node, timeout_s) as client:
         value = await client.get(name, timeout_s)
         # An empty list does not tell its type.

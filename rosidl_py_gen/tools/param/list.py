@@ -6,19 +6,17 @@ error, and the command ends with 1 only when nobody answered.
 
 from __future__ import annotations
 
-import asyncio
 import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.runtime import RosidlError
-from rosidl_py_gen.tools import Job, ToolError, printing
-from rosidl_py_gen.tools.names import LIST_PARAMETERS, nodes_that_serve
-from rosidl_py_gen.tools.param.remote import parameters_of, type_in_words
-from rosidl_py_gen.tools.session import Network, Session
+import click
+
+from rosidl_py_gen.tools import Job, ToolError, options, printing, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import ParameterClient
+    from rosidl_py_gen.tools.session import Network
 
 
 @dataclass(frozen=True)
@@ -32,6 +30,8 @@ class _Wish:
 
     async def of(self, client: ParameterClient) -> dict[str, str]:
         """Type by name, sorted; the type is empty when it was not asked for."""
+        from rosidl_py_gen.tools.param.remote import type_in_words
+
         listing = await client.list(self.prefixes, timeout_s=self.timeout_s)
         names = [name for name in sorted(listing.names) if self.pattern.match(name)]
         if not self.show_types or not names:
@@ -40,7 +40,23 @@ class _Wish:
         return {name: type_in_words(one.type) for name, one in zip(names, described, strict=True)}
 
 
-def run(
+@click.command("list")
+@options.node_argument(required=False)
+@click.option("--filter", "pattern", metavar="REGEX", help="Only those whose name begins with what REGEX matches.")
+@click.option(
+    "--param-prefixes",
+    "prefixes",
+    multiple=True,
+    metavar="PREFIX",
+    help="Only those below; may be given several times.",
+)
+@click.option("--param-type", "show_types", is_flag=True, help="Show the types.")
+@click.option("-a", "--include-hidden-nodes", "hidden", is_flag=True, help="Ask hidden nodes, too.")
+@options.node_timeout
+@options.as_json
+@options.node_options
+@verb
+def list_(
     network: Network,
     node: str | None,
     pattern: str | None,
@@ -50,7 +66,13 @@ def run(
     timeout_s: float,
     as_json: bool,
 ) -> Job:
-    """What the command does."""
+    """Print the parameters of a node, or of all nodes, which are asked at once.
+
+    \b
+    rosidl-py param list
+    rosidl-py param list /talker --param-type
+    rosidl-py param list --filter '.*rate'
+    """
     try:
         compiled = re.compile(pattern or "")
     except re.error as error:
@@ -60,12 +82,20 @@ def run(
 
 
 async def _of_one(network: Network, node: str, wish: _Wish, as_json: bool) -> int:
+    from rosidl_py_gen.tools.param.remote import parameters_of
+
     async with parameters_of(network, node, wish.timeout_s) as client:
         _show({client.node: await wish.of(client)}, as_json, headings=False)
     return 0
 
 
 async def _of_all(network: Network, hidden: bool, wish: _Wish, as_json: bool) -> int:
+    import asyncio
+
+    from rosidl_py_gen.runtime import RosidlError
+    from rosidl_py_gen.tools.names import LIST_PARAMETERS, nodes_that_serve
+    from rosidl_py_gen.tools.session import Session
+
     async with Session(network) as session:
         await session.wait_until_quiet()
         nodes = nodes_that_serve(session.node, *LIST_PARAMETERS, hidden=hidden)

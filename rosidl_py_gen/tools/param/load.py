@@ -3,15 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+import click
 
 from rosidl_py_gen.base.output import printable_line
-from rosidl_py_gen.tools import printing, report
-from rosidl_py_gen.tools.param.remote import parameters_of
-from rosidl_py_gen.tools.session import Network
+from rosidl_py_gen.tools import options, printing, report, verb
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.tools.session import Network
 
 
-async def run(network: Network, node: str, file: str, timeout_s: float, as_json: bool) -> int:
-    """What the command does."""
+@click.command("load")
+@options.node_argument()
+@click.argument("file", type=click.Path(exists=True, dir_okay=False, readable=True))
+@options.node_timeout
+@options.as_json
+@options.node_options
+@verb
+async def load(network: Network, node: str, file: str, timeout_s: float, as_json: bool) -> int:
+    """Set what a parameter file says for a node.
+
+    \b
+    rosidl-py param load /talker talker.yaml
+    """
+    from rosidl_py_gen.tools.param.remote import parameters_of
+
     async with parameters_of(network, node, timeout_s) as client:
         results = await client.load_yaml(file, timeout_s)
     if as_json:

@@ -6,30 +6,21 @@ parameter: `3.0` to an integer, `"NaN"` to a double, `[1, 2.5]` to doubles, `5` 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.runtime import (
-    InvalidParameterValueError,
-    Parameter,
-    ParameterFileError,
-    ParameterNotDeclaredError,
-    ParameterType,
-    ParameterValue,
-    SetResult,
-    parameter_value,
-    parse_parameter_value,
-)
-from rosidl_py_gen.tools import ToolError, printing
-from rosidl_py_gen.tools.param.remote import parameters_of
-from rosidl_py_gen.tools.session import Network
-from rosidl_py_gen.tools.values import as_bool, as_float, as_integer, as_text, parse_value
+import click
+
+from rosidl_py_gen.tools import ToolError, options, printing, verb
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime import ParameterClient
+    from rosidl_py_gen.runtime import ParameterClient, ParameterType, ParameterValue, SetResult
+    from rosidl_py_gen.tools.session import Network
 
 
-async def run(network: Network, node: str, name: str, value: str | None, timeout_s: float, as_json: bool) -> int:
-    """What the command does."""
+async def _set_value(network: Network, node: str, name: str, value: str | None, timeout_s: float, as_json: bool) -> int:
+    """Set a parameter, or delete it if there is no value."""
+    from rosidl_py_gen.tools.param.remote import parameters_of
+
     async with parameters_of(network, node, timeout_s) as client:
         result = await _set(client, name, value, timeout_s)
     reason = f": {result.reason}" if result.reason else ""
@@ -43,7 +34,49 @@ async def run(network: Network, node: str, name: str, value: str | None, timeout
     return 0 if result.successful else 1
 
 
+@click.command("set", context_settings={"ignore_unknown_options": True})
+@options.node_argument()
+@options.parameter_argument()
+@click.argument("value")
+@options.node_timeout
+@options.as_json
+@options.node_options
+@verb
+def set_(**arguments: Any) -> Any:
+    """Set a parameter; VALUE is read as in a parameter file: 1 is an integer, 1.0 a double, on is true, '"1"' a text.
+
+    \b
+    rosidl-py param set /talker rate 2.5
+    rosidl-py param set /talker names '[left, right]'
+    """
+    return _set_value(**arguments)
+
+
+@click.command("delete")
+@options.node_argument()
+@options.parameter_argument()
+@options.node_timeout
+@options.as_json
+@options.node_options
+@verb
+def delete(**arguments: Any) -> Any:
+    """Delete a parameter, if the node lets us.
+
+    \b
+    rosidl-py param delete /talker label
+    """
+    return _set_value(value=None, **arguments)
+
+
 async def _set(client: ParameterClient, name: str, text: str | None, timeout_s: float) -> SetResult:
+    from rosidl_py_gen.runtime import (
+        Parameter,
+        ParameterFileError,
+        ParameterNotDeclaredError,
+        ParameterValue,
+        parse_parameter_value,
+    )
+
     wanted, wrong, result = ParameterValue(), None, None
     try:
         wanted = ParameterValue() if text is None else parse_parameter_value(text)
@@ -67,6 +100,9 @@ async def _set(client: ParameterClient, name: str, text: str | None, timeout_s: 
 
 def fit_parameter(text: str, kind: ParameterType) -> ParameterValue | None:
     """Return the parameter value of this type that a text means; None if it does not mean one."""
+    from rosidl_py_gen.runtime import InvalidParameterValueError, ParameterType, parameter_value
+    from rosidl_py_gen.tools.values import as_bool, as_float, as_integer, as_text, parse_value
+
     convert = {
         ParameterType.BOOL: as_bool,
         ParameterType.INTEGER: as_integer,
