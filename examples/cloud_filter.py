@@ -15,8 +15,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
 from rosidl_py_gen.numpy import array_to_pointcloud, pointcloud_to_array
-from rosidl_py_gen.runtime import Node, run
-from rosidl_py_gen.runtime.qos import SENSOR_DATA
+from rosidl_py_gen.runtime import SENSOR_DATA, Node, run
 
 REACH_M, GROUND_M = 5.0, 0.1
 

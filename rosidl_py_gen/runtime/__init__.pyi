@@ -157,6 +157,12 @@ from rosidl_py_gen.runtime.transport.port import DiscoveryRange as DiscoveryRang
 from rosidl_py_gen.runtime.transport.port import DomainSettings as DomainSettings
 from rosidl_py_gen.runtime.transport.port import Transport as Transport
 from rosidl_py_gen.runtime.transport.port import TransportError as TransportError
+from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS as ACTION_STATUS
+from rosidl_py_gen.runtime.transport.qos import BEST_AVAILABLE as BEST_AVAILABLE
+from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS as PARAMETER_EVENTS
+from rosidl_py_gen.runtime.transport.qos import SENSOR_DATA as SENSOR_DATA
+from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT as SERVICES_DEFAULT
+from rosidl_py_gen.runtime.transport.qos import SYSTEM_DEFAULT as SYSTEM_DEFAULT
 from rosidl_py_gen.runtime.transport.qos import Durability as Durability
 from rosidl_py_gen.runtime.transport.qos import History as History
 from rosidl_py_gen.runtime.transport.qos import InvalidQoSError as InvalidQoSError

@@ -1,4 +1,7 @@
-"""The profiles that ROS has names for, to be given as they are or changed: ``SENSOR_DATA.keep_last(1)``."""
+"""The profiles that ROS has names for, to be given as they are or changed: ``SENSOR_DATA.keep_last(1)``.
+
+The six that programs choose themselves can also be imported from `rosidl_py_gen.runtime`.
+"""
 
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS as ACTION_STATUS
 from rosidl_py_gen.runtime.transport.qos import BEST_AVAILABLE as BEST_AVAILABLE

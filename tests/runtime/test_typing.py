@@ -22,12 +22,14 @@ from typing_extensions import assert_type
 
 from rosidl_py_gen import decode, dtype, messages, records
 from rosidl_py_gen.runtime import (
+    SENSOR_DATA,
     ActionClient,
     ActionServer,
     Client,
     GoalStatus,
     Node,
     Publisher,
+    QoSProfile,
     Range,
     ServerGoal,
     ServiceServer,
@@ -56,6 +58,11 @@ async def more(node: Node) -> None:
         assert_type(feedback, Fibonacci.Feedback)
     assert_type(await goal.result(), tuple[GoalStatus, Fibonacci.Result])
     assert_type(node.declare_parameters(Drive), Drive)
+    assert_type(node.declare_parameter("x", 1.0), float)
+    assert_type(node.declare_parameter("x", 1), int)
+    assert_type(node.declare_parameter("x", True), bool)
+    assert_type(node.declare_parameter("x", ["a", "b"]), tuple[str, ...])
+    assert_type(SENSOR_DATA, QoSProfile)
     assert_type(node.get_parameter("x", int), int | None)
     assert_type(node.get_parameter("x", str, "none"), str)
 

@@ -48,6 +48,9 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.time.clock import Clock
 
 T = TypeVar("T")
+# bool stands before int, and int before float: type checkers accept the one where the other is expected.
+ScalarT = TypeVar("ScalarT", bool, int, float, str, bytes)
+ItemT = TypeVar("ItemT", bool, int, float, str)
 
 
 class ParameterChange(NamedTuple):
@@ -154,6 +157,25 @@ class ParameterMethods:
         self._scope.require_open(False, "the node")
         return bind_class(self._store, cls, prefix=prefix, initial=initial, validator=validator)
 
+    @overload
+    def declare_parameter(
+        self,
+        name: str,
+        default: ScalarT,
+        descriptor: ParameterDescriptor | None = None,
+        *,
+        ignore_override: bool = False,
+    ) -> ScalarT: ...
+    @overload
+    def declare_parameter(
+        self,
+        name: str,
+        default: list[ItemT] | tuple[ItemT, ...],
+        descriptor: ParameterDescriptor | None = None,
+        *,
+        ignore_override: bool = False,
+    ) -> tuple[ItemT, ...]: ...
+    @overload
     def declare_parameter(
         self,
         name: str,
@@ -161,8 +183,19 @@ class ParameterMethods:
         descriptor: ParameterDescriptor | None = None,
         *,
         ignore_override: bool = False,
-    ) -> PythonValue:
+    ) -> PythonValue: ...
+    def declare_parameter(
+        self,
+        name: str,
+        default: object = None,
+        descriptor: ParameterDescriptor | None = None,
+        *,
+        ignore_override: bool = False,
+    ) -> Any:
         """Declare one parameter and return its value, which is the override's if there is one.
+
+        The value has the type of `default`; a list is returned as a tuple. Only with a descriptor of `dynamic_typing`
+        an override may have another type.
 
         Raises:
             ParameterAlreadyDeclaredError, InvalidParameterNameError: the name is taken, or cannot be one.
