@@ -164,18 +164,6 @@ def _is_typed(context: click.Context, name: str) -> bool:
 
 
 @_cli.command()
-@click.argument("name", shell_complete=_completion("complete_messages"))
-@_PATH
-@_JSON
-def plan(**arguments: Any) -> None:
-    """Print the wire layout of a message: offsets, runs, alignment, sizes.
-
-    NAME is a message such as geometry_msgs/msg/PoseStamped.
-    """
-    _run("plan", **arguments)
-
-
-@_cli.command()
 @click.argument("names", nargs=-1, shell_complete=_completion("complete_packages_and_interfaces"))
 @_PATH
 @_JSON

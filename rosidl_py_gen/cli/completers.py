@@ -28,11 +28,6 @@ def complete_interfaces(ctx: click.Context, param: click.Parameter, incomplete: 
     return items(_interfaces(ctx), incomplete)
 
 
-def complete_messages(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Complete the name of a message."""
-    return items((name for name in _interfaces(ctx) if "/msg/" in name), incomplete)
-
-
 def complete_packages_and_interfaces(
     ctx: click.Context, param: click.Parameter, incomplete: str
 ) -> list[CompletionItem]:

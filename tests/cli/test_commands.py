@@ -216,9 +216,7 @@ def test_errors_for_machines(shell: Shell, tmp_path: Path) -> None:
         ),
         (("--filter", "a/b/c/d"), '"a/b/c/d" is not an interface name'),
         (("--path", "nowhere", "--list"), "nowhere: expected a folder with interface packages, found none"),
-        (("plan", "std_msgs/msg/Nothing"), "std_msgs/msg/Nothing: no interface of this name"),
-        (("plan", "std_srvs/srv/SetBool"), "std_srvs/srv/SetBool is not a message"),
-        (("interface", "std_msgs/msg/Nothing"), "std_msgs/msg/Nothing"),
+        (("interface", "std_msgs/msg/Nothing"), "no interface std_msgs/msg/Nothing; did you mean"),
         (("check", "nothing_msgs"), "nothing_msgs: no package"),
     ],
 )
@@ -230,7 +228,7 @@ def test_mistakes_of_the_caller_are_told_in_one_line(shell: Shell, arguments: tu
     assert shell.written() == []
 
 
-@pytest.mark.parametrize("arguments", [("--nonsense",), ("plan",), ("nonsense",), ("--path",)])
+@pytest.mark.parametrize("arguments", [("--nonsense",), ("interface",), ("nonsense",), ("--path",)])
 def test_a_wrong_command_line_is_exit_code_2(shell: Shell, arguments: tuple[str, ...]) -> None:
     answer = shell(*arguments)
     assert answer.code == 2
@@ -254,19 +252,6 @@ def test_a_missing_package_says_who_needs_it_and_where_was_searched(shell: Shell
 
 
 # --- the other commands -----------------------------------------------------------------------------------------------
-
-
-def test_plan_prints_offsets_and_sizes(shell: Shell, world: str) -> None:
-    answer = shell("plan", "a_msgs/msg/Point", "--path", world)
-    assert answer.code == 0
-    assert "a_msgs/msg/Point" in answer.out
-    assert "fixed size: 16 bytes behind the 4-byte header" in answer.out
-    assert "x d@0, y d@8" in answer.out
-    plan = shell("plan", "geometry_msgs/msg/PoseStamped", "--json").json
-    assert (plan["fixed_size"], plan["max_size"]) == (None, None)
-    assert [step["step"] for step in plan["steps"]].count("run") == 2
-    assert shell("plan", "std_srvs/srv/SetBool_Request").code == 0
-    assert shell("plan", "example_interfaces/action/Fibonacci_SendGoal_Request").code == 0
 
 
 def test_check_reads_and_writes_nothing(shell: Shell, world: str, tmp_path: Path) -> None:

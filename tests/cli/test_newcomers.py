@@ -46,9 +46,9 @@ def test_check_takes_the_filter_of_the_environment(source: Path, tmp_path: Path)
 
 @pytest.mark.parametrize("option", [("--out", "x"), ("--check",), ("--list",), ("--filter", "a_msgs")])
 def test_options_that_mean_nothing_for_a_command_are_refused(option: tuple[str, ...], tmp_path: Path) -> None:
-    found = command(*option, "plan", "std_msgs/msg/String", cwd=tmp_path)
+    found = command(*option, "interface", "std_msgs/msg/String", cwd=tmp_path)
     assert found.returncode == 2
-    assert f"{option[0]} has no meaning for the command plan" in found.stderr
+    assert f"{option[0]} has no meaning for the command interface" in found.stderr
 
 
 def test_a_package_name_as_command_points_to_the_filter(tmp_path: Path) -> None:
@@ -123,11 +123,8 @@ def test_an_unreadable_folder_is_an_error(source: Path, monkeypatch: pytest.Monk
         _ = search.packages["a_msgs"].files
 
 
-def test_derived_messages_have_interfaces_and_plans(tmp_path: Path) -> None:
+def test_derived_messages_have_interfaces(tmp_path: Path) -> None:
     assert "RIHS01_" in command("interface", "std_srvs/srv/SetBool_Request", cwd=tmp_path).stdout
-    found = command("plan", "std_srvs/srv/SetBool", cwd=tmp_path)
-    assert "SetBool_Request" in found.stderr
-    assert "SetBool_Goal" not in found.stderr
 
 
 def test_what_was_generated_below_the_path_is_not_taken_for_a_package(tmp_path: Path) -> None:

@@ -1,8 +1,7 @@
-"""The arithmetic under the layout: aligning, repeating, and a run of fixed-size values while it still grows."""
+"""Run of fixed-size values while it still grows, and the struct codes of primitives."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from rosidl_py_gen.base.fieldtype import PRIMITIVES
@@ -12,34 +11,6 @@ MAX_ALIGN = 8  # docs/internals/protocol.md 2.2
 CODES = {base: primitive.code for base, primitive in PRIMITIVES.items()}
 RCLPY_CODES = {**CODES, "byte": "c"}
 """Struct codes by primitive, and those of rclpy's flavour, in which a byte is bytes of length 1."""
-
-
-def up(position: int, align: int) -> int:
-    return position + -position % align
-
-
-def repeat(position: int, count: int, step: Callable[[int], int | None]) -> int | None:
-    """Apply `step` `count` times; remainders modulo 8 repeat after at most 8 steps."""
-    seen: dict[int, tuple[int, int]] = {}
-    done = 0
-    while done < count:
-        remainder = position % MAX_ALIGN
-        if remainder in seen:
-            since, at = seen[remainder]
-            period, growth = done - since, position - at
-            whole = (count - done) // period
-            if whole:
-                position += whole * growth
-                done += whole * period
-                seen = {}
-                continue
-        seen[remainder] = (done, position)
-        following = step(position)
-        if following is None:
-            return None
-        position = following
-        done += 1
-    return position
 
 
 @dataclass(slots=True)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.base.names import py_name
-from rosidl_py_gen.compiler.codegen.growing import CODES, MAX_ALIGN, RCLPY_CODES, OpenRun, repeat, struct_code, up
+from rosidl_py_gen.compiler.codegen.growing import CODES, MAX_ALIGN, RCLPY_CODES, OpenRun, struct_code
 from rosidl_py_gen.compiler.codegen.plan import (
     Block,
     Call,
@@ -56,7 +56,6 @@ class Layouts(Weights):
         super().__init__(lookup, max_leaves)
         self.rclpy, self.codes = rclpy, RCLPY_CODES if rclpy else CODES
         self._plans: dict[str, Plan] = {}
-        self._sizes: dict[tuple[str, int], int | None] = {}
         self._least: dict[str, int] = {}
 
     def plan(self, name: str) -> Plan:
@@ -66,44 +65,8 @@ class Layouts(Weights):
             builder = _Builder(self, Start(None, 1, 0) if heavy else Start(0, MAX_ALIGN, 0))
             builder.message(name, 0, "")
             builder.close()
-            largest, records = self.max_size(name), self.has_records(name)
-            fixed = largest if self.is_fixed(name) else None
-            self._plans[name] = Plan(name, tuple(builder.steps), heavy, self.weight(name), fixed, largest, records)
+            self._plans[name] = Plan(name, tuple(builder.steps), heavy, self.has_records(name))
         return self._plans[name]
-
-    def max_size(self, name: str, offset: int = 0) -> int | None:
-        """The end of the largest message that begins at `offset` (modulo 8), as a distance; None when unbounded."""
-        key = (name, offset % MAX_ALIGN)
-        if key not in self._sizes:
-            position: int | None = key[1]
-            fields = self.message(name).fields
-            for item in fields:
-                position = None if position is None else self._max_field(item.type, position)
-            if not fields:
-                position = key[1] + 1
-            self._sizes[key] = None if position is None else position - key[1]
-        return self._sizes[key]
-
-    def _max_field(self, kind: FieldType, position: int) -> int | None:
-        count = kind.capacity if kind.arity in (Arity.ARRAY, Arity.BOUNDED) else 1
-        if kind.arity is Arity.UNBOUNDED:
-            return None
-        if kind.arity is Arity.BOUNDED:
-            position = up(position, 4) + 4
-        primitive = kind.primitive
-        if primitive is not None:
-            return up(position, primitive.size) + primitive.size * count if count else position
-        return repeat(position, count, lambda at: self._max_element(kind, at))
-
-    def _max_element(self, kind: FieldType, position: int) -> int | None:
-        if kind.is_string:
-            if not kind.string_bound:
-                return None
-            # A character takes up to 4 bytes of UTF-8, or two UTF-16 units of 4 bytes each.
-            per = 8 * kind.string_bound if kind.base == "wstring" else 4 * kind.string_bound + 1
-            return up(position, 4) + 4 + per
-        size = self.max_size(kind.base, position)
-        return None if size is None else position + size
 
     def least_size(self, name: str) -> int:
         """The fewest bytes a message can take, padding left out."""

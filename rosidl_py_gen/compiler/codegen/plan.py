@@ -193,18 +193,12 @@ class Plan(NamedTuple):
         name: full ROS name.
         steps: in wire order.
         heavy: too large to be written in line by others, so it has `_write` and `_read` of its own.
-        weight: leaves after flattening, which decides `heavy`.
-        fixed_size: bytes without the encapsulation header, None when the size varies.
-        max_size: upper bound without the header, None when unbounded.
         records: there are sequences or arrays of fixed-size messages at some depth, which decoders can leave as arrays.
     """
 
     name: str
     steps: tuple[Step, ...]
     heavy: bool
-    weight: int
-    fixed_size: int | None
-    max_size: int | None
     records: bool
 
 
