@@ -77,7 +77,7 @@ class ContextCore:
         self.bridge = Bridge(self.participant, driver)
         self.discovery = Discovery(self.participant, self.bridge, announce_delay_s)
         self.request_windows = RequestWindows()
-        self.initial_values = InitialValues(self.ros_arguments.parameters, self.bridge)
+        self.initial_values = InitialValues(self.ros_arguments.parameters)
         """Of parameters, for all nodes."""
         self.closed = ""
         """Why it is closed, for errors; empty while it is open."""

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.node.arguments import NodeOptions
     from rosidl_py_gen.runtime.node.context import Context
     from rosidl_py_gen.runtime.parameters.client import ParameterClient, ParameterEvents
-    from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher, ParameterService
+    from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher, ParameterService, ParameterServices
     from rosidl_py_gen.runtime.parameters.values import ParametersToSet
     from rosidl_py_gen.runtime.time.clock import Clock
 
@@ -114,9 +114,7 @@ class ParameterMethods:
         if options.declare_overrides:
             self._store.declare_overrides()
         if options.start_services:
-            from rosidl_py_gen.runtime.parameters.service import ParameterServices
-
-            ParameterServices(self._scope, self._store).serve(self._names)
+            self._parameter_services().serve(self._names)
         if options.logger_services:
             from rosidl_py_gen.runtime.node.logger_levels import start_logger_services
 
@@ -394,10 +392,13 @@ class ParameterMethods:
 
         Sets publish their events as always. With ``start_services=False`` the node does not serve them itself.
         """
+        self._scope.require_open(False, "the node")
+        return self._parameter_services().listed()
+
+    def _parameter_services(self) -> ParameterServices:
         from rosidl_py_gen.runtime.parameters.service import ParameterServices
 
-        self._scope.require_open(False, "the node")
-        return ParameterServices(self._scope, self._store).listed()
+        return ParameterServices(self._scope, self._store, self.context._core.initial_values.on_listed)
 
     def parameter_events(self, node: str | None = None) -> ParameterEvents:
         """What all nodes, or one of them, publish on ``/parameter_events`` from now on."""

@@ -1,15 +1,13 @@
 """The initial values that one context has for its nodes, and what is said of those that nobody takes.
 
 A mistyped name in ``-p``, in a file or in `overrides` would otherwise do nothing, as in ROS, and nobody would know.
-Decides when that is said: once no node has come for a while, so that programs have had the time to declare, and at the
+Decides when that is said: when a peer asks for the list of a node's parameters, as ``param list`` does, and at the
 latest when the last node closes that a value was for. What is given to several nodes needs one that takes it, and
-lifecycle nodes have time until they are configured. Each value is warned about once; without such values there is no
-timer.
+lifecycle nodes have time until they are configured. Each value is warned about once.
 """
 
 from __future__ import annotations
 
-import asyncio
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -21,12 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from rosidl_py_gen.runtime.endpoints.scope import Scope
-    from rosidl_py_gen.runtime.loop.bridge import Bridge
     from rosidl_py_gen.runtime.parameters.store import ParameterStore
     from rosidl_py_gen.runtime.parameters.values import ParameterValue
-
-QUIET_S = 3.0
-"""How long no node has come before what is not taken is named."""
 
 
 @dataclass(slots=True, eq=False)
@@ -62,15 +56,11 @@ class _Holder:
 class InitialValues:
     """The initial values that files and arguments give the nodes of one context."""
 
-    def __init__(self, parameters: Sequence[ParameterOverrides], bridge: Bridge) -> None:
-        self._bridge = bridge
+    def __init__(self, parameters: Sequence[ParameterOverrides]) -> None:
         self._given = [_Given(one, left=dict(one.values)) for one in parameters]
         self._holders: list[_Holder] = []
         self._seen: list[str] = []
         """Names of all nodes that ever were."""
-        self._timer: asyncio.TimerHandle | None = None
-        if self._given:
-            bridge.on_start(self._wait)
 
     def opened(
         self,
@@ -92,33 +82,21 @@ class InitialValues:
             self._given.append(_Given(constructor, store, dict(own)))
         self._holders.append(holder)
         self._seen.append(scope.node_name)
-        self._bridge.call_soon(self._wait)
         scope.own(holder)
 
     def close(self) -> None:
         """The context ends; all its nodes have closed."""
-        if self._timer is not None:
-            self._timer.cancel()
         if self._seen:
             self._warn_of_strangers()
 
     # ----------------------------------------------------------------------------------------------------- the moment
 
-    def _wait(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-        loop = self._bridge.loop
-        self._timer = loop.call_later(QUIET_S, self._look) if loop is not None and self._holders else None
-
-    def _look(self) -> None:
-        self._timer = None
-        self._warn_of_strangers()
+    def on_listed(self, store: ParameterStore) -> None:
+        """A peer has asked for the list of a node's parameters: warn of what none of them took."""
         for given in list(self._given):
             holders = [one for one in self._holders if given.concerns(one)]
             self._forget_what_was_taken(given, holders)
-            if given.left and any(one.may_declare_more() for one in holders):
-                self._wait()
-            elif holders:
+            if any(one.store is store for one in holders) and not any(one.may_declare_more() for one in holders):
                 self._warn(given, holders)
 
     def _closed(self, holder: _Holder) -> None:

@@ -6,6 +6,7 @@ docs/internals/protocol.md 9.1 to 9.5.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen.msgs.rcl_interfaces import msg, srv
@@ -80,7 +81,9 @@ class ParameterService(NamedTuple):
 class ParameterServices:
     """What answers the six services of one node."""
 
-    def __init__(self, scope: Scope, store: ParameterStore) -> None:
+    def __init__(self, scope: Scope, store: ParameterStore, on_listed: Callable[[ParameterStore], None]) -> None:
+        """`on_listed` is called on the loop's thread when a peer has asked for the list of parameters."""
+        self._on_listed = on_listed
         self._scope = scope
         self._store = store
         self._table: list[tuple[str, str, Callable[[Any], Any]]] = [
@@ -125,6 +128,7 @@ class ParameterServices:
         return srv.GetParameterTypes_Response(types=bytes(self._store.types(request.names)))
 
     def _list(self, request: srv.ListParameters_Request) -> srv.ListParameters_Response:
+        self._scope.bridge.call_soon(partial(self._on_listed, self._store))
         found = self._store.listing(request.prefixes, request.depth)
         result = msg.ListParametersResult(names=list(found.names), prefixes=list(found.prefixes))
         return srv.ListParameters_Response(result=result)
