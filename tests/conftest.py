@@ -19,9 +19,9 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from environments import cache_folder
 from hypothesis import HealthCheck, is_hypothesis_test, settings
-from scale import examples
+from support.environments import cache_folder
+from support.example_counts import examples
 
 from rosidl_py_gen.runtime.transport.cyclone import library
 

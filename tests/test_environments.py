@@ -1,4 +1,4 @@
-"""Environments for peers are made once, kept, and never half there (tests/environments.py)."""
+"""Environments for peers are made once, kept, and never half there (tests/support/environments.py)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from environments import environment
+from support.environments import environment
 
 
 def wheel(folder: Path, value: int) -> str:
@@ -53,8 +53,8 @@ def test_a_broken_environment_is_made_again(tmp_path: Path, cache: Path) -> None
 
 
 def test_two_processes_that_start_at_once_end_with_one_environment(tmp_path: Path, cache: Path) -> None:
-    code = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); from environments import environment; "
-    command = [sys.executable, "-c", code + f"print(environment('peer', [{wheel(tmp_path, 1)!r}]))"]
+    code = f"import sys; sys.path[:0] = [{str(Path(__file__).parent)!r}]; import support.environments as it; "
+    command = [sys.executable, "-c", code + f"print(it.environment('peer', [{wheel(tmp_path, 1)!r}]))"]
     running = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
     found = {process.communicate(timeout=120)[0].strip() for process in running}
     assert [process.returncode for process in running] == [0, 0]

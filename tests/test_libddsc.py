@@ -12,7 +12,7 @@ from types import ModuleType
 
 import pytest
 import yaml
-from doc_pages import ROOT
+from support.markdown_pages import ROOT
 
 FOLDER = ROOT / "packaging" / "libddsc"
 WORKFLOW = ROOT / ".github" / "workflows" / "libddsc.yml"

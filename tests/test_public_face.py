@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
-from public_face import RECORD, ROOT, all_untold, difference, face
+from support.record_public_api import RECORD, ROOT, all_untold, difference, face
 
 CHANGED = """\
 The public face is not the recorded one any more:
@@ -15,7 +15,7 @@ The public face is not the recorded one any more:
 If this was not meant: docs/versioning.md promises these names and signatures. Bring them back, or begin with _ what
 users shall not use. If it was meant: record it with
 
-    python tests/public_face.py
+    python tests/support/record_public_api.py
 
 and commit that with the change and a line in CHANGELOG.md. From 1.0 on, what is taken away or changed has to be
 deprecated first: docs/versioning.md says how."""

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 import yaml
-from doc_pages import ROOT, prose, rows
+from support.markdown_pages import ROOT, prose, rows
 
 import rosidl_py_gen
 

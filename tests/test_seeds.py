@@ -31,8 +31,8 @@ def tried(folder: Path, *arguments: str, seed: str = "") -> list[str]:
 
 
 def test_a_seed_gives_new_examples_that_can_be_had_again(tmp_path: Path) -> None:
-    for name in ("conftest.py", "scale.py", "environments.py", "locks.py"):
-        shutil.copy(TESTS / name, tmp_path)
+    shutil.copy(TESTS / "conftest.py", tmp_path)
+    shutil.copytree(TESTS / "support", tmp_path / "support")
     (tmp_path / "test_property.py").write_text(PROPERTY)
     usual, seeded = tried(tmp_path), tried(tmp_path, "-m", "hypothesis", "--hypothesis-seed=5")
     assert len(usual) > 50 and usual == tried(tmp_path)

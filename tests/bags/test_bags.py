@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bundled import message, reference, vectors
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory as TheirFactory
 from mcap_ros2.writer import Writer as TheirWriter
-from reference_cdr import same
 from rosbags.rosbag2 import Reader as RosbagsReader
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
+from support.bundled_interfaces import message, reference, vectors
+from support.reference_cdr import same
 
 from rosidl_py_gen import compile_text, get_message, type_hash
 from rosidl_py_gen.bags import BagError, BagReader, BagTopic, BagWriter, DecoderFactory

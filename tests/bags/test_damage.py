@@ -1,4 +1,7 @@
-"""Damaged parts of recordings: what is intact is read, and what is lost is reported. Full versions: `bag_damage.py`."""
+"""Damaged parts of recordings: what is intact is read, and what is lost is reported.
+
+Full versions: `tests/support/bag_damage.py`.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from bag_damage import COUNT, String, blocks, chunks, found, kills, mutations, recording, zeroed_chunk
 from mcap.writer import CompressionType, IndexType, Writer
+from support.bag_damage import COUNT, String, blocks, chunks, found, kills, mutations, recording, zeroed_chunk
 
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, SqliteWriter
 from rosidl_py_gen.bags.common import BagTopic

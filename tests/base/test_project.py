@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from compiler_worlds import run, write
+from support.interface_packages import run, write
 
 from rosidl_py_gen import cli, get_message, tools
 from rosidl_py_gen.base.project import importable_current_folder, with_project_path

@@ -2,6 +2,6 @@
 those it compiled in memory.
 """
 
-import worlds
+from support import node_fixtures
 
-__all__ = ["worlds"]
+__all__ = ["node_fixtures"]

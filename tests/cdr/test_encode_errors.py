@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scale import examples
-from strategies import values, worlds
+from support.definition_strategies import values, worlds
+from support.example_counts import examples
 
 from rosidl_py_gen import EncodeError, compile_text, decode, encode, get_message, to_dict, validate
 from rosidl_py_gen.base.names import py_name

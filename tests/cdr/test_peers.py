@@ -9,10 +9,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pycdr2 import IdlStruct, types
-from reference_cdr import Reference, same
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from scale import examples
-from strategies import World, values, worlds
+from support.definition_strategies import World, values, worlds
+from support.example_counts import examples
+from support.reference_cdr import Reference, same
 
 from rosidl_py_gen import decode, encode
 from rosidl_py_gen.base.fieldtype import Arity, FieldType

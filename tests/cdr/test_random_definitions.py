@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reference_cdr import Reference, ReferenceError, same
-from scale import examples
-from strategies import World, values, worlds
+from support.definition_strategies import World, values, worlds
+from support.example_counts import examples
+from support.reference_cdr import Reference, ReferenceError, same
 
 from rosidl_py_gen import (
     DecodeError,

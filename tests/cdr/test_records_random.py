@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reference_cdr import NUMBERS, Reference, same
-from scale import examples
-from strategies import World, values
+from support.definition_strategies import World, values
+from support.example_counts import examples
+from support.reference_cdr import NUMBERS, Reference, same
 
 from rosidl_py_gen import (
     DecodeError,

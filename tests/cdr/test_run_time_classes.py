@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from compiler_worlds import python, write
+from support.interface_packages import python, write
 
 import rosidl_py_gen as ros
 from rosidl_py_gen import DefinitionError, EncodeError, InvalidNameError, TypeNotFoundError, compile_text, get_message

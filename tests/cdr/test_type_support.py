@@ -11,11 +11,11 @@ import threading
 from typing import Any
 
 import pytest
-from bundled import INTERFACES, TESTS, library, message_names
 from each_case import each_case
 from hypothesis import given, settings
-from scale import examples
-from strategies import World, worlds
+from support.bundled_interfaces import INTERFACES, TESTS, library, message_names
+from support.definition_strategies import World, worlds
+from support.example_counts import examples
 
 from rosidl_py_gen import (
     InvalidNameError,

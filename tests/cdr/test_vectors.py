@@ -5,10 +5,10 @@ from __future__ import annotations
 from random import Random
 
 import pytest
-from bundled import Vector, message, reference, vectors, vectors_by_type
 from each_case import each_case
-from reference_cdr import ReferenceError, same
-from scale import examples
+from support.bundled_interfaces import Vector, message, reference, vectors, vectors_by_type
+from support.example_counts import examples
+from support.reference_cdr import ReferenceError, same
 
 from rosidl_py_gen import DecodeError, decode, encode, from_dict, from_json, to_dict, to_json
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bundled import library, reference, vectors_by_type
-from flavours import hooked, rclpy_class
-from reference_cdr import same
+from support.bundled_interfaces import library, reference, vectors_by_type
+from support.rclpy_messages import hooked, rclpy_class
+from support.reference_cdr import same
 
 from rosidl_py_gen import DecodeError, DefinitionError, EncodeError, compile_text, decode, encode, from_json, to_json
 from rosidl_py_gen.base.names import split_ros_name

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from worlds import dds, memory, network, only_loopback, pytest_generate_tests, pytest_pyfunc_call
+from support.node_fixtures import dds, memory, network, only_loopback, pytest_generate_tests, pytest_pyfunc_call
 
 __all__ = ["dds", "memory", "network", "only_loopback", "pytest_generate_tests", "pytest_pyfunc_call"]

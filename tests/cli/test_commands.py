@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from compiler_worlds import write
+from support.interface_packages import write
 
 from rosidl_py_gen import __version__
 from rosidl_py_gen.cli import main

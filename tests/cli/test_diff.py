@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from compiler_worlds import write
+from support.interface_packages import write
 
 from rosidl_py_gen import compile_text, get_service, type_hash, type_name
 from rosidl_py_gen.bags import BagTopic, BagWriter

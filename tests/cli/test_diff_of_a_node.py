@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from compiler_worlds import write
-from worlds import start_process
+from support.interface_packages import write
+from support.node_fixtures import start_process
 
 from rosidl_py_gen import compile_text
 from rosidl_py_gen.cli.robot import RobotError, learned_from
 
 if TYPE_CHECKING:
-    from worlds import World
+    from support.node_fixtures import World
 
 BATTERY = "robot_msgs/msg/Battery"
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import yaml
-from compiler_worlds import REPOSITORY, write
+from support.interface_packages import REPOSITORY, write
 
 from rosidl_py_gen.cli import main
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from compiler_worlds import importable, write
+from support.interface_packages import importable, write
 
 from rosidl_py_gen.cli import main
 

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from compiler_worlds import write
+from support.interface_packages import write
 
 from rosidl_py_gen import DefinitionError
 from rosidl_py_gen.compiler.spec.find import search_path

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from worlds import only_loopback
+from support.node_fixtures import only_loopback
 
 __all__ = ["only_loopback"]
 

@@ -11,10 +11,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from companion_answers import unlike
-from compiler_worlds import write
-from environments import environment
-from run_programs import run
+from support.compare_json_lines import unlike
+from support.environments import environment
+from support.interface_packages import write
+from support.program_processes import run
 
 pytestmark = pytest.mark.real_time("programs are processes")
 HERE = Path(__file__).parent

@@ -8,9 +8,9 @@ import textwrap
 from pathlib import Path
 
 import pytest
-from compiler_worlds import write
-from environments import environment
-from run_programs import PACKAGE_XML, run, started
+from support.environments import environment
+from support.interface_packages import write
+from support.program_processes import PACKAGE_XML, run, started
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "interop_rclpy"))
 

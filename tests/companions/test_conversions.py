@@ -6,9 +6,9 @@ import textwrap
 from pathlib import Path
 
 import pytest
-from compiler_worlds import write
-from environments import environment
-from run_programs import run
+from support.environments import environment
+from support.interface_packages import write
+from support.program_processes import run
 
 pytestmark = pytest.mark.real_time("programs are processes")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from worlds import GENERATED, ROOT, dds, domain_id, only_loopback, pytest_pyfunc_call
+from support.node_fixtures import GENERATED, ROOT, dds, domain_id, only_loopback, pytest_pyfunc_call
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -28,7 +28,7 @@ import types
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from doc_pages import ROOT, Block, blocks
+from support.markdown_pages import ROOT, Block, blocks
 
 import rosidl_py_gen.runtime as runtime
 from rosidl_py_gen.runtime import MemoryTransport
@@ -146,10 +146,10 @@ class Page:
             output, _ = await asyncio.wait_for(process.communicate(), PATIENCE_S)
         else:
             assert command[1:3] == [*_COMMANDS["rosidl-py"]], f"{command} needs a process"
-            import in_process
             import pytest
+            from support import in_process_commands
 
-            process = in_process.start(self.world, pytest.MonkeyPatch(), tuple(command[3:]), "")
+            process = in_process_commands.start(self.world, pytest.MonkeyPatch(), tuple(command[3:]), "")
             output = b"".join(await asyncio.wait_for(process.communicate(), PATIENCE_S))
         self.output.write(output.decode())
         importlib.invalidate_caches()  # it may have made packages

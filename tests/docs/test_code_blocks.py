@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from doc_pages import PAGES, ROOT, blocks
-from locks import lock
+from support.machine_locks import lock
+from support.markdown_pages import PAGES, ROOT, blocks
 
 if TYPE_CHECKING:
     from collections.abc import Callable

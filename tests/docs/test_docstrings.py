@@ -9,7 +9,7 @@ import ast
 import re
 from typing import TYPE_CHECKING
 
-from doc_pages import ROOT
+from support.markdown_pages import ROOT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

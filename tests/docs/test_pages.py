@@ -10,8 +10,8 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from doc_pages import PAGES, ROOT, anchors, links, named_tests, prose, rows
-from worlds import ON_ZENOH
+from support.markdown_pages import PAGES, ROOT, anchors, links, named_tests, prose, rows
+from support.node_fixtures import ON_ZENOH
 
 LINKING = [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", ROOT / "SECURITY.md"]
 API = "\n".join(prose(page) for page in PAGES if page.parent.name == "api")

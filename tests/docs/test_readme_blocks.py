@@ -12,8 +12,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from doc_pages import ROOT, Block, blocks
-from worlds import World, domain_id
+from support.markdown_pages import ROOT, Block, blocks
+from support.node_fixtures import World, domain_id
 
 README = ROOT / "README.md"
 SHOWN = [block for block in blocks(README) if not block.hidden]

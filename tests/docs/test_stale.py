@@ -6,7 +6,7 @@ import inspect
 import re
 from importlib import import_module
 
-from doc_pages import PAGES, ROOT, links, prose, rows
+from support.markdown_pages import PAGES, ROOT, links, prose, rows
 
 MODULES = [
     "rosidl_py_gen",

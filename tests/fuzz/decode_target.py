@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import sys
 
-from bundled import message, message_names, reference
-from reference_cdr import Reference, ReferenceError, same
+from support.bundled_interfaces import message, message_names, reference
+from support.reference_cdr import Reference, ReferenceError, same
 
 from rosidl_py_gen import DecodeError, EncodeError, Message, decode, encode, from_json, to_json
 

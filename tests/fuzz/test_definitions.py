@@ -15,7 +15,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
-from scale import examples
+from support.example_counts import examples
 
 from rosidl_py_gen import compile_text, decode, encode, from_dict, to_dict
 from rosidl_py_gen.bags.decoder import DecoderFactory

@@ -12,9 +12,9 @@ import tracemalloc
 from typing import Any
 
 import pytest
-from bundled import message, message_names, reference, vectors_by_type
 from fuzz import decode_target
 from fuzz.decode_target import check_against, try_decode
+from support.bundled_interfaces import message, message_names, reference, vectors_by_type
 
 from rosidl_py_gen import EncodeError, Message, encode, from_dict, from_json, to_dict, validate
 

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from environments import kept
-from worlds import dds, domain_id, only_loopback, pytest_pyfunc_call
+from support.environments import kept
+from support.node_fixtures import dds, domain_id, only_loopback, pytest_pyfunc_call
 
 from rosidl_py_gen.runtime.transport.cyclone import library
 from rosidl_py_gen.runtime.transport.cyclone.config import IGNORES_TYPES

@@ -14,7 +14,7 @@ from example_interfaces.srv import AddTwoInts
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
 from sensor_msgs.msg import Image
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout, String
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
 from rosidl_py_gen.runtime import CallTimeoutError, ForeignServiceError, Node, QoSProfile

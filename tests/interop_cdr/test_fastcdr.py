@@ -18,9 +18,9 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from reference_cdr import NUMBERS, Reference, same
-from scale import examples
-from strategies import values
+from support.definition_strategies import values
+from support.example_counts import examples
+from support.reference_cdr import NUMBERS, Reference, same
 
 from rosidl_py_gen import compile_text, decode, encode
 from rosidl_py_gen.base.fieldtype import Arity, FieldType

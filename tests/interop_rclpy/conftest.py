@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from environments import environment
-from worlds import dds, domain_id, only_loopback, pytest_pyfunc_call
+from support.environments import environment
+from support.node_fixtures import dds, domain_id, only_loopback, pytest_pyfunc_call
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -11,7 +11,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from reference_cdr import NUMBERS
+from support.reference_cdr import NUMBERS
 
 from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, Arity, FieldType
 from rosidl_py_gen.compiler.spec.find import search_path

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from rclpy_peer import Peer
 from rclpy_worlds import action, fresh, plain, random_values
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen import from_dict
 from rosidl_py_gen.runtime import CancelRejectedError, GoalRejectedError, GoalStatus, ServerGoal

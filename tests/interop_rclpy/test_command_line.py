@@ -14,7 +14,7 @@ import pytest
 import yaml
 from rclpy_peer import Peer
 from rclpy_worlds import fresh
-from worlds import ROOT, WAITS, start_process, until
+from support.node_fixtures import ROOT, WAITS, start_process, until
 
 from rosidl_py_gen.bags import BagReader
 

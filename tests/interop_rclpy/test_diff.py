@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rclpy_peer import Peer
 from rclpy_worlds import fresh
-from worlds import ROOT, start_process
+from support.node_fixtures import ROOT, start_process
 
 
 async def test_a_robot_of_rclpy_is_compared_with_a_workspace(shared_peer: Peer, tmp_path: Path) -> None:

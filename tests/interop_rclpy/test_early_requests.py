@@ -7,7 +7,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from rclpy_worlds import fresh, service
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.transport.cyclone import functions

@@ -7,7 +7,7 @@ import statistics
 from typing import Any
 
 from rclpy_peer import Peer
-from worlds import held_up
+from support.node_fixtures import held_up
 
 RUNS = 7
 SOON_S = 0.45

@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING
 import pytest
 from rclpy_peer import Peer
 from rclpy_worlds import fresh, message, repeated, service
-from viewer import viewer
-from worlds import ROOT
+from support.foxglove_viewer import viewer
+from support.node_fixtures import ROOT
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
     from contextlib import AbstractAsyncContextManager
     from pathlib import Path
 
-    from viewer import Viewer
+    from support.foxglove_viewer import Viewer
 
     Watching = Callable[..., AbstractAsyncContextManager[Viewer]]
 

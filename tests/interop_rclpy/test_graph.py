@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from rclpy_peer import Peer
 from rclpy_worlds import fresh, message, service
-from worlds import SOON_MISSED, until
+from support.node_fixtures import SOON_MISSED, until
 
 from rosidl_py_gen import type_hash
 from rosidl_py_gen.runtime import EndpointType, Node, QoSProfile

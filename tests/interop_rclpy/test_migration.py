@@ -7,8 +7,8 @@ import subprocess
 from typing import TYPE_CHECKING
 
 import pytest
-from doc_pages import ROOT, blocks
-from worlds import second_domain_id
+from support.markdown_pages import ROOT, blocks
+from support.node_fixtures import second_domain_id
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from rclpy_peer import Peer
 from rclpy_worlds import fresh, message, plain, repeated, service
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen import from_dict, get_message, type_hash
 from rosidl_py_gen.runtime import IntrospectionState, Node, TypeDescriptionError

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from rclpy_peer import Peer
 from rclpy_worlds import fresh, repeated
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen.runtime import Node, ParameterDescriptor, ParameterNotDeclaredError, ParameterType
 

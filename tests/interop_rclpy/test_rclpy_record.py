@@ -7,7 +7,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from rclpy_record import RECORD, record
+from support.record_rclpy_names import RECORD, record
 
 
 @pytest.mark.only_with("jazzy")

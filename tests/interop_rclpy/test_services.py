@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from rclpy_peer import Peer
 from rclpy_worlds import fresh, plain, random_values, service
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen import from_dict
 from rosidl_py_gen.runtime import QoSProfile

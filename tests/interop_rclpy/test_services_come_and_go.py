@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from rclpy_peer import Peer
 from rclpy_worlds import fresh, service
-from worlds import SOON_MISSED, until
+from support.node_fixtures import SOON_MISSED, until
 
 KIND = "std_srvs/srv/Trigger"
 

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from rclpy_peer import Peer, PeerError
 from rclpy_worlds import action, fresh, service
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen.runtime import ServerGoal
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from rclpy_peer import Peer
 from rclpy_worlds import digest, fresh, message, plain, random_bytes, random_values, repeated
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen import from_dict
 from rosidl_py_gen.runtime import Node, QoSProfile, SubscriptionEventCallbacks

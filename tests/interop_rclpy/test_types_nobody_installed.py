@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from rclpy_peer import Peer
 from rclpy_worlds import action, fresh, random_values, repeated, service
-from worlds import ROOT, start_process
+from support.node_fixtures import ROOT, start_process
 
 from rosidl_py_gen import type_hash
 

@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from environments import environment
-from worlds import dds, only_loopback, pytest_pyfunc_call
+from support.environments import environment
+from support.node_fixtures import dds, only_loopback, pytest_pyfunc_call
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(1, str(Path(__file__).parents[1] / "interop_rclpy"))

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from at_once import at_once
+from support.concurrent_programs import at_once
+from support.node_fixtures import DOMAINS
 from two_rclpys import PROGRAMS, Case, Observation, Observer
-from worlds import DOMAINS
 
 Both = tuple[Observation, Observation]
 Observed = Callable[[Case], Both]

@@ -22,7 +22,7 @@ from pathlib import Path
 from pprint import pformat
 from typing import Any
 
-from environments import SHARED_MEMORY_LOST
+from support.environments import SHARED_MEMORY_LOST
 
 from rosidl_py_gen.runtime import Context, Node, ParameterNotDeclaredError, QoSProfile
 

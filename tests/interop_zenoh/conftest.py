@@ -12,8 +12,8 @@ import subprocess
 from typing import TYPE_CHECKING
 
 import pytest
-from environments import environment
-from worlds import (
+from support.environments import environment
+from support.node_fixtures import (
     ROOT,
     World,
     domain_id,

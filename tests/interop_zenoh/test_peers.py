@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 from std_msgs.msg import String, UInt8MultiArray
 from std_srvs.srv import SetBool
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen.runtime import QoSProfile, ServerLostError
 from rosidl_py_gen.runtime.transport.zenoh.tokens import gid_of
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Awaitable, Callable
 
     from conftest import Peer
-    from worlds import World
+    from support.node_fixtures import World
 
     Start = Callable[..., Awaitable[Peer]]
 

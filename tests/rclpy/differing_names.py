@@ -15,7 +15,7 @@ from typing import Any
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
-from rclpy_record import RECORD, describe, kind_of, parameters_of, plain
+from support.record_rclpy_names import RECORD, describe, kind_of, parameters_of, plain
 
 REAL: dict[str, dict[str, Any]] = json.loads(RECORD.read_text(encoding="utf-8"))
 

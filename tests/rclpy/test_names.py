@@ -1,7 +1,7 @@
 """Our rclpy has the names of the real one, with their kinds, parameters and values; what is missing is listed here.
 
-The record of the real one is made by `rclpy_record.py`, which describes ours in the same words. docs/rclpy.md says the
-same as the tables of this file; where it does not, a failed test prints what has to stand there.
+`tests/support/record_rclpy_names.py` records the real one and describes ours in the same words. docs/rclpy.md agrees
+with the tables of this file; where it does not, a failed test prints the text that is expected there.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rclpy_record import RECORD
+from support.record_rclpy_names import RECORD
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "rclpy.md"
 REAL: dict[str, dict[str, Any]] = json.loads(RECORD.read_text(encoding="utf-8"))

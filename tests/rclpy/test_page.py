@@ -1,11 +1,11 @@
-"""docs/rclpy.md tells of rclpy's own tests what `run_rclpy_tests.py` knows: the counts fit the failures it explains."""
+"""docs/rclpy.md agrees with `run_rclpy_tests.py` about rclpy's own tests: the counts fit the failures it explains."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 
-from run_rclpy_tests import REASONS
+from support.run_rclpy_tests import REASONS
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "rclpy.md").read_text(encoding="utf-8")
 ROWS = {

@@ -12,7 +12,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from rclpy_record import RECORD
+from support.record_rclpy_names import RECORD
 
 import rosidl_py_gen
 

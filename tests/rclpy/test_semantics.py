@@ -11,9 +11,9 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from at_once import AT_ONCE, at_once
-from environments import SHARED_MEMORY_LOST, environment
-from worlds import DOMAINS
+from support.concurrent_programs import AT_ONCE, at_once
+from support.environments import SHARED_MEMORY_LOST, environment
+from support.node_fixtures import DOMAINS
 
 FOLDER = Path(__file__).parent / "semantics"
 HELPERS = {"show", "quietly", "until", "let_arrive", "connected", "spin_until", "main"}

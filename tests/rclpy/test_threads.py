@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from worlds import domain_id
+from support.node_fixtures import domain_id
 
 PROGRAM = Path(__file__).resolve().parent / "semantics" / "threads.py"
 

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from at_once import at_once
-from environments import environment
-from worlds import DOMAINS
+from support.concurrent_programs import at_once
+from support.environments import environment
+from support.node_fixtures import DOMAINS
 
 HERE = Path(__file__).resolve().parent
 PROGRAMS = sorted((HERE / "programs").glob("values_*.py"))

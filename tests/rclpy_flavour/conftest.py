@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from worlds import memory, only_loopback, pytest_pyfunc_call
+from support.node_fixtures import memory, only_loopback, pytest_pyfunc_call
 
 __all__ = ["memory", "only_loopback", "pytest_pyfunc_call"]

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bundled import message, vectors, vectors_by_type
 from each_case import each_case
-from flavours import rclpy_class, rclpy_flavour
-from scale import examples
+from support.bundled_interfaces import message, vectors, vectors_by_type
+from support.example_counts import examples
+from support.rclpy_messages import rclpy_class, rclpy_flavour
 
 from rosidl_py_gen import (
     DecodeError,
@@ -184,7 +184,7 @@ def test_numbers_of_numpy_are_numbers() -> None:
 
 
 def test_the_generated_functions_stay_when_fields_have_their_names() -> None:
-    from compiler_worlds import Files, write
+    from support.interface_packages import Files, write
 
     # Underscored, these are the names of what generated classes have.
     text = "\n".join(
@@ -198,7 +198,7 @@ def test_the_generated_functions_stay_when_fields_have_their_names() -> None:
     import tempfile
     from pathlib import Path
 
-    from flavours import hooked
+    from support.rclpy_messages import hooked
 
     with tempfile.TemporaryDirectory() as folder:
         write(Path(folder), files)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from flavours import rclpy_class, rclpy_flavour
-from worlds import until
+from support.node_fixtures import until
+from support.rclpy_messages import rclpy_class, rclpy_flavour
 
 from rosidl_py_gen import get_action, get_message, get_service
 from rosidl_py_gen.bags import BagReader, BagWriter
@@ -18,7 +18,7 @@ from rosidl_py_gen.runtime import GoalStatus, IntrospectionState
 from rosidl_py_gen.tf import StaticTransformBroadcaster, TransformBuffer
 
 if TYPE_CHECKING:
-    from worlds import World
+    from support.node_fixtures import World
 
 FLAVOURS = pytest.mark.parametrize("here", ["native", "rclpy"])
 THERE = pytest.mark.parametrize("there", ["native", "rclpy"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from worlds import dds, memory, network, only_loopback, pytest_generate_tests, pytest_pyfunc_call, world
+from support.node_fixtures import dds, memory, network, only_loopback, pytest_generate_tests, pytest_pyfunc_call, world
 
 sys.path.insert(0, str(Path(__file__).parent / "actions"))  # for the scripts and worlds of its tests
 

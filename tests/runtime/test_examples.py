@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from browser import Browser, browser
 from geometry_msgs.msg import Point
 from matplotlib.image import imread
 from sensor_msgs.msg import Image, Imu, PointCloud2
 from std_msgs.msg import Header
+from support.browser import Browser, browser
+from support.node_fixtures import ROOT
 from visualization_msgs.msg import Marker
-from worlds import ROOT
 
 from rosidl_py_gen.bags import BagWriter
 from rosidl_py_gen.numpy import array_to_pointcloud, image_to_array, pointcloud_to_array

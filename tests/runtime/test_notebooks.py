@@ -9,7 +9,7 @@ import pytest
 from jupyter_client.asynchronous.client import AsyncKernelClient
 from jupyter_client.kernelspec import KernelSpecManager
 from jupyter_client.manager import AsyncKernelManager
-from worlds import GENERATED, ROOT
+from support.node_fixtures import GENERATED, ROOT
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable

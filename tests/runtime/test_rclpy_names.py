@@ -14,7 +14,7 @@ import pytest
 from example_interfaces.action import Fibonacci
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
-from worlds import GENERATED, ROOT, World, until
+from support.node_fixtures import GENERATED, ROOT, World, until
 
 from rosidl_py_gen import runtime
 from rosidl_py_gen.base import rclpy_names

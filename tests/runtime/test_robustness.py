@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from std_msgs.msg import String, UInt8MultiArray
 from std_srvs.srv import SetBool
-from worlds import ROOT, rests, until
+from support.node_fixtures import ROOT, rests, until
 
 from rosidl_py_gen import compile_text
 from rosidl_py_gen.errors import ClosedError
@@ -23,7 +23,7 @@ from rosidl_py_gen.runtime import CallTimeoutError, Context, Node, TransportErro
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 if TYPE_CHECKING:
-    from worlds import World
+    from support.node_fixtures import World
 
 
 def cancelled_future() -> asyncio.Future[None]:

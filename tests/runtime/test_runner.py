@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from std_msgs.msg import Int32
-from worlds import ROOT, until
+from support.node_fixtures import ROOT, until
 
 from rosidl_py_gen.base.interrupts import CommandInterrupts
 from rosidl_py_gen.errors import RosidlError
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from worlds import World
+    from support.node_fixtures import World
 
 IMPORTS = """
 import asyncio, select, signal, sys, threading, time

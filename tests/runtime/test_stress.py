@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import Int32, String, UInt8MultiArray
-from worlds import ROOT, SHORT_LEASE, until, wait_until
+from support.node_fixtures import ROOT, SHORT_LEASE, until, wait_until
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import CallTimeoutError, Context, Node, QoSProfile, WaitTimeoutError
 
 if TYPE_CHECKING:
-    from worlds import World
+    from support.node_fixtures import World
 
 
 _OF_ZENOH = re.compile(r"(acc|app|net|rx|tx)-\d+\n")

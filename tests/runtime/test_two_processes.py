@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from std_msgs.msg import Int32
-from worlds import ROOT
+from support.node_fixtures import ROOT
 
 from rosidl_py_gen.runtime import QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from worlds import World
+    from support.node_fixtures import World
 
     from rosidl_py_gen.runtime import Publisher
 

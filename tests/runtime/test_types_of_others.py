@@ -9,7 +9,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from worlds import ROOT
+from support.node_fixtures import ROOT
 
 from rosidl_py_gen import TypeNotFoundError, get_message
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from worlds import World
+    from support.node_fixtures import World
 
 ROBOT = """
 import asyncio, sys

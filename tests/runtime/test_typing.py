@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from worlds import GENERATED, ROOT
+from support.node_fixtures import GENERATED, ROOT
 
 PROGRAM = """
 from dataclasses import dataclass

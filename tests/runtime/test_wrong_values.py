@@ -20,7 +20,7 @@ from rosidl_py_gen.runtime.transport.qos import DEFAULT, InvalidQoSError, QoSPro
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from worlds import World
+    from support.node_fixtures import World
 
 
 @pytest.mark.parametrize("bad", [MemoryTransport, 5, "memory"])

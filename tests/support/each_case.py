@@ -9,7 +9,8 @@ from functools import wraps
 from typing import Any
 
 import pytest
-from scale import examples
+
+from support.example_counts import examples
 
 LEAST_CASES = 40
 """Cases of one test that a quick run tries if there are as many, evenly spread and the same in every run."""

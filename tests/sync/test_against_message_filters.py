@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from system_python import Oracle, running
+from support.system_python import Oracle, running
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import set_stamp

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from std_msgs.msg import String
-from worlds import World, until
+from support.node_fixtures import World, until
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import set_stamp

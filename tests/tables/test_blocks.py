@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
-from scale import examples
+from support.example_counts import examples
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagError, BagReader

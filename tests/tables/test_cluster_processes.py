@@ -17,9 +17,9 @@ import psutil
 import pytest
 import s3fs
 import trustme
-from many_bags import bag_of, rows, said
 from moto.moto_server.werkzeug_app import DomainDispatcherApplication, create_backend_app
-from pool_tasks import die, die_once, fail, pid
+from support.bag_datasets import bag_of, rows, said
+from support.pool_tasks import die, die_once, fail, pid
 from werkzeug.serving import make_server
 
 from rosidl_py_gen import get_message

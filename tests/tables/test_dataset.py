@@ -16,11 +16,11 @@ import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
-from reference_cdr import Reference
-from scale import examples
-from strategies import World, worlds
-from strategies import values as world_values
-from table_values import imus, of_message, of_row, write
+from support.definition_strategies import World, worlds
+from support.definition_strategies import values as world_values
+from support.example_counts import examples
+from support.reference_cdr import Reference
+from support.table_values import imus, of_message, of_row, write
 
 from rosidl_py_gen import DecodeError, compile_text, get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter

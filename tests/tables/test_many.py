@@ -13,7 +13,7 @@ import fsspec
 import polars as pl
 import pyarrow.parquet as pq
 import pytest
-from many_bags import bag_of, rows, said
+from support.bag_datasets import bag_of, rows, said
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, writer

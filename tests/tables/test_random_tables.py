@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reference_cdr import Reference
-from scale import examples
-from strategies import World, values, worlds
-from table_values import of_message, rows, same
+from support.definition_strategies import World, values, worlds
+from support.example_counts import examples
+from support.reference_cdr import Reference
+from support.table_values import of_message, rows, same
 
 from rosidl_py_gen.bags import BagReader, BagWriter
 from rosidl_py_gen.tables import reading

@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 import pyarrow as pa
 import pytest
-from table_values import imus, of_message, rows, write
+from support.table_values import imus, of_message, rows, write
 
 from rosidl_py_gen import DecodeError, ExtraMissingError, compile_text, get_message, type_hash
 from rosidl_py_gen.bags import BagError, BagReader, BagTopic, BagWarning, BagWriter

@@ -12,7 +12,7 @@ import pandas as pd
 import polars as pl
 import pyarrow as pa
 import pytest
-from table_values import imus, write
+from support.table_values import imus, write
 
 from rosidl_py_gen import EncodeError, RosidlError, compile_text, get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagWriter

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from system_python import Oracle, running
+from support.system_python import Oracle, running
 
 from rosidl_py_gen.tf import (
     ConnectivityError,

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from frames import LEVEL, QUARTER, S, filled, moved
-from worlds import World, run, until
+from support.node_fixtures import World, run, until
+from support.transform_frames import LEVEL, QUARTER, S, filled, moved
 
 from rosidl_py_gen import EncodeError, get_message
 from rosidl_py_gen.runtime import QoSProfile

@@ -7,9 +7,9 @@ import logging
 from typing import Any
 
 import pytest
-from frames import S, message, moved
 from std_msgs.msg import String
-from worlds import World, until
+from support.node_fixtures import World, until
+from support.transform_frames import S, message, moved
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.runtime import ClockType, Time

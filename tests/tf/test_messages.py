@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from frames import LEVEL, QUARTER, S, filled, message, moved
 from hypothesis import given
 from hypothesis import strategies as st
-from worlds import World
+from support.node_fixtures import World
+from support.transform_frames import LEVEL, QUARTER, S, filled, message, moved
 
 from rosidl_py_gen import decode, encode, get_message
 from rosidl_py_gen.base.stamps import set_stamp, stamp_ns

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import in_process
 import pytest
-from worlds import (
+from support import in_process_commands
+from support.node_fixtures import (
     GENERATED,
     WAITS,
     dds,
@@ -32,7 +32,7 @@ from rosidl_py_gen import tools
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from worlds import World
+    from support.node_fixtures import World
 
 __all__ = ["dds", "memory", "network", "only_loopback", "pytest_generate_tests", "pytest_pyfunc_call", "world"]
 
@@ -62,7 +62,7 @@ class Tool:
             assert not within
             for name, value in environment.items():
                 self._patch.setenv(name, value)
-            return in_process.start(self._world, self._patch, arguments, stdin)
+            return in_process_commands.start(self._world, self._patch, arguments, stdin)
         return await start_process(
             *(*within, sys.executable, "-m", "rosidl_py_gen.tools", *arguments),
             stdin=asyncio.subprocess.PIPE,

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from example_interfaces.action import Fibonacci
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen import get_message, get_service, tools
 from rosidl_py_gen.runtime.qos import ACTION_STATUS
 
 if TYPE_CHECKING:
     from conftest import Tool
-    from worlds import World
+    from support.node_fixtures import World
 
     from rosidl_py_gen.runtime import ServerGoal
 

@@ -22,7 +22,7 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import Reader as RosbagsReader
 from rosbags.typesys import Stores, get_typestore
-from worlds import start_process, until
+from support.node_fixtures import start_process, until
 
 from rosidl_py_gen import compile_text, get_message
 from rosidl_py_gen.bags import BagReader, BagWriter
@@ -32,7 +32,7 @@ from rosidl_py_gen.runtime import BackendMissingError, Durability, QoSProfile, R
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from worlds import World
+    from support.node_fixtures import World
 
     from rosidl_py_gen.runtime import Node
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from bag_damage import COUNT, String, recording, zeroed_chunk
+from support.bag_damage import COUNT, String, recording, zeroed_chunk
 
 from rosidl_py_gen.bags import BagReader
 from rosidl_py_gen.runtime import QoSProfile
@@ -13,7 +13,7 @@ from rosidl_py_gen.runtime import QoSProfile
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from worlds import World
+    from support.node_fixtures import World
 
 PLACE = "log times from 80 to 119 ns, topics /t0, /t1"
 LEFT = COUNT - 40

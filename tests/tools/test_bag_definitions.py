@@ -14,7 +14,7 @@ from rosidl_py_gen import compile_text, get_message, type_hash
 from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage
 
 if TYPE_CHECKING:
-    from worlds import World
+    from support.node_fixtures import World
 
 String: Any = get_message("std_msgs/msg/String")
 NAME = "old_msgs/msg/Reading"

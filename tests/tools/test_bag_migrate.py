@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from changed_worlds import changed_worlds
-from compiler_worlds import write
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from scale import examples
+from support.changed_definitions import changed_worlds
+from support.example_counts import examples
+from support.interface_packages import write
 
 from rosidl_py_gen import compile_text, get_message, to_dict, type_hash
 from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage
@@ -27,8 +27,8 @@ from rosidl_py_gen.tools.bag.rules import parse_rules
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from reference_cdr import Reference
-    from strategies import World
+    from support.definition_strategies import World
+    from support.reference_cdr import Reference
 
     Run = Callable[..., tuple[int, str, str]]
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from click.shell_completion import ShellComplete
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen import compile_text, get_action, get_message, get_service, tools
 from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage, SqliteWriter
@@ -21,7 +21,7 @@ from rosidl_py_gen.tools import printing
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from worlds import World
+    from support.node_fixtures import World
 
     from rosidl_py_gen.runtime import Node
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from worlds import GENERATED, start_process, until
+from support.node_fixtures import GENERATED, start_process, until
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagWriter
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from worlds import World
+    from support.node_fixtures import World
 
 S = 1_000_000_000
 String: Any = get_message("std_msgs/msg/String")

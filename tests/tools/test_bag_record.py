@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import yaml
 from rosbags.rosbag2 import Reader as RosbagsReader
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen import compile_text, get_action, get_message, get_service, type_hash
 from rosidl_py_gen.bags import BagError, BagReader, BagWriter
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator
     from pathlib import Path
 
-    from worlds import World
+    from support.node_fixtures import World
 
     from rosidl_py_gen.runtime import Node
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
-from many_bags import bag_of, rows
+from support.bag_datasets import bag_of, rows
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagWriter, writer

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from table_values import of_message, rows, same
+from support.table_values import of_message, rows, same
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagReader, BagWriter

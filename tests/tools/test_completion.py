@@ -16,7 +16,7 @@ import pytest
 from click.shell_completion import get_completion_class
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen import get_action, get_message, tools
 from rosidl_py_gen.bags import BagWriter
@@ -25,7 +25,7 @@ from rosidl_py_gen.tools.completion import complete_call, complete_fields, compl
 
 if TYPE_CHECKING:
     from conftest import Ended, Tool
-    from worlds import World
+    from support.node_fixtures import World
 
 
 async def complete(tool: Tool, line: str, **environment: str) -> list[str]:

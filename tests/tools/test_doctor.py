@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, cast
 import pytest
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.graph.state import ParticipantInfo
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from conftest import Tool
-    from worlds import World
+    from support.node_fixtures import World
 
     from rosidl_py_gen.tools.session import Session
 

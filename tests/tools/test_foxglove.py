@@ -13,12 +13,12 @@ import time
 from contextlib import asynccontextmanager, closing, suppress
 from typing import TYPE_CHECKING, Any
 
-import on_wire
 import pytest
-from viewer import viewer
+from support import raw_endpoints
+from support.foxglove_viewer import viewer
+from support.node_fixtures import until
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
-from worlds import until
 
 from rosidl_py_gen import compile_text, get_message, get_service
 from rosidl_py_gen.base.resources import install_command
@@ -27,8 +27,8 @@ from rosidl_py_gen.runtime import QoSProfile
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
 
-    from viewer import Viewer
-    from worlds import World
+    from support.foxglove_viewer import Viewer
+    from support.node_fixtures import World
 
     from rosidl_py_gen.runtime import Node
 
@@ -168,7 +168,7 @@ async def test_hidden_topics_are_shown_on_request(node: Node, watching: Any) -> 
 
 async def test_dds_programs_with_names_that_ros_refuses_do_not_end_it(node: Node, watching: Any) -> None:
     for topic in ("rt/2d_scan", "rt/a//b", "rr/2dReply"):
-        on_wire.announce(node, topic, "std_srvs::srv::dds_::Empty_Response_")
+        raw_endpoints.announce(node, topic, "std_srvs::srv::dds_::Empty_Response_")
     node._scope.discovery.add_node("odd", "/2d//space")
     words = node.create_publisher(String, "words")
     async with watching() as seen:

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from viewer import served, viewer
+from support.foxglove_viewer import served, viewer
 
 from rosidl_py_gen import compile_text, encode, get_message
 from rosidl_py_gen.tools import ToolError
@@ -22,7 +22,7 @@ from rosidl_py_gen.tools.foxglove.publishing import Publishing
 from rosidl_py_gen.tools.foxglove.viewer import Channel, Handlers, Shown, Viewer
 
 if TYPE_CHECKING:
-    from worlds import World
+    from support.node_fixtures import World
 
 
 class _Messages:

@@ -9,13 +9,13 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlencode
 
-from browser import Browser, browser
-from worlds import ROOT
+from support.browser import Browser, browser
+from support.node_fixtures import ROOT
 
 from rosidl_py_gen import get_message
 
 if TYPE_CHECKING:
-    from worlds import World
+    from support.node_fixtures import World
 
 __all__ = ["browser"]
 

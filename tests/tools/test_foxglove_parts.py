@@ -7,9 +7,9 @@ import gc
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-import on_wire
 import pytest
-from worlds import until
+from support import raw_endpoints
+from support.node_fixtures import until
 
 from rosidl_py_gen import get_message, get_service
 from rosidl_py_gen.tools import ToolError, types
@@ -23,7 +23,7 @@ from rosidl_py_gen.tools.foxglove.services import Services
 from rosidl_py_gen.tools.foxglove.topics import Topics
 
 if TYPE_CHECKING:
-    from worlds import World
+    from support.node_fixtures import World
 
     from rosidl_py_gen.runtime import Node
 
@@ -79,7 +79,7 @@ def session_of(node: Node) -> Any:
 
 def write(node: Node, topic: str, type_name: str) -> None:
     """Write to a DDS topic of any name."""
-    on_wire.announce(node, topic, type_name, "x")
+    raw_endpoints.announce(node, topic, type_name, "x")
 
 
 # ---------------------------------------------------------------------------------------------------------- odd names

@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import Any
 
 import pytest
-from viewer import served, viewer
+from support.foxglove_viewer import served, viewer
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 

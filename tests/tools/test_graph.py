@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import pytest
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen import get_action
 from rosidl_py_gen.runtime.qos import SENSOR_DATA
@@ -22,7 +22,7 @@ from rosidl_py_gen.tools.graph.picture import Edge, Picture
 
 if TYPE_CHECKING:
     from conftest import Tool
-    from worlds import World
+    from support.node_fixtures import World
 
 EVIL = '/a"><script>alert(1)</script>&#x;]) --> x\n```\x1b[31m\ud800\ufffe#quot;%%{init}%%'
 

@@ -7,8 +7,8 @@ import os
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from told_types import Told, fresh, told_by
-from worlds import World
+from support.announced_types import Told, fresh, told_by
+from support.node_fixtures import World
 
 from rosidl_py_gen import tools
 from rosidl_py_gen.cdr.codec import encode

@@ -12,7 +12,7 @@ from rosidl_py_gen.runtime import LifecycleNode, Outcome, State
 
 if TYPE_CHECKING:
     from conftest import Tool
-    from worlds import World
+    from support.node_fixtures import World
 
 
 class Camera(LifecycleNode):

@@ -20,7 +20,7 @@ from rosidl_py_gen.tools.log.lines import Lines
 
 if TYPE_CHECKING:
     from conftest import Tool
-    from worlds import World
+    from support.node_fixtures import World
 
 Log: Any = get_message("rcl_interfaces/msg/Log")
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from conftest import Tool
-    from worlds import World
+    from support.node_fixtures import World
 
 
 async def test_list_shows_names_and_leaves_hidden_ones_out(memory: World, tool: Tool) -> None:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from conftest import Tool
-    from worlds import World
+    from support.node_fixtures import World
 
 
 def drive(world: World) -> Node:

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from compiler_worlds import write
-from run_programs import PACKAGE_XML, RUN, run, started
+from support.interface_packages import write
+from support.program_processes import PACKAGE_XML, RUN, run, started
 
 pytestmark = pytest.mark.real_time("programs are processes")
 

@@ -7,8 +7,8 @@ import textwrap
 from pathlib import Path
 
 import pytest
-from compiler_worlds import write
-from run_programs import PACKAGE_XML, run
+from support.interface_packages import write
+from support.program_processes import PACKAGE_XML, run
 
 pytestmark = pytest.mark.real_time("programs are processes")
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from compiler_worlds import write
-from run_programs import PACKAGE_XML, run
+from support.interface_packages import write
+from support.program_processes import PACKAGE_XML, run
 
 from rosidl_py_gen.runtime import RosArgumentError
 from rosidl_py_gen.runtime.node.arguments import parse_arguments

@@ -12,7 +12,7 @@ import pytest
 from example_interfaces.srv import AddTwoInts
 from geometry_msgs.msg import Polygon, TransformStamped
 from std_msgs.msg import UInt8MultiArray
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen import tools
 from rosidl_py_gen.runtime import IntrospectionState
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from conftest import Tool
-    from worlds import World
+    from support.node_fixtures import World
 
     from rosidl_py_gen.runtime import Node, ServiceServer
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from std_msgs.msg import String
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen import tools
 from rosidl_py_gen.runtime import EnvironmentSettingError
@@ -22,7 +22,7 @@ from rosidl_py_gen.tools.session import Network, Session, listening
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
-    from worlds import World
+    from support.node_fixtures import World
 
 
 async def test_what_is_there_needs_no_time() -> None:

@@ -7,13 +7,13 @@ import json
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen import compile_text, get_message, type_hash
 from rosidl_py_gen.runtime import QoSProfile
 
 if TYPE_CHECKING:
-    from worlds import World
+    from support.node_fixtures import World
 
 String: Any = get_message("std_msgs/msg/String")
 Bool: Any = get_message("std_msgs/msg/Bool")

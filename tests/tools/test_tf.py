@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from frames import LEVEL, QUARTER, S, moved
 from PIL import Image
+from support.transform_frames import LEVEL, QUARTER, S, moved
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagWriter
@@ -24,7 +24,7 @@ from rosidl_py_gen.tools.tf.frames import Frames
 
 if TYPE_CHECKING:
     from conftest import Tool
-    from worlds import World
+    from support.node_fixtures import World
 
 TFMessage: Any = get_message("tf2_msgs/msg/TFMessage")
 EVIL = '"];f0-->x\x1b[31m\u202e<script>&#x;'

@@ -10,7 +10,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from worlds import WAITS, take, until
+from support.node_fixtures import WAITS, take, until
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.output import json_text
@@ -19,7 +19,7 @@ from rosidl_py_gen.tools import types
 from rosidl_py_gen.tools.topic.figures import Rate
 
 if TYPE_CHECKING:
-    from worlds import World
+    from support.node_fixtures import World
 
 STRING, BOOL, POSE = "std_msgs/msg/String", "std_msgs/msg/Bool", "geometry_msgs/msg/PoseStamped"
 

@@ -10,7 +10,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from worlds import WAITS, start_process, until
+from support.node_fixtures import WAITS, start_process, until
 
 from rosidl_py_gen import compile_text, get_message
 from rosidl_py_gen.runtime import QoSProfile
@@ -18,7 +18,7 @@ from rosidl_py_gen.runtime import QoSProfile
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from worlds import World
+    from support.node_fixtures import World
 
     from rosidl_py_gen.runtime import Node
 

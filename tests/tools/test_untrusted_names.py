@@ -14,7 +14,7 @@ from rosidl_py_gen.tools import reporting
 if TYPE_CHECKING:
     import pytest
     from conftest import Tool
-    from worlds import World
+    from support.node_fixtures import World
 
 EVIL = "x\nerror: y\r\x1b[2J\u2028\u202ez\tw"
 SHOWN = "x\\nerror: y\\r\ufffd[2J\ufffd\ufffdz\\tw"

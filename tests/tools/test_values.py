@@ -19,7 +19,7 @@ from rosidl_py_gen.tools.values import MAX_TEXT
 
 if TYPE_CHECKING:
     from conftest import Tool
-    from worlds import World
+    from support.node_fixtures import World
 
 _TEXT = """int64 i
 uint8 u

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 import zenoh
-from worlds import until
+from support.node_fixtures import until
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator

@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from compiler_worlds import write
+from support.interface_packages import write
 
 from rosidl_py_gen import ImportHookWarning, found_packages, install_import_hook
 from rosidl_py_gen.types.import_hook import SHIM

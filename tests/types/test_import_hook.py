@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from compiler_worlds import write
-from flavours import hooked
+from support.interface_packages import write
+from support.rclpy_messages import hooked
 
 from rosidl_py_gen import DefinitionError, ImportHookWarning, get_message, install_import_hook
 from rosidl_py_gen.compiler.generate import generate

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from changed_worlds import changed_worlds
-from compiler_worlds import texts
 from hypothesis import assume, event, given, settings
-from reference_cdr import Reference
-from scale import examples
-from strategies import World
+from support.changed_definitions import changed_worlds
+from support.definition_strategies import World
+from support.example_counts import examples
+from support.interface_packages import texts
+from support.reference_cdr import Reference
 
 from rosidl_py_gen import DecodeError, compile_text, to_dict
 from rosidl_py_gen.base.names import split_ros_name

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from compiler_worlds import assert_clean, importable, mypy
 from golden.regenerate import HERE, PACKAGES, fresh, texts
+from support.interface_packages import assert_clean, importable, mypy
 
 from rosidl_py_gen import decode, encode, type_hash
 

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from compiler_worlds import assert_clean, importable, message, parse, problems_of, run, source_of, write
 from each_case import each_case
+from support.interface_packages import assert_clean, importable, message, parse, problems_of, run, source_of, write
 
 from rosidl_py_gen import decode, encode, from_dict, to_dict
 from rosidl_py_gen.base.names import py_name

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 
 import pytest
-from compiler_worlds import texts
+from support.interface_packages import texts
 
 from rosidl_py_gen.compiler.codegen.plan import (
     Block,

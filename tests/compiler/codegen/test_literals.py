@@ -6,10 +6,10 @@ import ast
 import math
 
 import pytest
-from compiler_worlds import assert_clean, write
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scale import examples
+from support.example_counts import examples
+from support.interface_packages import assert_clean, write
 
 from rosidl_py_gen.compiler.codegen.fold import WIDTH, Folder
 from rosidl_py_gen.compiler.codegen.literals import docstring, py_literal, py_string, visible

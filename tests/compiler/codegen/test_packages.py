@@ -9,10 +9,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from compiler_worlds import REPOSITORY, TEST_INTERFACES, assert_clean, importable, mypy, python, run, write
 from hypothesis import HealthCheck, Phase, given, settings
-from scale import examples
-from strategies import World, worlds
+from support.definition_strategies import World, worlds
+from support.example_counts import examples
+from support.interface_packages import REPOSITORY, TEST_INTERFACES, assert_clean, importable, mypy, python, run, write
 
 from rosidl_py_gen import type_hash
 from rosidl_py_gen.base.resources import interfaces_dir

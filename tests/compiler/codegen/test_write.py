@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from compiler_worlds import run, write
+from support.interface_packages import run, write
 
 from rosidl_py_gen.compiler.generate import generate
 from rosidl_py_gen.compiler.spec.find import search_path

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from rosidl_oracle import Rosidl
+from support.rosidl_oracle import Rosidl
 
 
 @pytest.fixture(scope="session")

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from compiler_worlds import write
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scale import examples
+from support.example_counts import examples
+from support.interface_packages import write
 
 from rosidl_py_gen.compiler.spec.find import Package, search_path
 from rosidl_py_gen.compiler.spec.listed import Listing

@@ -10,7 +10,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from compiler_worlds import problems_of, run, write
+from support.interface_packages import problems_of, run, write
 
 from rosidl_py_gen.compiler.spec.find import Package, search_path
 

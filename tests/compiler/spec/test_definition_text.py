@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from bundled import message, message_names
 from each_case import each_case
+from support.bundled_interfaces import message, message_names
 
 from rosidl_py_gen import compile_text, get_service, type_description, type_hash
 from rosidl_py_gen.errors import TypeNotFoundError

@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 
 import pytest
-from compiler_worlds import problems_of, write
+from support.interface_packages import problems_of, write
 
 from rosidl_py_gen.base.names import RosName, split_ros_name
 from rosidl_py_gen.base.ownership import MARK

@@ -6,13 +6,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from compiler_worlds import message, parse, read
-from rosidl_oracle import OTHERS, accepted, compare, ours
+from support.interface_packages import message, parse, read
+from support.rosidl_oracle import OTHERS, accepted, compare, ours
 
 from rosidl_py_gen.compiler.spec.model import ActionDef, ServiceDef
 
 if TYPE_CHECKING:
-    from rosidl_oracle import Rosidl
+    from support.rosidl_oracle import Rosidl
 
 
 def module(body: str, kind: str = "msg") -> str:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
-from compiler_worlds import message, parse, read
 from each_case import each_case
+from support.interface_packages import message, parse, read
 
 from rosidl_py_gen.base.names import (
     is_constant_name,

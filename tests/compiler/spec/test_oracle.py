@@ -1,6 +1,6 @@
 """The real rosidl tool chain accepts and refuses the same texts, with the same fields, values and type hashes.
 
-Differences made on purpose are data in tests/rosidl_deviations.py.
+Differences made on purpose are data in tests/support/rosidl_deviations.py.
 """
 
 from __future__ import annotations
@@ -8,19 +8,19 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from compiler_worlds import read
 from each_case import each_case
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from rosidl_deviations import compare_or_explain
-from rosidl_oracle import compare
-from scale import examples
+from support.example_counts import examples
+from support.interface_packages import read
+from support.rosidl_deviations import compare_or_explain
+from support.rosidl_oracle import compare
 
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.compiler.spec.model import MessageDef
 
 if TYPE_CHECKING:
-    from rosidl_oracle import Rosidl
+    from support.rosidl_oracle import Rosidl
 
 # --- picked by hand ---------------------------------------------------------------------------------------------------
 

@@ -7,9 +7,9 @@ import re
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rosidl_deviations import DEVIATIONS, Deviation, compare_or_explain, explained, in_modules
-from rosidl_oracle import OTHERS, Rosidl, accepted, different, ours
-from scale import examples
+from support.example_counts import examples
+from support.rosidl_deviations import DEVIATIONS, Deviation, compare_or_explain, explained, in_modules
+from support.rosidl_oracle import OTHERS, Rosidl, accepted, different, ours
 
 _EXAMPLES = [(row, text) for row in DEVIATIONS for text in row.examples]
 

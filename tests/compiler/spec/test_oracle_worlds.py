@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from bundled import INTERFACES
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rosidl_deviations import compare_or_explain
-from rosidl_oracle import Definition, Rosidl, compare_world, ours
-from scale import examples
-from strategies import World, worlds
+from support.bundled_interfaces import INTERFACES
+from support.definition_strategies import World, worlds
+from support.example_counts import examples
+from support.rosidl_deviations import compare_or_explain
+from support.rosidl_oracle import Definition, Rosidl, compare_world, ours
 
 from rosidl_py_gen.base.resources import interfaces_dir
 

@@ -6,8 +6,8 @@ import json
 from typing import Any
 
 import pytest
-from compiler_worlds import TEST_INTERFACES, VECTORS
 from each_case import each_case
+from support.interface_packages import TEST_INTERFACES, VECTORS
 
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.resources import interfaces_dir

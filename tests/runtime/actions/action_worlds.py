@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any
 
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen import get_action
 from rosidl_py_gen.msgs.action_msgs.msg import GoalStatusArray
 
 if TYPE_CHECKING:
-    from worlds import World
+    from support.node_fixtures import World
 
 Fibonacci: Any = get_action("example_interfaces/action/Fibonacci")
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import on_wire
 import pytest
 from action_worlds import Fibonacci
-from worlds import World, until
+from support import raw_endpoints
+from support.node_fixtures import World, until
 
 from rosidl_py_gen.runtime.endpoints.types import service_type
 from rosidl_py_gen.runtime.node.actions import ActionMethods
@@ -27,7 +27,7 @@ class Tap:
     """Readers beside the real ones, which keep every sample of a service or topic."""
 
     def __init__(self, node: ActionMethods, topic: str, dds_type: str) -> None:
-        self.reader = on_wire.reader(node, topic, dds_type)
+        self.reader = raw_endpoints.reader(node, topic, dds_type)
 
     def take(self, *, service: bool = True) -> list[str]:
         """Samples as hex; of services only the part behind the 16-byte header, which is checked apart."""

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 from action_worlds import Fibonacci, feedback, fibonacci, goal, pair, result, until_canceled
-from worlds import World, run, take, until
+from support.node_fixtures import World, run, take, until
 
 from rosidl_py_gen.errors import EncodeError, RosidlError
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal

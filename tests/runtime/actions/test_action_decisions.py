@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from action_worlds import Fibonacci, fibonacci, goal, pair, result, until_canceled
-from worlds import World, take, until
+from support.node_fixtures import World, take, until
 
 from rosidl_py_gen.runtime import (
     AlreadyTerminatedError,

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 from action_worlds import Fibonacci, feedback, goal, pair, result
-from worlds import ROOT, World, run, until
+from support.node_fixtures import ROOT, World, run, until
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.actions.states import GoalStatus

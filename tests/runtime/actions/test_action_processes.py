@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from peer_process import Fibonacci, open_context
-from worlds import ROOT, SHORT_LEASE, domain_id, run
+from support.node_fixtures import ROOT, SHORT_LEASE, domain_id, run
 
 from rosidl_py_gen import type_hash
 from rosidl_py_gen.runtime import ActionServerLostError, GoalStatus, Node

@@ -10,7 +10,7 @@ import pytest
 from action_worlds import Fibonacci, goal, pair, result, statuses_of
 from hypothesis import given
 from hypothesis import strategies as st
-from worlds import World, take, until
+from support.node_fixtures import World, take, until
 
 from rosidl_py_gen.msgs.action_msgs.msg import GoalStatus, GoalStatusArray
 from rosidl_py_gen.runtime.actions.states import GoalStatus as S

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from worlds import ROOT
+from support.node_fixtures import ROOT
 
 from rosidl_py_gen.base.resources import interfaces_dir
 from rosidl_py_gen.compiler.generate import generate

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from action_worlds import Fibonacci, fibonacci, goal, is_awaited, pair, result, statuses_of, until_canceled
-from worlds import World, run, take, until
+from support.node_fixtures import World, run, take, until
 
 from rosidl_py_gen.errors import ClosedError, EncodeError
 from rosidl_py_gen.msgs.action_msgs.msg import GoalStatusArray

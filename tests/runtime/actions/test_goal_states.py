@@ -10,7 +10,7 @@ from each_case import each_case
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
-from scale import examples
+from support.example_counts import examples
 
 from rosidl_py_gen import runtime
 from rosidl_py_gen.runtime.actions.states import (

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from action_worlds import Fibonacci, fibonacci, goal, pair, until_canceled
 from peer_process import open_context
-from worlds import ROOT, domain_id, until
+from support.node_fixtures import ROOT, domain_id, until
 
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal
 from rosidl_py_gen.runtime import GoalStatus, Node, UnknownGoalError
@@ -23,7 +23,7 @@ from rosidl_py_gen.runtime.actions.server import ActionServer
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from worlds import World
+    from support.node_fixtures import World
 
 S = GoalStatus
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from action_worlds import Fibonacci, goal, pair, result
-from worlds import World, until
+from support.node_fixtures import World, until
 
 from rosidl_py_gen.runtime import GoalStatus
 

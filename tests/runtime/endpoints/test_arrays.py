@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from worlds import World
+from support.node_fixtures import World
 
 from rosidl_py_gen import compile_text, dtype, get_message
 from rosidl_py_gen.runtime import ServerGoal

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from std_msgs.msg import Int64
 from std_srvs.srv import SetBool
-from worlds import World, until
+from support.node_fixtures import World, until
 
 if TYPE_CHECKING:
     from collections.abc import Callable

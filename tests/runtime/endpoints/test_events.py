@@ -8,7 +8,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.runtime import (
@@ -28,7 +28,7 @@ from rosidl_py_gen.runtime import (
 from rosidl_py_gen.runtime import QoSPolicyKind as Kind
 
 if TYPE_CHECKING:
-    from worlds import World
+    from support.node_fixtures import World
 
 String: Any = get_message("std_msgs/msg/String")
 Bool: Any = get_message("std_msgs/msg/Bool")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from worlds import World, until
+from support.node_fixtures import World, until
 
 from rosidl_py_gen import compile_text, get_service
 from rosidl_py_gen.runtime.endpoints.service_parts import IntrospectionState

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from example_interfaces.action import Fibonacci
 from example_interfaces.srv import AddTwoInts
-from worlds import GENERATED, ROOT, until
+from support.node_fixtures import GENERATED, ROOT, until
 
 from rosidl_py_gen.runtime import ActionServerLostError, CallTimeoutError, ServerLostError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from worlds import World
+    from support.node_fixtures import World
 
 Request, Response = AddTwoInts.Request, AddTwoInts.Response
 _LOST = "the server of /add went away before it answered"

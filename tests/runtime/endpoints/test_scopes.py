@@ -8,7 +8,7 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from worlds import World, until
+from support.node_fixtures import World, until
 
 from rosidl_py_gen import get_action, get_message
 from rosidl_py_gen.errors import ClosedError

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from example_interfaces.srv import AddTwoInts
 from std_srvs.srv import Empty, SetBool
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import CallTimeoutError, WaitTimeoutError, WouldDeadlockError
@@ -19,7 +19,7 @@ from rosidl_py_gen.runtime.endpoints.server import AlreadyRespondedError, Servic
 from rosidl_py_gen.runtime.transport.dds.correlation import with_header
 
 if TYPE_CHECKING:
-    from worlds import World
+    from support.node_fixtures import World
 
 Request, Response = AddTwoInts.Request, AddTwoInts.Response
 

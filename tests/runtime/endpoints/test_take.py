@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import String
-from worlds import until, wait_until
+from support.node_fixtures import until, wait_until
 
 from rosidl_py_gen.base.signatures import CallbackSignatureError
 from rosidl_py_gen.errors import ClosedError, EncodeError
@@ -27,7 +27,7 @@ from rosidl_py_gen.runtime import (
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from worlds import World
+    from support.node_fixtures import World
 
 Server = ServiceServer[AddTwoInts.Request, AddTwoInts.Response]
 

@@ -10,7 +10,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from worlds import until, while_the_loop_sleeps
+from support.node_fixtures import until, while_the_loop_sleeps
 
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import ClosedError
@@ -19,7 +19,7 @@ from rosidl_py_gen.runtime import Clock, ClockType, Duration, Time
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
-    from worlds import World
+    from support.node_fixtures import World
 
 
 async def test_ticks_come_at_the_period_and_do_not_drift(memory: World) -> None:

@@ -14,7 +14,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import Image
 from std_msgs.msg import Int32, String
-from worlds import until, while_the_loop_sleeps
+from support.node_fixtures import until, while_the_loop_sleeps
 
 from rosidl_py_gen import compile_text, dtype
 from rosidl_py_gen.errors import ClosedError, EncodeError, InvalidNameError, TypeNotFoundError
@@ -23,7 +23,7 @@ from rosidl_py_gen.runtime.endpoints.subscription import CallbackInUseError
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 
 if TYPE_CHECKING:
-    from worlds import World
+    from support.node_fixtures import World
 
 
 @pytest.mark.every_transport

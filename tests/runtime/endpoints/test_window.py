@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from example_interfaces.srv import AddTwoInts
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen.runtime.endpoints import service
 from rosidl_py_gen.runtime.endpoints import window as windows
@@ -22,7 +22,7 @@ from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from worlds import World
+    from support.node_fixtures import World
 
 
 def enter(window: RequestWindow, numbers: Iterable[int], kept: int, sent: list[int]) -> None:

@@ -9,7 +9,7 @@ from example_interfaces.srv import AddTwoInts
 from geometry_msgs.msg import Point
 from std_msgs.msg import Int32, String
 from std_srvs.srv import Trigger
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen import compile_text, get_action
 from rosidl_py_gen.base.names import similar_name
@@ -21,7 +21,7 @@ from rosidl_py_gen.runtime.transport.port import EndpointSpec
 if TYPE_CHECKING:
     from collections.abc import Awaitable
 
-    from worlds import World
+    from support.node_fixtures import World
 
 S = 0.3
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from on_wire import found
+from support.raw_endpoints import found
 
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.hashes import HASHES

@@ -8,7 +8,7 @@ import weakref
 from typing import Any
 
 import pytest
-from worlds import World, until
+from support.node_fixtures import World, until
 
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time as TimeMessage
 from rosidl_py_gen.msgs.lifecycle_msgs.msg import Transition, TransitionEvent

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from worlds import World, until
+from support.node_fixtures import World, until
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.msgs.lifecycle_msgs.msg import Transition, TransitionEvent

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
-from scale import examples
+from support.example_counts import examples
 
 from rosidl_py_gen import runtime
 from rosidl_py_gen.runtime.lifecycle.states import (

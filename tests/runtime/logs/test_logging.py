@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from worlds import World
+from support.node_fixtures import World
 
 from rosidl_py_gen import runtime
 from rosidl_py_gen.errors import InvalidNameError

@@ -8,7 +8,7 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from worlds import World
+from support.node_fixtures import World
 
 from rosidl_py_gen import get_message, get_service, runtime
 from rosidl_py_gen.runtime import ClosedError, Context, MemoryTransport, Node, WaitTimeoutError, WouldDeadlockError

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from std_msgs.msg import Int32
 from std_srvs.srv import SetBool
-from worlds import ROOT, rests, until
+from support.node_fixtures import ROOT, rests, until
 
 from rosidl_py_gen.runtime import CallTimeoutError
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop, end_tasks
@@ -30,7 +30,7 @@ from rosidl_py_gen.runtime.transport.cyclone import pipe
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
-    from worlds import World
+    from support.node_fixtures import World
 
     from rosidl_py_gen.runtime import Node
 

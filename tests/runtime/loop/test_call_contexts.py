@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from std_msgs.msg import Int32
 from std_srvs.srv import SetBool
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen import get_action
 from rosidl_py_gen.runtime import SetResult
@@ -18,7 +18,7 @@ from rosidl_py_gen.runtime import SetResult
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from worlds import World
+    from support.node_fixtures import World
 
     from rosidl_py_gen.runtime import Node
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import String
-from worlds import wait_until
+from support.node_fixtures import wait_until
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import (
@@ -35,7 +35,7 @@ from rosidl_py_gen.runtime import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from worlds import World
+    from support.node_fixtures import World
 
 
 @pytest.fixture

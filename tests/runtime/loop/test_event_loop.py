@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from std_msgs.msg import Int32
-from worlds import rests, until, while_the_loop_sleeps
+from support.node_fixtures import rests, until, while_the_loop_sleeps
 
 from rosidl_py_gen.runtime import new_event_loop, run
 from rosidl_py_gen.runtime.loop import event_loop
@@ -22,7 +22,7 @@ from rosidl_py_gen.runtime.node import open_contexts
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from worlds import World
+    from support.node_fixtures import World
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="it needs epoll")
 

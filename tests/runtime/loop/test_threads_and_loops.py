@@ -12,7 +12,7 @@ import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
-from worlds import until, wait_until
+from support.node_fixtures import until, wait_until
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import CallTimeoutError, WaitTimeoutError
@@ -22,7 +22,7 @@ from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from worlds import World
+    from support.node_fixtures import World
 
     from rosidl_py_gen.runtime import Node
 

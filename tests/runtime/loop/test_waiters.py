@@ -7,7 +7,7 @@ import threading
 import time
 
 import pytest
-from worlds import until
+from support.node_fixtures import until
 
 from rosidl_py_gen.base.waiting import Waiters
 

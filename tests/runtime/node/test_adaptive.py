@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 from std_msgs.msg import Int32, String
-from worlds import World, until
+from support.node_fixtures import World, until
 
 from rosidl_py_gen import decode
 from rosidl_py_gen.errors import ClosedError

@@ -8,12 +8,12 @@ import subprocess
 import sys
 from typing import TYPE_CHECKING
 
-import on_wire
 import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import Int32, String
 from std_srvs.srv import SetBool
-from worlds import ROOT, domain_id, second_domain_id, until
+from support import raw_endpoints
+from support.node_fixtures import ROOT, domain_id, second_domain_id, until
 
 from rosidl_py_gen import get_message, get_service, runtime
 from rosidl_py_gen.errors import ClosedError, InvalidNameError
@@ -39,7 +39,7 @@ from rosidl_py_gen.runtime.parameters.values import ParameterError
 from rosidl_py_gen.runtime.transport.qos import ROSOUT, Durability, History, Reliability
 
 if TYPE_CHECKING:
-    from worlds import World
+    from support.node_fixtures import World
 
 
 @pytest.mark.every_transport
@@ -441,7 +441,7 @@ async def test_the_ends_of_a_service_and_the_participants_are_told(world: World)
 @pytest.mark.every_transport
 async def test_names_that_ros_refuses_are_found_where_there_are_some(world: World) -> None:
     other, asker = world.node("other"), world.node("asker")
-    on_wire.announce(other, "rt/2d_scan", "std_msgs::msg::dds_::String_", "")
+    raw_endpoints.announce(other, "rt/2d_scan", "std_msgs::msg::dds_::String_", "")
     await until(lambda: "/2d_scan" in dict(asker.get_topic_names_and_types()))
     assert [one.topic_type for one in asker.get_publishers_info_by_topic("/2d_scan")] == ["std_msgs/msg/String"]
     assert (asker.count_publishers("/2d_scan"), asker.topic_mismatches("/2d_scan")) == (1, [])

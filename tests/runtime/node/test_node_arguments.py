@@ -12,7 +12,7 @@ from rosidl_py_gen.runtime import LifecycleNode, Node, RosArgumentError
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from worlds import World
+    from support.node_fixtures import World
 
 
 def test_its_own_rules_go_before_those_of_the_context(memory: World) -> None:

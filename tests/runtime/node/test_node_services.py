@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from worlds import World
+from support.node_fixtures import World
 
 from rosidl_py_gen import get_action, get_message, type_description, type_hash
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Log, LoggerLevel

@@ -8,8 +8,8 @@ import re
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from told_types import SERVICE_OFF, Told, fresh, teller, told_by
-from worlds import World, until
+from support.announced_types import SERVICE_OFF, Told, fresh, teller, told_by
+from support.node_fixtures import World, until
 
 from rosidl_py_gen import compile_text, get_message, get_service, type_description, type_hash
 from rosidl_py_gen.base.descriptions import describe

@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any
 
-import on_wire
 import pytest
-from told_types import fresh, teller, told_by
+from support import raw_endpoints
+from support.announced_types import fresh, teller, told_by
 
 from rosidl_py_gen import from_dict
 from rosidl_py_gen.base.descriptions import describe, rihs01
@@ -16,7 +16,7 @@ from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescriptio
 from rosidl_py_gen.runtime import TypeDescriptionError
 
 if TYPE_CHECKING:
-    from worlds import World
+    from support.node_fixtures import World
 
 
 def absurd(told: dict[str, Any], what: str) -> None:
@@ -95,7 +95,7 @@ async def test_an_answer_that_is_too_long_is_not_even_decoded(memory: World) -> 
 
 async def test_names_that_are_none_are_errors_of_ours(memory: World) -> None:
     robot = teller(memory, "robot", lambda request: GetTypeDescription_Response())
-    on_wire.announce(robot, "rt/t", "no::such \x1bdds_::Name_", "x")
+    raw_endpoints.announce(robot, "rt/t", "no::such \x1bdds_::Name_", "x")
     with pytest.raises(
         TypeDescriptionError, match=r"^the type of the topic /t is none of ROS: no/such \ufffdName without a hash"
     ):

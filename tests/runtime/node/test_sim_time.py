@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 import pytest
-from worlds import World, until
+from support.node_fixtures import World, until
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.parameters.values import InvalidParameterValueError

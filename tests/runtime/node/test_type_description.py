@@ -8,9 +8,9 @@ import re
 import sys
 from typing import Any
 
-import on_wire
 import pytest
-from worlds import World, until
+from support import raw_endpoints
+from support.node_fixtures import World, until
 
 from rosidl_py_gen import compile_text, get_message, type_hash
 from rosidl_py_gen.cdr import Message
@@ -183,7 +183,7 @@ async def test_without_a_hash_the_type_needs_a_name(world: World) -> None:
 
 def announce_writer(node: Any, dds_type: str, topic: str, announced: str) -> None:
     """A writer of the node's that announces any hash, or none."""
-    on_wire.announce(node, f"rt/{topic}", dds_type, announced)
+    raw_endpoints.announce(node, f"rt/{topic}", dds_type, announced)
 
 
 @pytest.mark.parametrize(
@@ -224,7 +224,7 @@ async def test_the_first_question_does_not_import_the_compiler(world: World, mon
 
 async def test_the_answer_byte_by_byte(dds: World) -> None:
     kind = "type_description_interfaces::srv::dds_::GetTypeDescription_Response_"
-    replies = on_wire.reader(dds.node("watcher"), "rr/n/get_type_descriptionReply", kind)
+    replies = raw_endpoints.reader(dds.node("watcher"), "rr/n/get_type_descriptionReply", kind)
     dds.node("n").create_publisher(Foo, "foo")
     asker = dds.node("asker")
     await asker.get_type_description("/n", "my_pkg/msg/Foo", type_hash(Foo), timeout_s=5)

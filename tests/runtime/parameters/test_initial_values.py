@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from worlds import World, until
+from support.node_fixtures import World, until
 
 from rosidl_py_gen.runtime import LifecycleNode, WrongParameterTypeError
 

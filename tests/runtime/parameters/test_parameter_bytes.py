@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import on_wire
 import pytest
-from worlds import World, until
+from support import raw_endpoints
+from support.node_fixtures import World, until
 
 from rosidl_py_gen.runtime.parameters.values import ParameterNotDeclaredError
 from rosidl_py_gen.runtime.time.values import ClockType, Time
@@ -20,12 +20,12 @@ def wire(*parts: str) -> str:
 async def test_setting_one_integer_and_the_event_it_causes(dds: World) -> None:
     watcher = dds.node("watcher")
     kind = "rcl_interfaces::srv::dds_::SetParameters_"
-    requests = on_wire.reader(watcher, request_name("/n/set_parameters"), f"{kind}Request_")
-    replies = on_wire.reader(watcher, reply_name("/n/set_parameters"), f"{kind}Response_")
+    requests = raw_endpoints.reader(watcher, request_name("/n/set_parameters"), f"{kind}Request_")
+    replies = raw_endpoints.reader(watcher, reply_name("/n/set_parameters"), f"{kind}Response_")
     node = dds.node("n")
     node.declare_parameter("ab", 1)
     remote = dds.node("other").create_parameter_client("/n")
-    events = on_wire.reader(watcher, "rt/parameter_events", "rcl_interfaces::msg::dds_::ParameterEvent_")
+    events = raw_endpoints.reader(watcher, "rt/parameter_events", "rcl_interfaces::msg::dds_::ParameterEvent_")
     node.clock.enable_ros_time_override()
     node.clock.set_ros_time_override(Time(seconds=10, nanoseconds=5, clock_type=ClockType.ROS_TIME))
     await remote.set({"ab": 7}, timeout_s=5)
@@ -52,7 +52,7 @@ async def test_setting_one_integer_and_the_event_it_causes(dds: World) -> None:
 
 async def test_asking_for_an_unknown_parameter_is_answered_with_nothing(dds: World) -> None:
     kind = "rcl_interfaces::srv::dds_::GetParameters_Response_"
-    replies = on_wire.reader(dds.node("watcher"), reply_name("/n/get_parameters"), kind)
+    replies = raw_endpoints.reader(dds.node("watcher"), reply_name("/n/get_parameters"), kind)
     dds.node("n")
     remote = dds.node("other").create_parameter_client("/n")
     with pytest.raises(ParameterNotDeclaredError):

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from worlds import World
+from support.node_fixtures import World
 
 from rosidl_py_gen.runtime import CallTimeoutError
 from rosidl_py_gen.runtime.parameters import store

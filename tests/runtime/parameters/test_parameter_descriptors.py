@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import pytest
-from worlds import World
+from support.node_fixtures import World
 
 from rosidl_py_gen.runtime import (
     FloatRange,

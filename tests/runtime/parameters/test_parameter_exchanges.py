@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from typing import Any
 
-import on_wire
-from worlds import World, until
+from support import raw_endpoints
+from support.node_fixtures import World, until
 
 from rosidl_py_gen.runtime import (
     IntRange,
@@ -30,8 +30,8 @@ class Wiretap:
     def __init__(self, dds: World, service: str, type_name: str) -> None:
         watcher = dds.node("watcher")
         kind = f"rcl_interfaces::srv::dds_::{type_name}_"
-        self._requests = on_wire.reader(watcher, request_name(f"/n/{service}"), f"{kind}Request_")
-        self._replies = on_wire.reader(watcher, reply_name(f"/n/{service}"), f"{kind}Response_")
+        self._requests = raw_endpoints.reader(watcher, request_name(f"/n/{service}"), f"{kind}Request_")
+        self._replies = raw_endpoints.reader(watcher, reply_name(f"/n/{service}"), f"{kind}Response_")
         self.node: Node = dds.node("n")
         self.remote: ParameterClient = dds.node("other").create_parameter_client("/n")
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import pytest
-from worlds import World, run
+from support.node_fixtures import World, run
 
 from rosidl_py_gen.msgs.rcl_interfaces.msg import SetParametersResult
 from rosidl_py_gen.runtime.parameters.store import CallbackAnswerError, SetResult

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from worlds import World, take
+from support.node_fixtures import World, take
 
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Parameter as ParameterMessage
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterValue as ValueMessage

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from worlds import World, run, until
+from support.node_fixtures import World, run, until
 
 from rosidl_py_gen.runtime import Durability, History, QoSProfile, Reliability
 from rosidl_py_gen.runtime.transport.discovered import Channel

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import pytest
-from worlds import World, take, until
+from support.node_fixtures import World, take, until
 
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Parameter as ParameterMessage
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage

@@ -7,7 +7,7 @@ import threading
 from dataclasses import dataclass
 
 import pytest
-from worlds import World, take, until
+from support.node_fixtures import World, take, until
 
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
 from rosidl_py_gen.runtime.loop.stream import Stream

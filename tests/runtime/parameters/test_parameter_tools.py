@@ -7,7 +7,7 @@ import threading
 from typing import Any
 
 import pytest
-from worlds import World, take, until
+from support.node_fixtures import World, take, until
 
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters, SetParameters
 from rosidl_py_gen.runtime import (

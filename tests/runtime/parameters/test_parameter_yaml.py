@@ -7,7 +7,7 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scale import examples
+from support.example_counts import examples
 
 from rosidl_py_gen.runtime.parameters.files import parse_parameter_file, parse_parameter_value, plain_scalar
 from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError, ParameterOverrides, overrides_for

@@ -11,7 +11,7 @@ from collections.abc import Awaitable
 from typing import Any
 
 import pytest
-from worlds import World, run, until
+from support.node_fixtures import World, run, until
 
 from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.time.rate import Rate

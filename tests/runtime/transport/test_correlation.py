@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import on_wire
 import pytest
 from example_interfaces.srv import AddTwoInts
 from hypothesis import given
 from hypothesis import strategies as st
+from support import raw_endpoints
 
 from rosidl_py_gen import DecodeError
 from rosidl_py_gen.runtime import QoSProfile
@@ -40,7 +40,7 @@ def end(who: bytes, number: int, *, is_writer: bool, service_id: str = "", qos: 
     topic, kind = ("rr/addReply", "Response") if is_writer else ("rq/addRequest", "Request")
     guid = prefix + bytes((0, 0, number, 3 if is_writer else 4))
     type = f"example_interfaces::srv::dds_::AddTwoInts_{kind}_"
-    return on_wire.found(guid, prefix + b"\0\0\1\xc1", topic, type, qos, service_id=service_id)
+    return raw_endpoints.found(guid, prefix + b"\0\0\1\xc1", topic, type, qos, service_id=service_id)
 
 
 def server(who: bytes, service_id: str = "", qos: QoSProfile = KEEP_10) -> tuple[EndpointFound, EndpointFound]:

@@ -17,7 +17,7 @@ from rosidl_py_gen.runtime.transport.cyclone.fast_dds.catchup import EarlySample
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
 
 if TYPE_CHECKING:
-    from worlds import World
+    from support.node_fixtures import World
 
     from rosidl_py_gen.runtime import Node
 

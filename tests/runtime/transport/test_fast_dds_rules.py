@@ -18,11 +18,11 @@ import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-import on_wire
 import pytest
 from std_msgs.msg import Int32, String
 from std_srvs.srv import SetBool
-from worlds import ROOT
+from support import raw_endpoints
+from support.node_fixtures import ROOT
 
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes
 from rosidl_py_gen.runtime import ForeignServiceError
@@ -37,7 +37,7 @@ from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from worlds import World
+    from support.node_fixtures import World
 
     from rosidl_py_gen.runtime import Node
 
@@ -375,7 +375,9 @@ async def test_topics_work_and_services_of_fast_dds_are_refused_with_an_unknown_
     for number, (topic, kind) in enumerate((("rq/set_boolRequest", "Request"), ("rr/set_boolReply", "Response")), 1):
         last = b"\x03" if kind == "Response" else b"\x04"
         guid, type_name = FAST_GUID[:12] + bytes((0, 0, number)) + last, f"std_srvs::srv::dds_::SetBool_{kind}_"
-        bob._scope.discovery._on_events([found := on_wire.found(guid, FAST_GUID, topic, type_name, SERVICES_DEFAULT)])
+        bob._scope.discovery._on_events(
+            [found := raw_endpoints.found(guid, FAST_GUID, topic, type_name, SERVICES_DEFAULT)]
+        )
         bob._scope.participant.service_peers.apply([found])
     with pytest.raises(ForeignServiceError, match="RMW_IMPLEMENTATION=rmw_cyclonedds_cpp"):
         await client.wait_for_service(timeout_s=10)

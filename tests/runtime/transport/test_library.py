@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import pytest
-from worlds import ROOT
+from support.node_fixtures import ROOT
 
 from rosidl_py_gen.runtime.transport.cyclone import library
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds

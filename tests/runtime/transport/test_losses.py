@@ -8,10 +8,10 @@ import statistics
 import sys
 from typing import TYPE_CHECKING
 
-from worlds import ROOT, held_up, start_process
+from support.node_fixtures import ROOT, held_up, start_process
 
 if TYPE_CHECKING:
-    from worlds import World
+    from support.node_fixtures import World
 
 LOSES_A_TENTH = "<Internal><Test><XmitLossiness>100</XmitLossiness></Test></Internal>"
 MESSAGES = 80

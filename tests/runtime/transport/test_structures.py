@@ -21,7 +21,7 @@ from rosidl_py_gen.runtime.transport.qos import DEFAULT
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from worlds import World
+    from support.node_fixtures import World
 
 API = cyclone._api
 TEXT = "std_msgs::msg::dds_::String_"

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 from std_msgs.msg import Int32, String
-from worlds import ROOT
+from support.node_fixtures import ROOT
 
 from rosidl_py_gen.runtime.transport.port import EndpointSpec
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:
-    from worlds import World
+    from support.node_fixtures import World
 
 TRUE_TYPE = """
 import os, time

@@ -14,7 +14,7 @@ from rosidl_py_gen import get_message
 from rosidl_py_gen.runtime import ClosedError, Context, Driver, Node
 
 if TYPE_CHECKING:
-    from worlds import World
+    from support.node_fixtures import World
 
 STRING: Any = get_message("std_msgs/msg/String")
 

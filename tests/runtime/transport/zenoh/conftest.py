@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from worlds import World, world_on_zenoh
-from zenoh_peer import Peer
+from support.node_fixtures import World, world_on_zenoh
+from support.zenoh_peer import Peer
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -8,8 +8,8 @@ from collections.abc import Iterable
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from worlds import World, until
-from zenoh_peer import Peer, PlainPublisher
+from support.node_fixtures import World, until
+from support.zenoh_peer import Peer, PlainPublisher
 
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterType
 from rosidl_py_gen.runtime import CountStatus, SubscriptionEventCallbacks, UnsupportedEventError

@@ -17,8 +17,8 @@ import zenoh
 from example_interfaces.srv import AddTwoInts
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
-from worlds import ROOT, start_process, until, zenoh_environment
-from zenoh_peer import PlainPublisher, attachment
+from support.node_fixtures import ROOT, start_process, until, zenoh_environment
+from support.zenoh_peer import PlainPublisher, attachment
 
 from rosidl_py_gen import type_hash
 from rosidl_py_gen.runtime import Context
@@ -26,8 +26,8 @@ from rosidl_py_gen.runtime import qos as presets
 from rosidl_py_gen.runtime.transport.zenoh.config import ZenohConfigError
 
 if TYPE_CHECKING:
-    from worlds import World
-    from zenoh_peer import Peer
+    from support.node_fixtures import World
+    from support.zenoh_peer import Peer
 
 NO_HASH = "TypeHashNotSupported"
 TEXT = f"std_msgs::msg::dds_::String_/{NO_HASH}"

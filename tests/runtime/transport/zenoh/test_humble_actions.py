@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import zenoh
 from example_interfaces.action import Fibonacci
-from worlds import until
-from zenoh_peer import PlainPublisher, attachment
+from support.node_fixtures import until
+from support.zenoh_peer import PlainPublisher, attachment
 
 from rosidl_py_gen.runtime import GoalStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from worlds import World
-    from zenoh_peer import Peer
+    from support.node_fixtures import World
+    from support.zenoh_peer import Peer
 
     from rosidl_py_gen.runtime import ServerGoal
 

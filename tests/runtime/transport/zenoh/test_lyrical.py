@@ -10,15 +10,15 @@ import itertools
 import struct
 from typing import TYPE_CHECKING, Any
 
-import on_wire
 import pytest
 import xxhash
 from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import Image
 from std_msgs.msg import ByteMultiArray, Empty, String, UInt8MultiArray
+from support import raw_endpoints
+from support.node_fixtures import until
+from support.zenoh_peer import PLAIN, PlainPublisher
 from visualization_msgs.msg import MarkerArray
-from worlds import until
-from zenoh_peer import PLAIN, PlainPublisher
 
 from rosidl_py_gen import compile_text, type_hash
 from rosidl_py_gen.runtime import QoSProfile
@@ -26,8 +26,8 @@ from rosidl_py_gen.runtime.endpoints.types import has_buffer, message_type, raw_
 from rosidl_py_gen.tools.types import opaque_class
 
 if TYPE_CHECKING:
-    from worlds import World
-    from zenoh_peer import Peer
+    from support.node_fixtures import World
+    from support.zenoh_peer import Peer
 
 BYTES = f"std_msgs::msg::dds_::UInt8MultiArray_/{type_hash(UInt8MultiArray)}"
 
@@ -95,7 +95,7 @@ async def test_a_publisher_of_lyrical_reaches_our_subscriptions(zenoh: World, pe
 
 async def test_without_the_last_chunk_of_its_token_a_subscription_would_hear_nothing(zenoh: World, peer: Peer) -> None:
     node = zenoh.node("ours")
-    reader = on_wire.reader(node, "rt/bytes", BYTES.split("/")[0], QoSProfile(), type_hash(UInt8MultiArray))
+    reader = raw_endpoints.reader(node, "rt/bytes", BYTES.split("/")[0], QoSProfile(), type_hash(UInt8MultiArray))
     publisher = LyricalPublisher(peer, "/bytes", BYTES)
     await until(lambda: len(peer.of_others("MS", "/bytes")) == 1)
     publisher.publish(bytes_message(1))

@@ -10,7 +10,7 @@ import pytest
 from example_interfaces.action import Fibonacci
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import String
-from worlds import World, until, zenoh_environment
+from support.node_fixtures import World, until, zenoh_environment
 
 from rosidl_py_gen import DecodeError
 from rosidl_py_gen.runtime import CallTimeoutError, ServerLostError

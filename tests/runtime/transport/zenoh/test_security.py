@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 import trustme
 import zenoh
-from doc_pages import ROOT, blocks
+from support.markdown_pages import ROOT, blocks
 
 from rosidl_py_gen.runtime.transport.zenoh.config import session_config
 from rosidl_py_gen.runtime.transport.zenoh.router import ZenohRouter

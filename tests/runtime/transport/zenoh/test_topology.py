@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import String
-from worlds import World, until
+from support.node_fixtures import World, until
 
 from rosidl_py_gen.runtime.transport.zenoh.router import ZenohRouter
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import String
-from worlds import ROOT, World, until, zenoh_environment, zenoh_router
+from support.node_fixtures import ROOT, World, until, zenoh_environment, zenoh_router
 
 from rosidl_py_gen import compile_text, type_hash
 from rosidl_py_gen.runtime import CallTimeoutError, Context, Node, QoSProfile, ServerLostError

@@ -1,6 +1,8 @@
-"""``python tests/run_others.py CHECKOUTS [TEXT ...]``: programs of others under our rclpy, from their sources.
+"""Run third-party programs under our rclpy, from their sources.
 
-CHECKOUTS has a folder owner/name for each repository that `programs_of_others.txt` beside this file names; it is only
+Run it as ``python tests/support/run_third_party_programs.py CHECKOUTS [TEXT ...]``.
+
+CHECKOUTS has a folder owner/name for each repository that `third_party_programs.txt` beside this file names; it is only
 read, and programs run with their folder of it as working directory. Each is started with ``rosidl-py run``, gets
 traffic for whatever it shows in the graph (messages for its subscriptions, a server for its clients, calls of its
 services, goals for its actions), and is interrupted once nothing new comes up. With ``--real PYTHON``, one that has a
@@ -24,12 +26,13 @@ from collections.abc import AsyncIterator, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from others_watch import Seen, watch
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # for a start by path
 
 from rosidl_py_gen.runtime import Context, Node
 from rosidl_py_gen.tools.run.executables import of_sources
+from support.program_observer import Seen, watch
 
-LIST = Path(__file__).parent / "programs_of_others.txt"
+LIST = Path(__file__).parent / "third_party_programs.txt"
 _DOMAINS = 6
 """Those that a worker uses in turn: what a killed program has left in the graph is forgotten meanwhile."""
 _MINE = [sys.executable, "-m", "rosidl_py_gen.tools", "run"]

@@ -13,7 +13,8 @@ import urllib.request
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from environments import missing_peer
+
+from support.environments import missing_peer
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -24,7 +24,8 @@ from pathlib import Path
 from typing import NoReturn
 
 import pytest
-from locks import lock
+
+from support.machine_locks import lock
 
 SHARED_MEMORY_LOST = re.compile(r"\S+ [^\n]*RTPS_TRANSPORT_SHM[^\n]* Error\] [^\n]*open_and_lock_file failed[^\n]*\n")
 """What Fast DDS prints among a program's output when another run on this machine has just taken the shared memory it

@@ -1,4 +1,6 @@
-"""``python tests/public_face.py``: write down the public face in `golden/public_face.txt`, and print what changed.
+"""Record the public API in `tests/golden/public_face.txt` and print the changes.
+
+Run it as ``python tests/support/record_public_api.py``.
 
 `docs/versioning.md` promises not to change it without a word, and `test_public_face.py` compares. It is what the pages
 of `docs/api` show, read by griffe as these pages are made, without importing anything; the fixtures for pytest; and the
@@ -21,7 +23,7 @@ import yaml
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 RECORD = ROOT / "tests/golden/public_face.txt"
 PROGRAMS = {"rosidl-py-gen": "rosidl_py_gen.cli", "rosidl-py": "rosidl_py_gen.tools"}
 FIXTURES = "runtime.pytest_plugin"

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     import pytest
-    from worlds import World
+
+    from support.node_fixtures import World
 
 _HERE: contextvars.ContextVar[dict[str, Pipe]] = contextvars.ContextVar("streams of the command that runs here")
 

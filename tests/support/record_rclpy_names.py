@@ -1,4 +1,6 @@
-"""``python tests/rclpy_record.py``: write down the public names of rclpy of Jazzy in `golden/rclpy_names.json`.
+"""Record the public names of Jazzy's rclpy in `tests/golden/rclpy_names.json`.
+
+Run it as ``python tests/support/record_rclpy_names.py``.
 
 They are those that programs can import or call: of each module all names without a leading underscore, also those that
 it imports for itself, with kind, where they are defined, parameters and defaults; of each class that rclpy defines its
@@ -21,7 +23,7 @@ import textwrap
 from pathlib import Path
 from typing import Any
 
-RECORD = Path(__file__).resolve().parent / "golden/rclpy_names.json"
+RECORD = Path(__file__).resolve().parents[1] / "golden/rclpy_names.json"
 KEPT = {"__init__", "__call__", "__enter__", "__exit__", "__await__", "__iter__", "__next__", "__len__", "__bool__"}
 KEPT |= {"__eq__", "__ne__", "__lt__", "__le__", "__gt__", "__ge__", "__add__", "__radd__", "__sub__", "__hash__"}
 """Members with underscores that programs use all the same."""
@@ -128,7 +130,7 @@ def plain(value: Any) -> Any:
 
 def record(python: Path) -> str:
     """What is recorded of the rclpy that this Python has."""
-    code = "import json, rclpy_record; print(json.dumps(rclpy_record.describe('rclpy')))"
+    code = "import json; from support.record_rclpy_names import describe; print(json.dumps(describe('rclpy')))"
     run = subprocess.run(
         [str(python), "-W", "ignore", "-c", code],
         cwd=RECORD.parents[1],
@@ -142,8 +144,9 @@ def record(python: Path) -> str:
 
 if __name__ == "__main__":
     sys.path[:0] = [str(RECORD.parents[1]), str(RECORD.parents[1] / "interop_rclpy")]
-    from environments import environment
     from rclpy_peer import REQUIREMENTS
+
+    from support.environments import environment
 
     RECORD.write_text(record(environment("rclpy-jazzy", REQUIREMENTS["jazzy"])), encoding="utf-8")
     print(f"wrote {RECORD}")

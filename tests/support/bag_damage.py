@@ -1,7 +1,8 @@
 """Damages recordings and checks what readers make of them: the messages that are intact, or one of our errors.
 
-The tests run a few hundred cases; all of them, with figures: ``python tests/bag_damage.py mutations --count 10000``,
-``python tests/bag_damage.py blocks`` and ``python tests/bag_damage.py kills --count 100``.
+The tests run a few hundred cases; all of them, with figures:
+``python tests/support/bag_damage.py mutations --count 10000``,
+``python tests/support/bag_damage.py blocks`` and ``python tests/support/bag_damage.py kills --count 100``.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from rosidl_oracle import OTHERS, Definition, Reply, Rosidl, accepted, different, ours
+from support.rosidl_oracle import OTHERS, Definition, Reply, Rosidl, accepted, different, ours
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Awaitable, Callable, Iterable
 from typing import TypeVar
 
-from worlds import new_domain_id
+from support.node_fixtures import new_domain_id
 
 T = TypeVar("T")
 AT_ONCE = 3
@@ -16,7 +16,7 @@ _domains: list[int] = []
 async def at_once(jobs: Iterable[Callable[[int], Awaitable[T]]]) -> list[T | BaseException]:
     """What each job gives, in their order, or what it raised.
 
-    A job is given a domain that is its own while it runs, and so is the one `worlds.DOMAINS` behind that.
+    A job is given a domain that is its own while it runs, and so is the one `node_fixtures.DOMAINS` behind that.
     """
     _domains.extend(new_domain_id() for _ in range(AT_ONCE - len(_domains)))
     free: asyncio.Queue[int] = asyncio.Queue()

@@ -15,7 +15,7 @@ from rosidl_py_gen.base.names import KINDS, py_name
 from rosidl_py_gen.types import by_name
 from rosidl_py_gen.types.import_hook import ImportHookWarning
 
-INTERFACES = Path(__file__).resolve().parent / "interfaces"
+INTERFACES = Path(__file__).resolve().parents[1] / "interfaces"
 
 
 @contextmanager

@@ -8,14 +8,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from reference_cdr import Reference
-
 from rosidl_py_gen import Message, get_message
 from rosidl_py_gen.compiler.spec.find import search_path
 from rosidl_py_gen.compiler.spec.model import messages_of
 from rosidl_py_gen.compiler.spec.resolve import Library, check, raise_findings, select
+from support.reference_cdr import Reference
 
-TESTS = Path(__file__).resolve().parent
+TESTS = Path(__file__).resolve().parents[1]
 INTERFACES = TESTS / "interfaces"
 _SEARCH = (str(INTERFACES),)
 

@@ -1,7 +1,7 @@
 """The reference compiler of today as an oracle: two releases of the rosidl tool chain, and the comparison with ours.
 
-They come from PyPI (tests/environments.py), each into an environment of its own, and answer as processes that stay
-(tests/compiler/spec/rosidl_server.py). All are asked at once, and a test holds for all of them: where releases
+They come from PyPI (tests/support/environments.py), each into an environment of its own, and answer as processes that
+stay (tests/compiler/spec/rosidl_server.py). All are asked at once, and a test holds for all of them: where releases
 differ, or we differ from them on purpose, a table in the tests says so.
 """
 
@@ -18,7 +18,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from environments import cache_folder, environment
 from hypothesis import currently_in_test_context
 
 from rosidl_py_gen.base.descriptions import individual
@@ -37,8 +36,9 @@ from rosidl_py_gen.compiler.spec.model import (
 )
 from rosidl_py_gen.compiler.spec.resolve import Library, check
 from rosidl_py_gen.errors import InvalidNameError
+from support.environments import cache_folder, environment
 
-_SERVER = Path(__file__).parent / "compiler" / "spec" / "rosidl_server.py"
+_SERVER = Path(__file__).parents[1] / "compiler" / "spec" / "rosidl_server.py"
 RELEASES = {"jazzy": ("4.6.6", "1.8.1"), "kilted": ("4.9.5", "1.11.0")}  # rosidl, ament_index_python
 
 # name, text, format

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import xxhash
 import zenoh
-from worlds import domain_id, zenoh_router
+
+from support.node_fixtures import domain_id, zenoh_router
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -24,7 +24,7 @@ from rosidl_py_gen.compiler.spec.model import Findings, Interface, MessageDef, S
 from rosidl_py_gen.compiler.spec.resolve import Library, check, raise_findings
 from rosidl_py_gen.errors import DefinitionError
 
-REPOSITORY = Path(__file__).resolve().parent.parent
+REPOSITORY = Path(__file__).resolve().parents[2]
 TEST_INTERFACES = REPOSITORY / "tests" / "interfaces"
 VECTORS = REPOSITORY / "tests" / "vectors"
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from hypothesis import strategies as st
-from strategies import World, values, worlds
+
+from support.definition_strategies import World, values, worlds
 
 if TYPE_CHECKING:
-    from reference_cdr import Reference
+    from support.reference_cdr import Reference
 
 
 @st.composite

@@ -5,8 +5,6 @@ from __future__ import annotations
 import itertools
 from typing import TYPE_CHECKING, Any
 
-import on_wire
-
 from rosidl_py_gen import from_dict
 from rosidl_py_gen.base.descriptions import describe
 from rosidl_py_gen.base.names import split_ros_name
@@ -21,13 +19,13 @@ from rosidl_py_gen.msgs.type_description_interfaces.srv import (
 )
 from rosidl_py_gen.runtime.transport.dds.names import topic_name
 from rosidl_py_gen.runtime.transport.type_names import wire_type
+from support import raw_endpoints
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from worlds import World
-
     from rosidl_py_gen.runtime import Node
+    from support.node_fixtures import World
 
 SERVICE_OFF = {"start_type_description_service": False}
 _numbers = itertools.count()
@@ -59,7 +57,7 @@ class Told:
         """A writer, or the reader of requests, that carries the type, or a part of it."""
         name = self.name + part
         told = self.library.type_hash(name) if announced is None else announced
-        on_wire.announce(node, topic, wire_type(name), told, is_writer="Request" not in part)
+        raw_endpoints.announce(node, topic, wire_type(name), told, is_writer="Request" not in part)
 
     def __call__(self, request: GetTypeDescription_Request) -> GetTypeDescription_Response:
         for name in (self.name, *self.library.all_hashes(self.name)):

@@ -25,7 +25,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import zenoh
-from locks import holds, lock
 
 from rosidl_py_gen.base.resources import interfaces_dir
 from rosidl_py_gen.compiler.generate import generate
@@ -34,11 +33,12 @@ from rosidl_py_gen.runtime import Context, Driver, MemoryTransport, Node
 from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
 from rosidl_py_gen.runtime.transport.clocks import SYSTEM_CLOCKS, Clocks
 from rosidl_py_gen.runtime.transport.cyclone import library
+from support.machine_locks import holds, lock
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = [
     "example_interfaces",
     "geometry_msgs",

@@ -1,4 +1,6 @@
-"""``python tests/run_rclpy_tests.py CHECKOUT [FILE ...]``: rclpy's own tests against our rclpy, file by file.
+"""Run rclpy's own tests against our rclpy, file by file.
+
+Run it as ``python tests/support/run_rclpy_tests.py CHECKOUT [FILE ...]``.
 
 CHECKOUT is one of github.com/ros2/rclpy, branch jazzy, which is only read: its `rclpy/test` is copied into a temporary
 folder, with an empty `__init__.py` (theirs asks for a build). Messages are those of test_msgs, and its module
@@ -20,8 +22,10 @@ import tempfile
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
-from environments import cache_folder
-from worlds import domain_id
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # for a start by path
+
+from support.environments import cache_folder
+from support.node_fixtures import domain_id
 
 _CONFTEST = """
 import sys

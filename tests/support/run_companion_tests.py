@@ -1,9 +1,11 @@
-"""``python tests/run_companion_tests.py CHECKOUTS``: the own tests of rclpy's companions against ours, file by file.
+"""Run the tests of rclpy's companions against ours, file by file.
+
+Run it as ``python tests/support/run_companion_tests.py CHECKOUTS``.
 
 CHECKOUTS is a folder of those of github.com/ros2/common_interfaces, ros2/geometry2 and ros2/message_filters (branch
 jazzy), ros-perception/vision_opencv and DLu/tf_transformations, by these names; one that is not there is left out. They
-are only read. As `run_rclpy_tests.py` does, it gives each file a process of its own, and keeps nothing of theirs. Those
-of cv_bridge and image_geometry need OpenCV; `tostring` of numpy has become `tobytes` in them, and the fields of
+are only read. Like `run_rclpy_tests.py`, it gives each file a process of its own, and keeps nothing of theirs. Those of
+cv_bridge and image_geometry need OpenCV; `tostring` of numpy has become `tobytes` in them, and the fields of
 CameraInfo are lower case, as in ROS 2.
 """
 
@@ -15,7 +17,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-from run_rclpy_tests import _run
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # for a start by path
+
+from support.run_rclpy_tests import _run
 
 _CONFTEST = """
 import sys

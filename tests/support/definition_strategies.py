@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from hypothesis import strategies as st
-from reference_cdr import NUMBERS, Reference
 
 from rosidl_py_gen import compile_text
 from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, Arity, FieldType
@@ -23,6 +22,7 @@ from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.compiler.spec.find import SearchPath
 from rosidl_py_gen.compiler.spec.model import Source
 from rosidl_py_gen.compiler.spec.resolve import Library, check, raise_findings
+from support.reference_cdr import NUMBERS, Reference
 
 INTEGERS = tuple(kind for kind in NUMBERS if kind[0] in "ui" or kind in ("byte", "char"))
 FLOATS = ("float32", "float64")
