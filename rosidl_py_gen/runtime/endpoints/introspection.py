@@ -1,7 +1,7 @@
 """Service introspection: what passes a client or a server, published on ``<service>/_service_event``.
 
-Decides what an event says (docs/internals/protocol.md 12.1). Clients and servers tell a `Tap` while they have one, so
-that services without introspection pay nothing for it.
+Decides what an event says (docs/internals/protocol.md 12.1). Clients and servers report to a `ServiceEvents` while they
+have one, so that services without introspection pay nothing for it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class ServiceEventType(IntEnum):
 
 
 class ServiceEvents:
-    """The `Tap` of one client or server."""
+    """Publisher of the events of one client or server."""
 
     def __init__(self, scope: Scope, service: ServiceType[Any, Any], name: str, *, is_client: bool) -> None:
         from rosidl_py_gen import get_service
@@ -69,12 +69,12 @@ class ServiceEvents:
         return self._publisher is not None
 
     def sent(self, client_gid: bytes, sequence: int, message: Payload) -> None:
-        """See `service_parts.Tap`."""
+        """Publish that the client or server has written a message."""
         kind = ServiceEventType.REQUEST_SENT if self._is_client else ServiceEventType.RESPONSE_SENT
         self._publish(kind, client_gid, sequence, message)
 
     def received(self, client_gid: bytes, sequence: int, message: Payload) -> None:
-        """See `service_parts.Tap`."""
+        """Publish that a message has arrived for the client or server."""
         kind = ServiceEventType.RESPONSE_RECEIVED if self._is_client else ServiceEventType.REQUEST_RECEIVED
         self._publish(kind, client_gid, sequence, message)
 

@@ -14,7 +14,7 @@ from rosidl_py_gen.runtime.transport.service_port import ClientPort, ServerPort,
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.introspection import ServiceEvents
     from rosidl_py_gen.runtime.endpoints.scope import Scope
-    from rosidl_py_gen.runtime.endpoints.service_parts import IntrospectionState, Tap
+    from rosidl_py_gen.runtime.endpoints.service_parts import IntrospectionState
     from rosidl_py_gen.runtime.endpoints.types import ServiceType
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.time.clock import Clock
@@ -51,7 +51,7 @@ class ServiceEnd(Owned, Generic[RequestT, ResponseT]):
         self._is_client = is_client
         self._throttle = Throttle(scope.clocks)
         self._events: ServiceEvents | None = None
-        self._tap: Tap | None = None
+        self._tap: ServiceEvents | None = None
         self._outbox = Outbox(scope.bridge, None, scope.report_failure)
         read, written = service_type.request.type_hash, service_type.response.type_hash
         if is_client:

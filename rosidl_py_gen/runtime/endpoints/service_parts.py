@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.transport.matching import without_best_available
@@ -11,7 +11,6 @@ from rosidl_py_gen.runtime.transport.matching import without_best_available
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.graph.state import Graph
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
-    from rosidl_py_gen.runtime.transport.samples import Payload
     from rosidl_py_gen.runtime.transport.service_port import Refused
 
 
@@ -21,16 +20,6 @@ class IntrospectionState(IntEnum):
     OFF = 0
     METADATA = 1
     CONTENTS = 2
-
-
-class Tap(Protocol):
-    """Who is told of what passes a client or server, if anybody is; see `introspection.py`."""
-
-    def sent(self, client_gid: bytes, sequence: int, message: Payload) -> None:
-        """The endpoint has written."""
-
-    def received(self, client_gid: bytes, sequence: int, message: Payload) -> None:
-        """Something has come for the endpoint."""
 
 
 class ForeignServiceError(RosidlError):

@@ -8,19 +8,18 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime.loop.user_function import Owner, UserFunction
+from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.transport.qos import QoSPolicyKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.base.registration import Registration
-    from rosidl_py_gen.runtime.graph.discovery import Discovery
-    from rosidl_py_gen.runtime.loop.bridge import Bridge
+    from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.transport.port import Reader, Writer
 
 _LOOK_S = 0.05
@@ -136,15 +135,8 @@ class PublisherEventCallbacks:
     matched: Callable[[MatchedStatus], object] | None = None
 
 
-class EventOwner(Owner, Protocol):
-    """The scope of a node."""
-
-    bridge: Bridge
-    discovery: Discovery
-
-
 def watched(
-    scope: EventOwner,
+    scope: Scope,
     end: Reader | Writer,
     matched: Callable[[], list[bytes]],
     callbacks: SubscriptionEventCallbacks | PublisherEventCallbacks | None,
@@ -175,7 +167,7 @@ class EndpointEvents:
 
     def __init__(
         self,
-        scope: EventOwner,
+        scope: Scope,
         end: Reader | Writer,
         matched: Callable[[], list[bytes]],
         callbacks: SubscriptionEventCallbacks | PublisherEventCallbacks,

@@ -9,7 +9,7 @@ import os
 import sys
 import threading
 import warnings
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.endpoints.scope import Scope
@@ -30,16 +30,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.loop.driver import Driver
     from rosidl_py_gen.runtime.loop.failures import OnError
     from rosidl_py_gen.runtime.names.remap import NodeNames
+    from rosidl_py_gen.runtime.node.node import Node
     from rosidl_py_gen.runtime.transport.port import DomainSettings, Transport
-
-
-class OpenNode(Protocol):
-    """What a context knows of its nodes."""
-
-    _scope: Scope
-
-    def close(self) -> None:
-        """May be called twice."""
 
 
 class ContextCore:
@@ -85,7 +77,7 @@ class ContextCore:
         """Whether nodes share it that are given no context; then it closes with its last node."""
         self._had_loop = threading.Event()
         self.bridge.on_start(self._had_loop.set)
-        self._nodes: dict[int, OpenNode] = {}
+        self._nodes: dict[int, Node] = {}
         if driver is not None:
             try:
                 driver.call(lambda: self.bridge.attach(driver.loop))
@@ -138,11 +130,11 @@ class ContextCore:
             chosen,
         )
 
-    def adopt(self, node: OpenNode) -> None:
+    def adopt(self, node: Node) -> None:
         """Keep a node until it closes or `close` closes it."""
         self._nodes[node._scope.number] = node
 
-    def release(self, node: OpenNode) -> None:
+    def release(self, node: Node) -> None:
         """Forget a closed node; the default context closes with its last node."""
         self._nodes.pop(node._scope.number, None)
         self.close_if_unused()

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import atexit
 import os
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.logs.outputs import outputs
 
 if TYPE_CHECKING:
     import asyncio
 
-    from rosidl_py_gen.runtime.loop.bridge import Bridge
+    from rosidl_py_gen.runtime.node.core import ContextCore
 
 _FORKED = (
     "made before this process was forked, and works in the parent process only: start processes with multiprocessing's "
@@ -19,31 +19,15 @@ _FORKED = (
 )
 
 
-class OpenContext(Protocol):
-    """What is known here of a `ContextCore`."""
-
-    bridge: Bridge
-    is_default: bool
-
-    def close(self) -> None:
-        """Close its nodes and leave the domain."""
-
-    def close_forgotten(self) -> None:
-        """Close, with a warning about the nodes that nobody closed."""
-
-    def abandon(self, reason: str) -> None:
-        """Look closed."""
+_open: set[ContextCore] = set()
 
 
-_open: set[OpenContext] = set()
-
-
-def add(core: OpenContext) -> None:
+def add(core: ContextCore) -> None:
     """Count a context among the open ones."""
     _open.add(core)
 
 
-def discard(core: OpenContext) -> None:
+def discard(core: ContextCore) -> None:
     """Count a context among the open ones no longer."""
     _open.discard(core)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.waiting import complete_threadsafe, current_loop
@@ -19,22 +19,11 @@ from rosidl_py_gen.runtime.time.values import ClockType
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.base.registration import Registration
+    from rosidl_py_gen.runtime.time.clock import Clock
     from rosidl_py_gen.runtime.time.schedule import Schedule
     from rosidl_py_gen.runtime.time.values import TimeJump
 
 _LONGEST_PAUSE_S = 1.0
-
-
-class _Clock(Protocol):
-    """What is needed of a `Clock`, which needs this file."""
-
-    clock_type: ClockType
-
-    @property
-    def ros_time_is_active(self) -> bool: ...
-    def now_ns(self) -> int: ...
-    def _on_every_jump(self, pre: Callable[[TimeJump], None], post: Callable[[TimeJump], None]) -> Registration: ...
 
 
 class DueTimer:
@@ -47,7 +36,7 @@ class DueTimer:
 
     def __init__(
         self,
-        clock: _Clock,
+        clock: Clock,
         schedule: Schedule,
         loop: Callable[[], asyncio.AbstractEventLoop | None],
         on_due: Callable[[], None],
@@ -112,7 +101,7 @@ class DueTimer:
         self.arm_soon()
 
 
-async def wait_until_due(clock: _Clock, schedule: Schedule, *, ends_with_source: bool) -> bool:
+async def wait_until_due(clock: Clock, schedule: Schedule, *, ends_with_source: bool) -> bool:
     """Wait until the schedule is due, and note that as its call; False when the source of time changed before.
 
     Args:
@@ -134,7 +123,7 @@ async def wait_until_due(clock: _Clock, schedule: Schedule, *, ends_with_source:
 class _DueWait(DueTimer):
     """One wait. That it was due is noted in the jump itself: the task may wake when time is somewhere else already."""
 
-    def __init__(self, clock: _Clock, schedule: Schedule, ends_with_source: bool) -> None:
+    def __init__(self, clock: Clock, schedule: Schedule, ends_with_source: bool) -> None:
         loop = asyncio.get_running_loop()
         super().__init__(clock, schedule, lambda: loop, self._note_due)
         self._ends_with_source = ends_with_source

@@ -5,37 +5,23 @@ Who is there, and who is lost, is found out as on DDS, from what discovery repor
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from rosidl_py_gen.runtime.transport.port import Reader, Writer
 from rosidl_py_gen.runtime.transport.service_ends import ClientEnd, ServerEnd, kept_by
 from rosidl_py_gen.runtime.transport.service_port import Servers
 
 if TYPE_CHECKING:
+    from rosidl_py_gen.runtime.transport.memory import MemoryReader, MemoryWriter
     from rosidl_py_gen.runtime.transport.service_ends import ServicePeers
     from rosidl_py_gen.runtime.transport.service_port import Reply, Request, RequestId, Service
-
-
-class Inbox(Reader, Protocol):
-    """What is read, of one end of a service."""
-
-    closed: bool
-
-    def accept(self, thing: Any, sender: Writer) -> None:
-        """Take something into the queue."""
-
-
-class Outbox(Writer, Protocol):
-    """What is written, of one end of a service."""
-
-    def put(self, thing: Any) -> bool:
-        """Give something to all that are connected."""
 
 
 class MemoryClient(ClientEnd):
     """See `service_port.ClientPort`."""
 
-    def __init__(self, service: Service, peers: ServicePeers, reader: Inbox, writer: Outbox, gid: bytes) -> None:
+    def __init__(
+        self, service: Service, peers: ServicePeers, reader: MemoryReader, writer: MemoryWriter, gid: bytes
+    ) -> None:
         super().__init__(peers, *service.channels, reader, writer, gid)
         self._counts = service.counts
         self._outbox = writer

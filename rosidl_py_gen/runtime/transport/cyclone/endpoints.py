@@ -17,7 +17,7 @@ import struct
 import threading
 import time
 import weakref
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.cyclone import functions
@@ -31,11 +31,7 @@ from rosidl_py_gen.runtime.transport.samples import ReceiveQueue, in_fours
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from rosidl_py_gen.runtime.transport.cyclone.discovery import DiscoveryReaders
-    from rosidl_py_gen.runtime.transport.cyclone.domain import Domain
-    from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
-    from rosidl_py_gen.runtime.transport.cyclone.pipe import ArrivalPipe
-    from rosidl_py_gen.runtime.transport.cyclone.topics import TypeObject
+    from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneParticipant
     from rosidl_py_gen.runtime.transport.dds.correlation import Identity
     from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
     from rosidl_py_gen.runtime.transport.samples import Payload, Sink
@@ -73,25 +69,6 @@ _local_readers: dict[tuple[int, str], tuple[CycloneReader, ...]] = {}
 """Readers of this process by domain and topic, for `CycloneWriter.write`."""
 
 
-class Host(Protocol):
-    """What endpoints need of their participant."""
-
-    api: functions.Api
-    fast_dds: FastDds
-    domain: Domain
-    domain_id: int
-    discovery: DiscoveryReaders
-    pipe: ArrivalPipe
-    buffers: TakeBuffers
-    readers: dict[int, CycloneReader]
-
-    def type_object(self, type: str) -> TypeObject:
-        """What stands for a type that has endpoints."""
-
-    def release_topic(self, topic: str, type: str) -> None:
-        """An endpoint of it is gone."""
-
-
 class _Endpoint:
     """What writers and readers have in common.
 
@@ -101,7 +78,7 @@ class _Endpoint:
 
     _statuses: Mapping[str, tuple[str, int]]
 
-    def __init__(self, owner: Host, entity: int, end: DdsEndpoint) -> None:
+    def __init__(self, owner: CycloneParticipant, entity: int, end: DdsEndpoint) -> None:
         """`end` has the profile that went through `qos.effective`."""
         self._owner = owner
         self._api = owner.api
@@ -124,7 +101,7 @@ class CycloneWriter(_Endpoint):
 
     _statuses = _OFFERED
 
-    def __init__(self, owner: Host, entity: int, end: DdsEndpoint) -> None:
+    def __init__(self, owner: CycloneParticipant, entity: int, end: DdsEndpoint) -> None:
         super().__init__(owner, entity, end)
         api = owner.api
         self._copy = api.bare_copy
@@ -250,7 +227,7 @@ class CycloneReader(_Endpoint):
 
     _statuses = _REQUESTED
 
-    def __init__(self, owner: Host, entity: int, end: DdsEndpoint) -> None:
+    def __init__(self, owner: CycloneParticipant, entity: int, end: DdsEndpoint) -> None:
         super().__init__(owner, entity, end)
         self.is_reliable = end.qos.reliability is Reliability.RELIABLE
         self.queue = ReceiveQueue(end.qos)

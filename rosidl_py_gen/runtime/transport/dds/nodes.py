@@ -6,7 +6,7 @@ Source: docs/internals/protocol.md 6.2.
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.waiting import current_loop
 from rosidl_py_gen.errors import DecodeError
@@ -20,8 +20,9 @@ from rosidl_py_gen.runtime.transport.qos import DEFAULT
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant
     from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent, NodeEntities
-    from rosidl_py_gen.runtime.transport.port import Reader, Writer
+    from rosidl_py_gen.runtime.transport.port import Reader
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 _CHANNEL = Channel("bare", "ros_discovery_info")
@@ -35,22 +36,10 @@ _SILENCES_S = (0.05, 0.2, 0.5)
 reader, and Cyclone drops what comes from a writer it has not heard of. It would be sent again after 3 s."""
 
 
-class _Host(Protocol):
-    """What the topic of nodes needs of its participant."""
-
-    guid: bytes
-
-    def create_writer(self, spec: EndpointSpec) -> Writer:
-        """See `port.Participant`."""
-
-    def create_reader(self, spec: EndpointSpec) -> Reader:
-        """See `port.Participant`."""
-
-
 class NodeTopic:
     """The topic on which participants tell their nodes."""
 
-    def __init__(self, participant: _Host, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
+    def __init__(self, participant: DdsParticipant, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
         self._participant = participant
         self._sink = sink
         self._closed = False

@@ -29,7 +29,7 @@ import ctypes
 import itertools
 import threading
 import time
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import zenoh
 import zenoh.ext
@@ -51,22 +51,10 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.discovered import EndpointFound
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
     from rosidl_py_gen.runtime.transport.samples import Payload, Sink
-    from rosidl_py_gen.runtime.transport.zenoh.arrivals import Arrivals
-    from rosidl_py_gen.runtime.transport.zenoh.graph import TokenGraph
+    from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
 
 _HEARTBEAT_S = 0.5
 _time_ns = time.time_ns
-
-
-class EndpointOwner(Protocol):
-    """What endpoints need of their participant."""
-
-    arrivals: Arrivals
-    graph: TokenGraph
-    session: Any
-
-    def withdraw(self, guid: bytes) -> None:
-        """An endpoint is about to be undeclared."""
 
 
 class _Thread(threading.local):
@@ -143,7 +131,7 @@ def declare_subscriber(
 class ZenohWriter:
     """See `port.Writer`."""
 
-    def __init__(self, owner: EndpointOwner, info: EndpointFound, key: str) -> None:
+    def __init__(self, owner: ZenohParticipant, info: EndpointFound, key: str) -> None:
         self._owner = owner
         self.info = info
         self.guid = info.guid
@@ -196,7 +184,7 @@ class ZenohWriter:
 class ZenohReader:
     """See `port.Reader`; the queue is filled by `_take`."""
 
-    def __init__(self, owner: EndpointOwner, info: EndpointFound, key: str, *, ignore_local: bool = False) -> None:
+    def __init__(self, owner: ZenohParticipant, info: EndpointFound, key: str, *, ignore_local: bool = False) -> None:
         self._owner = owner
         self.info = info
         self.guid = info.guid
@@ -285,7 +273,7 @@ class ZenohReader:
 class BufferReader(ZenohReader):
     """A reader that listens on the key for buffers, too; each sample comes on one of the two."""
 
-    def __init__(self, owner: EndpointOwner, info: EndpointFound, key: str, *, ignore_local: bool = False) -> None:
+    def __init__(self, owner: ZenohParticipant, info: EndpointFound, key: str, *, ignore_local: bool = False) -> None:
         super().__init__(owner, info, key, ignore_local=ignore_local)
         try:
             self._channel = self._declare(cpu_channel(key))

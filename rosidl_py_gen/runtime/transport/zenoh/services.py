@@ -29,7 +29,7 @@ from rosidl_py_gen.runtime.transport.zenoh.graph import participant_guid, twin
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.discovered import EndpointFound
     from rosidl_py_gen.runtime.transport.service_port import RequestId
-    from rosidl_py_gen.runtime.transport.zenoh.endpoints import EndpointOwner
+    from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
 
 _ENDLESS_S = 1e9
 """Zenoh refuses infinity."""
@@ -55,7 +55,7 @@ class _End(ZenohReader):
         writes: that by which it knows it as a writer.
     """
 
-    def __init__(self, owner: EndpointOwner, reads: EndpointFound, writes: EndpointFound, key: str) -> None:
+    def __init__(self, owner: ZenohParticipant, reads: EndpointFound, writes: EndpointFound, key: str) -> None:
         self.gid = reads.guid
         self.endpoints = reads.guid, writes.guid
         self._key = key
@@ -81,7 +81,7 @@ class _End(ZenohReader):
 class ZenohClient(_End):
     """See `service_port.ClientPort`."""
 
-    def __init__(self, owner: EndpointOwner, replies: EndpointFound, requests: EndpointFound, key: str) -> None:
+    def __init__(self, owner: ZenohParticipant, replies: EndpointFound, requests: EndpointFound, key: str) -> None:
         self._requests = requests
         self._sent = 0
         self._asked: dict[int, _Asked] = {}
@@ -268,7 +268,7 @@ class _Query(NamedTuple):
 class ZenohServer(_End):
     """See `service_port.ServerPort`; keeps the queries that are not answered yet."""
 
-    def __init__(self, owner: EndpointOwner, requests: EndpointFound, replies: EndpointFound, key: str) -> None:
+    def __init__(self, owner: ZenohParticipant, requests: EndpointFound, replies: EndpointFound, key: str) -> None:
         self._queries: dict[_Asker, _Query] = {}
         self._queries_bytes = 0
         self._queries_lock = threading.RLock()
