@@ -86,7 +86,8 @@ def encoder_view(plan: Plan, flavour: Flavour, structs: Structs, classes: dict[s
     if collect:
         return EncoderView(tuple(body), "")
     parts = writer.parts
-    return EncoderView(tuple(body), parts[0] if len(parts) == 1 else f'b"".join(({", ".join(parts)}))')
+    joined = "".join(f"\n    {part}," for part in parts)
+    return EncoderView(tuple(body), parts[0] if len(parts) == 1 else f'b"".join(({joined}\n))')
 
 
 def _reads_pos(step: Step) -> bool:

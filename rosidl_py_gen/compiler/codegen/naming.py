@@ -47,12 +47,10 @@ class Imports:
     """The import lines of a module, and what each imported name is called there.
 
     Attributes:
-        package: top of the module's own import path.
         classes: names of the module's own classes.
         members: names of their fields and constants, which hide module names inside a class body but not in methods.
     """
 
-    package: str
     classes: frozenset[str]
     members: frozenset[str]
     runtime: dict[str, dict[str, str]] = field(default_factory=dict)
@@ -98,40 +96,19 @@ class Imports:
             number += 1
 
     def lines(self, *, for_typing: bool = False) -> list[str]:
-        """The import statements, sorted."""
-        table = self.typing if for_typing else self.runtime
-        groups: list[list[str]] = [[], [], [], []]
-        for module in sorted(table):
-            top = module.split(".")[0]
-            lines = groups[0 if top in _STDLIB else 1 if top in _LIBRARIES else 2 + (top == self.package)]
-            if "" in table[module]:
-                lines.append(f"import {module} as {table[module]['']}")
-            lines += _from_import(module, table[module])
-        for lines in groups:
-            lines.sort(key=lambda line: line.startswith("from "))
-        # Where generated packages lie decides which of them a linter takes for first-party code: they are kept apart.
-        result = [*groups[0], *([""] if groups[0] and groups[1] else []), *groups[1]]
-        for lines in groups[2:]:
-            result += [*(["", "# isort: split"] if result and lines else []), *lines]
+        """Return the import statements, sorted; the module tells formatters and isort to leave them as they are."""
+        result = []
+        for module, names in sorted((self.typing if for_typing else self.runtime).items()):
+            if "" in names:
+                result.append(f"import {module} as {names['']}")
+            imported = sorted((name, alias) for name, alias in names.items() if name)
+            if words := ", ".join(name if name == alias else f"{name} as {alias}" for name, alias in imported):
+                result.append(f"from {module} import {words}")
         return result
 
 
-def _from_import(module: str, names: dict[str, str]) -> list[str]:
-    """What is renamed stands alone, the rest together, in the order of the first name: what isort's defaults do."""
-    plain = sorted((name for name, alias in names.items() if name == alias), key=sort_key)
-    statements = [([name], f"{name} as {alias}") for name, alias in names.items() if name and name != alias]
-    if plain:
-        statements.append((plain, ", ".join(plain)))
-    statements.sort(key=lambda statement: sort_key(statement[0][0]))
-    return [f"from {module} import {words}" for _, words in statements]
-
-
-_STDLIB = {"builtins", "dataclasses", "struct", "typing"}
-_LIBRARIES = {"numpy", "rosidl_py_gen"}
-
-
 def sort_key(word: str) -> tuple[int, list[tuple[int, str]], str]:
-    """The order formatters put names in: constants, classes, others; numbers inside by value."""
+    """Return the key by which ruff sorts `__all__`: constants, classes, others; numbers inside by value."""
     name = word.split(" ")[0]
     rank = 0 if name.isupper() and len(name) > 1 else 1 if name[:1].isupper() else 2
     pieces = [(int(piece), "") if piece.isdigit() else (-1, piece) for piece in re.split(r"(\d+)", name) if piece]

@@ -10,7 +10,6 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base import resources
-from rosidl_py_gen.compiler.codegen.fold import Folder
 from rosidl_py_gen.compiler.codegen.literals import docstring, py_string
 
 if TYPE_CHECKING:
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 
 def environment_of_texts() -> Environment:
     """What templates may call, and their texts."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_context, select_autoescape
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
 
     environment = Environment(
         loader=FileSystemLoader(resources.templates_dir()),
@@ -34,10 +33,13 @@ def environment_of_texts() -> Environment:
     environment.filters |= {
         "docstring": lambda lines, indent: docstring(lines, " " * indent),
         "string": py_string,
-        "parameter": pass_context(lambda context, text, indent: context["folder"].parameter(text, indent)),
-        "code": pass_context(lambda context, text, indent=0: context["folder"].code(text, indent)),
+        "code": _indented,
     }
     return environment
+
+
+def _indented(text: str, indent: int = 0) -> str:
+    return "\n".join(" " * indent + line if line.strip() else "" for line in text.splitlines())
 
 
 @lru_cache(maxsize=1)
@@ -57,12 +59,7 @@ def load() -> None:
 
 
 def _render(template: str, **values: object) -> str:
-    folder = Folder()
-    text = _environment().get_template(template).render(values, folder=folder)
-    if folder.overflow:
-        head, _, rest = text.partition("\n")
-        text = f"{head}\n# fmt: off\n{rest}"
-    return text
+    return _environment().get_template(template).render(values)
 
 
 def render_module(view: ModuleView) -> str:

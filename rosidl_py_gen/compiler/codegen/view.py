@@ -150,8 +150,7 @@ def module_view(interface: Interface, layouts: Layouts, target: Target) -> Modul
     for message in messages:
         members.update(py_name(item.name) for item in message.fields)
         members.update(py_name(item.name) for item in message.constants)
-    package = (target.root + interface.name.package).split(".")[0]
-    imports = Imports(package, frozenset(exported_names(interface)), frozenset(members))
+    imports = Imports(frozenset(exported_names(interface)), frozenset(members))
     structs = Structs.new()
     classes = dict(own)
     for base in sorted(_nested(messages, layouts)):
@@ -247,10 +246,11 @@ def _constructor(fields: tuple[FieldView, ...]) -> tuple[str, ...]:
 
 def _type_info(message: MessageDef, imports: Imports, digest: str, classes: dict[str, str]) -> str:
     rows = [_table_row(item.name, str(item.type), classes.get(item.type.base)) for item in message.fields]
-    table = f"({rows[0]},)" if len(rows) == 1 else f"({', '.join(rows)})"
+    table = "(\n" + "".join(f"        {row},\n" for row in rows) + "    )" if rows else "()"
     defaults = [f"{py_string(key)}: {py_string(text)}" for key, text in defaults_text(message.fields)]
-    last = ", {" + ", ".join(defaults) + "}" if defaults else ""
-    return f'{imports.use(_CDR, "TypeInfo")}("{message.name}", "{digest}", {table}{last})'
+    arguments = [f'"{message.name}"', f'"{digest}"', table, *(["{" + ", ".join(defaults) + "}"] if defaults else [])]
+    lines = "".join(f"    {argument},\n" for argument in arguments)
+    return f"{imports.use(_CDR, 'TypeInfo')}(\n{lines})"
 
 
 def _wide_info(message: MessageDef, imports: Imports, digest: str, classes: dict[str, str]) -> str:

@@ -1,4 +1,4 @@
-"""Values, docstrings and line breaking: the three places where text of a definition becomes source text."""
+"""Values and docstrings, the two places where text of a definition becomes source text, and names in a module."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from support.example_counts import examples
 from support.interface_packages import assert_clean, write
 
-from rosidl_py_gen.compiler.codegen.fold import WIDTH, Folder
 from rosidl_py_gen.compiler.codegen.literals import docstring, py_literal, py_string, visible
 from rosidl_py_gen.compiler.codegen.naming import Imports, Locals, singular, sort_key
 
@@ -117,73 +116,11 @@ def test_docstrings_of_any_text_are_left_alone_by_the_formatter(tmp_path: object
     assert_clean(folder)
 
 
-# --- folding ----------------------------------------------------------------------------------------------------------
-
-LONG = "a_rather_long_name_for_a_field"
-
-FOLDED = [
-    ("x = 1", ["x = 1"]),
-    (
-        f"self.{LONG}, self.{LONG}_2, self.{LONG}_3 = unpack(raw, 4)",
-        ["(", f"    self.{LONG},", f"    self.{LONG}_2,", f"    self.{LONG}_3,", ") = unpack(raw, 4)"],
-    ),
-    (
-        f"return pack(self.{LONG}, self.{LONG}_2, self.{LONG}_3)",
-        ["return pack(", f"    self.{LONG},", f"    self.{LONG}_2,", f"    self.{LONG}_3,", ")"],
-    ),
-    # An index or slice takes no comma: that would make it a tuple.
-    (
-        f"message.{LONG}_and_more_and_more_and_more_and_more = raw[start : end - 1].decode()",
-        [f"message.{LONG}_and_more_and_more_and_more_and_more = raw[", "    start : end - 1", "].decode()"],
-    ),
-    (
-        f"from {LONG}.msg._{LONG} import {LONG.title()}",
-        [f"from {LONG}.msg._{LONG} import (", f"    {LONG.title()},", ")"],
-    ),
-    (
-        f"def _decode(cls, data: {LONG}, copy: bool = False) -> {LONG}_of_something:",
-        ["def _decode(", "    cls,", f"    data: {LONG},", "    copy: bool = False,", f") -> {LONG}_of_something:"],
-    ),
-    (
-        f'NAME: ClassVar[str] = "{"x" * 70}"',
-        ["NAME: ClassVar[str] = (", f'    "{"x" * 70}"', ")"],
-    ),
-]
-
-
-@pytest.mark.parametrize(("line", "folded"), FOLDED)
-def test_long_lines_are_opened_up(line: str, folded: list[str]) -> None:
-    folder = Folder()
-    assert folder.line(line) == folded
-    assert not folder.overflow
-
-
-@pytest.mark.parametrize(("line", "folded"), FOLDED[:-3])
-def test_folding_does_not_change_the_meaning(line: str, folded: list[str]) -> None:
-    def tree(text: str) -> str:
-        inside = "\n".join("    " + part for part in text.splitlines())
-        return ast.dump(ast.parse(f"def f():\n{inside}\n"))
-
-    assert tree(line) == tree("\n".join(folded))
-
-
-def test_a_line_that_cannot_be_broken_is_reported() -> None:
-    folder = Folder()
-    line = f"x = {'y' * WIDTH}"
-    assert folder.line(line) == [line]
-    assert folder.overflow
-
-
-def test_brackets_inside_strings_do_not_count() -> None:
-    line = f'call("{"(" * 40}", "{"]" * 40}", 3)'
-    assert Folder().line(line) == ["call(", f'    "{"(" * 40}",', f'    "{"]" * 40}",', "    3,", ")"]
-
-
 # --- names inside a module --------------------------------------------------------------------------------------------
 
 
 def test_imports_step_aside_for_fields_and_classes() -> None:
-    imports = Imports("c_msgs", frozenset({"Time", "_Time"}), frozenset({"np", "int"}))
+    imports = Imports(frozenset({"Time", "_Time"}), frozenset({"np", "int"}))
     assert imports.use_numpy() == "_np"
     assert imports.use("a_msgs.msg._time", "Time") == "_a_msgs_msg__time_Time"
     assert imports.use("b_msgs.msg._date", "Date") == "Date"
@@ -191,27 +128,20 @@ def test_imports_step_aside_for_fields_and_classes() -> None:
     assert imports.use("b_msgs.msg._date", "Date") == "Date"
     assert (imports.builtin("int"), imports.builtin("str")) == ("_int", "str")
     assert imports.lines() == [
-        "from builtins import int as _int",
-        "",
-        "import numpy as _np",
-        "",
-        "# isort: split",
         "from a_msgs.msg._time import Time as _a_msgs_msg__time_Time",
         "from b_msgs.msg._date import Date",
-        "",
-        "# isort: split",
+        "from builtins import int as _int",
         "from c_msgs.msg._date import Date as _Date",
+        "import numpy as _np",
     ]
 
 
-def test_renamed_imports_stand_alone_in_the_order_of_formatters() -> None:
-    imports = Imports("a_msgs", frozenset({"Message", "Action"}), frozenset())
+def test_names_of_one_module_are_imported_together() -> None:
+    imports = Imports(frozenset({"Message", "Action"}), frozenset())
     for name in ("recover", "Message", "TypeInfo", "Action", "CONSTANT"):
         imports.use("rosidl_py_gen.cdr", name)
     assert imports.lines() == [
-        "from rosidl_py_gen.cdr import CONSTANT, TypeInfo, recover",
-        "from rosidl_py_gen.cdr import Action as _Action",
-        "from rosidl_py_gen.cdr import Message as _Message",
+        "from rosidl_py_gen.cdr import Action as _Action, CONSTANT, Message as _Message, TypeInfo, recover",
     ]
 
 
