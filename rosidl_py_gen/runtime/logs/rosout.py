@@ -1,7 +1,7 @@
 """From a log record to the fields of rcl_interfaces/Log, and to the node that publishes it.
 
 Decides what the message says, and that each record is published once, by the node it belongs to. Records that belong to
-no node are not published. Publishing is `node/rosout.py`. Source: docs/internals/protocol.md 9.7.
+no node are not published. `node/node.py` publishes them. Source: docs/internals/protocol.md 9.7.
 """
 
 from __future__ import annotations

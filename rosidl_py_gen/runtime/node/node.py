@@ -10,15 +10,19 @@ import asyncio
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
 from rosidl_py_gen.base.rclpy_names import knows_rclpy
+from rosidl_py_gen.base.stamps import sec_nanosec
 from rosidl_py_gen.base.waiting import current_loop
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
+from rosidl_py_gen.msgs.rcl_interfaces.msg import Log
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.endpoints.scope import counted
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import Untyped, message_type, raw_type
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.logs.loggers import failure_listeners
+from rosidl_py_gen.runtime.logs.rosout import shared_router
 from rosidl_py_gen.runtime.loop.failures import Guard
 from rosidl_py_gen.runtime.names.remap import NodeNames
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, validate_node_name
@@ -28,20 +32,21 @@ from rosidl_py_gen.runtime.node.context import Context
 from rosidl_py_gen.runtime.node.graph import GraphMethods
 from rosidl_py_gen.runtime.node.messages import MessageMethods
 from rosidl_py_gen.runtime.node.parameters import ParameterMethods
-from rosidl_py_gen.runtime.node.rosout import start_rosout
 from rosidl_py_gen.runtime.node.services import ServiceMethods
 from rosidl_py_gen.runtime.node.time import TimeMethods
 from rosidl_py_gen.runtime.node.types import TypeMethods
-from rosidl_py_gen.runtime.transport.qos import as_profile
+from rosidl_py_gen.runtime.transport.qos import ROSOUT, as_profile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from typing_extensions import Self
 
+    from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.graph.events import PublisherEventCallbacks, SubscriptionEventCallbacks
     from rosidl_py_gen.runtime.logs.loggers import RosLogger
+    from rosidl_py_gen.runtime.logs.rosout import LogFields
     from rosidl_py_gen.runtime.loop.failures import OnError
     from rosidl_py_gen.runtime.transport.qos import QoSLike
 
@@ -155,7 +160,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         """Bring up what every node has; subclasses add to it. The node is closed when this fails."""
         self.context._core.bridge.adopt_running_loop()
         if options.enable_rosout and self.context._core.ros_arguments.logs.rosout:
-            start_rosout(self._scope)
+            _start_rosout(self._scope)
         self._open_parameters(options)
 
     # -------------------------------------------------------------------------------------------------------- names
@@ -376,3 +381,27 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         others = counted(max(0, len(self._scope.graph.nodes()) - 1), "other node")
         state = "closed" if self.is_closed else f"domain {self.context.domain_id}, {others}"
         return f"{type(self).__name__}({self.fully_qualified_name}, {state})"
+
+
+def _start_rosout(scope: Scope) -> None:
+    """Publish what is logged as this node on ``/rosout`` until it closes.
+
+    Source: docs/internals/protocol.md 9.7.
+    """
+    publisher: Publisher[Log] = Publisher(scope, message_type(Log), "/rosout", ROSOUT)
+
+    def publish(fields: LogFields) -> None:
+        sec, nanosec = sec_nanosec(fields.stamp_ns)
+        publisher._publish_without_waiting(
+            Log(
+                stamp=Time(sec=sec, nanosec=nanosec),
+                level=fields.level,
+                name=fields.name,
+                msg=fields.msg,
+                file=fields.file,
+                function=fields.function,
+                line=fields.line,
+            )
+        )
+
+    scope.own(shared_router().register(scope.logger.name, publish))

@@ -13,7 +13,7 @@ from support.zenoh_peer import Peer, PlainPublisher
 
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterType
 from rosidl_py_gen.runtime import CountStatus, SubscriptionEventCallbacks, UnsupportedEventError
-from rosidl_py_gen.runtime.transport.zenoh.gaps import Gaps
+from rosidl_py_gen.runtime.transport.zenoh.endpoints import Gaps
 
 ONE, OTHER = b"1" * 16, b"2" * 16
 TYPE = "rcl_interfaces::msg::dds_::ParameterType_"
