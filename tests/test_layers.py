@@ -247,7 +247,6 @@ NODE_USERS = ("runtime", "runtime.lifecycle.node", "runtime.pytest_plugin", "cli
 APART = [("spec", "runtime"), ("codegen", "runtime"), ("runtime", "spec"), ("runtime", "codegen")]
 # Generated code needs the middle and numpy, nothing else.
 GENERATED_MAY_IMPORT = {"__future__", "builtins", "dataclasses", "struct", "typing", "numpy", NAME}
-MOST_LINES = 400
 # A folder of packages that have no part in `rosidl_py_gen`: `rclpy` and its companions, made importable by the hook.
 SHIM = "rclpy"
 SHIM_PACKAGES = {path.name for path in (PACKAGE / SHIM).iterdir() if (path / "__init__.py").is_file()}
@@ -677,12 +676,6 @@ def test_time_comes_from_the_loop_or_the_transport(path: Path) -> None:
             isinstance(node, ast.ImportFrom) and node.module == "time" and names & {one.name for one in node.names}
         )
         assert not (is_asked or is_taken), f"{module_of(path)}:{node.lineno}: {ast.unparse(node)}"
-
-
-@pytest.mark.parametrize("path", WRITTEN, ids=module_of)
-def test_files_stay_readable(path: Path) -> None:
-    lines = len(path.read_text(encoding="utf-8").splitlines())
-    assert lines <= MOST_LINES, f"{path.relative_to(PACKAGE.parent)} has {lines} lines"
 
 
 @pytest.mark.parametrize("path", WRITTEN, ids=module_of)

@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_LONGEST_SLEEP_S = 3600.0
-
 
 class Finished:
     """What `succeed`, `abort` and `canceled` return, so that a handler can say ``return goal.canceled(...)``."""
@@ -354,7 +352,7 @@ class ServerGoals:
         if self._expiry is None and not self._clock.ros_time_is_active:
             due_ns, loop = self.book.next_expiry_ns(), self._scope.bridge.loop
             if due_ns is not None and loop is not None:
-                left_s = min(max(0.001, (due_ns - now_ns) / NS_PER_S), _LONGEST_SLEEP_S)
+                left_s = max(0.001, (due_ns - now_ns) / NS_PER_S)
                 self._expiry = loop.call_later(left_s, self._expire_later)
 
     def _expire_later(self) -> None:
