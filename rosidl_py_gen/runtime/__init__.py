@@ -14,7 +14,12 @@ if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> object:
         if name not in __all__ and not name.startswith("_"):
-            from rosidl_py_gen.base.rclpy_names import refuse_module_name
+            import sys
 
-            refuse_module_name(__name__, name)
+            from rosidl_py_gen.runtime.names.rclpy_hints import HINTS, unknown_attribute
+
+            if name in HINTS:
+                # ``from module import name`` discards the text of an AttributeError.
+                is_import = sys._getframe(1).f_code.co_name == "_handle_fromlist"
+                raise (ImportError if is_import else AttributeError)(unknown_attribute(__name__, name))
         return _find(name)

@@ -63,6 +63,8 @@ async def more(node: Node) -> None:
     assert_type(node.declare_parameter("x", True), bool)
     assert_type(node.declare_parameter("x", ["a", "b"]), tuple[str, ...])
     assert_type(SENSOR_DATA, QoSProfile)
+    node.get_logger().info("typed")
+    assert_type(node.destroy_publisher(node.create_publisher(String, "a")), bool)
     assert_type(node.get_parameter("x", int), int | None)
     assert_type(node.get_parameter("x", str, "none"), str)
 

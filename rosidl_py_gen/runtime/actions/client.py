@@ -121,6 +121,10 @@ class ActionClient(Composite, Generic[ActionT_co]):
         self._scope.discovery.refresh()
         return self._is_available.get()
 
+    def server_is_ready(self) -> bool:
+        """Return `server_is_available()`; the name in rclpy."""
+        return self.server_is_available()
+
     def _missing(self) -> list[str]:
         """The names of what no server is connected at."""
         services = (self._send, self._cancel, self._result.client)

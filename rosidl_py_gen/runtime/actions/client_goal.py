@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Generic
 
-from rosidl_py_gen.base.rclpy_names import knows_rclpy
 from rosidl_py_gen.base.waiting import Waiters
 from rosidl_py_gen.runtime.actions.states import ActionError, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionT_co
@@ -95,7 +94,6 @@ class GoalProgress:
             self.waiters.wake()
 
 
-@knows_rclpy
 class ClientGoal(Generic[ActionT_co]):
     """A goal that was accepted; made by `ActionClient.send_goal`. `ClientGoal[Fibonacci]` to a type checker."""
 

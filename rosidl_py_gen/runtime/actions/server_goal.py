@@ -15,7 +15,6 @@ import threading
 from collections import deque
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from rosidl_py_gen.base.rclpy_names import knows_rclpy
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.waiting import complete, current_loop
 from rosidl_py_gen.runtime.actions.goal_record import GoalRecord
@@ -53,7 +52,6 @@ def caller() -> object:
     return threading.get_ident() if current_loop() is None else asyncio.current_task()
 
 
-@knows_rclpy
 class ServerGoal(Generic[ActionT_co]):
     """A goal that was accepted; `ServerGoal[Fibonacci]` to a type checker."""
 
@@ -94,6 +92,11 @@ class ServerGoal(Generic[ActionT_co]):
         Also true when the server closes; then nothing can be told to the client any more, and it is time to return.
         """
         return self._record.cancel_requested
+
+    @property
+    def is_cancel_requested(self) -> bool:
+        """The same as `cancel_requested`; the name in rclpy."""
+        return self.cancel_requested
 
     async def wait_for_cancel(self) -> None:
         """Return when `cancel_requested` becomes true."""

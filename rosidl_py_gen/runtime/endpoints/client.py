@@ -83,6 +83,10 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         self._scope.discovery.refresh()
         return self._available().is_available
 
+    def service_is_ready(self) -> bool:
+        """Return `service_is_available()`; the name in rclpy."""
+        return self.service_is_available()
+
     async def wait_for_service(self, timeout_s: float | None = None) -> Literal[True]:
         """Wait until a server with matching endpoints is connected.
 

@@ -124,6 +124,15 @@ class Publisher(Owned, Generic[T]):
         """How many subscriptions receive what is published, bare DDS readers included; 0 when it is closed."""
         return 0 if self._closed else len(self._writer.matched_readers())
 
+    def get_subscription_count(self) -> int:
+        """Return `subscription_count`; the name in rclpy."""
+        return self.subscription_count
+
+    @property
+    def topic_name(self) -> str:
+        """The same as `topic`; the name in rclpy."""
+        return self.topic
+
     def matched_subscriptions(self) -> list[bytes]:
         """The GUIDs of the readers that receive what is published."""
         return self._writer.matched_readers()

@@ -12,7 +12,6 @@ import contextlib
 import copy
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
-from rosidl_py_gen.base.rclpy_names import knows_rclpy
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.waiting import current_loop
 from rosidl_py_gen.errors import ClosedError
@@ -52,15 +51,19 @@ class Closable(Protocol):
 
 
 class Owned:
-    """What a node owns: it closes with the node, or before; its constructor ends with `Scope.own`."""
-
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        knows_rclpy(cls)
+    """An entity of a node: it closes with the node, or before; its constructor ends with `Scope.own`."""
 
     def __init__(self, scope: Scope) -> None:
         self._scope = scope
         self._closed = False
+
+    def close(self) -> None:
+        """Release everything; may be called twice."""
+        raise NotImplementedError
+
+    def destroy(self) -> None:
+        """Do the same as `close`; the name in rclpy."""
+        self.close()
 
     def _ends(self, *guids: bytes) -> bool:
         """What `close` begins with: True the first time; then it is not owned any more, and `guids` are withdrawn."""

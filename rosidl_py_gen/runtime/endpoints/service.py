@@ -83,6 +83,11 @@ class ServiceEnd(Owned, Generic[RequestT, ResponseT]):
         return self._check.agrees(endpoint, None if endpoint.is_writer else self._written_hash)
 
     @property
+    def srv_name(self) -> str:
+        """The same as `name`; the name in rclpy."""
+        return self.name
+
+    @property
     def withheld(self) -> int:
         """Requests or responses that were not handed out because the other side announces another definition."""
         return self._check.withheld

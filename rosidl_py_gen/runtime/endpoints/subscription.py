@@ -352,6 +352,15 @@ class Subscription(Takeable, Generic[T]):
         """How many publishers this subscription is connected with; 0 when it is closed."""
         return 0 if self._closed else len(self._reader.matched_writers())
 
+    def get_publisher_count(self) -> int:
+        """Return `publisher_count`; the name in rclpy."""
+        return self.publisher_count
+
+    @property
+    def topic_name(self) -> str:
+        """The same as `topic`; the name in rclpy."""
+        return self.topic
+
     @property
     def gid(self) -> bytes:
         """The 16 bytes that identify this subscription in the graph."""

@@ -18,7 +18,6 @@ import time
 import traceback
 from typing import TYPE_CHECKING, TypedDict
 
-from rosidl_py_gen.base.rclpy_names import knows_rclpy, refuse_keywords
 from rosidl_py_gen.base.registration import Registrations
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.names.validation import validate_node_name
@@ -104,7 +103,6 @@ class CallSiteFilter:
             return True
 
 
-@knows_rclpy
 class RosLogger(logging.Logger):
     """A logger with the ROS options; get one from `get_logger` or `node.logger`.
 
@@ -152,6 +150,15 @@ class RosLogger(logging.Logger):
         """Log at any level."""
         self._maybe(level, msg, args, **options)
 
+    set_level = logging.Logger.setLevel
+    """`setLevel`, as rclpy spells it."""
+
+    get_effective_level = logging.Logger.getEffectiveLevel
+    """`getEffectiveLevel`, as rclpy spells it."""
+
+    is_enabled_for = logging.Logger.isEnabledFor
+    """`isEnabledFor`, as rclpy spells it."""
+
     def get_child(self, suffix: str) -> RosLogger:
         """The logger ``<name>.<suffix>``; it publishes to /rosout through the same node."""
         return get_logger(suffix if self is _root else f"{self.name}.{suffix}")
@@ -172,7 +179,6 @@ class RosLogger(logging.Logger):
         **unknown: object,
     ) -> None:
         if unknown:
-            refuse_keywords("log", list(unknown))
             raise TypeError(f"log() got an unexpected keyword argument {next(iter(unknown))!r}")
         if not self.isEnabledFor(level):
             return

@@ -1,51 +1,40 @@
-"""Awaitable methods for plain code: ``receive_sync`` beside ``receive``.
+"""Blocking forms of awaitable methods, for plain code: ``receive_sync`` in addition to ``receive``.
 
-Decides that they all are the awaitable method, run where `Scope.run` runs it: on the loop that runs in another thread,
-or on one that is kept for the purpose. On the loop's own thread that would wait for ever, and is refused.
+The coroutine runs where `Scope.run` runs it: on the loop that runs in another thread, or on one that is kept for the
+purpose. On the loop's own thread it would wait forever, which is refused.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, TypeVar, overload
+import functools
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
-
-    from typing_extensions import Self
 
 S = TypeVar("S")
 P = ParamSpec("P")
 R = TypeVar("R")
 
 
-class blocking(Generic[S, P, R]):
-    """``receive_sync = blocking(receive)``: the method for scripts, notebooks and other threads than the loop's.
+def blocking(method: Callable[Concatenate[S, P], Coroutine[Any, Any, R]]) -> Callable[Concatenate[S, P], R]:
+    """Return the blocking form of a method, for scripts, notebooks and other threads than the loop's.
 
-    The owner has a `Scope` as ``_scope`` or ``scope``.
+    ``receive_sync = blocking(receive)``. The class has a `Scope` as ``_scope``.
 
     Raises:
         WouldDeadlockError: called on the event loop's thread. Others as the method.
     """
+    name = method.__name__
 
-    def __init__(self, method: Callable[Concatenate[S, P], Coroutine[Any, Any, R]]) -> None:
-        self._method = method
-        self._name = method.__name__
-        self.__doc__ = f"`{self._name}` for plain code; raises `WouldDeadlockError` on the event loop's thread."
+    @functools.wraps(method)
+    def run(self: S, /, *arguments: P.args, **keywords: P.kwargs) -> R:
+        coroutine = getattr(self, name)(*arguments, **keywords)  # a subclass may have its own
+        answer: R = self._scope.run(  # type: ignore[attr-defined]
+            coroutine, f"{name}_sync of {self!r}", f"'await ...{name}(...)'"
+        )
+        return answer
 
-    @overload
-    def __get__(self, instance: None, owner: type[Any]) -> Self: ...
-    @overload
-    def __get__(self, instance: S, owner: type[Any]) -> Callable[P, R]: ...
-    def __get__(self, instance: S | None, owner: type[Any]) -> Self | Callable[P, R]:
-        if instance is None:
-            return self
-        method, name = getattr(instance, self._name), self._name
-        scope = instance._scope  # type: ignore[attr-defined]
-
-        def run(*arguments: P.args, **keywords: P.kwargs) -> R:
-            answer: R = scope.run(
-                method(*arguments, **keywords), f"{name}_sync of {instance!r}", f"'await ...{name}(...)'"
-            )
-            return answer
-
-        return run
+    run.__name__, run.__qualname__ = f"{name}_sync", f"{method.__qualname__}_sync"
+    run.__doc__ = f"`{name}` for plain code; raises `WouldDeadlockError` on the event loop's thread."
+    return run

@@ -17,7 +17,6 @@ import weakref
 from inspect import iscoroutine
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
-from rosidl_py_gen.base.rclpy_names import knows_rclpy
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.waiting import current_loop
 from rosidl_py_gen.errors import ClosedError, RosidlError
@@ -44,7 +43,6 @@ class WouldDeadlockError(RosidlError, RuntimeError):
     """The caller would wait, on the event loop's own thread, for something only that loop can bring."""
 
 
-@knows_rclpy
 class Driver:
     """An asyncio event loop that no thread owns: whoever waits runs it, until what he waits for is there.
 

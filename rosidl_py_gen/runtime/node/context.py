@@ -10,7 +10,6 @@ import os
 import threading
 from typing import TYPE_CHECKING, ClassVar
 
-from rosidl_py_gen.base.rclpy_names import knows_rclpy
 from rosidl_py_gen.runtime.loop.driver import Driver
 from rosidl_py_gen.runtime.loop.failures import Guard
 from rosidl_py_gen.runtime.node.core import ContextCore
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.port import DomainSettings, Transport
 
 
-@knows_rclpy
 class Context:
     """One participant of a domain.
 
@@ -166,6 +164,10 @@ class Context:
     def close(self) -> None:
         """Close all nodes and leave the domain; may be called twice."""
         self._core.close()
+
+    def shutdown(self) -> None:
+        """Do the same as `close`; the name in rclpy."""
+        self.close()
 
 
 if hasattr(os, "register_at_fork"):

@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
-from rosidl_py_gen.base.rclpy_names import knows_rclpy
 from rosidl_py_gen.base.stamps import sec_nanosec
 from rosidl_py_gen.base.waiting import current_loop
 from rosidl_py_gen.cdr import Message
@@ -24,6 +23,7 @@ from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.logs.loggers import failure_listeners
 from rosidl_py_gen.runtime.logs.rosout import shared_router
 from rosidl_py_gen.runtime.loop.failures import Guard
+from rosidl_py_gen.runtime.names.rclpy_hints import HINTS, unknown_attribute
 from rosidl_py_gen.runtime.names.remap import NodeNames
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, validate_node_name
 from rosidl_py_gen.runtime.node.actions import ActionMethods
@@ -42,12 +42,16 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
+    from rosidl_py_gen.runtime.endpoints.client import Client
     from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.endpoints.server import ServiceServer
+    from rosidl_py_gen.runtime.endpoints.timer import Timer
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.graph.events import PublisherEventCallbacks, SubscriptionEventCallbacks
     from rosidl_py_gen.runtime.logs.loggers import RosLogger
     from rosidl_py_gen.runtime.logs.rosout import LogFields
     from rosidl_py_gen.runtime.loop.failures import OnError
+    from rosidl_py_gen.runtime.time.clock import Clock
     from rosidl_py_gen.runtime.transport.qos import QoSLike
 
 MessageT = TypeVar("MessageT", bound=Message)
@@ -55,7 +59,6 @@ MessageT = TypeVar("MessageT", bound=Message)
 _DEFAULT_DEPTH = 10
 
 
-@knows_rclpy
 class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethods, ActionMethods, ParameterMethods):
     """A ROS 2 node.
 
@@ -184,6 +187,26 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
     def logger(self) -> RosLogger:
         """The logger of ROS name ``ns.name``."""
         return self._scope.logger
+
+    def get_name(self) -> str:
+        """Return `name`; the name in rclpy."""
+        return self.name
+
+    def get_namespace(self) -> str:
+        """Return `namespace`; the name in rclpy."""
+        return self.namespace
+
+    def get_fully_qualified_name(self) -> str:
+        """Return `fully_qualified_name`; the name in rclpy."""
+        return self.fully_qualified_name
+
+    def get_logger(self) -> RosLogger:
+        """Return `logger`; the name in rclpy."""
+        return self.logger
+
+    def get_clock(self) -> Clock:
+        """Return `clock`; the name in rclpy."""
+        return self.clock
 
     def resolve_topic_name(self, topic: str) -> str:
         """Expand and remap a topic name as written; raises `InvalidNameError`."""
@@ -376,6 +399,43 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
                 hear("", unserved)
         self._scope.close()
         self.context._core.release(self)
+
+    def destroy_node(self) -> None:
+        """Do the same as `close`; the name in rclpy."""
+        self.close()
+
+    def destroy_publisher(self, publisher: Publisher[Any]) -> bool:
+        """Close a publisher and return True; the same as `publisher.close()`, as in rclpy."""
+        publisher.close()
+        return True
+
+    def destroy_subscription(self, subscription: Subscription[Any]) -> bool:
+        """Close a subscription and return True; the same as `subscription.close()`, as in rclpy."""
+        subscription.close()
+        return True
+
+    def destroy_service(self, service: ServiceServer[Any, Any]) -> bool:
+        """Close a service and return True; the same as `service.close()`, as in rclpy."""
+        service.close()
+        return True
+
+    def destroy_client(self, client: Client[Any, Any]) -> bool:
+        """Close a client and return True; the same as `client.close()`, as in rclpy."""
+        client.close()
+        return True
+
+    def destroy_timer(self, timer: Timer) -> bool:
+        """Close a timer and return True; the same as `timer.close()`, as in rclpy."""
+        timer.close()
+        return True
+
+    if not TYPE_CHECKING:  # type checkers report unknown attributes themselves
+
+        def __getattr__(self, name: str) -> object:
+            if name in HINTS:
+                raise AttributeError(unknown_attribute(repr(type(self).__name__) + " object", name))
+            # A property of a subclass may have failed with an AttributeError of its own: it is raised again.
+            return object.__getattribute__(self, name)
 
     def __repr__(self) -> str:
         others = counted(max(0, len(self._scope.graph.nodes()) - 1), "other node")

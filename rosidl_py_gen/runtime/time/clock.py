@@ -15,7 +15,6 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.rclpy_names import knows_rclpy
 from rosidl_py_gen.base.registration import Registrations
 from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.runtime.logs.loggers import report_failure
@@ -47,7 +46,6 @@ class _JumpCallbacks:
     post: Callable[[TimeJump], None] | None
 
 
-@knows_rclpy
 class Clock:
     """One clock. `system_ns` and `steady_ns` replace the machine's clocks, for tests.
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.rclpy_names import knows_rclpy
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.runtime.time.due import wait_until_due
 from rosidl_py_gen.runtime.time.values import TimeRangeError, finite_number, seconds_to_ns
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.time.schedule import Schedule
 
 
-@knows_rclpy
 class Rate:
     """Keeps a loop at a frequency: ``while True: work(); await rate.sleep()``. Late rounds are not made up for.
 

@@ -34,7 +34,11 @@ def awaitable_methods() -> Iterator[tuple[str, str, type]]:
         cls = getattr(runtime, class_name)
         if inspect.isclass(cls) and not issubclass(cls, BaseException):
             for name, member in inspect.getmembers(cls):
-                if not name.startswith("_") and inspect.iscoroutinefunction(inspect.unwrap(member)):
+                if (
+                    not name.startswith("_")
+                    and not name.endswith("_sync")
+                    and inspect.iscoroutinefunction(inspect.unwrap(member))
+                ):
                     yield class_name, name, cls
 
 
