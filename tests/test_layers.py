@@ -218,6 +218,7 @@ SEAMS = {
     "distributed": ("tables.many.cluster",),
     "PIL": ("tools.tf.png", "numpy.compressed"),
     "pytest": ("runtime.pytest_plugin",),
+    "transforms3d": ("rclpy",),
 }
 # Who may ask the machine what time it is; everybody else asks the loop, or the clocks of the transport, which stand
 # still in tests. The second half is about what takes place outside of the loop: other threads, processes, files.
@@ -251,7 +252,7 @@ GENERATED_MAY_IMPORT = {"__future__", "builtins", "dataclasses", "struct", "typi
 SHIM = "rclpy"
 SHIM_PACKAGES = {path.name for path in (PACKAGE / SHIM).iterdir() if (path / "__init__.py").is_file()}
 # All of ours that they may import, for type checkers, too.
-FOR_THE_SHIM = ("", "runtime", "tf", "sync", "numpy", "base.yaml_text")
+FOR_THE_SHIM = ("", "runtime", "tf", "sync", "numpy", "base.resources", "base.yaml_text")
 
 
 @dataclass(frozen=True)

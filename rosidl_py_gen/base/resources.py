@@ -35,6 +35,7 @@ _EXTRA_OF = {
     "upath": "tables",
     "distributed": "cluster",
     "PIL": "images",
+    "transforms3d": "transformations",
 }
 """Modules that only extras bring."""
 

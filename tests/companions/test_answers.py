@@ -56,3 +56,11 @@ def test_an_answer_that_is_another_one_is_told() -> None:
     same = ["1.0", "[NaN]", pixels.format("05"), '"TypeError"']
     assert unlike(same, ["1.0000000000001", "[NaN]", pixels.format("06"), '"TypeError"']) == []
     assert unlike(same, ["1.1", "[0.0]", pixels.format("07"), '"KeyError"']) == [0, 1, 2, 3]
+
+
+def test_rotations_without_transforms3d_name_the_extra(tmp_path: Path) -> None:
+    hidden = "raise ModuleNotFoundError('hidden', name='transforms3d')"
+    write(tmp_path, {"program.py": "import tf_transformations\n", "transforms3d.py": hidden})
+    found = run("program.py", cwd=tmp_path)
+    assert "ExtraMissingError: this needs transforms3d, which is not installed: pip install" in found.stderr
+    assert "[transformations]" in found.stderr
