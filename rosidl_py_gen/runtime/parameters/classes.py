@@ -86,13 +86,13 @@ class _Binding:
 
     def set(self, changes: Mapping[tuple[str, ...], Any]) -> None:
         """What assigning to attributes does; raises the error that says why it is refused."""
-        result = self.store.set_atomically(
-            [parameter for path, value in changes.items() for parameter in self._parameters(path, current(value))]
-        )
-        if result.reason.startswith("Trying to set a read-only parameter"):
+        wanted = [parameter for path, value in changes.items() for parameter in self._parameters(path, current(value))]
+        result = self.store.set_atomically(wanted)
+        if result.successful:
+            return
+        if any(described.read_only for described in self.store.describe_all([one.name for one in wanted])):
             raise ParameterImmutableError(result.reason)
-        if not result.successful:
-            raise InvalidParameterValueError(result.reason)
+        raise InvalidParameterValueError(result.reason)
 
     def _parameters(self, path: tuple[str, ...], value: Any) -> list[Parameter]:
         """The parameters at or below `path`, with the values that `value` gives them."""

@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 
 _PAUSE_S = 1.0
 """Between two attempts of rmw_zenoh_cpp."""
-_FIRST_LOOK_S = 1.0
 _LOOK_S = 0.001
 
 
@@ -85,7 +84,7 @@ class ZenohTransport:
 
 def _look_for_router(session: zenoh.Session, attempts: float, asked: list[str]) -> None:
     """Wait for a router as ZENOH_ROUTER_CHECK_ATTEMPTS says; without one, peers of this machine are not found."""
-    if attempts <= 0 or _finds_router(session, _FIRST_LOOK_S):
+    if attempts <= 0 or _finds_router(session, _PAUSE_S):
         return
     where = ", ".join(asked) or "any place"
     if attempts > 1:
