@@ -127,7 +127,7 @@ class Session:
         self.node.close()
         self.context.close()
 
-    def _note_mismatch(self, text: str) -> None:
+    def _note_mismatch(self, text: str, _: str) -> None:
         """Say on standard error why nothing comes."""
         from rosidl_py_gen.tools import printing
 

@@ -69,15 +69,15 @@ class Mismatches:
         self._driver = driver
         self._arrived = arrived
         self._watched: weakref.WeakSet[Watched] = weakref.WeakSet()
-        self._texts: list[str] = []
+        self._texts: list[tuple[str, str]] = []
         context.on_mismatch = self._note
 
     def watch(self, watched: Watched) -> None:
         """Look at an endpoint, too, as long as somebody holds `watched`."""
         self._watched.add(watched)
 
-    def _note(self, text: str) -> None:
-        self._texts.append(text)
+    def _note(self, text: str, topic: str) -> None:
+        self._texts.append((text, topic))
         self._driver.loop.call_soon_threadsafe(self._look)
 
     def _look(self) -> None:
@@ -88,10 +88,10 @@ class Mismatches:
             try:
                 one.look()
                 if one.has_any:  # be it before: the runtime may notice a mismatch from either end
-                    told.add(f" on {one.endpoint.topic} from ")
+                    told.add(one.endpoint.topic)
             except runtime.ClosedError:
                 continue
         self._arrived()
-        for text in texts:
-            if not any(topic in text for topic in told):
+        for text, topic in texts:
+            if topic not in told:
                 runtime.get_logger("rclpy").warning(text)

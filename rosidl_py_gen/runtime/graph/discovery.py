@@ -69,7 +69,7 @@ class Discovery:
         self._warned: set[tuple[bytes, bytes]] = set()
         self._warned_services: set[tuple[str, bytes, bytes]] = set()
         self._mismatches: list[_Warning] = []
-        self.on_mismatch: Callable[[str], None] | None = None
+        self.on_mismatch: Callable[[str, str], None] | None = None
         """See `Context`."""
         self.type_checks: dict[bytes, str] = {}
         """Of our endpoints, what becomes of messages of another definition, where that is not "error"."""
@@ -235,7 +235,7 @@ class Discovery:
             if found.kind is IncompatibilityKind.DEFINITION:
                 text += _USED if warning.is_used else _CURE
             if self.on_mismatch is not None:
-                self.on_mismatch(text)
+                self.on_mismatch(text, own.channel.name)
                 continue
             namespace, node_name = self.graph.node_of(own)
             get_logger(logger_name(fully_qualified_node_name(node_name, namespace))).warning(text)

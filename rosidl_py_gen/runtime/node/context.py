@@ -97,12 +97,15 @@ class Context:
         return self._core.participant.identity_refusal
 
     @property
-    def on_mismatch(self) -> Callable[[str], None] | None:
-        """Is told, when it is set, instead of the log, which endpoints of ours do not understand those of others."""
+    def on_mismatch(self) -> Callable[[str, str], None] | None:
+        """Function that is called, in place of a log entry, for each of our endpoints that is incompatible with a peer.
+
+        It gets the text, and the name of the topic or service.
+        """
         return self._core.discovery.on_mismatch
 
     @on_mismatch.setter
-    def on_mismatch(self, tell: Callable[[str], None] | None) -> None:
+    def on_mismatch(self, tell: Callable[[str, str], None] | None) -> None:
         self._core.discovery.on_mismatch = tell
 
     def participants(self) -> list[ParticipantInfo]:
