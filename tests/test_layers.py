@@ -219,6 +219,7 @@ SEAMS = {
     "PIL": ("tools.tf.png", "numpy.compressed"),
     "pytest": ("runtime.pytest_plugin",),
     "transforms3d": ("rclpy",),
+    "flit_core": ("distribution.build",),
 }
 # Who may ask the machine what time it is; everybody else asks the loop, or the clocks of the transport, which stand
 # still in tests. The second half is about what takes place outside of the loop: other threads, processes, files.

@@ -1,9 +1,10 @@
-"""Wheels of message packages: which, and what is in them.
+"""Wheels of message packages, built by flit_core.
 
-Decides that a wheel has a whole package: the generated code, ``py.typed``, package.xml and the definitions, so that
-packages which use it can be made of it. The layout of nested messages is written into the code of those who use them,
-so a wheel asks for exactly the versions it was made with. A package that is installed as a wheel already is not made
-again.
+A wheel has a whole package: the generated code, ``py.typed``, package.xml and the definitions, so that packages which
+use it can be made of it. The layout of nested messages is written into the code of packages that use them, so a wheel
+requires exactly the versions it was made with. A package that is already installed as a wheel is not made again.
+
+The same contents make the same bytes, at any time and on any machine with the same version of flit_core.
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ from rosidl_py_gen.base.resources import ENTRY_POINTS
 from rosidl_py_gen.compiler.generate import generate
 from rosidl_py_gen.compiler.spec.find import INSTALLED
 from rosidl_py_gen.distribution.manifest import Manifest, read_manifest
-from rosidl_py_gen.distribution.wheel import Wheel
 from rosidl_py_gen.errors import DefinitionError, Problem
 
 if TYPE_CHECKING:
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 _IMPORT = re.compile(r"^\s*(?:from|import) +([A-Za-z_][A-Za-z0-9_]*)[. ]", re.MULTILINE)
 _BUNDLED = "bundled"
+_EARLIEST = (1980, 1, 1, 0, 0, 0)
+"""Time of files in wheels where SOURCE_DATE_EPOCH is not set: the first that zip files can have."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,24 +58,18 @@ def packages_asked_for(search: SearchPath, wanted: list[str]) -> list[str]:
     return sorted(found)
 
 
-def wheels_of(search: SearchPath, packages: list[str], *, dependencies: bool = True) -> list[Wheel]:
-    """The wheels of packages, and of those they use that are not installed as wheels.
+def build(search: SearchPath, packages: list[str], out: Path, *, dependencies: bool = True) -> list[Built]:
+    """Write the wheels of packages, and of those they use that are not installed as wheels, into a folder.
 
     Raises:
-        DefinitionError: problems in definitions or manifests. OutputError: the temporary folder cannot be written.
+        DefinitionError: problems in definitions or manifests.
+        OutputError: the temporary folder cannot be written.
+        OSError: `out` cannot be written.
     """
     files, uses = _generated(search, packages)
     chosen = [name for name in files if name in packages or (dependencies and _origin(search, name) != INSTALLED)]
-    return [_wheel(search, search.packages[name], files[name], uses[name]) for name in chosen]
-
-
-def build(search: SearchPath, packages: list[str], out: Path, *, dependencies: bool = True) -> list[Built]:
-    """Write the wheels of `wheels_of` into a folder; errors as there, and OSError."""
-    found = []
-    for wheel in wheels_of(search, packages, dependencies=dependencies):
-        requires = tuple(value for key, value in wheel.metadata if key == "Requires-Dist")
-        found.append(Built(wheel.name, wheel.write(out), requires))
-    return found
+    out.mkdir(parents=True, exist_ok=True)
+    return [_build(search, search.packages[name], files[name], uses[name], out) for name in chosen]
 
 
 def _origin(search: SearchPath, name: str) -> str:
@@ -116,35 +112,57 @@ def _read(top: Path, packages: set[str]) -> tuple[dict[str, dict[str, bytes]], d
     return files, uses
 
 
-def _wheel(search: SearchPath, package: Package, files: dict[str, bytes], uses: set[str]) -> Wheel:
+def _build(search: SearchPath, package: Package, files: dict[str, bytes], uses: set[str], out: Path) -> Built:
+    """Write a package into a temporary folder and build its wheel in `out`; an older wheel of the name is replaced."""
+    from flit_core.common import Metadata, Module
+    from flit_core.wheel import WheelBuilder
+
     manifest = read_manifest(package.folder, package.name)
-    files = dict(files)
-    files[f"{package.name}/package.xml"] = (package.folder / "package.xml").read_bytes()
-    for name, path in package.files.items():
-        files[f"{package.name}/{name.kind}/{path.name}"] = path.read_bytes()
     requires = [_compatible(__version__)]
     for used in sorted(uses | _declared(search, package.name)):
         version = read_manifest(search.packages[used].folder, used).version
         requires.append(f"{used.replace('_', '-')}=={version}")
-    return Wheel(
-        package.name.replace("_", "-"),
-        manifest.version,
-        _metadata(manifest, requires),
-        files,
-        f"[{ENTRY_POINTS}]\n{package.name} = {package.name}\n",
-    )
+    contents = {f"{package.name}/{name.kind}/{path.name}": path.read_bytes() for name, path in package.files.items()}
+    contents[f"{package.name}/package.xml"] = (package.folder / "package.xml").read_bytes()
+    # A pyproject.toml would lose the license of package.xml: flit_core takes only SPDX expressions from there.
+    metadata = Metadata(_metadata(package.name.replace("_", "-"), manifest, requires))
+    entry_points = {ENTRY_POINTS: {package.name: package.name}}
+    with TemporaryDirectory(prefix="rosidl-py-gen-wheel-") as folder:
+        top = Path(folder)
+        for name, data in (files | contents).items():
+            path = top / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(data)
+        partial = out / f".{package.name}.whl.part"
+        try:
+            with partial.open("wb") as file:
+                builder = WheelBuilder(top, Module(package.name, top), metadata, entry_points, file, None)
+                builder.source_time_stamp = builder.source_time_stamp or _EARLIEST
+                builder.build()
+            made = partial.replace(out / builder.wheel_filename)
+        finally:
+            partial.unlink(missing_ok=True)
+    return Built(metadata.name, made, tuple(requires))
 
 
 def _compatible(version: str) -> str:
-    """Versions of this package that run what this one generated: those of the same minor number."""
+    """Return the requirement on versions of this package that run what this one generated: the same minor number."""
     major, minor = version.split(".")[:2]
     return f"rosidl-py-gen>={version},<{major}.{int(minor) + 1}"
 
 
-def _metadata(manifest: Manifest, requires: list[str]) -> tuple[tuple[str, str], ...]:
-    found = [("Summary", manifest.description[:500])] if manifest.description else []
-    found += [("Maintainer-email" if "<" in one else "Maintainer", one) for one in manifest.maintainers[:1]]
-    found += [("License", manifest.license)] if manifest.license else []
-    found += [("Project-URL", f"{label}, {url}") for label, url in manifest.urls if url]
-    found += [("Keywords", "ros2,rosidl"), ("Classifier", "Typing :: Typed"), ("Requires-Python", ">=3.10")]
-    return (*found, *(("Requires-Dist", one) for one in requires))
+def _metadata(name: str, manifest: Manifest, requires: list[str]) -> dict[str, object]:
+    found: dict[str, object] = {
+        "name": name,
+        "version": manifest.version,
+        "summary": manifest.description[:500] or None,
+        "license": manifest.license or None,
+        "project_urls": [f"{label}, {url}" for label, url in manifest.urls if url],
+        "keywords": "ros2,rosidl",
+        "classifiers": ["Typing :: Typed"],
+        "requires_python": ">=3.10",
+        "requires_dist": requires,
+    }
+    for one in manifest.maintainers[:1]:
+        found["maintainer_email" if "<" in one else "maintainer"] = one
+    return found

@@ -6,6 +6,9 @@ to refuse; and what somebody changed in an installed package is told before it g
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import re
 import subprocess
 import sys
 from importlib.metadata import Distribution, distributions
@@ -17,7 +20,6 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.base.ownership import owns
 from rosidl_py_gen.base.resources import ENTRY_POINTS
 from rosidl_py_gen.distribution.build import build
-from rosidl_py_gen.distribution.wheel import file_hash, normalized
 from rosidl_py_gen.errors import OutputError
 
 if TYPE_CHECKING:
@@ -79,7 +81,7 @@ def uninstall(packages: Sequence[str] = (), *, force: bool = False) -> list[str]
 
 
 def _require_no_others(packages: list[str]) -> None:
-    ours = {normalized(one.metadata["Name"]) for one in installed_packages().values()}
+    ours = {_normalized(one.metadata["Name"]) for one in installed_packages().values()}
     rclpy = find_spec("rclpy")
     if rclpy is not None and rclpy.origin is not None:  # a folder that is called so has none
         raise OutputError(
@@ -88,7 +90,7 @@ def _require_no_others(packages: list[str]) -> None:
         )
     for name in packages:
         spec = find_spec(name)
-        if spec is None or normalized(name) in ours:
+        if spec is None or _normalized(name) in ours:
             continue
         origin = Path(spec.origin) if spec.origin else None
         if origin is None or not owns(origin):
@@ -97,13 +99,19 @@ def _require_no_others(packages: list[str]) -> None:
             )
 
 
+def _normalized(name: str) -> str:
+    """Return a name as indexes compare it (PEP 503)."""
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
 def _changed(one: Distribution) -> list[str]:
     found = []
     for file in one.files or ():
         path = Path(str(file.locate()))
         if file.hash is None or not path.is_file():
             continue
-        if f"{file.hash.mode}={file.hash.value}" != file_hash(path.read_bytes()):
+        digest = hashlib.new(file.hash.mode, path.read_bytes()).digest()
+        if file.hash.value != base64.urlsafe_b64encode(digest).rstrip(b"=").decode():
             found.append(str(path))
     return found
 

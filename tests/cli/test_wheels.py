@@ -54,7 +54,7 @@ def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (bin_,) = [path for path in (folder / "bin" / "python", folder / "Scripts" / "python.exe") if path.exists()]
     site = site_of(bin_)
     ours = Path(next(path for path in sys.path if path.endswith("site-packages")))
-    for name in ("numpy", "numpy.libs", "lark", "jinja2", "markupsafe", "click"):
+    for name in ("numpy", "numpy.libs", "lark", "jinja2", "markupsafe", "click", "flit_core"):
         if (ours / name).exists():
             (site / name).symlink_to(ours / name)
     import rosidl_py_gen
