@@ -253,7 +253,17 @@ GENERATED_MAY_IMPORT = {"__future__", "builtins", "dataclasses", "struct", "typi
 SHIM = "rclpy"
 SHIM_PACKAGES = {path.name for path in (PACKAGE / SHIM).iterdir() if (path / "__init__.py").is_file()}
 # All of ours that they may import, for type checkers, too.
-FOR_THE_SHIM = ("", "runtime", "tf", "sync", "numpy", "base.resources", "base.yaml_text")
+FOR_THE_SHIM = (
+    "",
+    "runtime",
+    "runtime.qos",
+    "runtime._rclpy_support",
+    "tf",
+    "sync",
+    "numpy",
+    "base.resources",
+    "base.yaml_text",
+)
 
 
 @dataclass(frozen=True)

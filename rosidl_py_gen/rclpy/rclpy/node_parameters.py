@@ -13,7 +13,6 @@ from rcl_interfaces.msg import (
     SetParametersResult,
 )
 from rcl_interfaces.msg import Parameter as ParameterMsg
-from rcl_interfaces.srv import ListParameters
 
 from rclpy.exceptions import (
     InvalidParameterTypeException,
@@ -24,10 +23,11 @@ from rclpy.exceptions import (
     ParameterUninitializedException,
 )
 from rclpy.impl._fields import valid_or
-from rclpy.impl.parameter_rules import PARAM_REL_TOL, initial_value, read_declaration, refusal
+from rclpy.impl.parameter_rules import initial_value, read_declaration, refusal
 from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter
 from rclpy.qos import qos_profile_parameter_events
 from rclpy.type_description_service import START_TYPE_DESCRIPTION_SERVICE_PARAM
+from rosidl_py_gen.runtime._rclpy_support import EMPTY_LIST_REASON, RELATIVE_TOLERANCE, list_names
 
 if TYPE_CHECKING:
     from rclpy.clock import Clock
@@ -46,7 +46,7 @@ class NodeParameters:
     The runtime's node reads command lines and files; it declares what they give, and that is all it knows.
     """
 
-    PARAM_REL_TOL = PARAM_REL_TOL
+    PARAM_REL_TOL = RELATIVE_TOLERANCE
 
     if TYPE_CHECKING:  # of Node
 
@@ -222,20 +222,8 @@ class NodeParameters:
         if depth < 0:
             raise ValueError("The depth must be greater than or equal to zero")
 
-        def fits(name: str) -> bool:
-            return depth == ListParameters.Request.DEPTH_RECURSIVE or name.count(PARAMETER_SEPARATOR_STRING) < depth
-
-        def is_wanted(name: str) -> bool:
-            if not prefixes:
-                return fits(name)
-            if name in prefixes:
-                return True
-            starts = (prefix + PARAMETER_SEPARATOR_STRING for prefix in prefixes)
-            return any(name.startswith(start) and fits(name[len(start) :]) for start in starts)
-
-        names = [name for name in self._rosidl_values if is_wanted(name)]
-        parents = [name.rpartition(PARAMETER_SEPARATOR_STRING)[0] for name in names]
-        return ListParametersResult(names=names, prefixes=list(dict.fromkeys(filter(None, parents))))
+        found = list_names(self._rosidl_values, prefixes, depth)
+        return ListParametersResult(names=list(found.names), prefixes=list(filter(None, found.prefixes)))
 
     def describe_parameter(self, name: str) -> Any:
         """Its rcl_interfaces/ParameterDescriptor; an empty one for an undeclared one where that is allowed.
@@ -271,11 +259,7 @@ class NodeParameters:
             callbacks = tuple(self._rosidl_pre_set)
             parameter_list = [one for callback in callbacks for one in callback(parameter_list)]
             if not parameter_list:
-                text = (
-                    "parameter list cannot be empty, this might be due to pre_set_parameters_callback "
-                    "modifying the original parameters list."
-                )
-                return SetParametersResult(successful=False, reason=text)
+                return SetParametersResult(successful=False, reason=EMPTY_LIST_REASON)
         if not all(isinstance(parameter, Parameter) for parameter in parameter_list):
             raise TypeError(f"parameter must be instance of type '{Parameter!r}'")
         undeclared = [parameter.name for parameter in parameter_list if parameter.name not in self._rosidl_values]

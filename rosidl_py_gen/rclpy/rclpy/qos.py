@@ -11,23 +11,10 @@ from rclpy._rclpy_pybind11 import RMW_QOS_DEADLINE_BEST_AVAILABLE, QoSCompatibil
 from rclpy.duration import Duration
 from rclpy.impl._fields import Checked
 from rosidl_py_gen import runtime
+from rosidl_py_gen.runtime import QoSPolicyKind as QoSPolicyKind
+from rosidl_py_gen.runtime import qos as presets
 
 _P = TypeVar("_P", bound=IntEnum)
-
-
-class QoSPolicyKind(IntEnum):
-    """What two endpoints can disagree on; numbers of rmw."""
-
-    INVALID = 1
-    DURABILITY = 2
-    DEADLINE = 4
-    LIVELINESS = 8
-    RELIABILITY = 16
-    HISTORY = 32
-    LIFESPAN = 64
-    DEPTH = 128
-    LIVELINESS_LEASE_DURATION = 256
-    AVOID_ROS_NAMESPACE_CONVENTIONS = 512
 
 
 def qos_policy_name_from_kind(policy_kind: QoSPolicyKind | int) -> str:
@@ -270,26 +257,14 @@ qos_profile_unknown = QoSProfile(
     durability=DurabilityPolicy.UNKNOWN,
     liveliness=LivelinessPolicy.UNKNOWN,
 )
-qos_profile_default = QoSProfile(depth=10)
-qos_profile_system_default = QoSProfile(
-    history=HistoryPolicy.SYSTEM_DEFAULT,
-    depth=0,
-    reliability=ReliabilityPolicy.SYSTEM_DEFAULT,
-    durability=DurabilityPolicy.SYSTEM_DEFAULT,
-)
-qos_profile_sensor_data = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
-qos_profile_services_default = QoSProfile(depth=10)
-qos_profile_parameters = QoSProfile(depth=1000)
-qos_profile_parameter_events = QoSProfile(depth=1000)
-qos_profile_best_available = QoSProfile(
-    depth=10,
-    reliability=ReliabilityPolicy.BEST_AVAILABLE,
-    durability=DurabilityPolicy.BEST_AVAILABLE,
-    deadline=DeadlineBestAvailable,
-    liveliness=LivelinessPolicy.BEST_AVAILABLE,
-    liveliness_lease_duration=LivelinessLeaseDurationeBestAvailable,
-)
-qos_profile_action_status_default = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+qos_profile_default = QoSProfile._rosidl_from_runtime(presets.DEFAULT)
+qos_profile_system_default = QoSProfile._rosidl_from_runtime(presets.SYSTEM_DEFAULT)
+qos_profile_sensor_data = QoSProfile._rosidl_from_runtime(presets.SENSOR_DATA)
+qos_profile_services_default = QoSProfile._rosidl_from_runtime(presets.SERVICES_DEFAULT)
+qos_profile_parameters = QoSProfile._rosidl_from_runtime(presets.PARAMETERS)
+qos_profile_parameter_events = QoSProfile._rosidl_from_runtime(presets.PARAMETER_EVENTS)
+qos_profile_best_available = QoSProfile._rosidl_from_runtime(presets.BEST_AVAILABLE)
+qos_profile_action_status_default = QoSProfile._rosidl_from_runtime(presets.ACTION_STATUS)
 
 
 class QoSPresetProfiles(Enum):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from rosidl_py_gen.runtime.parameters.values import (
     INT64_MAX,
@@ -24,9 +24,13 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.parameters.values import Parameter
 
+NumberT = TypeVar("NumberT", int, float, covariant=True)
+
 SEPARATOR = "."
 DEPTH_RECURSIVE = 0
-_RELATIVE_TOLERANCE = 1e-6
+RELATIVE_TOLERANCE = 1e-6
+"""Distance of a double from a limit or a step that still counts as equal, in proportion."""
+UNDECLARED_REASON = "Static parameter cannot be undeclared"
 EMPTY_LIST_REASON = (
     "parameter list cannot be empty, this might be due to "
     "pre_set_parameters_callback modifying the original parameters list."
@@ -37,13 +41,12 @@ def refusal_reason(parameter: Parameter, descriptor: ParameterDescriptor, *, dec
     """Why `parameter` may not be set under `descriptor`; an empty text when it may. Read-only allows declaring."""
     name, value = parameter.name, parameter.value
     if descriptor.read_only and not declaring:
-        return f"Trying to set a read-only parameter: {name}."
+        return read_only_reason(name)
     if not descriptor.dynamic_typing and descriptor.type is not ParameterType.NOT_SET:
         if not value.is_set:
-            return "" if declaring else "Static parameter cannot be undeclared"
+            return "" if declaring else UNDECLARED_REASON
         if value.type is not descriptor.type:
-            expected, found = descriptor.type.name, value.type.name
-            return f"Wrong parameter type, expected 'Type.{expected}' got 'Type.{found}'"
+            return type_reason(descriptor.type.name, value.type.name)
     if value.type is ParameterType.INTEGER and descriptor.integer_range is not None:
         assert isinstance(value.value, int)
         return integer_range_reason(name, value.value, descriptor.integer_range)
@@ -53,9 +56,30 @@ def refusal_reason(parameter: Parameter, descriptor: ParameterDescriptor, *, dec
     return ""
 
 
-def integer_range_reason(name: str, value: int, allowed: IntRange) -> str:
+def read_only_reason(name: str) -> str:
+    """Return the reason against setting a parameter that is read-only."""
+    return f"Trying to set a read-only parameter: {name}."
+
+
+def type_reason(expected: str, found: str) -> str:
+    """Return the reason against a value of another type; types by their names."""
+    return f"Wrong parameter type, expected 'Type.{expected}' got 'Type.{found}'"
+
+
+class _Range(Protocol[NumberT]):
+    """A range of ours, or the message of rcl_interfaces."""
+
+    @property
+    def from_value(self) -> NumberT: ...
+    @property
+    def to_value(self) -> NumberT: ...
+    @property
+    def step(self) -> NumberT: ...
+
+
+def integer_range_reason(name: str, value: int, allowed: _Range[int]) -> str:
     """Empty when the value is an end of the range, or strictly inside and on a step counted from the lower end."""
-    low, high = sorted((allowed.from_value, allowed.to_value))
+    low, high = min(allowed.from_value, allowed.to_value), max(allowed.from_value, allowed.to_value)
     if value in (low, high):
         return ""
     if not low < value < high:
@@ -68,20 +92,20 @@ def integer_range_reason(name: str, value: int, allowed: IntRange) -> str:
     return ""
 
 
-def float_range_reason(name: str, value: float, allowed: FloatRange) -> str:
+def float_range_reason(name: str, value: float, allowed: _Range[float]) -> str:
     """Why a double is outside of its range, with a relative tolerance of 1e-6 at the ends and at the steps.
 
     Where steps cannot be counted (they are too small, or there is no lower end) any value is on one.
     """
-    low, high = sorted((allowed.from_value, allowed.to_value))
-    if any(math.isclose(value, end, rel_tol=_RELATIVE_TOLERANCE) for end in (low, high)):
+    low, high = min(allowed.from_value, allowed.to_value), max(allowed.from_value, allowed.to_value)
+    if any(math.isclose(value, end, rel_tol=RELATIVE_TOLERANCE) for end in (low, high)):
         return ""
     if not low < value < high:
         return f"Parameter {name} out of range Min: {low}, Max: {high}, value: {value}"
     steps = (value - low) / allowed.step if allowed.step != 0.0 else math.inf
     if math.isfinite(steps):
         nearest = low + round(steps) * allowed.step
-        if not math.isclose(nearest, value, rel_tol=_RELATIVE_TOLERANCE):
+        if not math.isclose(nearest, value, rel_tol=RELATIVE_TOLERANCE):
             return (
                 f"The parameter value for {name} is not close enough to a valid step. "
                 f"Min: {low}, max: {high}, value: {value}, step: {allowed.step}"

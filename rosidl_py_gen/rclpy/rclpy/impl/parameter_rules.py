@@ -1,8 +1,7 @@
-"""How parameters are declared, and whether a descriptor lets one have a value. Texts are rclpy's: programs show."""
+"""Declarations of parameters, and the reasons of descriptors against values, with rclpy's texts."""
 
 from __future__ import annotations
 
-import math
 import warnings
 from typing import Any
 
@@ -10,68 +9,29 @@ from rcl_interfaces.msg import ParameterDescriptor, ParameterValue
 
 from rclpy.parameter import Parameter
 from rclpy.validate_parameter_name import validate_parameter_name
+from rosidl_py_gen.runtime import _rclpy_support as rules
 
 _NAME_ONLY = (
     "when declaring parameter named '{}', declaring a parameter only providing its name is deprecated; pass a default "
     "value, a Parameter.Type, or a descriptor with dynamic_typing=True"
 )
 
-PARAM_REL_TOL = 1e-6
-"""How far a DOUBLE may be off a step or a limit, in proportion."""
-
 
 def refusal(parameter: Parameter, descriptor: Any, *, is_declared: bool, check_read_only: bool) -> str:
     """Why not; empty when it may. A descriptor of dynamic type takes over the type."""
     if check_read_only and descriptor.read_only:
-        return f"Trying to set a read-only parameter: {parameter.name}."
+        return rules.read_only_reason(parameter.name)
     is_set = parameter.type_ is not Parameter.Type.NOT_SET
     if descriptor.dynamic_typing:
         descriptor.type = parameter.type_.value
     elif is_declared and not is_set:
-        return "Static parameter cannot be undeclared"
+        return rules.UNDECLARED_REASON
     elif is_set and parameter.type_.value != descriptor.type:
-        return f"Wrong parameter type, expected '{Parameter.Type(descriptor.type)}' got '{parameter.type_}'"
+        return rules.type_reason(Parameter.Type(descriptor.type).name, parameter.type_.name)
     if parameter.type_ is Parameter.Type.INTEGER and descriptor.integer_range:
-        return _out_of_integers(parameter, descriptor.integer_range[0])
+        return rules.integer_range_reason(parameter.name, parameter.value, descriptor.integer_range[0])
     if parameter.type_ is Parameter.Type.DOUBLE and descriptor.floating_point_range:
-        return _out_of_numbers(parameter, descriptor.floating_point_range[0])
-    return ""
-
-
-def _limits(given: Any) -> tuple[Any, Any]:
-    return min(given.from_value, given.to_value), max(given.from_value, given.to_value)
-
-
-def _out_of_integers(parameter: Parameter, given: Any) -> str:
-    least, most = _limits(given)
-    value = parameter.value
-    if value in (least, most):  # also where that is no step
-        return ""
-    if not least < value < most:
-        return f"Parameter {parameter.name} out of range. Min: {least}, Max: {most}, value: {value}"
-    if given.step != 0 and (value - least) % given.step != 0:
-        return (
-            f"The parameter value for {parameter.name} is not a valid step. "
-            f"Min: {least}, max: {most}, value: {value}, step: {given.step}"
-        )
-    return ""
-
-
-def _out_of_numbers(parameter: Parameter, given: Any) -> str:
-    least, most = _limits(given)
-    value = parameter.value
-    if any(math.isclose(value, limit, rel_tol=PARAM_REL_TOL) for limit in (least, most)):
-        return ""
-    if not least < value < most:
-        return f"Parameter {parameter.name} out of range Min: {least}, Max: {most}, value: {value}"
-    steps = (value - least) / given.step if given.step != 0.0 else math.inf
-    if math.isfinite(steps):  # else no step counts
-        nearest = least + round(steps) * given.step
-        if not math.isclose(nearest, value, rel_tol=PARAM_REL_TOL):
-            return (
-                f"The parameter value for {parameter.name} is not close enough to a valid step. "
-                f"Min: {least}, max: {most}, value: {value}, step: {given.step}"
-            )
+        return rules.float_range_reason(parameter.name, parameter.value, descriptor.floating_point_range[0])
     return ""
 
 

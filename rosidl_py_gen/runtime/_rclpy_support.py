@@ -1,0 +1,15 @@
+"""Rules of the runtime that its rclpy layer applies as well; for `rosidl_py_gen/rclpy` only, not a public interface.
+
+The layer may import the public names of the package and this module. It has classes of its own for parameters,
+descriptors and profiles, so only functions of plain values are here.
+"""
+
+from rosidl_py_gen.runtime.parameters.validation import EMPTY_LIST_REASON as EMPTY_LIST_REASON
+from rosidl_py_gen.runtime.parameters.validation import RELATIVE_TOLERANCE as RELATIVE_TOLERANCE
+from rosidl_py_gen.runtime.parameters.validation import SEPARATOR as SEPARATOR
+from rosidl_py_gen.runtime.parameters.validation import UNDECLARED_REASON as UNDECLARED_REASON
+from rosidl_py_gen.runtime.parameters.validation import float_range_reason as float_range_reason
+from rosidl_py_gen.runtime.parameters.validation import integer_range_reason as integer_range_reason
+from rosidl_py_gen.runtime.parameters.validation import list_names as list_names
+from rosidl_py_gen.runtime.parameters.validation import read_only_reason as read_only_reason
+from rosidl_py_gen.runtime.parameters.validation import type_reason as type_reason
