@@ -26,8 +26,7 @@ def lazy_exports(package: str, modules: Mapping[str, str]) -> tuple[Callable[[st
 
 def stub_exports(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
     """Return `__getattr__`, `__dir__` and `__all__` of a package, from its ``__init__.pyi``."""
-    # Not lazy_loader 0.6: it refuses names of other packages (`rosidl_py_gen.errors` in the stub of the runtime) and stubs
-    # in zip files, and installs `packaging` (1.2 MB).
+    # Not lazy_loader 0.6: it refuses stubs with names of other packages (here `rosidl_py_gen.errors`) or in zip files.
     spec: Any = sys.modules[package].__spec__
     lines = spec.loader.get_data(f"{spec.origin}i").decode().splitlines()  # out of a zip file, too
     homes = {words[3]: words[1] for words in map(str.split, lines) if words[:1] == ["from"]}
