@@ -14,24 +14,12 @@ import copy
 import dataclasses
 import inspect
 from types import MethodType
-from typing import TYPE_CHECKING, Any, NoReturn, Protocol, TypeVar, cast
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, cast
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from rosidl_py_gen.runtime.parameters.classes import _Binding
 
 T = TypeVar("T")
-
-
-class Binding(Protocol):
-    """What ties a parameter object to a store."""
-
-    current: Any
-    """The complete instance; never changed, only replaced."""
-    groups: frozenset[tuple[str, ...]]
-    """Paths of the nested dataclasses."""
-
-    def set(self, changes: Mapping[tuple[str, ...], Any]) -> None:
-        """Set what is at or below these paths in one step; raises when that is refused."""
 
 
 class ParameterProxy:
@@ -39,10 +27,10 @@ class ParameterProxy:
 
     __slots__ = ("__binding__", "__path__")
     __hash__ = None  # type: ignore[assignment]
-    __binding__: Binding
+    __binding__: _Binding
     __path__: tuple[str, ...]
 
-    def __init__(self, binding: Binding, path: tuple[str, ...] = ()) -> None:
+    def __init__(self, binding: _Binding, path: tuple[str, ...] = ()) -> None:
         object.__setattr__(self, "__binding__", binding)
         object.__setattr__(self, "__path__", path)
 
