@@ -1,0 +1,225 @@
+"""Rules of the code that no linter can express; those of imports are contracts in pyproject.toml (`lint-imports`)."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parent.parent / "rosidl_py_gen"
+# Names with an underscore that other modules may use: what generated classes have for the code that calls them,
+# what is public in every named tuple, and what bags have for tables.
+SHARED = {
+    "_source",
+    "_cuts",
+    "_replace",
+    "_TYPE",
+    "_decode",
+    "_encode",
+    "_encode_into",
+    "_native",
+    "_assign",
+    "_FIELDS",
+}
+# The same for modules of the runtime only: what nodes and contexts are made of, which users do not see.
+SHARED_IN_RUNTIME = {
+    "_scope",
+    "_core",
+    "_end_wait",
+    "_record",
+    "_ask",
+    "_forget",
+    "_servers",
+    "_publish_without_waiting",
+    "_deliver",
+    "_push",
+    "_has_news",
+    "_schedule",
+    "_why_missing",
+    "_on_every_jump",
+    "_why_unmatched",
+}
+# The same for the shim: what entities have for executors, where every public name would be one of rclpy's.
+SHARED_IN_SHIM = {
+    "_executor_event",
+    "_rosidl_from_runtime",
+    "_goal_info",
+    "_rosidl_handed_out",
+    "_rosidl_is_ready",
+    "_rosidl_queue",
+    "_rosidl_what_is_served",
+    "_pending",
+    "_rosidl_publish_feedback",
+    "_rosidl_publish_status",
+    "_rosidl_queues",
+    "_set_executor",
+    "_set_ros_time_is_active",
+    "_rosidl_take",
+    "_timer",
+    "_rosidl_watch",
+    "_TYPE_SUPPORT",
+    "_update_state",
+}
+# Functions of the standard library that are public in spite of their names.
+# The last two are in asyncio.__all__, for those who write event loops.
+DOCUMENTED = {"sys._getframe", "os._exit", "asyncio._get_running_loop", "asyncio._set_running_loop"}
+# Knows private structures of Cyclone DDS; no other module reads memory by address.
+KNOWS_LAYOUTS = "runtime.transport.cyclone.structures"
+# Functions and attributes by regular expression, and the modules (with what is below them) that may use them.
+RESTRICTED = {
+    # Others ask the loop, or the clocks of the transport, which stand still in tests. The second half of these modules
+    # is about threads, processes and files.
+    r"time\.(monotonic|time|perf_counter)(_ns)?": (
+        "runtime.transport.clocks",
+        "runtime.transport.cyclone",
+        "runtime.transport.zenoh",
+        "runtime.logs",
+        "runtime.time.clock",
+        "runtime.loop.portal",
+        "runtime.loop.virtual_time",
+        "base.interrupts",
+        "tools.doctor.peers",
+        "tools.recording.writer",
+        "tools.bag.convert",
+        "tools.bag.migrate",
+        "tools.foxglove",
+        "tools.filters",
+        "tools.messages",
+        "tools.topic.figures",
+        "bags.writer",
+        "cli.generate",
+    ),
+    r".*\b(from_address|memmove|memset|PyBytes_FromStringAndSize)": (KNOWS_LAYOUTS,),
+    # `yaml_text` bounds how deep and how large a document may be.
+    r"yaml\.((safe_|full_|unsafe_)?load(_all)?|compose|parse|scan)": ("base.yaml_text",),
+    # The structure of nodes: what stands above the runtime uses its public methods.
+    r".*\.(bridge|participant|discovery)": ("runtime", "cli", "rclpy"),
+}
+
+
+def module_of(path: Path) -> str:
+    parts = path.relative_to(PACKAGE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def is_in(module: str, packages: tuple[str, ...]) -> bool:
+    return any(module == package or module.startswith(f"{package}.") for package in packages)
+
+
+@pytest.fixture(scope="module")
+def trees() -> dict[str, ast.Module]:
+    """All modules that are not generated, parsed; released after the tests of this file."""
+    paths = {module_of(path): path for path in sorted(PACKAGE.rglob("*.py"))}
+    return {
+        module: ast.parse(path.read_text(encoding="utf-8"))
+        for module, path in paths.items()
+        if not is_in(module, ("msgs",))
+    }
+
+
+def _used(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Lines and names: attributes with what they are of, names that are imported, and short texts for `getattr`."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute):
+            yield node.lineno, f"{node.value.id if isinstance(node.value, ast.Name) else ''}.{node.attr}"
+        elif isinstance(node, ast.ImportFrom):
+            yield from ((node.lineno, f"{node.module}.{alias.name}") for alias in node.names)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.isidentifier():
+            yield node.lineno, node.value
+
+
+def test_restricted_functions_are_used_where_they_may_be(trees: dict[str, ast.Module]) -> None:
+    wrong = [
+        f"{module}:{line}: {name}"
+        for module, tree in trees.items()
+        for line, name in _used(tree)
+        for pattern, modules in RESTRICTED.items()
+        if re.fullmatch(pattern, name) and not is_in(module, modules)
+    ]
+    assert wrong == []
+
+
+def test_third_party_packages_are_those_of_the_contract(trees: dict[str, ast.Module]) -> None:
+    tomllib = pytest.importorskip("tomllib")  # of Python 3.11
+    settings = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
+    contract = next(one for one in settings["contracts"] if one["id"] == "third-party")
+    known = {*sys.stdlib_module_names, *contract["forbidden_modules"], PACKAGE.name, "numpy", "typing_extensions"}
+    messages = {path.name for path in (PACKAGE.parent / "interfaces").iterdir()}
+    of_rclpy = {*settings["root_packages"], *messages, "rosidl_parser"}
+    found = {
+        (module, name.partition(".")[0])
+        for module, tree in trees.items()
+        for node in ast.walk(tree)
+        for name in (
+            [alias.name for alias in node.names]
+            if isinstance(node, ast.Import)
+            else [node.module or ""]
+            if isinstance(node, ast.ImportFrom) and not node.level
+            else []
+        )
+    }
+    wrong = {
+        (module, name)
+        for module, name in found
+        if name not in (known | of_rclpy if is_in(module, ("rclpy",)) else known)
+    }
+    assert wrong == set()
+
+
+def _private_uses(tree: ast.AST, shared: set[str] = SHARED) -> Iterator[ast.Attribute]:
+    """`x._name` where x is neither `self` nor `cls`, and nothing in this file is called `_name`."""
+    known = shared | {
+        name
+        for node in ast.walk(tree)
+        for name in (
+            [node.attr]
+            if isinstance(node, ast.Attribute) and _is_own(node.value) and _is_set(node)
+            else [node.name]
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
+            else [node.target.id]
+            if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
+            else [target.id for target in node.targets if isinstance(target, ast.Name)]
+            if isinstance(node, ast.Assign)
+            else []
+        )
+    }
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Attribute) or _is_own(node.value):
+            continue
+        if _is_private(node.attr) and node.attr not in known and ast.unparse(node) not in DOCUMENTED:
+            yield node
+
+
+def _is_private(name: str) -> bool:
+    return name.startswith("_") and not name.endswith("__")
+
+
+def _is_own(node: ast.AST) -> bool:
+    return isinstance(node, ast.Name) and node.id in ("self", "cls")
+
+
+def _is_set(node: ast.Attribute) -> bool:
+    return isinstance(node.ctx, ast.Store)
+
+
+def test_private_uses_are_found() -> None:
+    source = """
+class A:
+    def __init__(self, other): self._mine = other._mine + other._theirs + self._mine._x
+"""
+    assert {node.attr for node in _private_uses(ast.parse(source))} == {"_theirs", "_x"}
+
+
+def test_no_module_touches_what_is_private_to_others(trees: dict[str, ast.Module]) -> None:
+    more = {"runtime": SHARED_IN_RUNTIME, "rclpy": SHARED_IN_SHIM}
+    wrong = [
+        f"{module}:{node.lineno}: {ast.unparse(node)}"
+        for module, tree in trees.items()
+        if module != KNOWS_LAYOUTS
+        for node in _private_uses(tree, SHARED | more.get(module.partition(".")[0], set()))
+    ]
+    assert wrong == []
