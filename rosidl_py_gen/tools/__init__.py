@@ -42,20 +42,20 @@ if TYPE_CHECKING:
 _COMMANDS = {
     "action": ("action", "Actions: list, info, send goals."),
     "bag": ("commands.bag", "Recordings: record, play, info, convert, migrate, reindex, table, sql."),
-    "completion": ("commands.completion", "Print the completion script of a shell."),
-    "doctor": ("commands.doctor", "Check this installation, the network, and what answers on it."),
+    "completion": ("completion_script", "Print the completion script of a shell."),
+    "doctor": ("doctor.check", "Check this installation, the network, and what answers on it."),
     "foxglove": ("commands.foxglove", "Show topics, parameters and services live in Foxglove or Lichtblick."),
-    "graph": ("commands.graph", "Nodes and topics as text, Mermaid or SVG."),
+    "graph": ("graph.show", "Nodes and topics as text, Mermaid or SVG."),
     "interface": ("commands.interface", "Definitions of messages, services and actions."),
     "lifecycle": ("lifecycle", "Lifecycle nodes: list, get and set their states."),
-    "log": ("commands.log", "Follow what all nodes log."),
+    "log": ("log.follow", "Follow what all nodes log."),
     "node": ("node", "Nodes: list, info."),
     "param": ("param", "Parameters: list, get, set, describe, dump, load, delete."),
     "run": ("commands.run", "Run a program written for rclpy as it is."),
-    "service": ("commands.service", "Services: list, type, call, info, echo."),
-    "tf": ("commands.tf", "Transforms: the tree of frames, one transform, rates and delays."),
-    "topic": ("commands.topic", "Topics: list, info, echo, pub, hz, bw, delay, type, find."),
-    "zenoh-router": ("commands.zenoh_router", "A router for nodes on rmw_zenoh."),
+    "service": ("service", "Services: list, type, call, info, echo."),
+    "tf": ("tf", "Transforms: the tree of frames, one transform, rates and delays."),
+    "topic": ("topic", "Topics: list, info, echo, pub, hz, bw, delay, type, find."),
+    "zenoh-router": ("zenoh_router", "A router for nodes on rmw_zenoh."),
 }
 
 

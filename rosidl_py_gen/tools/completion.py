@@ -32,14 +32,6 @@ _CALLED = {"topic": "types", "service": "service types", "action": "action types
 _INDEX = re.compile(r"\[[^\]]*\]\Z")
 
 
-def run(shell: str) -> int:
-    """Print the completion script of a shell."""
-    from rosidl_py_gen.tools import root
-
-    click.echo(shells.script(shell, root(), "rosidl-py"))
-    return 0
-
-
 def complete_names(what: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
     """Complete names that `options.completion` describes; hidden ones only when a hidden part is typed."""
     names = _or_nothing(lambda: _names(what, context))

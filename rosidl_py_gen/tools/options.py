@@ -52,6 +52,9 @@ def timeout(what: str, default_s: float = 5) -> Callable[[F], F]:
     )
 
 
+report_count = click.option(
+    "-n", "--times", type=click.IntRange(1), metavar="COUNT", help="Stop after so many reports."
+)
 node_timeout = timeout("Wait so long for the node, and for its answers.")
 topic_timeout = click.option(
     "--timeout",
@@ -195,6 +198,40 @@ def topics(command: F) -> F:
         help="Only these topics. May be repeated.",
     )
     return option(command)
+
+
+bag_path = click.argument("path", type=click.Path())
+compression = click.option(
+    "--compression",
+    type=click.Choice(["zstd", "lz4", "none"]),
+    default="zstd",
+    show_default=True,
+    help="Of chunks inside the file.",
+)
+skip_damaged = click.option(
+    "--skip-damaged",
+    "skips",
+    is_flag=True,
+    help="Skip messages that cannot be decoded, and damaged parts of MCAP files; the exit code is 3 then.",
+)
+
+
+def bag_selection(command: F) -> F:
+    """Add options that select topics and a time range of a bag; the ``cls`` of the command is `SeveralCommand`."""
+    for option in (
+        click.option("--duration", "duration_s", type=click.FloatRange(0), metavar="SECONDS", help="Only so long."),
+        click.option(
+            "--start-offset",
+            "offset_s",
+            type=click.FloatRange(0),
+            default=0.0,
+            metavar="SECONDS",
+            help="Leave out the beginning.",
+        ),
+        topics,
+    ):
+        command = option(command)
+    return command
 
 
 class SeveralCommand(click.Command):

@@ -2,26 +2,51 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 from typing import TYPE_CHECKING
 
 import click
 
 from rosidl_py_gen.errors import printable
-from rosidl_py_gen.runtime import ZenohRouter
-from rosidl_py_gen.tools import Job
+from rosidl_py_gen.tools import Job, verb
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
-def run(listen: Sequence[str], connect: Sequence[str]) -> Job:
-    """The command; ends with 0 when it is interrupted."""
+@click.command("zenoh-router")
+@click.option(
+    "--listen",
+    multiple=True,
+    metavar="ENDPOINT",
+    help="Where to listen instead of tcp/[::]:7447, which is every interface; may be given several times.",
+)
+@click.option(
+    "--connect",
+    multiple=True,
+    metavar="ENDPOINT",
+    help="Another router to connect with, as tcp/192.168.1.5:7447; may be given several times.",
+)
+@verb
+def zenoh_router(listen: Sequence[str], connect: Sequence[str]) -> Job:
+    """Run a Zenoh router, through which nodes on rmw_zenoh find each other, until Ctrl-C.
+
+    One is needed on each machine; its settings are those of rmw_zenohd. ZENOH_ROUTER_CONFIG_URI and
+    ZENOH_CONFIG_OVERRIDE count. Whoever reaches it can join: see the guide for TLS and passwords.
+
+    \b
+    rosidl-py zenoh-router
+    rosidl-py zenoh-router --listen tcp/127.0.0.1:7447
+    rosidl-py zenoh-router --connect tcp/192.168.1.5:7447
+    """
     return Job(_serve(listen, connect), endless=True)
 
 
 async def _serve(listen: Sequence[str], connect: Sequence[str]) -> int:
+    import asyncio
+
+    from rosidl_py_gen.runtime import ZenohRouter
+
     with ZenohRouter(os.environ, _warn, listen=listen, connect=connect, log="error") as router:
         click.echo(printable(f"Zenoh router {router.zid} listens on {', '.join(router.endpoints)}"))
         await asyncio.Event().wait()

@@ -8,30 +8,43 @@ from __future__ import annotations
 import os
 import shutil
 import sys
-import textwrap
 from typing import TYPE_CHECKING, Any
 
+import click
+
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime import read_environment
-from rosidl_py_gen.tools import printing
-from rosidl_py_gen.tools.doctor import machine as doctor_machine
-from rosidl_py_gen.tools.doctor import network as doctor_network
-from rosidl_py_gen.tools.doctor import peers as doctor_peers
+from rosidl_py_gen.tools import options, printing, verb
 from rosidl_py_gen.tools.doctor.findings import BROKEN, NOTE, OK, WARNING, Finding, careful, for_strangers
-from rosidl_py_gen.tools.session import Network, Session
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from rosidl_py_gen.runtime import DomainSettings
+    from rosidl_py_gen.tools.session import Network, Session
+
 
 _STYLES = {OK: "", NOTE: "cyan", WARNING: "yellow", BROKEN: "bold red"}
 _INDENT = 11
 Sections = dict[str, list[Finding]]
 
 
-async def run(network: Network, report: bool, paths: tuple[str, ...], as_json: bool) -> int:
-    """What the command does."""
+@click.command("doctor")
+@click.option("--report", is_flag=True, help="Print a text for an issue: no names of hosts, nodes and home folders.")
+@options.paths
+@options.as_json
+@options.node_options
+@verb
+async def doctor(network: Network, report: bool, paths: tuple[str, ...], as_json: bool) -> int:
+    """Check this installation, the network and the settings, and tell who answers.
+
+    Ends with 1 when something is broken; what deserves a look is a warning.
+
+    \b
+    rosidl-py doctor
+    rosidl-py doctor --domain 42 --discovery localhost
+    rosidl-py doctor --report > report.txt
+    """
+
     sections: Sections = {}
 
     def done(name: str, findings: list[Finding]) -> None:
@@ -49,10 +62,9 @@ async def run(network: Network, report: bool, paths: tuple[str, ...], as_json: b
     return int(broken)
 
 
-# -------------------------------------------------------------------------------------------------------------- checks
-
-
 def _installation(paths: tuple[str, ...]) -> list[Finding]:
+    from rosidl_py_gen.tools.doctor import machine as doctor_machine
+
     return [
         *careful("Python", doctor_machine.python),
         *careful("what is installed", doctor_machine.libraries),
@@ -61,11 +73,16 @@ def _installation(paths: tuple[str, ...]) -> list[Finding]:
 
 
 def _settings(network: Network) -> list[Finding]:
+    from rosidl_py_gen.tools.doctor import machine as doctor_machine
+
     wanted = (network.get("domain_id"), network.get("discovery"))
     return careful("the environment", lambda: doctor_machine.settings(os.environ, *wanted))
 
 
 def _network(settings: DomainSettings | None) -> list[Finding]:
+    from rosidl_py_gen.tools.doctor import machine as doctor_machine
+    from rosidl_py_gen.tools.doctor import network as doctor_network
+
     if doctor_machine.on_zenoh(os.environ):
         return careful("network interfaces", lambda: doctor_network.list_interfaces(doctor_network.interfaces()))
     return [
@@ -77,6 +94,8 @@ def _network(settings: DomainSettings | None) -> list[Finding]:
 
 def _domain_settings(network: Network) -> DomainSettings | None:
     """None when they are wrong, which is a finding already."""
+    from rosidl_py_gen.runtime import read_environment
+
     try:
         return read_environment(os.environ, domain_id=network.get("domain_id"), discovery=network.get("discovery"))
     except RosidlError:
@@ -84,6 +103,9 @@ def _domain_settings(network: Network) -> DomainSettings | None:
 
 
 async def _answers(network: Network) -> list[Finding]:
+    from rosidl_py_gen.tools.doctor import machine as doctor_machine
+    from rosidl_py_gen.tools.session import Session
+
     try:
         session = Session(network)
     except Exception as error:  # whatever keeps it from starting is what the doctor is here for
@@ -99,6 +121,7 @@ async def _answers(network: Network) -> list[Finding]:
 
 
 def _fast_dds(session: Session) -> Iterator[Finding]:
+
     refusal = session.context.service_refusal
     if session.context.middleware != "DDS":
         yield Finding(OK, f"this program and all it sees are on {session.context.middleware}")
@@ -117,6 +140,8 @@ def _fast_dds(session: Session) -> Iterator[Finding]:
 
 
 async def _found(session: Session) -> list[Finding]:
+    from rosidl_py_gen.tools.doctor import peers as doctor_peers
+
     test = None
     try:
         test = doctor_peers.SelfTest(session)
@@ -132,9 +157,6 @@ async def _found(session: Session) -> list[Finding]:
     finally:
         if test is not None:
             test.close()
-
-
-# ------------------------------------------------------------------------------------------------------------ printing
 
 
 def _row(finding: Finding) -> dict[str, Any]:
@@ -154,6 +176,8 @@ def _print(name: str, findings: list[Finding], *, as_report: bool) -> None:
 
 
 def _wrapped(head: str, text: str, width: int) -> str:
+    import textwrap
+
     flat = " ".join(text.split())
     return textwrap.fill(
         flat, max(width, 30), initial_indent=head, subsequent_indent=" " * len(head), break_on_hyphens=False

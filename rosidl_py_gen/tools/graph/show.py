@@ -6,23 +6,25 @@ is left out. How it is drawn is in `graph/text.py` and `graph/svg.py`.
 
 from __future__ import annotations
 
-import asyncio
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
+
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.output import printable_line
-from rosidl_py_gen.tools import ToolError, printing
-from rosidl_py_gen.tools.graph.picture import Edge, Picture
-from rosidl_py_gen.tools.session import Network, Session
+from rosidl_py_gen.tools import ToolError, options, printing, verb
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from rosidl_py_gen.runtime import NamesAndTypes, Node
+    from rosidl_py_gen.tools.graph.picture import Edge, Picture
+    from rosidl_py_gen.tools.session import Network, Session
+
 
 _ENDINGS = {".svg": "svg", ".mmd": "mermaid", ".mermaid": "mermaid", ".md": "markdown", ".json": "json", ".txt": "text"}
 _ACTION, _GOAL = "/_action/", "/_action/send_goal"
@@ -30,7 +32,28 @@ _EVERY_TOPIC = ("/rosout", "/parameter_events")
 _EVERY_PACKAGE = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
 
 
-async def run(
+@click.command("graph")
+@options.drawn("svg")
+@click.option(
+    "--node",
+    "nodes",
+    multiple=True,
+    metavar="NAME",
+    shell_complete=options.completion("nodes"),
+    help="Only these nodes and what they are connected with; * stands for anything, may be given several times.",
+)
+@click.option(
+    "--topic",
+    "topics",
+    multiple=True,
+    metavar="NAME",
+    shell_complete=options.completion("topics"),
+    help="Only these topics, services or actions; as --node.",
+)
+@click.option("-a", "--all", "everything", is_flag=True, help="Show hidden names and what every node has, too.")
+@options.node_options
+@verb
+async def graph(
     network: Network,
     kind: str | None,
     as_json: bool,
@@ -39,7 +62,19 @@ async def run(
     topics: tuple[str, ...],
     everything: bool,
 ) -> int:
-    """What the command does."""
+    """Show which nodes are connected through which topics, services and actions.
+
+    Parameter services, /rosout and /parameter_events, which every node has, are left out.
+
+    \b
+    rosidl-py graph
+    rosidl-py graph -o graph.svg
+    rosidl-py graph --node '/camera*' --format mermaid
+    """
+    import asyncio
+
+    from rosidl_py_gen.tools.session import Session
+
     kind = "json" if as_json else kind or _kind_of(output)
     async with Session(network) as session:
         await session.wait_until_named()
@@ -82,10 +117,9 @@ def _drawn(picture: Picture, kind: str) -> str:
     return draw[kind](picture)
 
 
-# ---------------------------------------------------------------------------------------------------------- collecting
-
-
 def _picture(session: Session, everything: bool) -> Picture:
+    from rosidl_py_gen.tools.graph.picture import Picture
+
     node = session.node
     found: set[Edge] = set()
     names = []
@@ -113,6 +147,8 @@ def _apart(node: Node, edges: Iterable[Edge]) -> frozenset[tuple[str, str, str]]
 
 
 def _edges_of(node: Node, name: str, namespace: str, full: str, everything: bool) -> Iterator[Edge]:
+    from rosidl_py_gen.tools.graph.picture import Edge
+
     topics: dict[str, Callable[[str, str], NamesAndTypes]] = {
         "publishes": node.get_publisher_names_and_types_by_node,
         "subscribes": node.get_subscriber_names_and_types_by_node,
@@ -136,6 +172,8 @@ def _edges_of(node: Node, name: str, namespace: str, full: str, everything: bool
 
 def _edges_of_strangers(node: Node, everything: bool) -> Iterator[Edge]:
     """Endpoints that belong to no node, or to one whose name did not arrive."""
+    from rosidl_py_gen.tools.graph.picture import Edge
+
     for topic, _ in node.get_topic_names_and_types():
         if _is_topic(topic, everything):
             for role, infos in (
@@ -154,9 +192,6 @@ def _is_topic(topic: str, everything: bool) -> bool:
 def _is_own(service: str, types: Iterable[str]) -> bool:
     """Whether the node has it for a purpose of its own."""
     return "/_" not in service and not any(one.startswith(_EVERY_PACKAGE) for one in types)
-
-
-# ----------------------------------------------------------------------------------------------------------- filtering
 
 
 def _filtered(picture: Picture, nodes: tuple[str, ...], topics: tuple[str, ...]) -> Picture:

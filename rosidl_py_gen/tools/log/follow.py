@@ -1,4 +1,4 @@
-"""``log``: what nodes log now, and what they keep of before.
+"""``log``: what nodes log now and keep of before, or what was logged in a recording.
 
 Decides that what nodes kept is printed in the order of its times: it comes node by node.
 """
@@ -6,21 +6,49 @@ Decides that what nodes kept is printed in the order of its times: it comes node
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen import get_message
+import click
+
 from rosidl_py_gen.base.stamps import stamp_ns
-from rosidl_py_gen.runtime import AdaptiveSubscription, Durability, QoSProfile, Reliability, WaitTimeoutError
-from rosidl_py_gen.tools import Job, printing
-from rosidl_py_gen.tools.log.lines import Lines
-from rosidl_py_gen.tools.session import Network, Session, now_s
+from rosidl_py_gen.tools import Job, ToolError, options, printing, verb
 
-_TOPIC, _DEPTH = "/rosout", 1000
+if TYPE_CHECKING:
+    from rosidl_py_gen.runtime import AdaptiveSubscription, QoSProfile
+    from rosidl_py_gen.tools.log.lines import Lines
+    from rosidl_py_gen.tools.session import Network, Session
+
+
+_TOPIC, _TYPE, _DEPTH = "/rosout", "rcl_interfaces/msg/Log", 1000
 _KEPT_S = 0.3
 """How long what was kept may take; nodes send it at once."""
 
 
-def run(
+@click.command("log")
+@click.option(
+    "-l",
+    "--level",
+    type=click.Choice(["debug", "info", "warn", "error", "fatal"], case_sensitive=False),
+    default="debug",
+    help="Only this level and above.",
+)
+@click.option(
+    "--node",
+    "nodes",
+    multiple=True,
+    metavar="NAME",
+    shell_complete=options.completion("nodes"),
+    help="Only loggers of this node, /ns/name or ns.name; * stands for anything, may be given several times.",
+)
+@click.option("-t", "--text", "pattern", metavar="REGEX", help="Only texts in which this is found.")
+@click.option("-n", "--times", type=click.IntRange(1), metavar="COUNT", help="Stop after so many.")
+@click.option("--new", "only_new", is_flag=True, help="Nothing of before now, which nodes keep for ten seconds.")
+@click.option("-v", "--verbose", is_flag=True, help="Show file, line and function, too.")
+@click.option("--bag", metavar="PATH", type=click.Path(), help="What was logged in a recording, and then end.")
+@options.as_json
+@options.node_options
+@verb
+def log(
     network: Network,
     level: str,
     nodes: Sequence[str],
@@ -29,16 +57,47 @@ def run(
     only_new: bool,
     verbose: bool,
     as_json: bool,
-) -> Job:
-    """What the command does."""
+    bag: str | None,
+) -> Job | int:
+    """Follow what all nodes log, from /rosout.
+
+    \b
+    rosidl-py log
+    rosidl-py log --level warn --node '/camera*'
+    rosidl-py log --bag drive.mcap --text 'lost|late'
+    """
+    from rosidl_py_gen.tools.log.lines import Lines
+
+    if bag is not None and only_new:
+        raise click.UsageError("nothing is new in a recording: give --bag or --new")
     lines = Lines(level, nodes, pattern, times=times, verbose=verbose, as_json=as_json)
-    return Job(_follow(network, lines, only_new), endless=times is None)
+    if bag is None:
+        return Job(_follow(network, lines, only_new), endless=times is None)
+    return _show_recorded(bag, lines)
+
+
+def _show_recorded(path: str, lines: Lines) -> int:
+    from rosidl_py_gen.bags import BagReader
+
+    with BagReader(path) as reader:
+        topics = [name for name, topic in reader.topics.items() if topic.type_name == _TYPE]
+        if not topics:
+            raise ToolError(f"{path} has no topic of {_TYPE}: nothing that nodes logged was recorded")
+        for one in reader.messages(topics):
+            if lines.is_done:
+                break
+            lines.show(one.message)
+    return 0
 
 
 async def _follow(network: Network, lines: Lines, only_new: bool) -> int:
+    from rosidl_py_gen import get_message
+    from rosidl_py_gen.runtime import AdaptiveSubscription
+    from rosidl_py_gen.tools.session import Session
+
     async with Session(network) as session:
         await session.wait_until_quiet()
-        cls: Any = get_message("rcl_interfaces/msg/Log")
+        cls: Any = get_message(_TYPE)
         qos = _profile(session, only_new)
         following: AdaptiveSubscription[Any] = AdaptiveSubscription(
             session.node, _TOPIC, cls, qos=qos, depth=_DEPTH, note=printing.note
@@ -54,6 +113,8 @@ async def _follow(network: Network, lines: Lines, only_new: bool) -> int:
 
 def _profile(session: Session, only_new: bool) -> QoSProfile | None:
     """What nodes offer, so that those that come later are heard from their first word; None if any offers less."""
+    from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability
+
     if only_new:
         return QoSProfile(depth=_DEPTH)
     for one in session.node.get_publishers_info_by_topic(_TOPIC):
@@ -64,6 +125,9 @@ def _profile(session: Session, only_new: bool) -> QoSProfile | None:
 
 
 async def _kept(messages: AdaptiveSubscription[Any]) -> list[Any]:
+    from rosidl_py_gen.runtime import WaitTimeoutError
+    from rosidl_py_gen.tools.session import now_s
+
     found = []
     end_s = now_s() + _KEPT_S
     try:

@@ -5,47 +5,81 @@ Decides that requests and responses are shown as rclpy's own `repr` shows them, 
 
 from __future__ import annotations
 
-import asyncio
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen import to_dict
-from rosidl_py_gen.tools import Job, messages, printing, types
-from rosidl_py_gen.tools.commands.service import CallOptions
-from rosidl_py_gen.tools.service.info import find_service
-from rosidl_py_gen.tools.session import Network, Session
+import click
+
+from rosidl_py_gen.tools import Job, options, printing, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.runtime import Client
+    from rosidl_py_gen.tools.session import Network
 
 
-def run(network: Network, options: CallOptions) -> Job:
-    """What the command does."""
-    return Job(_call(network, options), endless=options.rate is not None)
+@click.command("call")
+@options.service_argument()
+@click.argument("words", nargs=-1, metavar="[TYPE] [VALUES]", shell_complete=options.call_completion("service"))
+@click.option("--stdin", is_flag=True, help="Read the values from standard input.")
+@click.option(
+    "-r", "--rate", type=click.FloatRange(0, min_open=True), metavar="HZ", help="Call again and again, so often."
+)
+@click.option("-f", "--full-length", is_flag=True, help="Show long arrays and texts in full.")
+@options.timeout("Wait so long for the server, and for each response.", default_s=10)
+@options.paths
+@options.as_json
+@options.node_options
+@verb
+def call(
+    network: Network,
+    service: str,
+    words: tuple[str, ...],
+    stdin: bool,
+    rate: float | None,
+    full_length: bool,
+    timeout_s: float,
+    paths: tuple[str, ...],
+    as_json: bool,
+) -> Job:
+    """Call a service; VALUES are YAML or JSON, what they leave out has its default.
 
+    The type is found out when it is not given. --json prints the response alone.
 
-async def _call(network: Network, options: CallOptions) -> int:
-    type_name, text = messages.type_and_values(options.words, stdin=options.stdin)
-    async with Session(network) as session:
-        name = await types.meanwhile(find_service(session, options.service, options.timeout_s))
-        cls: Any = await types.service_class(session, name, type_name, options.paths)
-        request = messages.message_from(cls.Request, text)
-        client = session.node.create_client(cls, name)
-        loop = asyncio.get_running_loop()
-        while True:
-            began = loop.time()
-            await _one_call(client, request, options)
-            if options.rate is None:
-                return 0
-            await asyncio.sleep(began + 1 / options.rate - loop.time())
+    \b
+    rosidl-py service call /add_two_ints '{a: 1, b: 2}'
+    rosidl-py service call /add_two_ints example_interfaces/srv/AddTwoInts '{a: 1, b: 2}'
+    rosidl-py service call /status std_srvs/srv/Trigger --rate 2 --json
+    """
+    import asyncio
 
+    from rosidl_py_gen import to_dict
+    from rosidl_py_gen.tools import messages, types
+    from rosidl_py_gen.tools.service.info import find_service
+    from rosidl_py_gen.tools.session import Session
 
-async def _one_call(client: Client[Any, Any], request: Message, options: CallOptions) -> None:
-    truncate = None if options.full_length else messages.TRUNCATE
-    if not options.as_json:
-        printing.lines([f"requester: making request: {messages.shown(request, truncate)}", ""])
-    response = await client.call(request, options.timeout_s)
-    if options.as_json:
-        (printing.document if options.rate is None else printing.json_line)(to_dict(response))
-    else:
-        printing.lines(["response:", messages.shown(response, truncate), ""])
+    async def main() -> int:
+        type_name, text = messages.type_and_values(words, stdin=stdin)
+        async with Session(network) as session:
+            name = await types.meanwhile(find_service(session, service, timeout_s))
+            cls: Any = await types.service_class(session, name, type_name, paths)
+            request = messages.message_from(cls.Request, text)
+            client = session.node.create_client(cls, name)
+            loop = asyncio.get_running_loop()
+            while True:
+                began = loop.time()
+                await one_call(client, request)
+                if rate is None:
+                    return 0
+                await asyncio.sleep(began + 1 / rate - loop.time())
+
+    async def one_call(client: Client[Any, Any], request: Message) -> None:
+        truncate = None if full_length else messages.TRUNCATE
+        if not as_json:
+            printing.lines([f"requester: making request: {messages.shown(request, truncate)}", ""])
+        response = await client.call(request, timeout_s)
+        if as_json:
+            (printing.document if rate is None else printing.json_line)(to_dict(response))
+        else:
+            printing.lines(["response:", messages.shown(response, truncate), ""])
+
+    return Job(main(), endless=rate is not None)

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.tools import printing
-from rosidl_py_gen.tools.session import Network, Session
+import click
+
+from rosidl_py_gen.tools import options, printing, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node, TopicEndpointInfo
+    from rosidl_py_gen.tools.session import Network, Session
+
 
 _PATIENCE_S = 1.0
 
 
-async def run(network: Network, service: str, as_json: bool, only_type: bool = False, verbose: bool = False) -> int:
-    """What the command does."""
+async def _show(network: Network, service: str, as_json: bool, only_type: bool = False, verbose: bool = False) -> int:
+    """Print the type of a service, or also who serves and uses it."""
+    from rosidl_py_gen.tools.session import Session
+
     async with Session(network) as session:
         node = session.node
         name = await find_service(session, service)
@@ -38,6 +43,35 @@ async def run(network: Network, service: str, as_json: bool, only_type: bool = F
     else:
         _print(found)
     return 0
+
+
+@click.command("info")
+@options.service_argument()
+@click.option("-v", "--verbose", is_flag=True, help="Show who they are, their GIDs and QoS, too.")
+@options.as_json
+@options.node_options
+@verb
+def info(**arguments: Any) -> Any:
+    """Print the type of a service, and how many clients and servers it has.
+
+    \b
+    rosidl-py service info /add_two_ints -v
+    """
+    return _show(**arguments)
+
+
+@click.command("type")
+@options.service_argument()
+@options.as_json
+@options.node_options
+@verb
+def type_(**arguments: Any) -> Any:
+    """Print the type of a service.
+
+    \b
+    rosidl-py service type /add_two_ints
+    """
+    return _show(only_type=True, **arguments)
 
 
 async def find_service(session: Session, service: str, timeout_s: float | None = None) -> str:

@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.tools import printing
-from rosidl_py_gen.tools.names import is_hidden, is_one_of
-from rosidl_py_gen.tools.session import Network, Session
+import click
+
+from rosidl_py_gen.tools import options, printing, verb
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.tools.session import Network
+
+_hidden = click.option(
+    "-a",
+    "--include-hidden-services",
+    "hidden",
+    is_flag=True,
+    help="Show hidden ones, too: those of actions, and others that begin with _.",
+)
 
 
-async def run(
+async def _list(
     network: Network, count: bool, hidden: bool, as_json: bool, show_types: bool = False, of_type: str = ""
 ) -> int:
-    """What the command does."""
+    """Print the services, all or those of a type."""
+    from rosidl_py_gen.tools.names import is_hidden, is_one_of
+    from rosidl_py_gen.tools.session import Session
+
     async with Session(network) as session:
         await session.wait_until_quiet()
         node = session.node
@@ -24,3 +38,36 @@ async def run(
         session.note_if_alone()
     printing.names(found, count, show_types, as_json)
     return 0
+
+
+@click.command("list")
+@options.show_types
+@options.count("services")
+@_hidden
+@options.as_json
+@options.node_options
+@verb
+def list_(**arguments: Any) -> Any:
+    """Print the services there are.
+
+    \b
+    rosidl-py service list -t
+    rosidl-py service list --json | jq '.[].name'
+    """
+    return _list(**arguments)
+
+
+@click.command("find")
+@click.argument("of_type", metavar="TYPE", shell_complete=options.completion("service types"))
+@options.count("services")
+@_hidden
+@options.as_json
+@options.node_options
+@verb
+def find(**arguments: Any) -> Any:
+    """Print the services of a type.
+
+    \b
+    rosidl-py service find std_srvs/srv/Trigger
+    """
+    return _list(**arguments)

@@ -2,18 +2,43 @@
 
 from __future__ import annotations
 
-import asyncio
+from typing import TYPE_CHECKING
 
-import numpy as np
+import click
 
 from rosidl_py_gen.base.stamps import sec_nanosec
-from rosidl_py_gen.numpy import quaternion_to_euler
-from rosidl_py_gen.tf import InvalidTransformError, Transform, TransformBuffer, TransformError, TransformTimeoutError
-from rosidl_py_gen.tools import Job, ToolError, printing
-from rosidl_py_gen.tools.session import Network, Session
+from rosidl_py_gen.tools import Job, ToolError, options, printing, verb
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from rosidl_py_gen.tf import Transform
+    from rosidl_py_gen.tools.session import Network
 
 
-def run(
+@click.command("echo")
+@click.argument("target")
+@click.argument("source")
+@click.option("--once", is_flag=True, help="Print one and stop.")
+@options.report_count
+@click.option(
+    "-r",
+    "--rate",
+    "rate_hz",
+    type=click.FloatRange(0, min_open=True),
+    default=1.0,
+    show_default=True,
+    metavar="HZ",
+    help="Lookups per second.",
+)
+@click.option(
+    "-p", "--precision", type=click.IntRange(0, 17), metavar="N", default=3, show_default=True, help="Digits."
+)
+@options.timeout("Wait so long for the first one.", 10)
+@options.as_json
+@options.node_options
+@verb
+def echo(
     network: Network,
     target: str,
     source: str,
@@ -24,39 +49,45 @@ def run(
     timeout_s: float,
     as_json: bool,
 ) -> Job:
-    """What the command does."""
+    """Print where SOURCE is in TARGET, again and again: the transform from SOURCE to TARGET.
+
+    \b
+    rosidl-py tf echo map base_link
+    rosidl-py tf echo odom lidar --once --json
+    """
+    import asyncio
+
+    from rosidl_py_gen.tf import InvalidTransformError, TransformBuffer, TransformError, TransformTimeoutError
+    from rosidl_py_gen.tools.session import Session
+
     wanted = 1 if once else times
-    return Job(_echo(network, target, source, wanted, rate_hz, precision, timeout_s, as_json), endless=wanted is None)
 
-
-async def _echo(
-    network: Network,
-    target: str,
-    source: str,
-    times: int | None,
-    rate_hz: float,
-    precision: int,
-    timeout_s: float,
-    as_json: bool,
-) -> int:
-    async with Session(network) as session:
-        buffer = TransformBuffer(session.node)
-        try:
-            await buffer.wait_for(target, source, timeout_s=timeout_s)
-        except (TransformTimeoutError, InvalidTransformError) as error:
-            raise ToolError(f'no transform from "{source}" to "{target}": {error}') from None
-        while times is None or times > 0:
+    async def main() -> int:
+        left = wanted
+        async with Session(network) as session:
+            buffer = TransformBuffer(session.node)
             try:
-                _show(buffer.lookup(target, source), precision, as_json)
-                times = None if times is None else times - 1
-            except TransformError as error:
-                printing.note(f"warning: {error}")
-            if times != 0:
-                await asyncio.sleep(1 / rate_hz)
-    return 0
+                await buffer.wait_for(target, source, timeout_s=timeout_s)
+            except (TransformTimeoutError, InvalidTransformError) as error:
+                raise ToolError(f'no transform from "{source}" to "{target}": {error}') from None
+            while left is None or left > 0:
+                try:
+                    _show(buffer.lookup(target, source), precision, as_json)
+                    left = None if left is None else left - 1
+                except TransformError as error:
+                    printing.note(f"warning: {error}")
+                if left != 0:
+                    await asyncio.sleep(1 / rate_hz)
+        return 0
+
+    return Job(main(), endless=wanted is None)
 
 
 def _show(found: Transform, precision: int, as_json: bool) -> None:
+    import numpy as np
+
+    from rosidl_py_gen.numpy import quaternion_to_euler
+
     euler = np.array(quaternion_to_euler(found.rotation))
     if as_json:
         printing.document(

@@ -2,24 +2,49 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections import deque
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import click
 
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.tf import TransformError
-from rosidl_py_gen.tools import Job, ToolError, printing
-from rosidl_py_gen.tools.session import Network, Session, first_of
-from rosidl_py_gen.tools.tf.frames import Frame, Frames, listeners, names_of, sources
-from rosidl_py_gen.tools.tf.text import plain
+from rosidl_py_gen.tools import Job, ToolError, options, printing, verb
+
+if TYPE_CHECKING:
+    from collections import deque
+
+    from rosidl_py_gen.tools.session import Network, Session
+    from rosidl_py_gen.tools.tf.frames import Frame
+
 
 _EVERY_S = 1.0
 _HEADINGS = ("frame", "parent", "rate", "delay", "max_delay", "publishers")
 
 
-def run(network: Network, frames: Sequence[str], times: int | None, window: int, as_json: bool) -> Job:
-    """What the command does."""
+@click.command("monitor")
+@click.argument("frames", nargs=-1)
+@options.report_count
+@click.option(
+    "-w",
+    "--window",
+    type=click.IntRange(2),
+    default=1000,
+    show_default=True,
+    metavar="COUNT",
+    help="How many transforms of each frame count.",
+)
+@options.as_json
+@options.node_options
+@verb
+def monitor(network: Network, frames: Sequence[str], times: int | None, window: int, as_json: bool) -> Job:
+    """Print once a second how often the transform of each frame comes, and how old it is then.
+
+    With two FRAMES only those between them, and how old what is known of the whole way is.
+
+    \b
+    rosidl-py tf monitor
+    rosidl-py tf monitor map lidar
+    """
     if len(frames) not in (0, 2):
         raise ToolError(f"expected no frame or two, between which to look, got {len(frames)}")
     if len({*frames}) == 1:
@@ -29,12 +54,19 @@ def run(network: Network, frames: Sequence[str], times: int | None, window: int,
 
 class _Monitor:
     def __init__(self, way: Sequence[str], times: int | None, window: int, as_json: bool) -> None:
+        from collections import deque
+
+        from rosidl_py_gen.tools.tf.frames import Frames
+
         self._way, self._times, self._as_json = way, times, as_json
         self._frames = Frames(window)
         self._ages_ns: deque[int] = deque(maxlen=window)
         self._noted = ""
 
     async def run(self, network: Network) -> int:
+        from rosidl_py_gen.tools.session import Session, first_of
+        from rosidl_py_gen.tools.tf.frames import listeners
+
         async with Session(network) as session:
             await session.wait_until_quiet()
             feeding = listeners(session.node, self._frames, self._note_age)
@@ -46,6 +78,11 @@ class _Monitor:
             self._ages_ns.append(age_ns)
 
     async def _report(self, session: Session) -> None:
+        import asyncio
+
+        from rosidl_py_gen.tools.tf.frames import names_of
+        from rosidl_py_gen.tools.tf.text import plain
+
         left = self._times
         while left is None or left > 0:
             await asyncio.sleep(_EVERY_S)
@@ -65,6 +102,8 @@ class _Monitor:
             left = None if left is None else left - 1
 
     def _wanted(self) -> list[Frame]:
+        from rosidl_py_gen.tf import TransformError
+
         if not self._way:
             if not self._frames.frames:
                 self._say("no transforms yet")
@@ -86,6 +125,8 @@ def _mean_and_most(values_ns: deque[int]) -> tuple[float, float] | None:
 
 
 def _row(frame: Frame, names: dict[Any, str]) -> list[str]:
+    from rosidl_py_gen.tools.tf.frames import sources
+
     rate, delay = frame.rate_hz, frame.delay_s
     return [
         frame.name,

@@ -1,34 +1,85 @@
-"""``tf tree``: listen for a while, then show the frames."""
+"""``tf tree``: listen for a while, or read a recording, then show the frames."""
 
 from __future__ import annotations
 
-import asyncio
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import click
 
 from rosidl_py_gen.base.output import printable_line
-from rosidl_py_gen.tools import ToolError, printing
-from rosidl_py_gen.tools.session import Network, Session, first_of
-from rosidl_py_gen.tools.tf import text
-from rosidl_py_gen.tools.tf.frames import Frames, listeners, names_of
+from rosidl_py_gen.tools import Job, ToolError, options, printing, verb
 
+if TYPE_CHECKING:
+    from rosidl_py_gen.tools.session import Network
+    from rosidl_py_gen.tools.tf.frames import Frames
+
+
+_TYPE = "tf2_msgs/msg/TFMessage"
 _ENDINGS = {".png": "png", ".mmd": "mermaid", ".mermaid": "mermaid", ".md": "markdown", ".json": "json", ".txt": "text"}
 
 
-async def run(network: Network, kind: str | None, as_json: bool, output: str | None, wait_s: float) -> int:
-    """What the command does."""
-    kind = kind_of(kind, as_json, output)
+@click.command("tree")
+@options.drawn("png")
+@click.option(
+    "--wait-time",
+    "wait_s",
+    type=click.FloatRange(0, 3600),
+    default=2.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="How long to listen.",
+)
+@click.option("--bag", metavar="PATH", type=click.Path(), help="The frames of a recording, nothing of the network.")
+@options.node_options
+@verb
+def tree(
+    network: Network, kind: str | None, as_json: bool, output: str | None, wait_s: float, bag: str | None
+) -> Job | int:
+    """Show which frame has which parent, how often transforms come, how late, and from which node.
+
+    \b
+    rosidl-py tf tree
+    rosidl-py tf tree -o frames.png
+    rosidl-py tf tree --bag drive.mcap --format mermaid
+    """
+    kind = _kind_of(kind, as_json, output)
+    return Job(_of_network(network, kind, output, wait_s)) if bag is None else _of_recording(bag, kind, output)
+
+
+async def _of_network(network: Network, kind: str, output: str | None, wait_s: float) -> int:
+    import asyncio
+
+    from rosidl_py_gen.tools.session import Session, first_of
+    from rosidl_py_gen.tools.tf.frames import Frames, listeners, names_of
+
     frames = Frames()
     async with Session(network) as session:
         await session.wait_until_quiet()
         await first_of(asyncio.sleep(wait_s), *listeners(session.node, frames))
         await session.wait_for(session.node.names_are_known, 1.0)
         names = names_of(session.node)
-    await asyncio.to_thread(show, frames, names, kind, output)
+    await asyncio.to_thread(_show, frames, names, kind, output)
     return 0
 
 
-def kind_of(kind: str | None, as_json: bool, output: str | None) -> str:
+def _of_recording(path: str, kind: str, output: str | None) -> int:
+    """Show the frames of a recording, at its end."""
+    from rosidl_py_gen.bags import BagReader
+    from rosidl_py_gen.tools.tf.frames import Frames
+
+    frames = Frames(window=10_000)
+    with BagReader(path) as reader:
+        topics = [name for name, topic in reader.topics.items() if topic.type_name == _TYPE]
+        if not topics:
+            raise ToolError(f"{path} has no topic of {_TYPE}")
+        for one in reader.messages(topics):
+            frames.take(one.message, one.log_time, one.topic, static=one.topic.endswith("/tf_static"))
+        _show(frames, {name: name for name in topics}, kind, output)
+    return 0
+
+
+def _kind_of(kind: str | None, as_json: bool, output: str | None) -> str:
     """How it is to be drawn; raises `ToolError` for an ending that does not say."""
     if as_json or kind is not None or output is None:
         found = "json" if as_json else kind or "text"
@@ -46,8 +97,10 @@ def kind_of(kind: str | None, as_json: bool, output: str | None) -> str:
     return found
 
 
-def show(frames: Frames, names: dict[Any, str], kind: str, output: str | None) -> None:
+def _show(frames: Frames, names: dict[Any, str], kind: str, output: str | None) -> None:
     """Print it, or write the file."""
+    from rosidl_py_gen.tools.tf import text
+
     for problem in text.problems(frames):
         printing.note(f"warning: {problem}")
     if kind == "png":
@@ -67,6 +120,8 @@ def show(frames: Frames, names: dict[Any, str], kind: str, output: str | None) -
 
 
 def _drawn(frames: Frames, names: dict[Any, str], kind: str) -> str:
+    from rosidl_py_gen.tools.tf import text
+
     if kind == "json":
         return text.as_json(frames, names)
     if kind == "mermaid":

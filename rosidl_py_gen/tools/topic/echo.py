@@ -3,112 +3,188 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.fieldtype import Arity
-from rosidl_py_gen.cdr import Message
-from rosidl_py_gen.runtime import AdaptiveSubscription, WaitTimeoutError
-from rosidl_py_gen.runtime import qos as presets
-from rosidl_py_gen.tools import Job, ToolError, printing, types
-from rosidl_py_gen.tools.commands.topic import EchoOptions
-from rosidl_py_gen.tools.filters import FilterError, compile_filter, compile_path, path_field
-from rosidl_py_gen.tools.messages import array_summary
-from rosidl_py_gen.tools.names import find_topic, full_topic_name
-from rosidl_py_gen.tools.session import Network, Session, now_s
+import click
+
+from rosidl_py_gen.tools import Job, ToolError, options, printing, verb
 from rosidl_py_gen.tools.topic import qos as topic_qos
-from rosidl_py_gen.tools.topic.formats import Format
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.cdr import Message
+    from rosidl_py_gen.runtime import AdaptiveSubscription
+    from rosidl_py_gen.tools.session import Network, Session
+    from rosidl_py_gen.tools.topic.formats import Style
+
 
 _LOST_EVERY_S = 1.0
 _EARLY = 0.25
 """Of the period of ``--max-rate``: so much earlier than due a message is printed."""
 
 
-def run(network: Network, options: EchoOptions) -> Job:
-    """What the command does."""
-    return Job(_echo(network, options), endless=not options.once)
+@click.command("echo", cls=options.SeveralCommand)
+@options.topic_argument()
+@click.argument("type_name", metavar="[TYPE]", required=False, shell_complete=options.call_completion("topic"))
+@click.option("--once", is_flag=True, help="Print one message.")
+@click.option(
+    "--field",
+    "fields",
+    multiple=True,
+    metavar="PATH",
+    shell_complete=options.field_completion,
+    help="Print only a field: pose.position, poses[0].x, ranges[0:5]. May be repeated.",
+)
+@click.option("--filter", "filter_text", metavar="EXPR", help="Print only messages m for which this holds.")
+@click.option(
+    "--max-rate",
+    "max_rate_hz",
+    type=click.FloatRange(0, min_open=True),
+    metavar="HZ",
+    help="Print at most so many messages a second, drop the others, and say at the end how many.",
+)
+@click.option("--csv", "style", flag_value="csv", help="Print all values of a message on a line.")
+@click.option("--json", "style", flag_value="json", help="Print a line of JSON for each message, nothing cut.")
+@click.option("--flow-style", "style", flag_value="flow", help="Print a line of YAML for each message.")
+@click.option("--raw", is_flag=True, help="Print the bytes of messages; needs no definition.")
+@click.option("-f", "--full-length", is_flag=True, help="Print long arrays and strings in full.")
+@click.option(
+    "-l", "--truncate-length", type=click.IntRange(0), metavar="N", help="Cut arrays and strings here.  [default: 128]"
+)
+@click.option("--no-arr", "arrays", is_flag=True, flag_value=False, default=True, help="Print no elements of arrays.")
+@click.option("--no-str", "strings", is_flag=True, flag_value=False, default=True, help="Print no strings.")
+@click.option(
+    "--no-lost-messages",
+    "lost_messages",
+    is_flag=True,
+    flag_value=False,
+    default=True,
+    help="Do not tell when messages come faster than they are printed.",
+)
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=click.FloatRange(0),
+    metavar="SECONDS",
+    help="How long to wait for the topic, 5 if not given, and for a message, without end if not given.",
+)
+@topic_qos.qos_options
+@options.paths
+@options.node_options
+@verb
+def echo(
+    network: Network,
+    topic: str,
+    type_name: str | None,
+    once: bool,
+    fields: Sequence[str],
+    filter_text: str | None,
+    max_rate_hz: float | None,
+    style: Style | None,
+    raw: bool,
+    full_length: bool,
+    truncate_length: int | None,
+    arrays: bool,
+    strings: bool,
+    lost_messages: bool,
+    timeout_s: float | None,
+    qos: dict[str, Any],
+    paths: Sequence[str],
+) -> Job:
+    """Print the messages of a topic.
 
+    \b
+    rosidl-py topic echo /chatter
+    rosidl-py topic echo /odom --field pose.pose.position --csv
+    rosidl-py topic echo /rosout --filter 'm.level >= 30 and "lidar" in m.name'
 
-async def _echo(network: Network, options: EchoOptions) -> int:
-    async with Session(network) as session:
-        naming = _topic_name(session, options)
-        topic = await (naming if options.raw else types.meanwhile(naming))
-        await _Echo(session, topic, options).run()
-    return 0
+    Without --qos-... options, it asks for what all publishers offer. In --filter there are comparisons, arithmetic, and
+    or not in, abs all any bool float int isfinite isinf isnan len max min round sqrt sum, and
+    any(x < 1 for x in m.ranges).
+    """
+    from rosidl_py_gen.runtime import AdaptiveSubscription, WaitTimeoutError
+    from rosidl_py_gen.runtime import qos as presets
+    from rosidl_py_gen.tools import types
+    from rosidl_py_gen.tools.filters import compile_filter
+    from rosidl_py_gen.tools.names import find_topic, full_topic_name
+    from rosidl_py_gen.tools.session import Session, now_s
+    from rosidl_py_gen.tools.topic.formats import Format
 
+    pace = _Pace(max_rate_hz, now_s)
 
-async def _topic_name(session: Session, options: EchoOptions) -> str:
-    """The full name of the topic, once its publishers had time to be seen."""
-    if options.type_name is None:
-        return await find_topic(session, options.topic, options.timeout_s)
-    topic = full_topic_name(session, options.topic)
-    await session.wait_until_quiet()
-    return topic
+    async def main() -> int:
+        async with Session(network) as session:
+            naming = full_name(session)
+            name = await (naming if raw else types.meanwhile(naming))
+            printer = Format(style or "yaml", full_length, truncate_length, arrays, strings).printer()
+            cls: Any
+            if raw:
+                cls = types.opaque_class(session, name, type_name)
+                show = _shows(lambda value: value, lambda value: True, pace, printer)
+            else:
+                cls = await types.message_class(session, name, type_name, paths)
+                field = _fields(cls, fields, arrays)
+                condition = compile_filter(filter_text, cls) if filter_text else lambda value: True
+                show = _shows(field, condition, pace, printer)
+            given = topic_qos.given(qos, presets.SENSOR_DATA)
+            following: AdaptiveSubscription[Any] = AdaptiveSubscription(
+                session.node, name, cls, raw=raw, qos=given, note=printing.note
+            )
+            async with following as messages:
+                try:
+                    await print_from(messages, name, show)
+                finally:
+                    pace.tell()
+        return 0
 
+    async def full_name(session: Session) -> str:
+        """The full name of the topic, once its publishers had time to be seen."""
+        if type_name is None:
+            return await find_topic(session, topic, timeout_s)
+        name = full_topic_name(session, topic)
+        await session.wait_until_quiet()
+        return name
 
-class _Echo:
-    def __init__(self, session: Session, topic: str, options: EchoOptions) -> None:
-        self._session = session
-        self._topic = topic
-        self._options = options
-        self._pace = _Pace(options.max_rate_hz)
-        self._show: Callable[[Any], bool] = lambda value: True
-        self._has_received = False
-        self._lost_noted = 0
-        self._lost_noted_at = 0.0
-
-    async def run(self) -> None:
-        """Print until there is enough."""
-        options = self._options
-        shown = Format(options.style, options.full_length, options.truncate_length, options.arrays, options.strings)
-        if options.raw:
-            cls = types.opaque_class(self._session, self._topic, options.type_name)
-            self._show = _shows(lambda value: value, lambda value: True, self._pace, shown.printer())
-        else:
-            cls = await types.message_class(self._session, self._topic, options.type_name, options.paths)
-            field = _fields(cls, options.fields, options.arrays)
-            condition = compile_filter(options.filter_text, cls) if options.filter_text else lambda value: True
-            self._show = _shows(field, condition, self._pace, shown.printer())
-        given = topic_qos.given(options.qos, presets.SENSOR_DATA)
-        following: AdaptiveSubscription[Any] = AdaptiveSubscription(
-            self._session.node, self._topic, cls, raw=options.raw, qos=given, note=printing.note
-        )
-        async with following as messages:
-            try:
-                await self._print_from(messages)
-            finally:
-                self._pace.tell()
-
-    async def _print_from(self, messages: AdaptiveSubscription[Any]) -> None:
-        timeout_s = self._options.timeout_s
-        shown_at = now_s()
+    async def print_from(messages: AdaptiveSubscription[Any], name: str, show: Callable[[Any], bool]) -> None:
+        lost, has_received, shown_at = _Lost(now_s), False, now_s()
         while True:
             left_s = None if timeout_s is None else max(0.0, shown_at + timeout_s - now_s())
             try:
                 message, _ = await messages.receive_with_info(left_s)
             except WaitTimeoutError as error:
-                raise ToolError(self._silence(error.reason)) from None
-            self._has_received = True
-            if self._show(message):
+                text = f"on {name} in {timeout_s:g} s"
+                if filter_text and has_received:
+                    raise ToolError(f"no message that the filter lets through {text}") from None
+                raise ToolError(f"no message {text}: {error.reason}") from None
+            has_received = True
+            if show(message):
                 shown_at = now_s()
-                if self._options.once:
+                if once:
                     return
-            if self._options.lost_messages:
-                self._note_lost(messages.dropped)
+            if lost_messages:
+                lost.note(messages.dropped)
 
-    def _silence(self, reason: str) -> str:
-        text = f"on {self._topic} in {self._options.timeout_s:g} s"
-        if self._options.filter_text and self._has_received:
-            return f"no message that the filter lets through {text}"
-        return f"no message {text}: {reason}"
+    return Job(main(), endless=not once)
 
-    def _note_lost(self, total: int) -> None:
-        if total > self._lost_noted and (now := now_s()) > self._lost_noted_at + _LOST_EVERY_S:
-            printing.note(f"{total - self._lost_noted} messages came faster than they were printed ({total} in all)")
-            self._lost_noted, self._lost_noted_at = total, now
+
+class _Lost:
+    """Tells from time to time how many messages came faster than they were printed."""
+
+    def __init__(self, now_s: Callable[[], float]) -> None:
+        self._noted, self._noted_at, self._now_s = 0, 0.0, now_s
+
+    def note(self, total: int) -> None:
+        """Print a note if more were lost since the last one, which is a while ago."""
+        if total > self._noted and (now := self._now_s()) > self._noted_at + _LOST_EVERY_S:
+            printing.note(f"{total - self._noted} messages came faster than they were printed ({total} in all)")
+            self._noted, self._noted_at = total, now
 
 
 def _fields(cls: type[Message], paths: Sequence[str], arrays: bool) -> Callable[[Message], Any]:
     """Return what gives the values to print: the message, the value of one path, or a dict of several."""
+    from rosidl_py_gen.base.fieldtype import Arity
+    from rosidl_py_gen.tools.filters import compile_path, path_field
+    from rosidl_py_gen.tools.messages import array_summary
+
     if not paths:
         return lambda message: message
 
@@ -125,13 +201,13 @@ def _fields(cls: type[Message], paths: Sequence[str], arrays: bool) -> Callable[
 
 
 class _Pace:
-    """Which messages are printed when at most `max_hz` a second may be: None for all.
+    """Decides which messages are printed when at most `max_hz` a second may be: None for all.
 
-    Decides that one may come a little early, at the cost of the next: of a topic that is just as fast, all are printed.
+    One may come a little early, at the cost of the next: of a topic that is just as fast, all are printed.
     """
 
-    def __init__(self, max_hz: float | None) -> None:
-        self._max_hz = max_hz
+    def __init__(self, max_hz: float | None, now_s: Callable[[], float]) -> None:
+        self._max_hz, self._now_s = max_hz, now_s
         self._period_s = 1 / max_hz if max_hz else 0.0
         self._next_s = 0.0
         self._dropped = 0
@@ -140,7 +216,7 @@ class _Pace:
         """Whether one may be printed now; counts those that may not."""
         if self._max_hz is None:
             return True
-        now = now_s()
+        now = self._now_s()
         if now < self._next_s - self._period_s * _EARLY:
             self._dropped += 1
             return False
@@ -160,6 +236,8 @@ def _shows(
 
     What has no value is noted once.
     """
+    from rosidl_py_gen.tools.filters import FilterError
+
     noted: set[str] = set()
 
     def shows(message: Any) -> bool:

@@ -5,20 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.runtime import History
-from rosidl_py_gen.runtime.qos import INFINITE_NS
-from rosidl_py_gen.tools import printing
-from rosidl_py_gen.tools.names import find_topic
-from rosidl_py_gen.tools.session import Network, Session
+import click
+
+from rosidl_py_gen.tools import options, printing, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import QoSProfile, TopicEndpointInfo
+    from rosidl_py_gen.tools.session import Network
 
 
-async def run(
+async def _show_topic(
     network: Network, topic: str, timeout_s: float | None, as_json: bool, verbose: bool = False, only_type: bool = False
 ) -> int:
-    """What the command does."""
+    """Print the type of a topic, or also who publishes and subscribes."""
+    from rosidl_py_gen.tools.names import find_topic
+    from rosidl_py_gen.tools.session import Session
+
     async with Session(network) as session:
         name = await find_topic(session, topic, timeout_s)
         await (session.wait_until_named() if verbose else session.wait_until_quiet())
@@ -45,6 +47,37 @@ async def run(
     return 0
 
 
+@click.command("info")
+@options.topic_argument()
+@click.option("-v", "--verbose", is_flag=True, help="Show every publisher and subscription: node, type, GID, QoS.")
+@options.topic_timeout
+@options.as_json
+@options.node_options
+@verb
+def info(**arguments: Any) -> Any:
+    """Print the type of a topic, and who publishes and subscribes.
+
+    \b
+    rosidl-py topic info /scan -v
+    """
+    return _show_topic(**arguments)
+
+
+@click.command("type")
+@options.topic_argument()
+@options.topic_timeout
+@options.as_json
+@options.node_options
+@verb
+def type_(**arguments: Any) -> Any:
+    """Print the type of a topic.
+
+    \b
+    rosidl-py interface show $(rosidl-py topic type /scan)
+    """
+    return _show_topic(only_type=True, **arguments)
+
+
 def _show(
     types: list[str], publishers: Sequence[TopicEndpointInfo], subscribers: Sequence[TopicEndpointInfo], verbose: bool
 ) -> None:
@@ -60,6 +93,8 @@ def _show(
 
 def _described(info: TopicEndpointInfo) -> list[str]:
     """An endpoint in the words of rclpy."""
+    from rosidl_py_gen.runtime import History
+
     qos = info.qos_profile
     depth = f" ({qos.depth})" if qos.history is History.KEEP_LAST else ""
     return [
@@ -109,4 +144,6 @@ def _gid(info: TopicEndpointInfo) -> str:
 
 
 def _period(period_ns: int) -> str:
+    from rosidl_py_gen.runtime.qos import INFINITE_NS
+
     return "Infinite" if period_ns == INFINITE_NS else f"{period_ns} nanoseconds"

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import click
 
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.tools import printing
-from rosidl_py_gen.tools.names import is_hidden
-from rosidl_py_gen.tools.session import Network, Session
+from rosidl_py_gen.tools import options, printing, verb
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.tools.session import Network
+
+_hidden = click.option(
+    "-a",
+    "--include-hidden-topics",
+    "--include-hidden",
+    "hidden",
+    is_flag=True,
+    help="Show hidden ones, which begin with _, too.",
+)
 
 
-async def run(
+async def _list(
     network: Network,
     show_types: bool,
     verbose: bool,
@@ -19,7 +31,10 @@ async def run(
     as_json: bool,
     type_name: str | None = None,
 ) -> int:
-    """What the command does."""
+    """Print the topics, all or those of a type."""
+    from rosidl_py_gen.tools.names import is_hidden
+    from rosidl_py_gen.tools.session import Session
+
     wanted = type_name and str(split_ros_name(type_name, "msg"))
     async with Session(network) as session:
         await session.wait_until_quiet()
@@ -37,6 +52,40 @@ async def run(
     else:
         printing.names(found, count, show_types, as_json)
     return 0
+
+
+@click.command("list")
+@options.show_types
+@click.option("-v", "--verbose", is_flag=True, help="Show what is published and subscribed, and by how many.")
+@options.count("topics")
+@_hidden
+@options.as_json
+@options.node_options
+@verb
+def list_(**arguments: Any) -> Any:
+    """Print the topics there are.
+
+    \b
+    rosidl-py topic list -t
+    rosidl-py topic list --json | jq '.[].name'
+    """
+    return _list(**arguments)
+
+
+@click.command("find")
+@click.argument("type_name", metavar="TYPE", shell_complete=options.completion("types"))
+@options.count("topics")
+@_hidden
+@options.as_json
+@options.node_options
+@verb
+def find(**arguments: Any) -> Any:
+    """Print the topics of a type.
+
+    \b
+    rosidl-py topic find sensor_msgs/msg/LaserScan
+    """
+    return _list(show_types=False, verbose=False, **arguments)
 
 
 def _show_ends(found: list[dict[str, Any]], heading: str, end: str) -> None:

@@ -6,30 +6,31 @@ where a filter, or a header that is not their first field, needs it. What is com
 
 from __future__ import annotations
 
-import asyncio
 import shutil
 import struct
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
 
 from rosidl_py_gen.base.stamps import NS_PER_S, stamp_ns
-from rosidl_py_gen.cdr import Message
-from rosidl_py_gen.runtime import Subscription
-from rosidl_py_gen.runtime import qos as presets
-from rosidl_py_gen.tools import Job, ToolError, printing, types
-from rosidl_py_gen.tools.commands.topic import MeterOptions
-from rosidl_py_gen.tools.filters import FilterError, compile_filter
-from rosidl_py_gen.tools.names import find_topic
-from rosidl_py_gen.tools.session import Network, Session, first_of
-from rosidl_py_gen.tools.topic.figures import Bandwidth, Delay, Figures, Rate
+from rosidl_py_gen.tools import Job, ToolError, options, printing, verb
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.cdr import Message
+    from rosidl_py_gen.runtime import Subscription
+    from rosidl_py_gen.tools.session import Network, Session
+    from rosidl_py_gen.tools.topic.figures import Figures
+
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 _EVERY_S = 1.0
 _DEPTH = 1000
 _TABLE_COLUMNS = 72
 _HEADER = "std_msgs/msg/Header"
-_KINDS: dict[str, type[Figures]] = {"hz": Rate, "bw": Bandwidth, "delay": Delay}
 _Value = Callable[[Any], "int | None"]
 
 
@@ -51,29 +52,114 @@ class _Meter:
                 add(info.received_timestamp_ns, found)
 
 
-def run(network: Network, kind: str, options: MeterOptions) -> Job:
-    """What the command does."""
-    return Job(_measure(network, kind, options), endless=options.times is None)
+def _meter_options(window: int) -> Callable[[F], F]:
+    """Arguments and options of the commands that measure."""
+
+    def add(command: F) -> F:
+        for option in reversed(
+            (
+                options.topic_argument("topics", nargs=-1, required=True),
+                click.option(
+                    "-w",
+                    "--window",
+                    type=click.IntRange(2),
+                    default=window,
+                    show_default=True,
+                    metavar="N",
+                    help="How many messages count.",
+                ),
+                click.option("-n", "--times", type=click.IntRange(1), metavar="N", help="End after N reports."),
+                options.topic_timeout,
+                options.paths,
+                options.as_json,
+                options.node_options,
+            )
+        ):
+            command = option(command)
+        return command
+
+    return add
 
 
-async def _measure(network: Network, kind: str, options: MeterOptions) -> int:
+def _measuring(network: Network, times: int | None, **arguments: Any) -> Job:
+    return Job(_measure(network, times=times, **arguments), endless=times is None)
+
+
+@click.command("hz")
+@_meter_options(10000)
+@click.option("--filter", "filter_text", metavar="EXPR", help="Count only messages m for which this holds.")
+@verb
+def hz(**arguments: Any) -> Job:
+    """Print how often messages arrive.
+
+    \b
+    rosidl-py topic hz /scan
+    rosidl-py topic hz /scan /odom --json
+    """
+    return _measuring(kind="hz", **arguments)
+
+
+@click.command("bw")
+@_meter_options(100)
+@verb
+def bw(**arguments: Any) -> Job:
+    """Print how many bytes per second arrive.
+
+    \b
+    rosidl-py topic bw /camera/image_raw
+    """
+    return _measuring(kind="bw", **arguments)
+
+
+@click.command("delay")
+@_meter_options(10000)
+@verb
+def delay(**arguments: Any) -> Job:
+    """Print how old messages are when they arrive, by the stamp in their headers.
+
+    \b
+    rosidl-py topic delay /scan
+    """
+    return _measuring(kind="delay", **arguments)
+
+
+async def _measure(
+    network: Network,
+    kind: str,
+    topics: tuple[str, ...],
+    window: int,
+    times: int | None,
+    timeout_s: float | None,
+    paths: tuple[str, ...],
+    as_json: bool,
+    filter_text: str | None = None,
+) -> int:
+    from rosidl_py_gen.runtime import qos as presets
+    from rosidl_py_gen.tools import types
+    from rosidl_py_gen.tools.names import find_topic
+    from rosidl_py_gen.tools.session import Session, first_of
+    from rosidl_py_gen.tools.topic.figures import Bandwidth, Delay, Rate
+
+    kinds: dict[str, type[Figures]] = {"hz": Rate, "bw": Bandwidth, "delay": Delay}
     async with Session(network) as session:
         meters = []
-        for topic in options.topics:
-            name = await find_topic(session, topic, options.timeout_s)
-            cls, value = await _taken(session, name, kind, options.paths, options.filter_text)
+        for topic in topics:
+            name = await find_topic(session, topic, timeout_s)
+            cls, value = await _taken(session, name, kind, paths, filter_text)
             raw: Any = cls is None
             subscription: Subscription[Any] = session.node.create_subscription(
                 cls or types.opaque_class(session, name), name, qos=presets.SENSOR_DATA.keep_last(_DEPTH), raw=raw
             )
-            meters.append(_Meter(name, subscription, value, _KINDS[kind](options.window)))
-            if not options.as_json and (kind == "bw" or len(options.topics) > 1):
+            meters.append(_Meter(name, subscription, value, kinds[kind](window)))
+            if not as_json and (kind == "bw" or len(topics) > 1):
                 printing.line(f"Subscribed to [{name}]")
-        await first_of(_report(meters, options.times, options.as_json), *(meter.feed() for meter in meters))
+        await first_of(_report(meters, times, as_json), *(meter.feed() for meter in meters))
     return 0
 
 
 async def _report(meters: Sequence[_Meter], times: int | None, as_json: bool) -> None:
+    import asyncio
+
     silent = False
     while times is None or times > 0:
         await asyncio.sleep(_EVERY_S)
@@ -101,13 +187,13 @@ def _is_narrow() -> bool:
     return sys.stdout.isatty() and shutil.get_terminal_size().columns < _TABLE_COLUMNS
 
 
-# ----------------------------------------------------------------------------------------------- what is taken of each
-
-
 async def _taken(
     session: Session, topic: str, kind: str, paths: Sequence[str], filter_text: str | None
 ) -> tuple[type[Message] | None, _Value]:
     """The class to decode messages with, None to leave them as bytes, and what is taken of each."""
+    from rosidl_py_gen.tools import types
+    from rosidl_py_gen.tools.filters import compile_filter
+
     if filter_text is not None:
         cls = await types.message_class(session, topic, paths=paths)
         return cls, _where(compile_filter(filter_text, cls))
@@ -121,6 +207,8 @@ async def _taken(
 
 
 def _where(condition: Callable[[Message], bool]) -> _Value:
+    from rosidl_py_gen.tools.filters import FilterError
+
     def value(message: Message) -> int | None:
         try:
             return 0 if condition(message) else None

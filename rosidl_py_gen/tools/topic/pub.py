@@ -5,61 +5,154 @@ Decides when messages go out: one text is published again and again, each of the
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncGenerator, AsyncIterator, Sequence
 from contextlib import aclosing, suppress
-from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.cdr import Message
-from rosidl_py_gen.runtime import Publisher, WaitTimeoutError
-from rosidl_py_gen.runtime import qos as presets
-from rosidl_py_gen.tools import Job, ToolError, messages, printing, types
-from rosidl_py_gen.tools.commands.topic import PubOptions
-from rosidl_py_gen.tools.names import find_topic, full_topic_name
-from rosidl_py_gen.tools.session import Network, Session
+import click
+
+from rosidl_py_gen.tools import Job, ToolError, options, printing, verb
 from rosidl_py_gen.tools.topic import qos as topic_qos
-from rosidl_py_gen.tools.topic.stdin import documents
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.cdr import Message
+    from rosidl_py_gen.runtime import Publisher, Rate
+    from rosidl_py_gen.tools.session import Network
+
 
 _ACKNOWLEDGED_S = 5.0
 _NOTE_EVERY_S = 1.0
 _STDIN = "-"
 
 
-def run(network: Network, options: PubOptions) -> Job:
-    """What the command does."""
-    type_name, text = messages.type_and_values(options.words)
-    if options.once:
-        options = replace(options, times=1)
-    return Job(_publish(network, type_name, text, options), endless=options.times is None and text != _STDIN)
+@click.command("pub")
+@options.topic_argument()
+@click.argument("words", metavar="[TYPE] [VALUES]", nargs=-1, shell_complete=options.call_completion("topic"))
+@click.option(
+    "-r", "--rate", type=click.FloatRange(0, min_open=True), metavar="HZ", help="Messages a second.  [default: 1]"
+)
+@click.option("-1", "--once", is_flag=True, help="Publish one message and end.")
+@click.option("-t", "--times", type=click.IntRange(1), metavar="N", help="Publish N messages and end.")
+@click.option(
+    "-w",
+    "--wait-matching-subscriptions",
+    "wait",
+    type=click.IntRange(0),
+    metavar="N",
+    help="Wait for so many subscriptions first.  [default: 1 with --once, --times or -, else 0]",
+)
+@click.option(
+    "--timeout",
+    "--max-wait-time-secs",
+    "timeout_s",
+    type=click.FloatRange(0),
+    metavar="SECONDS",
+    help="How long to wait for the topic, 5 if not given, and for subscriptions, without end if not given.",
+)
+@click.option(
+    "-p",
+    "--print",
+    "print_every",
+    type=click.IntRange(0),
+    default=1,
+    metavar="N",
+    help="Print every N-th message only; 0 prints none.",
+)
+@click.option(
+    "--keep-alive",
+    "keep_alive_s",
+    type=click.FloatRange(0),
+    default=0.1,
+    show_default=True,
+    metavar="SECONDS",
+    help="Stay this long after the last message.",
+)
+@topic_qos.qos_options
+@options.paths
+@options.as_json
+@options.node_options
+@verb
+def pub(
+    network: Network,
+    topic: str,
+    words: tuple[str, ...],
+    rate: float | None,
+    once: bool,
+    times: int | None,
+    wait: int | None,
+    timeout_s: float | None,
+    print_every: int,
+    keep_alive_s: float,
+    qos: dict[str, Any],
+    paths: tuple[str, ...],
+    as_json: bool,
+) -> Job:
+    """Publish messages.
 
+    \b
+    rosidl-py topic pub /chatter std_msgs/msg/String 'data: hello' --rate 10
+    rosidl-py topic pub --once /goal geometry_msgs/msg/PoseStamped '{header: auto, pose: {position: {x: 1}}}'
+    rosidl-py topic echo --json /a | rosidl-py topic pub /b -
 
-async def _publish(network: Network, type_name: str | None, text: str, options: PubOptions) -> int:
-    async with Session(network) as session:
-        if type_name is None:
-            topic = await types.meanwhile(find_topic(session, options.topic, options.timeout_s))
-        else:
-            topic = full_topic_name(session, options.topic)
-        cls = await types.message_class(session, topic, type_name, options.paths)
-        ready = None if text == _STDIN else messages.message_and_stamps(cls, text)  # before anybody is waited for
-        qos = topic_qos.given(options.qos, presets.DEFAULT) or presets.DEFAULT
-        publisher: Publisher[Any] = session.node.create_publisher(cls, topic, qos)
-        ends = options.times is not None or ready is None
-        await _subscribed(publisher, int(ends) if options.wait is None else options.wait, options.timeout_s)
-        if not options.as_json:
-            printing.line("publisher: beginning loop")
-        made = _again_and_again(*ready) if ready else _from_stdin(cls)
-        async with aclosing(made) as several:
-            await _publish_each(session, publisher, several, options, paced=ready is not None)
-        began = asyncio.get_running_loop().time()
-        with suppress(WaitTimeoutError):
-            await publisher.wait_for_acknowledged(_ACKNOWLEDGED_S)
-        await asyncio.sleep(began + options.keep_alive_s - asyncio.get_running_loop().time())
-    return 0
+    VALUES is YAML or JSON; what it leaves out has its default. "header: auto" and "stamp: now" are set for each
+    message. With - each document of standard input is published once. TYPE may be left out for a topic that is there.
+    """
+    import asyncio
+
+    from rosidl_py_gen.runtime import WaitTimeoutError
+    from rosidl_py_gen.runtime import qos as presets
+    from rosidl_py_gen.tools import messages, types
+    from rosidl_py_gen.tools.names import find_topic, full_topic_name
+    from rosidl_py_gen.tools.session import Session
+
+    type_name, text = messages.type_and_values(words)
+    most = 1 if once else times
+
+    async def main() -> int:
+        async with Session(network) as session:
+            if type_name is None:
+                name = await types.meanwhile(find_topic(session, topic, timeout_s))
+            else:
+                name = full_topic_name(session, topic)
+            cls = await types.message_class(session, name, type_name, paths)
+            ready = None if text == _STDIN else messages.message_and_stamps(cls, text)  # before anybody is waited for
+            profile = topic_qos.given(qos, presets.DEFAULT) or presets.DEFAULT
+            publisher: Publisher[Any] = session.node.create_publisher(cls, name, profile)
+            ends = most is not None or ready is None
+            await _subscribed(publisher, int(ends) if wait is None else wait, timeout_s)
+            if not as_json:
+                printing.line("publisher: beginning loop")
+            made = _again_and_again(*ready) if ready else _from_stdin(cls)
+            hz = rate or (1.0 if ready else None)
+            async with aclosing(made) as several:
+                await publish_each(publisher, several, None if hz is None else session.node.create_rate(hz))
+            began = asyncio.get_running_loop().time()
+            with suppress(WaitTimeoutError):
+                await publisher.wait_for_acknowledged(_ACKNOWLEDGED_S)
+            await asyncio.sleep(began + keep_alive_s - asyncio.get_running_loop().time())
+        return 0
+
+    async def publish_each(publisher: Publisher[Any], several: AsyncIterator[Message], pace: Rate | None) -> None:
+        number = 0
+        async for message in several:
+            number += 1
+            if print_every and number % print_every == 0:
+                _show(number, message, as_json)
+            publisher.publish(message)
+            if number == most:
+                return
+            if pace is not None:
+                await pace.sleep()
+
+    return Job(main(), endless=most is None and text != _STDIN)
 
 
 async def _subscribed(publisher: Publisher[Any], count: int, limit_s: float | None) -> None:
     """Wait for so many subscriptions, and say so."""
+    import asyncio
+
+    from rosidl_py_gen.runtime import WaitTimeoutError
+
     loop = asyncio.get_running_loop()
     began = loop.time()
     patience_s = 0.1  # most are there at once, and need no note
@@ -78,24 +171,9 @@ async def _subscribed(publisher: Publisher[Any], count: int, limit_s: float | No
         patience_s = _NOTE_EVERY_S if limit_s is None else min(_NOTE_EVERY_S, limit_s - waited_s)
 
 
-async def _publish_each(
-    session: Session, publisher: Publisher[Any], several: AsyncIterator[Message], options: PubOptions, *, paced: bool
-) -> None:
-    hz = options.rate or (1.0 if paced else None)
-    rate = None if hz is None else session.node.create_rate(hz)
-    number = 0
-    async for message in several:
-        number += 1
-        if options.print_every and number % options.print_every == 0:
-            _show(number, message, options.as_json)
-        publisher.publish(message)
-        if number == options.times:
-            return
-        if rate is not None:
-            await rate.sleep()
-
-
 def _show(number: int, message: Message, as_json: bool) -> None:
+    from rosidl_py_gen.tools import messages
+
     if as_json:
         printing.document({"number": number, "message": messages.plain(message, truncate=None)}, in_stream=True)
     else:
@@ -103,12 +181,17 @@ def _show(number: int, message: Message, as_json: bool) -> None:
 
 
 async def _again_and_again(message: Message, stamps: Sequence[Any]) -> AsyncGenerator[Message, None]:
+    from rosidl_py_gen.tools import messages
+
     while True:
         messages.set_stamps(stamps)
         yield message
 
 
 async def _from_stdin(cls: type[Message]) -> AsyncGenerator[Message, None]:
+    from rosidl_py_gen.tools import messages
+    from rosidl_py_gen.tools.topic.stdin import documents
+
     number = 0
     async with aclosing(documents()) as texts:
         async for text in texts:

@@ -2,16 +2,20 @@
 
 import click
 
-from rosidl_py_gen.tools import run_command
+from rosidl_py_gen.tools import root, verb
 
 
-@click.command()
+@click.command("completion")
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
-def completion(shell: str) -> None:
+@verb
+def completion(shell: str) -> int:
     """Print the completion script of a shell; topic, service and node names come from the live graph.
 
     \b
     eval "$(rosidl-py completion bash)"          # in ~/.bashrc; zsh: the same in ~/.zshrc
     rosidl-py completion fish > ~/.config/fish/completions/rosidl-py.fish
     """
-    run_command("completion", shell=shell)
+    from rosidl_py_gen.cli import shells
+
+    click.echo(shells.script(shell, root(), "rosidl-py"))
+    return 0
