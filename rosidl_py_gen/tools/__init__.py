@@ -41,17 +41,17 @@ if TYPE_CHECKING:
 
 _COMMANDS = {
     "action": ("action", "Actions: list, info, send goals."),
-    "bag": ("commands.bag", "Recordings: record, play, info, convert, migrate, reindex, table, sql."),
+    "bag": ("bag", "Recordings: record, play, info, convert, migrate, reindex, table, sql."),
     "completion": ("completion_script", "Print the completion script of a shell."),
     "doctor": ("doctor.check", "Check this installation, the network, and what answers on it."),
-    "foxglove": ("commands.foxglove", "Show topics, parameters and services live in Foxglove or Lichtblick."),
+    "foxglove": ("foxglove.command", "Show topics, parameters and services live in Foxglove or Lichtblick."),
     "graph": ("graph.show", "Nodes and topics as text, Mermaid or SVG."),
     "interface": ("commands.interface", "Definitions of messages, services and actions."),
     "lifecycle": ("lifecycle", "Lifecycle nodes: list, get and set their states."),
     "log": ("log.follow", "Follow what all nodes log."),
     "node": ("node", "Nodes: list, info."),
     "param": ("param", "Parameters: list, get, set, describe, dump, load, delete."),
-    "run": ("commands.run", "Run a program written for rclpy as it is."),
+    "run": ("run.command", "Run a program written for rclpy as it is."),
     "service": ("service", "Services: list, type, call, info, echo."),
     "tf": ("tf", "Transforms: the tree of frames, one transform, rates and delays."),
     "topic": ("topic", "Topics: list, info, echo, pub, hz, bw, delay, type, find."),
@@ -140,17 +140,6 @@ def run_command(module: str, **arguments: Any) -> None:
         return import_module(f"{__name__}.{module}").run(**arguments)
 
     verb(load_and_run)(**arguments)
-
-
-def start_program(**arguments: Any) -> Callable[[], None] | None:
-    """What `run` is to run: it is called when nothing of ours is around it any more, and may end as it likes."""
-    answer = import_module(f"{__name__}.run.run").run(**arguments)
-    if isinstance(answer, int):
-        if answer:
-            raise click.exceptions.Exit(answer)
-        return None
-    assert callable(answer)
-    return answer  # type: ignore[no-any-return]
 
 
 def run_job(job: Job) -> int:

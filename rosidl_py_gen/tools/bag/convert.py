@@ -11,19 +11,36 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.bags import BagReader, BagWriter, RawMessage, SqliteWriter
-from rosidl_py_gen.tools import DAMAGED, printing
-from rosidl_py_gen.tools.bag.described import described_channels
-from rosidl_py_gen.tools.bag.part import damaged_rows, part_of, progress
+import click
+
+from rosidl_py_gen.tools import DAMAGED, options, printing, verb
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.bags import BagTopic
+    from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, SqliteWriter
     from rosidl_py_gen.tools.bag.part import Part
+
 
 _PROGRESS_S = 0.25
 
 
-def run(
+@click.command("convert", cls=options.SeveralCommand)
+@options.bag_path
+@click.argument("output", type=click.Path())
+@click.option(
+    "-s", "--storage", type=click.Choice(["mcap", "sqlite3"]), default="mcap", show_default=True, help="Of the output."
+)
+@options.bag_selection
+@options.compression
+@options.split_options
+@click.option(
+    "--without-definitions",
+    is_flag=True,
+    help="Also copy topics whose types are known nowhere; nobody can read them without these.",
+)
+@options.paths
+@options.as_json
+@verb
+def convert(
     path: str,
     output: str,
     storage: str,
@@ -37,7 +54,20 @@ def run(
     paths: Sequence[str],
     without_definitions: bool,
 ) -> int:
-    """Returns the exit code."""
+    """Write a bag again: SQLite as MCAP or the reverse, a part of it, a whole one of one whose recorder was killed.
+
+    OUTPUT is a folder, or a file that ends with .mcap. Types that the bag has no definition of, as those of Humble,
+    are looked for in the folders of --path.
+
+    \b
+    rosidl-py bag convert old_bag new_bag
+    rosidl-py bag convert humble_bag new_bag --path ~/ws/src
+    rosidl-py bag convert my_bag short.mcap --topics /imu --start-offset 10 --duration 5
+    """
+    from rosidl_py_gen.bags import BagReader, BagWriter, SqliteWriter
+    from rosidl_py_gen.tools.bag.described import described_channels
+    from rosidl_py_gen.tools.bag.part import damaged_rows, part_of
+
     with BagReader(path, search_path=paths, skip_damaged=True) as reader:
         part = part_of(reader, topics, offset_s, duration_s)
         channels = described_channels(reader, part.topics, without_definitions)
@@ -73,6 +103,9 @@ def remove(path: Path) -> None:
 def _copy(
     reader: BagReader, writer: BagWriter | SqliteWriter, part: Part, channels: dict[tuple[str, ...], BagTopic]
 ) -> int:
+    from rosidl_py_gen.bags import RawMessage
+    from rosidl_py_gen.tools.bag.part import progress
+
     for channel in channels.values():
         writer.add_raw_topic(channel)
     total = sum(channel.count or 0 for channel in channels.values())

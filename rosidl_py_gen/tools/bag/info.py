@@ -2,24 +2,38 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.bags import BagReader
-from rosidl_py_gen.bags.metadata import qos_profiles
+import click
+
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.tools import printing
-from rosidl_py_gen.tools.bag.part import damaged_rows, duration_text, size_text, time_text
+from rosidl_py_gen.tools import options, printing, verb
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.bags import BagTopic
+    from rosidl_py_gen.bags import BagReader, BagTopic
     from rosidl_py_gen.runtime import QoSProfile
 
 
-def run(path: str, is_verbose: bool, paths: Sequence[str], as_json: bool) -> int:
-    """Returns the exit code."""
+@click.command("info")
+@options.bag_path
+@click.option(
+    "-v", "--verbose", "is_verbose", is_flag=True, help="Also where the definition of each topic's type comes from."
+)
+@options.paths
+@options.as_json
+@verb
+def info(path: str, is_verbose: bool, paths: Sequence[str], as_json: bool) -> int:
+    """Print what a bag holds. One whose recorder was killed is read to the end for it.
+
+    \b
+    rosidl-py bag info my_bag
+    rosidl-py bag info my_bag --json | jq '.topics[].name'
+    rosidl-py bag info humble_bag --verbose --path ~/ws/src
+    """
+    from rosidl_py_gen.bags import BagReader
+
     with BagReader(path, search_path=paths, skip_damaged=True) as reader:
         channels = _counted(reader)
         if as_json:
@@ -31,6 +45,8 @@ def run(path: str, is_verbose: bool, paths: Sequence[str], as_json: bool) -> int
 
 def _counted(reader: BagReader) -> list[BagTopic]:
     """The channels with their counts; where a file does not tell them, it is read for them."""
+    from collections import Counter
+
     if all(one.count is not None for one in reader.channels):
         return reader.channels
     found = Counter(message.channel.key for message in reader.raw_messages())
@@ -46,6 +62,9 @@ def _size(reader: BagReader) -> int:
 
 
 def _told(reader: BagReader, channels: Sequence[BagTopic], is_verbose: bool) -> dict[str, Any]:
+    from rosidl_py_gen.bags.metadata import qos_profiles
+    from rosidl_py_gen.tools.bag.part import damaged_rows
+
     return {
         "path": str(reader.path),
         "files": [file.name for file in reader.files],
@@ -101,6 +120,8 @@ def _qos(profile: QoSProfile) -> dict[str, Any]:
 
 
 def _show(reader: BagReader, channels: Sequence[BagTopic], is_verbose: bool) -> None:
+    from rosidl_py_gen.tools.bag.part import duration_text, size_text, time_text
+
     rows = [
         ("Files", ", ".join(file.name for file in reader.files)),
         ("Bag size", size_text(_size(reader))),
@@ -144,6 +165,8 @@ def _show_double(reader: BagReader) -> None:
 
 def _qos_text(topic: BagTopic) -> str:
     """What all its publishers offered, in a few words."""
+    from rosidl_py_gen.bags.metadata import qos_profiles
+
     shown = {
         f"{profile.reliability.name}, {profile.durability.name}".lower().replace("_", " ")
         for profile in qos_profiles(topic.offered_qos)

@@ -13,25 +13,17 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen import get_message, type_hash
-from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage
-from rosidl_py_gen.bags.definitions import described
+import click
+
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.cdr.typesupport import referenced_classes
-from rosidl_py_gen.compiler.changes.migration import MessagePlan, MigrationError, Rules, plan
-from rosidl_py_gen.compiler.spec.definition import full_text, read_checked
-from rosidl_py_gen.compiler.spec.find import search_path
-from rosidl_py_gen.compiler.spec.resolve import Library
 from rosidl_py_gen.errors import DecodeError, EncodeError, InvalidNameError, RosidlError, TypeNotFoundError
-from rosidl_py_gen.tools import DAMAGED, ToolError, printing
-from rosidl_py_gen.tools.bag.carrying import carrier
-from rosidl_py_gen.tools.bag.convert import remove
-from rosidl_py_gen.tools.bag.described import wrong
-from rosidl_py_gen.tools.bag.part import part_of, progress
-from rosidl_py_gen.tools.bag.rules import read_rules
+from rosidl_py_gen.tools import DAMAGED, ToolError, options, printing, verb
 
 if TYPE_CHECKING:
+    from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage
     from rosidl_py_gen.cdr import Message
+    from rosidl_py_gen.compiler.changes.migration import MessagePlan, Rules
+
 
 _PROGRESS_S = 0.25
 
@@ -50,7 +42,32 @@ class _Topic:
     count: int = 0
 
 
-def run(
+@click.command("migrate", cls=options.SeveralCommand)
+@options.bag_path
+@click.option(
+    "--path",
+    "paths",
+    multiple=True,
+    required=True,
+    metavar="DIR",
+    help="A folder with the new definitions; may be given several times.",
+)
+@click.option("-o", "--output", type=click.Path(), help="A folder, or a file that ends with .mcap.")
+@click.option("--rules", "rules_file", type=click.Path(), metavar="FILE", help="YAML: what types and fields are now.")
+@click.option(
+    "--old-path",
+    "old_paths",
+    multiple=True,
+    metavar="DIR",
+    help="A folder with the definitions of then, for bags that do not have theirs; may be given several times.",
+)
+@options.topics
+@options.compression
+@options.split_options
+@click.option("--dry-run", is_flag=True, help="Only say what would be carried over, dropped and defaulted.")
+@options.as_json
+@verb
+def migrate(
     path: str,
     output: str | None,
     paths: Sequence[str],
@@ -63,7 +80,31 @@ def run(
     dry_run: bool,
     as_json: bool,
 ) -> int:
-    """Returns the exit code."""
+    """Carry a recording over to changed definitions, field by field, by their names.
+
+    What is dropped, and what gets its default value, is listed. A file of rules says which types and fields have other
+    names now:
+
+    \b
+    types:
+      my_msgs/msg/Wheel: my_msgs/msg/WheelState
+    fields:
+      my_msgs/msg/Wheel:
+        name: label
+        debug: null     # let go
+
+    \b
+    rosidl-py bag migrate drive --path ~/robot_ws/src -o drive_now
+    rosidl-py bag migrate drive --path ~/robot_ws/src --rules renames.yaml --dry-run
+    """
+    if output is None and not dry_run:
+        raise click.UsageError("say where to write: --output, or --dry-run")
+    from rosidl_py_gen.bags import BagReader, BagWriter
+    from rosidl_py_gen.compiler.changes.migration import Rules
+    from rosidl_py_gen.tools.bag.convert import remove
+    from rosidl_py_gen.tools.bag.part import part_of
+    from rosidl_py_gen.tools.bag.rules import read_rules
+
     rules = read_rules(rules_file) if rules_file else Rules()
     with BagReader(path, search_path=old_paths, skip_damaged=True) as reader:
         wanted = part_of(reader, topics, 0.0, None).topics
@@ -91,13 +132,13 @@ def run(
     return DAMAGED if reader.damaged else 0
 
 
-# ----------------------------------------------------------------------------------------------------------- planning
-
-
 class _NewDefinitions:
     """The definitions of now."""
 
     def __init__(self, paths: Sequence[str]) -> None:
+        from rosidl_py_gen.compiler.spec.find import search_path
+        from rosidl_py_gen.compiler.spec.resolve import Library
+
         self._paths = tuple(paths)
         self._search = search_path(self._paths)
         self._library = Library(self._search)
@@ -108,6 +149,9 @@ class _NewDefinitions:
         Raises:
             DefinitionError: it has problems.
         """
+        from rosidl_py_gen import get_message
+        from rosidl_py_gen.compiler.spec.definition import full_text, read_checked
+
         try:
             owner = read_checked(self._library, split_ros_name(name))
         except TypeNotFoundError:
@@ -122,6 +166,8 @@ def _planned(
     reader: BagReader, wanted: Sequence[str], paths: Sequence[str], rules: Rules
 ) -> dict[tuple[str, ...], _Topic]:
     """What becomes of each channel, by its key; all that hinders is raised at once."""
+    from rosidl_py_gen.compiler.changes.migration import MigrationError
+
     definitions = _NewDefinitions(paths)
     problems: list[str] = []
     found = {}
@@ -137,6 +183,13 @@ def _planned(
 
 
 def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, rules: Rules) -> _Topic:
+    from rosidl_py_gen import type_hash
+    from rosidl_py_gen.bags.definitions import described
+    from rosidl_py_gen.cdr.typesupport import referenced_classes
+    from rosidl_py_gen.compiler.changes.migration import plan
+    from rosidl_py_gen.tools.bag.carrying import carrier
+    from rosidl_py_gen.tools.bag.described import wrong
+
     if channel.message_encoding != "cdr":
         return _Topic(channel, channel, note=f"messages are {channel.message_encoding}")
     try:
@@ -177,6 +230,8 @@ def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, r
 
 def fields_of(cls: type[Message]) -> dict[str, list[tuple[str, Any]]]:
     """A message and all it contains, as `plan` takes them."""
+    from rosidl_py_gen.cdr.typesupport import referenced_classes
+
     classes: dict[str, Any] = referenced_classes(cls)
     return {name: [(one.ros_name, one.type) for one in found._TYPE.fields] for name, found in classes.items()}
 
@@ -189,10 +244,10 @@ def _note_unused(rules: Rules, found: dict[tuple[str, ...], _Topic]) -> None:
         printing.note(f"no rule about {name} was needed: the bag has no messages of it that change")
 
 
-# ------------------------------------------------------------------------------------------------------------ copying
-
-
 def _copy(reader: BagReader, writer: BagWriter, wanted: Sequence[str], found: dict[tuple[str, ...], _Topic]) -> None:
+    from rosidl_py_gen.bags import RawMessage
+    from rosidl_py_gen.tools.bag.part import progress
+
     for topic in found.values():
         writer.add_raw_topic(topic.new)
     total = sum(topic.old.count or 0 for topic in found.values())
@@ -223,9 +278,6 @@ def _carried(reader: BagReader, topic: _Topic, item: RawMessage) -> bytes:
     except EncodeError as error:
         raise ToolError(f"{place}: {error.path}: {error.reason}") from None
     return data
-
-
-# ----------------------------------------------------------------------------------------------------------- the list
 
 
 def _show(found: dict[tuple[str, ...], _Topic]) -> None:

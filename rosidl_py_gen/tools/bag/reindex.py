@@ -4,13 +4,27 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rosidl_py_gen.bags.reindexing import reindex_file, reindex_folder
-from rosidl_py_gen.tools import DAMAGED, printing
-from rosidl_py_gen.tools.bag.part import damaged_rows
+import click
+
+from rosidl_py_gen.tools import DAMAGED, options, printing, verb
 
 
-def run(path: str, as_json: bool) -> int:
-    """Returns the exit code."""
+@click.command("reindex")
+@options.bag_path
+@options.as_json
+@verb
+def reindex(path: str, as_json: bool) -> int:
+    """Write the metadata.yaml of a bag folder again, as after a crash; give a single MCAP file its index.
+
+    A file that gets an index is written again; what it was before is kept beside it, as FILE.unindexed.
+
+    \b
+    rosidl-py bag reindex my_bag
+    rosidl-py bag reindex my_bag/my_bag_3.mcap
+    """
+    from rosidl_py_gen.bags.reindexing import reindex_file, reindex_folder
+    from rosidl_py_gen.tools.bag.part import damaged_rows
+
     place = Path(path)
     done = reindex_folder(place) if place.is_dir() else reindex_file(place)
     if as_json:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
-import gc
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
@@ -12,20 +10,38 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rosidl_py_gen.bags import BagError, BagReader
-from rosidl_py_gen.bags.remote import is_url
-from rosidl_py_gen.tables.many.sources import find, names_of
-from rosidl_py_gen.tables.query import Database, is_dataset, named
-from rosidl_py_gen.tools import DAMAGED, ToolError, printing
-from rosidl_py_gen.tools.bag.part import progress_bar
+from rosidl_py_gen.tools import DAMAGED, ToolError, options, printing, verb
 
 if TYPE_CHECKING:
+    from rosidl_py_gen.bags import BagReader
     from rosidl_py_gen.tables.query import Result
+
 
 _MOST_SHOWN = 10_000
 
 
-def run(
+@click.command("sql")
+@click.argument("words", nargs=-1, required=True, type=click.Path(), metavar="QUERY BAG...")
+@click.option(
+    "-f",
+    "--format",
+    "form",
+    type=click.Choice(["table", "csv", "json", "parquet"]),
+    help="table unless --output has an ending; json is a line for each row.",
+)
+@click.option("-o", "--output", type=click.Path(), metavar="FILE", help="Instead of standard output.")
+@click.option(
+    "--memory-limit",
+    default="1GB",
+    show_default=True,
+    metavar="SIZE",
+    help="Of DuckDB, as 500MB or 8GiB; what needs more goes through a temporary folder, where that is possible.",
+)
+@options.skip_damaged
+@options.paths
+@options.as_json
+@verb
+def sql(
     words: Sequence[str],
     as_json: bool,
     form: str | None,
@@ -34,7 +50,23 @@ def run(
     memory_limit: str,
     paths: Sequence[str],
 ) -> int:
-    """Returns the exit code. Raises `click.UsageError`: a query or a bag is missing, or two formats are asked for."""
+    """Ask bags, or a dataset that `bag table` has written, with the SQL of DuckDB. Needs the extra tables.
+
+    Topics are tables, nested fields are a.b, and each table has columns log_time, publish_time and bag. The query
+    comes first or last; show tables lists the topics. --json prints a line for each row.
+
+    \b
+    rosidl-py bag sql 'select log_time, linear_acceleration.x from "/imu" limit 5' my_bag
+    rosidl-py bag sql 'select max(twist.twist.linear.x) from odom' dataset --format csv
+    rosidl-py bag sql my_bag 'show tables'
+    """
+    import atexit
+    import gc
+
+    from rosidl_py_gen.tables.many.sources import names_of
+    from rosidl_py_gen.tables.query import Database, is_dataset, named
+    from rosidl_py_gen.tools.bag.part import progress_bar
+
     query, bags = _ordered(words)
     if as_json and form not in (None, "json"):
         raise click.UsageError(f"--json is the same as --format json: expected one of --json and --format {form}")
@@ -68,6 +100,8 @@ def run(
 
 
 def _opened(stack: ExitStack, path: str, paths: Sequence[str], skips: bool) -> BagReader:
+    from rosidl_py_gen.bags import BagReader
+
     return stack.enter_context(BagReader(path, search_path=paths, skip_damaged=skips))
 
 
@@ -81,11 +115,17 @@ def _ordered(words: Sequence[str]) -> tuple[str, Sequence[str]]:
 
 
 def _is_query(word: str) -> bool:
+    from rosidl_py_gen.bags.remote import is_url
+
     return len(word.split()) > 1 and not is_url(word) and not os.path.exists(word)
 
 
 def _each(bags: Iterable[str]) -> Iterator[str]:
     """With the places that paths and URLs with ``*`` mean."""
+    from rosidl_py_gen.bags import BagError
+    from rosidl_py_gen.bags.remote import is_url
+    from rosidl_py_gen.tables.many.sources import find
+
     for bag in bags:
         if not is_url(bag) and os.path.exists(bag):
             yield bag

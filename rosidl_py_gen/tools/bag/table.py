@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rosidl_py_gen.tables import write_datasets
-from rosidl_py_gen.tools import DAMAGED, printing, report
-from rosidl_py_gen.tools.bag.part import damaged_rows, progress_bar
+from rosidl_py_gen.base.resources import require
+from rosidl_py_gen.tools import DAMAGED, options, printing, report, verb
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,7 +17,26 @@ if TYPE_CHECKING:
     from rosidl_py_gen.tables import DatasetsReport
 
 
-def run(
+@click.command("table", cls=options.SeveralCommand)
+@click.argument("bags", nargs=-1, required=True, type=click.Path(), metavar="BAG...", cls=options.SeveralArgument)
+@click.option("-o", "--out", required=True, metavar="PLACE", help="A folder, or a URL that fsspec knows.")
+@click.option("--include-large", is_flag=True, help="Also images and clouds, and messages that have some inside.")
+@options.bag_selection
+@options.skip_damaged
+@click.option("--overwrite", is_flag=True, help="Replace files that are there already.")
+@click.option(
+    "--scheduler",
+    metavar="URL",
+    help="Dask scheduler whose workers do it: tls://10.0.0.1:8786. With tcp:// everybody who reaches the scheduler "
+    "or a worker can run code on all of them, and as the user of this command.",
+)
+@click.option(
+    "--workers", type=click.IntRange(1), metavar="N", help="Number of processes of this machine; 1 is this one."
+)
+@options.paths
+@options.as_json
+@verb
+def table(
     bags: Sequence[str],
     out: str,
     topics: Sequence[str],
@@ -32,7 +50,21 @@ def run(
     as_json: bool,
     paths: Sequence[str],
 ) -> int:
-    """Returns the exit code. Raises `click.UsageError`: options that do not go together."""
+    """Write bags as a Parquet dataset, for polars, pandas, DuckDB and Spark. Needs the extra tables.
+
+    There is a file for each topic and bag, PLACE/topic=.../bag=.../*.parquet; large bags have several. A bag that
+    fails stops no other. Another run does what is missing or has changed. Bags may be URLs that fsspec knows, with *.
+    Several processes do it where there is enough to do; they open no port. Workers of a Dask cluster need the extra
+    cluster.
+
+    \b
+    rosidl-py bag table my_bag --out dataset
+    rosidl-py bag table drives/*.mcap --out dataset --topics /imu /odom
+    rosidl-py bag table 's3://fleet/2026-*/*.mcap' --out s3://tables/fleet --scheduler tls://10.0.0.1:8786
+    """
+    require(*(["distributed"] if scheduler else []), "pyarrow")
+    from rosidl_py_gen.tables import write_datasets
+
     if scheduler and workers:
         raise click.UsageError("a scheduler has its own workers: give --scheduler or --workers")
     with _bar() as show:
@@ -57,6 +89,8 @@ def run(
 @contextmanager
 def _bar() -> Iterator[Callable[[float, int], None]]:
     """A bar for as many tasks as there turn out to be."""
+    from rosidl_py_gen.tools.bag.part import progress_bar
+
     with ExitStack() as stack:
         shown: list[Callable[[float], None]] = []
 
@@ -69,6 +103,8 @@ def _bar() -> Iterator[Callable[[float, int], None]]:
 
 
 def _tell(found: DatasetsReport, out: str, as_json: bool) -> None:
+    from rosidl_py_gen.tools.bag.part import damaged_rows
+
     files = [(name, one) for name, some in found.files.items() for one in some]
     left_out = [(name, *one) for name, some in found.left_out.items() for one in some.items()]
     for name, topic, reason in left_out:

@@ -6,11 +6,10 @@ Decides the order: what is there is shown as it is found, and viewers may come f
 from __future__ import annotations
 
 import asyncio
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from rosidl_py_gen.tools import Job, printing
-from rosidl_py_gen.tools.commands.foxglove import FoxgloveOptions
+from rosidl_py_gen.tools import printing
 from rosidl_py_gen.tools.foxglove.access import Access
 from rosidl_py_gen.tools.foxglove.clock import TOPIC as CLOCK
 from rosidl_py_gen.tools.foxglove.clock import Clock
@@ -23,6 +22,9 @@ from rosidl_py_gen.tools.foxglove.topics import Topics
 from rosidl_py_gen.tools.foxglove.viewer import Handlers
 from rosidl_py_gen.tools.session import Network, Session, first_of
 
+if TYPE_CHECKING:
+    from rosidl_py_gen.tools.foxglove.command import FoxgloveOptions
+
 _APP = "https://app.foxglove.dev"
 _PAUSE_S = 0.1
 """Between looks at a graph that keeps changing."""
@@ -30,12 +32,8 @@ _VIEWERS_INTERVAL_S = 0.01
 """Shortest time between two updates of subscriptions, which take time for each topic."""
 
 
-def run(network: Network, options: FoxgloveOptions) -> Job:
-    """What the command does."""
-    return Job(_serve(network, options), endless=True)
-
-
-async def _serve(network: Network, options: FoxgloveOptions) -> int:
+async def serve(network: Network, options: FoxgloveOptions) -> int:
+    """Show viewers what is there, until it is cancelled."""
     async with Session(network) as session:
         await session.wait_until_quiet()
         view = _View(session, options)

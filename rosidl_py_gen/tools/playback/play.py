@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.tools import DAMAGED, Job, ToolError, printing
 from rosidl_py_gen.tools.bag.part import progress
 from rosidl_py_gen.tools.bag.qos_overrides import read_qos_overrides
-from rosidl_py_gen.tools.commands.bag_play import PlayOptions
 from rosidl_py_gen.tools.keys import pressed
 from rosidl_py_gen.tools.playback.controls import PLAYER, serve
 from rosidl_py_gen.tools.playback.player import Player
@@ -23,14 +22,15 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime import QoSProfile
     from rosidl_py_gen.tools.bag.part import Part
+    from rosidl_py_gen.tools.bag.play import PlayOptions
 
 _LISTENERS_S = 2.0
 """Until everybody who listens is known; those on Fast DDS are up to a second late (docs/internals/dds.md 6)."""
 _RATE_STEP = 0.1
 
 
-def run(network: Network, options: PlayOptions) -> Job:
-    """What the command does."""
+def play_bag(network: Network, options: PlayOptions) -> Job:
+    """Play what the options say. Raises as `read_qos_overrides`."""
     overrides = read_qos_overrides(options.qos_file)
     return Job(_open(network, options, overrides), endless=options.loop)
 

@@ -17,7 +17,7 @@ from rosidl_py_gen.tools.bag.part import Part, duration_text, time_text
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from rosidl_py_gen.tools.commands.bag_play import PlayOptions
+    from rosidl_py_gen.tools.bag.play import PlayOptions
     from rosidl_py_gen.tools.names import Owned
     from rosidl_py_gen.tools.playback.recording import Recording
 

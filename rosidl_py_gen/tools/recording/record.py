@@ -15,7 +15,6 @@ from rosidl_py_gen.bags import BagWriter, SqliteWriter
 from rosidl_py_gen.tools import Job, printing
 from rosidl_py_gen.tools.bag.part import progress, size_text
 from rosidl_py_gen.tools.bag.qos_overrides import read_qos_overrides
-from rosidl_py_gen.tools.commands.bag_record import RecordOptions
 from rosidl_py_gen.tools.keys import pressed
 from rosidl_py_gen.tools.recording.controls import serve
 from rosidl_py_gen.tools.recording.recorder import Recorder
@@ -27,10 +26,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from rosidl_py_gen.runtime import QoSProfile
+    from rosidl_py_gen.tools.bag.record import RecordOptions
 
 
-def run(network: Network, options: RecordOptions) -> Job:
-    """What the command does."""
+def record_bag(network: Network, options: RecordOptions) -> Job:
+    """Record what the options say. Raises as `Selection` and `read_qos_overrides`."""
     selection, qos = Selection(options), read_qos_overrides(options.qos_file)
     return Job(_record(network, partial(_writer, options), options, selection, qos), endless=True)
 

@@ -27,10 +27,10 @@ _ENVIRONMENT = {"ROS_VERSION": "2", "ROS_PYTHON_VERSION": "3", "ROS_DISTRO": "ja
 """Variables that programs read to know which ROS runs them, and which a setup script of ROS sets."""
 
 
-def run(
+def start(
     words: Sequence[str], paths: Sequence[str], check: bool, listed: bool, as_json: bool
 ) -> Callable[[], None] | int:
-    """What is to be called, or the exit code of what was asked instead."""
+    """Return what is to be called, or the exit code of what was requested instead."""
     if listed:
         return _list(words, paths, as_json)
     if as_json and not check:

@@ -1,12 +1,18 @@
-"""``rosidl-py bag record``."""
+"""``bag record``: its options, which are those of ``ros2 bag record``."""
+
+from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import click
 
-from rosidl_py_gen.tools import options, run_command
+from rosidl_py_gen.tools import options, verb
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.tools import Job
+    from rosidl_py_gen.tools.session import Network
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -79,7 +85,7 @@ def _pairs(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> 
     return found
 
 
-@click.command(cls=options.SeveralCommand)
+@click.command("record", cls=options.SeveralCommand)
 @click.argument("topics", nargs=-1, cls=options.SeveralArgument, shell_complete=options.completion("topics"))
 @_several("--topics", "more_topics", of="topics", metavar="TOPIC...", help="The same as TOPICS.")
 @_several("--services", of="services", metavar="SERVICE...", help="The events of these, if they publish any.")
@@ -182,13 +188,14 @@ def _pairs(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> 
 @options.paths
 @options.as_json
 @options.node_options
+@verb
 def record(
-    network: Any,
+    network: Network,
     more_topics: Sequence[str],
     serialization_format: str | None,
     compression_format: str | None,
     **arguments: Any,
-) -> None:
+) -> Job:
     """Record topics until Ctrl-C or SIGTERM. Messages stay as they are; types need not be installed.
 
     On a terminal, space pauses and goes on. The services of rosbag2's recorder, as /rosbag2_recorder/pause, do the
@@ -211,4 +218,6 @@ def record(
         raise click.UsageError("--use-sim-time waits for /clock, and --no-discovery waits for nobody")
     if arguments["snapshots"] and arguments["cache_bytes"] == 0:
         raise click.UsageError("--snapshot-mode has nothing to write with --max-cache-size 0")
-    run_command("recording.record", network=network, options=RecordOptions(**arguments))
+    from rosidl_py_gen.tools.recording.record import record_bag
+
+    return record_bag(network, RecordOptions(**arguments))

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import click
 
-from rosidl_py_gen.tools import options, start_program
+from rosidl_py_gen.tools import options
 
 _OWN = {"--path": True, "--check": False, "--list": False, "--json": False, "-h": False, "--help": False}
 """Our options, and which have a value."""
@@ -25,13 +24,15 @@ class _Program(click.Command):
         return super().parse_args(ctx, args)
 
 
-@click.command(cls=_Program, no_args_is_help=True)
+@click.command("run", cls=_Program, no_args_is_help=True)
 @click.option("--check", is_flag=True, help="Run nothing; tell which names and packages it uses that are not here.")
 @click.option("--list", "listed", is_flag=True, help="Run nothing; print the executables of PACKAGE, or of all.")
 @click.option("--json", "as_json", is_flag=True, help="With --check or --list: print JSON for programs.")
 @options.paths
 @click.argument("words", nargs=-1, type=click.UNPROCESSED, metavar="(FILE | -m MODULE | PACKAGE EXECUTABLE) [ARGS]...")
-def run(**arguments: Any) -> Callable[[], None] | None:
+def run(
+    words: Sequence[str], paths: Sequence[str], check: bool, listed: bool, as_json: bool
+) -> Callable[[], None] | None:
     """Run a program written for rclpy as it is, without a ROS installation.
 
     FILE and MODULE are as with python. PACKAGE is looked for in the workspace, which needs no build, in what pip
@@ -44,4 +45,11 @@ def run(**arguments: Any) -> Callable[[], None] | None:
     rosidl-py run my_package talker --ros-args -r chatter:=news
     rosidl-py run --check talker.py
     """
-    return start_program(**arguments)
+    from rosidl_py_gen.tools.run.run import start
+
+    answer = start(words, paths, check, listed, as_json)
+    if not isinstance(answer, int):
+        return answer  # called by `main` when nothing of ours is around it any more
+    if answer:
+        raise click.exceptions.Exit(answer)
+    return None

@@ -1,12 +1,17 @@
-"""``rosidl-py foxglove``."""
+"""``rosidl-py foxglove``: its options, with which `serve` is called."""
+
+from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.tools import options, run_command
+from rosidl_py_gen.tools import Job, options, verb
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.tools.session import Network
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +32,7 @@ class FoxgloveOptions:
     as_json: bool
 
 
-@click.command()
+@click.command("foxglove")
 @click.option(
     "--host", default="127.0.0.1", show_default=True, help="Where to listen; 0.0.0.0 lets other machines connect."
 )
@@ -80,7 +85,8 @@ class FoxgloveOptions:
 @options.paths
 @options.as_json
 @options.node_options
-def foxglove(network: Any, **arguments: Any) -> None:
+@verb
+def foxglove(network: Network, **arguments: Any) -> Job:
     """Show topics, parameters, services and the graph live in Foxglove or Lichtblick.
 
     Prints the address and serves it until Ctrl-C. A topic is subscribed to while somebody watches it.
@@ -89,4 +95,6 @@ def foxglove(network: Any, **arguments: Any) -> None:
     rosidl-py foxglove
     rosidl-py foxglove --host 0.0.0.0 --read-only
     """
-    run_command("foxglove.serve", network=network, options=FoxgloveOptions(**arguments))
+    from rosidl_py_gen.tools.foxglove.serve import serve
+
+    return Job(serve(network, FoxgloveOptions(**arguments)), endless=True)

@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from rosidl_py_gen.tools import options, run_command
+from rosidl_py_gen.tools import options, verb
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.tools import Job
+    from rosidl_py_gen.tools.session import Network
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -115,7 +119,7 @@ _ALTERNATIVES = (
 )
 
 
-@click.command(cls=_Play)
+@click.command("play", cls=_Play)
 @click.argument("path", type=click.Path(), required=False, metavar="BAG")
 @_several("-i", "--input", "inputs", metavar="BAG", help="A bag; several are played together, by their times.")
 @click.option("-s", "--storage", type=click.Choice(["mcap", "sqlite3"]), help="Refuse others. Files say what they are.")
@@ -231,7 +235,8 @@ _ALTERNATIVES = (
 @click.option("--disable-loan-message", "no_loans", is_flag=True, hidden=True)
 @options.paths
 @options.node_options
-def play(network: Any, **arguments: Any) -> None:
+@verb
+def play(network: Network, **arguments: Any) -> Job:
     """Publish what a bag holds, as far apart as it was recorded, with the quality of service of then.
 
     On a terminal, space pauses and goes on, the right arrow plays the next message while it is paused, up and down
@@ -242,4 +247,6 @@ def play(network: Any, **arguments: Any) -> None:
     rosidl-py bag play my_bag --topics /scan /odom --remap /scan:=/old_scan --loop
     rosidl-py bag play my_bag --publish-service-requests --start-paused
     """
-    run_command("playback.play", network=network, options=PlayOptions(**arguments))
+    from rosidl_py_gen.tools.playback.play import play_bag
+
+    return play_bag(network, PlayOptions(**arguments))
