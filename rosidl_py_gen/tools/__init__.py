@@ -46,7 +46,7 @@ _COMMANDS = {
     "doctor": ("doctor.check", "Check this installation, the network, and what answers on it."),
     "foxglove": ("foxglove.command", "Show topics, parameters and services live in Foxglove or Lichtblick."),
     "graph": ("graph.show", "Nodes and topics as text, Mermaid or SVG."),
-    "interface": ("commands.interface", "Definitions of messages, services and actions."),
+    "interface": ("interface", "Definitions of messages, services and actions."),
     "lifecycle": ("lifecycle", "Lifecycle nodes: list, get and set their states."),
     "log": ("log.follow", "Follow what all nodes log."),
     "node": ("node", "Nodes: list, info."),
@@ -131,15 +131,6 @@ def verb(function: Callable[..., Any]) -> Callable[..., None]:
             raise click.exceptions.Exit(code)
 
     return run
-
-
-def run_command(module: str, **arguments: Any) -> None:
-    """Load ``tools/<module>.py`` and call its `run`; click's commands do it."""
-
-    def load_and_run(**arguments: Any) -> Any:
-        return import_module(f"{__name__}.{module}").run(**arguments)
-
-    verb(load_and_run)(**arguments)
 
 
 def run_job(job: Job) -> int:

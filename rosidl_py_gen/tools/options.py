@@ -378,3 +378,8 @@ def node_argument(name: str = "node", **settings: Any) -> Callable[[F], F]:
 def parameter_argument(name: str = "name", **settings: Any) -> Callable[[F], F]:
     """A parameter name."""
     return click.argument(name, shell_complete=completion("parameters"), **settings)
+
+
+def interface_argument(name: str, **settings: Any) -> Callable[[F], F]:
+    """A name of a message, service or action, or several."""
+    return click.argument(name, shell_complete=completion("interfaces"), **settings)

@@ -6,8 +6,7 @@ import inspect
 import os
 import subprocess
 import sys
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 import pytest
@@ -146,17 +145,12 @@ def test_what_click_hands_on_is_what_the_command_takes(command: click.Command, m
             parameter.callback(context, parameter, None)
     assert command.callback is not None
     function = inspect.unwrap(command.callback)
-    declared = function.__globals__
-    if "run_command" in declared or "start_program" in declared:
-        called: list[tuple[str, dict[str, Any]]] = []
-        monkeypatch.setitem(declared, "run_command", lambda module, **arguments: called.append((module, arguments)))
-        monkeypatch.setitem(declared, "start_program", lambda **arguments: called.append(("run.run", arguments)))
-        command.callback(**context.params)
-        [(module, arguments)] = called
-        inspect.signature(import_module(f"rosidl_py_gen.tools.{module}").run).bind(**arguments)
-        return
     signature = inspect.signature(function)
     signature.bind(**context.params)
     if inspect.Parameter.VAR_KEYWORD in {one.kind for one in signature.parameters.values()}:
-        made = function(**context.params)  # a coroutine of what several commands share takes its arguments now
-        (made.main if isinstance(made, tools.Job) else made).close()
+        for does in ("playback.play.play_bag", "recording.record.record_bag", "foxglove.serve.serve"):
+            monkeypatch.setattr(f"rosidl_py_gen.tools.{does}", lambda network, options: None)
+        made = function(**context.params)  # what several commands share takes its arguments now
+        main = made.main if isinstance(made, tools.Job) else made
+        if main is not None:
+            main.close()

@@ -164,32 +164,25 @@ async def test_what_came_while_a_command_was_held_up_counts(memory: World) -> No
 
 @pytest.mark.parametrize("error", [None, ToolError("wrong")])
 def test_a_command_listens_while_it_is_loaded_and_not_any_more_when_it_is_over(
-    dds: World, monkeypatch: pytest.MonkeyPatch, error: ToolError | None
+    dds: World, error: ToolError | None
 ) -> None:
     assert dds
     used: list[Any] = []
 
-    class Module:
-        def run(self, network: Network) -> int:
-            async def main() -> None:
-                used.append(Session(network).context)
+    @tools.verb
+    def command(network: Network) -> int:
+        async def main() -> None:
+            used.append(Session(network).context)
 
-            asyncio.run(main())
-            if error is not None:
-                raise error
-            return 0
-
-    def load(name: str) -> Any:
-        if name.endswith(".session"):
-            return session
         used.append(network["context"])
         assert not network["context"].is_closed
-        return Module()
+        asyncio.run(main())
+        if error is not None:
+            raise error
+        return 0
 
-    network = Network()
-    monkeypatch.setattr(tools, "import_module", load)
     with pytest.raises(ToolError) if error else nullcontext():
-        tools.run_command("some.command", network=network)
+        command(network=Network())
     assert used[0] is used[1] and used[0].is_closed
 
 
@@ -202,19 +195,17 @@ def test_what_keeps_a_command_from_listening_is_told_by_the_command(
         Session(network)
 
 
-def test_sigterm_while_a_command_is_loaded_ends_what_listens(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sigterm_while_a_command_is_loaded_ends_what_listens(dds: World) -> None:
     assert dds
-    network, contexts = Network(), list[Any]()
+    contexts = list[Any]()
 
-    def load(name: str) -> Any:
-        if name.endswith(".session"):
-            return session
+    @tools.verb
+    def command(network: Network) -> None:
         contexts.append(network["context"])
         signal.raise_signal(signal.SIGTERM)
 
-    monkeypatch.setattr(tools, "import_module", load)
     before = signal.getsignal(signal.SIGTERM)
     with pytest.raises(SystemExit) as ended:
-        tools.run_command("some.command", network=network)
+        command(network=Network())
     assert ended.value.code == 143
     assert contexts[0].is_closed and signal.getsignal(signal.SIGTERM) == before
