@@ -39,15 +39,30 @@ def test_an_error_of_several_lines_keeps_them(capsys: pytest.CaptureFixture[str]
     assert capsys.readouterr().err == "error: a peer says \ufffd[2J\\nerror: b\n"
 
 
-def test_help_loads_neither_the_runtime_nor_rich() -> None:
+def test_help_and_completion_load_neither_the_runtime_nor_rich() -> None:
     code = (
-        "import sys; from rosidl_py_gen.tools import main\n"
-        "try: main(['topic', '--help'])\n"
-        "except SystemExit: pass\n"
-        "print([name for name in ('rosidl_py_gen.runtime', 'rich', 'yaml', 'numpy') if name in sys.modules])"
+        "import sys, click; from rosidl_py_gen import tools\n"
+        "def load(group):\n"
+        "    for name in group.list_commands(None):\n"
+        "        command = group.get_command(None, name)\n"
+        "        if isinstance(command, click.Group): load(command)\n"
+        "ours = ['rosidl_py_gen.' + name for name in ('runtime', 'bags', 'compiler', 'tables')]\n"
+        "load(tools.root())\n"
+        "print([name for name in (*ours, 'rich', 'yaml', 'numpy', 'asyncio') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_a_command_does_not_load_the_others_of_its_group() -> None:
+    code = (
+        "import sys; from rosidl_py_gen.tools import main\n"
+        "try: main(['bag', 'table', '--help'])\n"
+        "except SystemExit: pass\n"
+        "print(sorted(name for name in sys.modules if name.startswith('rosidl_py_gen.tools.bag.')))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "['rosidl_py_gen.tools.bag.table']"
 
 
 def test_numpy_and_the_node_are_loaded_while_the_context_listens() -> None:
