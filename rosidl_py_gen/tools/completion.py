@@ -78,7 +78,7 @@ def _names(what: str, context: click.Context) -> list[str]:
 
         return interface_names(_KINDS[what], paths)
     if what in ("interfaces", "packages"):
-        from rosidl_py_gen.tools.interface.definitions import known_names
+        from rosidl_py_gen.tools.definitions import known_names
 
         return known_names(what, paths)
     return _ask(context, lambda session: _live_names(what, session, context))

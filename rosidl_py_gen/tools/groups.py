@@ -18,8 +18,8 @@ class LazyGroup(click.Group):
 
     Args:
         package: where the modules are.
-        verbs: by name the module below `package`, and the begin of the command's help. A module may have
-            several commands that do nearly the same.
+        verbs: by name the module below `package` (``.x.y`` is one beside it), and the begin of the command's help. A
+            module may have several commands that do nearly the same.
     """
 
     def __init__(self, *arguments: Any, package: str, verbs: Mapping[str, tuple[str, str]], **settings: Any) -> None:
@@ -34,7 +34,7 @@ class LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in self.verbs:
             return None
-        module = import_module(f"{self._package}.{self.verbs[cmd_name][0]}")
+        module = import_module(f".{self.verbs[cmd_name][0]}", self._package)
         for found in vars(module).values():
             if isinstance(found, click.Command) and found.name == cmd_name:
                 return found

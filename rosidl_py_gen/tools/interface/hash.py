@@ -27,7 +27,7 @@ def hash_(names: tuple[str, ...], parts: bool, paths: tuple[str, ...], as_json: 
     rosidl-py interface hash --parts example_interfaces/action/Fibonacci
     """
     from rosidl_py_gen.compiler.spec.find import search_path
-    from rosidl_py_gen.tools.interface.definitions import read_definition
+    from rosidl_py_gen.tools.definitions import read_definition
 
     search = search_path(paths)
     found: dict[str, str] = {}

@@ -36,7 +36,7 @@ def list_(package: str | None, paths: tuple[str, ...], as_json: bool, msgs: bool
     rosidl-py interface list --path ~/robot_ws/src my_msgs
     """
     from rosidl_py_gen.compiler.spec.find import search_path
-    from rosidl_py_gen.tools.interface.definitions import KINDS, names_of
+    from rosidl_py_gen.tools.definitions import KINDS, names_of
 
     chosen = _chosen(msgs, srvs, actions)
     names = names_of(search_path(paths), package or "", chosen)
@@ -62,7 +62,7 @@ def package(package: str, paths: tuple[str, ...], as_json: bool, msgs: bool, srv
     rosidl-py interface package std_srvs
     """
     from rosidl_py_gen.compiler.spec.find import search_path
-    from rosidl_py_gen.tools.interface.definitions import names_of
+    from rosidl_py_gen.tools.definitions import names_of
 
     names = [str(name) for name in names_of(search_path(paths), package, _chosen(msgs, srvs, actions))]
     if as_json:
@@ -84,7 +84,7 @@ def packages(paths: tuple[str, ...], as_json: bool, msgs: bool, srvs: bool, acti
     rosidl-py interface packages -a
     """
     from rosidl_py_gen.compiler.spec.find import search_path
-    from rosidl_py_gen.tools.interface.definitions import names_of
+    from rosidl_py_gen.tools.definitions import names_of
 
     search = search_path(paths)
     found = sorted({name.package for name in names_of(search, "", _chosen(msgs, srvs, actions))})

@@ -32,7 +32,7 @@ def proto(name: str, no_quotes: bool, paths: tuple[str, ...], as_json: bool) -> 
     rosidl-py topic pub --once /cmd_vel geometry_msgs/msg/Twist "$(rosidl-py interface proto --no-quotes Twist)"
     """
     from rosidl_py_gen import to_dict
-    from rosidl_py_gen.tools.interface.definitions import name_or_stdin
+    from rosidl_py_gen.tools.definitions import name_or_stdin
 
     values = to_dict(_example(name_or_stdin(name), paths))
     if as_json:

@@ -28,7 +28,7 @@ def show(name: str, no_comments: bool, all_comments: bool, paths: tuple[str, ...
     from rosidl_py_gen.base.descriptions import describe
     from rosidl_py_gen.compiler.spec.definition import expanded_lines
     from rosidl_py_gen.compiler.spec.find import search_path
-    from rosidl_py_gen.tools.interface.definitions import read_definition
+    from rosidl_py_gen.tools.definitions import read_definition
 
     library, top = read_definition(search_path(paths), name)
     if as_json:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime import QoSProfile
     from rosidl_py_gen.tools.bag.part import Part
-    from rosidl_py_gen.tools.bag.play import PlayOptions
+    from rosidl_py_gen.tools.playback.command import PlayOptions
 
 _LISTENERS_S = 2.0
 """Until everybody who listens is known; those on Fast DDS are up to a second late (docs/internals/dds.md 6)."""

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.bags import BagReader, BagTopic, RawMessage
     from rosidl_py_gen.tools.bag.part import Part
-    from rosidl_py_gen.tools.bag.play import PlayOptions
+    from rosidl_py_gen.tools.playback.command import PlayOptions
     from rosidl_py_gen.tools.playback.recording import Recording
     from rosidl_py_gen.tools.session import Session
 

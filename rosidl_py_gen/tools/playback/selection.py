@@ -17,8 +17,8 @@ from rosidl_py_gen.tools.bag.part import Part, duration_text, time_text
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from rosidl_py_gen.tools.bag.play import PlayOptions
     from rosidl_py_gen.tools.names import Owned
+    from rosidl_py_gen.tools.playback.command import PlayOptions
     from rosidl_py_gen.tools.playback.recording import Recording
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from rosidl_py_gen.runtime import QoSProfile
-    from rosidl_py_gen.tools.bag.record import RecordOptions
+    from rosidl_py_gen.tools.recording.command import RecordOptions
 
 
 def record_bag(network: Network, options: RecordOptions) -> Job:

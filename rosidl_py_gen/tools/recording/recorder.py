@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.runtime import QoSProfile
-    from rosidl_py_gen.tools.bag.record import RecordOptions
+    from rosidl_py_gen.tools.recording.command import RecordOptions
     from rosidl_py_gen.tools.recording.selection import Selection
     from rosidl_py_gen.tools.recording.writer import WriterThread
     from rosidl_py_gen.tools.session import Session

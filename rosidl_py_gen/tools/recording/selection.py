@@ -17,7 +17,7 @@ from rosidl_py_gen.tools.names import Owned, is_hidden, owner
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from rosidl_py_gen.tools.bag.record import RecordOptions
+    from rosidl_py_gen.tools.recording.command import RecordOptions
 
 
 def owner_of(topic: str, type_name: str) -> Owned:
