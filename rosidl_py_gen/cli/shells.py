@@ -23,8 +23,6 @@ from click.shell_completion import (
     split_arg_string,
 )
 
-SHELLS = "bash", "zsh", "fish"
-
 # bash splits COMP_WORDS at ":" and "=", so the typed line is passed as well. `read` keeps values with "*" or blanks.
 _BASH = r"""%(complete_func)s() {
     local completion
@@ -79,7 +77,7 @@ def install() -> None:
 
 
 def script(shell: str, command: click.Command, program: str) -> str:
-    """Return the completion script of `program` for one of `SHELLS`."""
+    """Return the completion script of `program` for bash, zsh or fish."""
     install()
     maker = get_completion_class(shell)
     assert maker is not None

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.fieldtype import Arity, FieldType
+from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity, FieldType
 from rosidl_py_gen.base.names import py_name
-from rosidl_py_gen.compiler.codegen.growing import CODES, MAX_ALIGN, RCLPY_CODES, OpenRun, struct_code
 from rosidl_py_gen.compiler.codegen.plan import (
     Block,
     Call,
@@ -40,6 +40,10 @@ if TYPE_CHECKING:
 
 # A fixed array of more bytes than this is joined as it is instead of being copied through a struct.
 BLOCK_BYTES = 1024
+_MAX_ALIGN = 8  # docs/internals/protocol.md 2.2
+_CODES = {base: primitive.code for base, primitive in PRIMITIVES.items()}
+_RCLPY_CODES = {**_CODES, "byte": "c"}
+"""Struct codes by primitive, and those of rclpy's flavour, in which a byte is bytes of length 1."""
 
 
 class Layouts(Weights):
@@ -54,7 +58,7 @@ class Layouts(Weights):
         self, lookup: Callable[[str], MessageDef | None], *, rclpy: bool = False, max_leaves: float = math.inf
     ) -> None:
         super().__init__(lookup, max_leaves)
-        self.rclpy, self.codes = rclpy, RCLPY_CODES if rclpy else CODES
+        self.rclpy, self.codes = rclpy, _RCLPY_CODES if rclpy else _CODES
         self._plans: dict[str, Plan] = {}
         self._least: dict[str, int] = {}
 
@@ -62,7 +66,7 @@ class Layouts(Weights):
         """The plan of a message whose references all exist."""
         if name not in self._plans:
             heavy = self.is_heavy(name)
-            builder = _Builder(self, Start(None, 1, 0) if heavy else Start(0, MAX_ALIGN, 0))
+            builder = _Builder(self, Start(None, 1, 0) if heavy else Start(0, _MAX_ALIGN, 0))
             builder.message(name, 0, "")
             builder.close()
             self._plans[name] = Plan(name, tuple(builder.steps), heavy, self.has_records(name))
@@ -83,6 +87,30 @@ class Layouts(Weights):
         return self._least[name]
 
 
+@dataclass(slots=True)
+class _OpenRun:
+    """Run of fixed-size values that still grows."""
+
+    start: Start
+    nul: bool
+    items: list[Item] = field(default_factory=list)
+    pack: list[tuple[str, int]] = field(default_factory=list)  # code and repeat; pads have code x
+    unpack: list[tuple[str, int]] = field(default_factory=list)
+    size: int = 0
+    align: int = 1
+
+    def put(self, code: str, count: int, read: str = "") -> None:
+        for codes, letter in ((self.pack, code), (self.unpack, read or code)):
+            if codes and codes[-1][0] == letter and letter != "s":
+                codes[-1] = (letter, codes[-1][1] + count)
+            else:
+                codes.append((letter, count))
+
+
+def _struct_code(codes: list[tuple[str, int]]) -> str:
+    return "".join(letter if count == 1 else f"{count}{letter}" for letter, count in codes)
+
+
 class _Builder:
     """Walks the fields of a message once and emits steps; `now` is what is known of the position."""
 
@@ -90,7 +118,7 @@ class _Builder:
         self.layouts = layouts
         self.now = start
         self.steps: list[Step] = []
-        self.run: OpenRun | None = None
+        self.run: _OpenRun | None = None
         self.nul = False  # a string's terminator is still to be written
         self.objects = first_object
 
@@ -117,7 +145,7 @@ class _Builder:
         if gap is None and self.run is not None:
             self.end_run()
         if self.run is None:
-            self.run = OpenRun(self.now, self.nul)
+            self.run = _OpenRun(self.now, self.nul)
             if self.nul:
                 self.nul = False
                 self._advance(1)
@@ -140,7 +168,7 @@ class _Builder:
         run = self.run
         if run is not None:
             self.run = None
-            codes = struct_code(run.pack), struct_code(run.unpack)
+            codes = _struct_code(run.pack), _struct_code(run.unpack)
             self.steps.append(Run(tuple(run.items), *codes, run.size, run.align, run.nul, run.start))
 
     def close(self) -> None:
