@@ -1,5 +1,6 @@
 """Settings all tests share: hypothesis without deadlines, how long the fuzzers run, Ctrl-C as in a terminal, and which
 tests are quick: without processes, DDS, Zenoh and oracles, with a tenth of the examples and of a test's many cases.
+Core tests are the quick ones and those of nodes on DDS in one process.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from types import ModuleType
 
 import pytest
 from hypothesis import HealthCheck, is_hypothesis_test, settings
-from support.environments import cache_folder
+from support.environments import cache_folder, require
 from support.example_counts import examples
 
 from rosidl_py_gen.runtime.transport.cyclone import library
@@ -62,6 +63,12 @@ NOT_EVERYWHERE = {
     "resource": "resource",
 }
 """What some machines do not have, and the imports that need it."""
+ONLY_IN_TEST_ALL = {
+    "IPython", "botocore", "dask", "distributed", "duckdb", "flask", "fsspec", "griffe", "hatchling", "ipykernel",
+    "jupyter_client", "matplotlib", "mcap_ros2", "moto", "mypy", "pandas", "polars", "pyarrow", "pycdr2", "rosbags",
+    "ruff", "s3fs", "trustme", "upath", "uvloop",
+}  # fmt: skip
+"""Modules that the extra `test-all` installs and `test` does not."""
 
 
 _SHRINKING_S = 900
@@ -138,6 +145,36 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
     return True if found else None
 
 
+class _ModuleOfTests(pytest.Module):
+    """Skipped with the reason if it imports a module that only the extra `test-all` installs."""
+
+    def _getobj(self) -> ModuleType:
+        try:
+            return super()._getobj()  # type: ignore[no-any-return]
+        except self.CollectError as error:
+            cause = error.__cause__
+            if isinstance(cause, ModuleNotFoundError):
+                name = str(cause.name).partition(".")[0]
+                if name in ONLY_IN_TEST_ALL and "ROSIDL_TEST_REQUIRE_PEERS" not in os.environ:
+                    pytest.skip(_needs(name), allow_module_level=True)
+            raise
+
+
+def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> pytest.Module:
+    return _ModuleOfTests.from_parent(parent, path=module_path)  # type: ignore[no-any-return]
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip tests marked `needs` for a module that is not installed."""
+    for mark in item.iter_markers("needs"):
+        for name in mark.args:
+            require(name)
+
+
+def _needs(module: str) -> str:
+    return f"needs {module}, which pip install -e '.[test-all]' brings"
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--fuzz-rounds", type=int, default=examples(100_000), help="inputs the codec fuzzers try")
     parser.addoption(
@@ -146,7 +183,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def _is_quick(config: pytest.Config) -> bool:
-    return str(config.getoption("-m")) == "quick"
+    return str(config.getoption("-m")) in {"quick", "core"}
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -158,8 +195,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if "memory" in fixtures:
             fixtures.discard("tool")
         transport = getattr(getattr(item, "callspec", None), "params", {}).get("world", "memory")
-        if transport == "memory" and not fixtures & OF_PROCESSES and not NOT_QUICK.search(item.nodeid):
+        if fixtures & OF_PROCESSES or NOT_QUICK.search(item.nodeid):
+            continue
+        if transport in ("memory", "dds"):
+            item.add_marker(pytest.mark.core)
+        if transport == "memory":
             item.add_marker(pytest.mark.quick)
+        if item.get_closest_marker(str(config.getoption("-m"))):
             cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
     if _is_quick(config):
         kept = {item for of_one in cases.values() for item in of_one[:: _step(len(of_one))]}

@@ -111,5 +111,5 @@ def test_actions_are_named_by_their_commits() -> None:
 
 @pytest.mark.parametrize("extra", ["images", "mcap", "cluster", "foxglove", "zenoh", "test-without-dds"])
 def test_machines_without_a_wheel_of_cyclonedds_have_the_other_extras(extra: str) -> None:
-    assert requirements(extra) <= requirements("test") - requirements("node") | {"pyyaml>=6.0", "rich>=13.7"}
+    assert requirements(extra) <= requirements("test-all") - requirements("node") | {"pyyaml>=6.0", "rich>=13.7"}
     assert any(one.startswith("cyclonedds") for one in requirements("node"))

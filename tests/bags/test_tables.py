@@ -185,8 +185,10 @@ def test_fixed_arrays_of_messages_are_read_too(tmp_path: Path) -> None:
     assert table["raw"][0].dtype == np.uint8
 
 
+@pytest.mark.needs("pandas")
 def test_pandas_gets_columns_and_times(bag: Path) -> None:
-    pandas = pytest.importorskip("pandas")
+    import pandas
+
     with BagReader(bag) as reader:
         frame = reader.to_pandas("/imu", ["orientation_covariance[6:8]", "header.frame_id", "linear_acceleration.x"])
         assert list(frame.columns) == [

@@ -146,6 +146,7 @@ def test_lines_of_a_manifest_cannot_make_headers(tmp_path: Path) -> None:
     assert "\nRequires-Dist: evil" not in told and "License: MIT Requires-Dist: evil body\n" in told
 
 
+@pytest.mark.needs("mypy")
 def test_wheels_are_installed_used_typed_and_found_by_the_next_package(
     clean: Path, workspace: Path, tmp_path: Path
 ) -> None:

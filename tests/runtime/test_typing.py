@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from support.node_fixtures import GENERATED, ROOT
 
 PROGRAM = """
@@ -125,10 +126,12 @@ def check(tmp_path: Path, program: str) -> str:
     return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False).stdout
 
 
+@pytest.mark.needs("mypy")
 def test_inference_under_strict_mypy(tmp_path: Path) -> None:
     assert check(tmp_path, PROGRAM) == ""
 
 
+@pytest.mark.needs("mypy")
 def test_a_message_of_another_type_is_an_error(tmp_path: Path) -> None:
     imports = PROGRAM.split("\n\n\n")[0]
     assert "arg-type" in check(tmp_path, imports + "\nnode = Node('n')\n" + WRONG_GOAL)

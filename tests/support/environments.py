@@ -20,6 +20,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NoReturn
 
@@ -40,6 +41,12 @@ def missing_peer(reason: str) -> NoReturn:
     if "ROSIDL_TEST_REQUIRE_PEERS" in os.environ:
         pytest.fail(f"{reason}; ROSIDL_TEST_REQUIRE_PEERS makes this a failure", pytrace=False)
     pytest.skip(f"{reason}; ROSIDL_TEST_REQUIRE_PEERS makes this a failure")
+
+
+def require(module: str) -> None:
+    """Skip or fail the test if a module that only the extra `test-all` installs is missing."""
+    if find_spec(module) is None:
+        missing_peer(f"needs {module}, which pip install -e '.[test-all]' brings")
 
 
 def environment(name: str, requirements: Sequence[str]) -> Path:

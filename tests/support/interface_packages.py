@@ -23,6 +23,7 @@ from rosidl_py_gen.compiler.spec.interface import parse_interface
 from rosidl_py_gen.compiler.spec.model import Findings, Interface, MessageDef, Source
 from rosidl_py_gen.compiler.spec.resolve import Library, check, raise_findings
 from rosidl_py_gen.errors import DefinitionError
+from support.environments import require
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 TEST_INTERFACES = REPOSITORY / "tests" / "interfaces"
@@ -149,6 +150,7 @@ def python(code: str, *, cwd: Path | None = None, **environment: str) -> str:
 
 def ruff(*arguments: str, cwd: Path, stdin: str | None = None) -> subprocess.CompletedProcess[str]:
     """Run ruff without any configuration, as a user would; what counts as first-party code depends on the folder."""
+    require("ruff")
     command = [sys.executable, "-m", "ruff", *arguments]
     return subprocess.run(command, input=stdin, capture_output=True, text=True, timeout=300, cwd=cwd)
 
@@ -164,6 +166,7 @@ def assert_clean(out: Path) -> None:
 
 def mypy(out: Path, *arguments: str) -> None:
     """Strict mypy over packages in `out`, or over files that use them."""
+    require("mypy")
     command = [sys.executable, "-m", "mypy", "--strict", "--no-error-summary", "--config-file", "", *arguments]
     environment = {**os.environ, "MYPYPATH": str(out)}
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=out.parent, env=environment)

@@ -152,10 +152,12 @@ def check(folder: Path, program: str) -> str:
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False).stdout
 
 
+@pytest.mark.needs("mypy")
 def test_actions_under_strict_mypy(folder: Path) -> None:
     assert check(folder, PROGRAM) == ""
 
 
+@pytest.mark.needs("mypy")
 def test_every_wrong_type_is_an_error_of_its_own(folder: Path) -> None:
     names = list(WRONG)
     functions = [f"def wrong{n}() -> None:\n" + _indented(WRONG[name][0]) for n, name in enumerate(names)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import ctypes as ct
+import importlib
 import logging
 import os
 import signal
@@ -53,7 +54,7 @@ def run_on(kind: str, main: Coroutine[Any, Any, None]) -> None:
     makers: dict[str, Callable[[], asyncio.AbstractEventLoop]] = {
         "ours": EventLoop,
         "asyncio": asyncio.SelectorEventLoop,
-        "uvloop": lambda: pytest.importorskip("uvloop").new_event_loop(),
+        "uvloop": lambda: importlib.import_module("uvloop").new_event_loop(),
         "no readers": LoopWithoutReaders,
     }
     loop = makers[kind]()
@@ -64,7 +65,8 @@ def run_on(kind: str, main: Coroutine[Any, Any, None]) -> None:
         loop.close()
 
 
-loops = pytest.mark.parametrize("kind", ["ours", "asyncio", "uvloop", "no readers"])
+UVLOOP = pytest.param("uvloop", marks=pytest.mark.needs("uvloop"))
+loops = pytest.mark.parametrize("kind", ["ours", "asyncio", UVLOOP, "no readers"])
 
 
 def threads() -> list[str]:
@@ -177,8 +179,10 @@ def test_where_pipes_cannot_be_watched_a_thread_reads_from_the_start(
     assert heard == [19_999]
 
 
+@pytest.mark.needs("uvloop")
 def test_uvloop_serves_call_sync_too(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    uvloop = pytest.importorskip("uvloop")
+    import uvloop
+
     monkeypatch.setattr(asyncio, "new_event_loop", uvloop.new_event_loop)
     node = dds.node("n")
     node.create_service(SetBool, "set", lambda request: SetBool.Response(success=request.data))
@@ -413,7 +417,7 @@ def test_ctrl_c_in_a_callback_ends_the_loop(world: World, kind: str) -> None:
 # ------------------------------------------------------------------------------------------------- beside other things
 
 
-@pytest.mark.parametrize("kind", ["ours", "asyncio", "uvloop"])
+@pytest.mark.parametrize("kind", ["ours", "asyncio", UVLOOP])
 def test_sockets_threads_timers_signals_and_subprocesses_work_beside_dds(dds: World, kind: str) -> None:
     dds.node("a")
 
