@@ -17,7 +17,7 @@ PRINTERS = {
     "cli/regenerate.py": "for maintainers: paths of this package",
     "tools/printing.py": "the functions of this command line",
     "tools/__init__.py": "errors, warnings, and flushing",
-    "tools/completion.py": "the scripts of click",
+    "tools/completion_script.py": "the scripts of click",
     "tools/doctor/echo.py": "one word for its own parent process",
     "tools/zenoh_router.py": "its own texts, made printable",
 }
