@@ -4,6 +4,12 @@ The layer may import the public names of the package and this module. It has cla
 descriptors and profiles, so only functions of plain values are here.
 """
 
+from rosidl_py_gen.runtime.names.validation import NameFault as NameFault
+from rosidl_py_gen.runtime.names.validation import NameRule as NameRule
+from rosidl_py_gen.runtime.names.validation import find_full_name_fault as find_full_name_fault
+from rosidl_py_gen.runtime.names.validation import find_name_fault as find_name_fault
+from rosidl_py_gen.runtime.names.validation import find_namespace_fault as find_namespace_fault
+from rosidl_py_gen.runtime.names.validation import find_node_name_fault as find_node_name_fault
 from rosidl_py_gen.runtime.parameters.validation import EMPTY_LIST_REASON as EMPTY_LIST_REASON
 from rosidl_py_gen.runtime.parameters.validation import RELATIVE_TOLERANCE as RELATIVE_TOLERANCE
 from rosidl_py_gen.runtime.parameters.validation import SEPARATOR as SEPARATOR

@@ -9,7 +9,8 @@ substitutions and namespaces can break it.
 from __future__ import annotations
 
 import re
-from typing import NoReturn
+from enum import Enum, auto
+from typing import NamedTuple
 
 from rosidl_py_gen.errors import InvalidNameError
 
@@ -23,8 +24,38 @@ _IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 _SUBSTITUTION = re.compile(r"\{([^{}]*)\}")
 
 
-def _fail(what: str, name: str, index: int, reason: str) -> NoReturn:
-    """Raise with the name and a caret below the offending character; `index` is 0-based."""
+class NameRule(Enum):
+    """Rule that a name breaks; rcl and rmw have a text of their own for each."""
+
+    EMPTY = auto()
+    CHARACTER = auto()
+    FIRST_DIGIT = auto()
+    LENGTH = auto()
+    LEADING_SLASH = auto()
+    TRAILING_SLASH = auto()
+    REPEATED_SLASH = auto()
+    TOKEN_FIRST_DIGIT = auto()
+    BRACES = auto()
+    SUBSTITUTION = auto()
+    TILDE_PLACE = auto()
+    TILDE_SLASH = auto()
+
+
+class NameFault(NamedTuple):
+    """First thing that is wrong with a name."""
+
+    position: int
+    """Index of the offending character."""
+    rule: NameRule
+    reason: str
+    """The text for people."""
+
+
+def _raise_for(fault: NameFault | None, what: str, name: str) -> None:
+    """Raise with the name and a caret below the offending character, if there is a fault."""
+    if fault is None:
+        return
+    index, _, reason = fault
     start = max(0, index - 60)
     shown = name[start : start + 120]
     # repr() of a character may be wider than one column, so control characters are shown as "?".
@@ -40,26 +71,38 @@ def _check_type(what: str, name: object) -> None:
 
 def validate_node_name(name: str) -> None:
     """Refuse a node name, without namespace, that rmw would refuse; raises `InvalidNameError`."""
-    what = "node name"
-    _check_type(what, name)
+    _check_type("node name", name)
+    _raise_for(find_node_name_fault(name), "node name", name)
+
+
+def find_node_name_fault(name: str) -> NameFault | None:
+    """Return the reason why rmw refuses a node name, without namespace; None if it accepts it."""
     if not name:
-        _fail(what, name, 0, "it is empty")
+        return NameFault(0, NameRule.EMPTY, "it is empty")
     for index, character in enumerate(name):
         if not _NAME_CHARACTER.match(character) or character == "/":
-            _fail(what, name, index, f"character {character!r} is not allowed, only A-Z, a-z, 0-9 and _ are")
+            reason = f"character {character!r} is not allowed, only A-Z, a-z, 0-9 and _ are"
+            return NameFault(index, NameRule.CHARACTER, reason)
     if name[0].isdigit():
-        _fail(what, name, 0, "it must not begin with a digit")
-    if len(name) > MAX_NODE_NAME_LENGTH:
-        _fail(
-            what, name, MAX_NODE_NAME_LENGTH - 1, f"it has {len(name)} characters, at most {MAX_NODE_NAME_LENGTH} fit"
-        )
+        return NameFault(0, NameRule.FIRST_DIGIT, "it must not begin with a digit")
+    return _length_fault(name, MAX_NODE_NAME_LENGTH)
+
+
+def _length_fault(name: str, max_length: int) -> NameFault | None:
+    if len(name) <= max_length:
+        return None
+    return NameFault(max_length - 1, NameRule.LENGTH, f"it has {len(name)} characters, at most {max_length} fit")
 
 
 def validate_namespace(namespace: str) -> None:
     """Refuse a namespace that rmw would refuse: ``/`` or ``/a/b``; raises `InvalidNameError`."""
     _check_type("namespace", namespace)
-    if namespace != "/":
-        _check_full("namespace", namespace, MAX_NAMESPACE_LENGTH)
+    _raise_for(find_namespace_fault(namespace), "namespace", namespace)
+
+
+def find_namespace_fault(namespace: str) -> NameFault | None:
+    """Return the reason why rmw refuses a namespace; None if it accepts it."""
+    return None if namespace == "/" else _full_fault(namespace, MAX_NAMESPACE_LENGTH)
 
 
 def normalize_namespace(namespace: str) -> str:
@@ -77,29 +120,36 @@ def validate_full_name(name: str, what: str = "topic name") -> None:
         what: what it is called in the error.
     """
     _check_type(what, name)
-    _check_full(what, name, MAX_TOPIC_LENGTH)
+    _raise_for(find_full_name_fault(name), what, name)
 
 
-def _check_full(what: str, name: str, max_length: int) -> None:
+def find_full_name_fault(name: str) -> NameFault | None:
+    """Return the reason why rmw refuses a fully qualified topic or service name; None if it accepts it."""
+    return _full_fault(name, MAX_TOPIC_LENGTH)
+
+
+def _full_fault(name: str, max_length: int) -> NameFault | None:
     if not name.startswith("/"):
-        _fail(what, name, 0, "it must begin with '/'")
+        return NameFault(0, NameRule.LEADING_SLASH, "it must begin with '/'")
     if name.endswith("/"):
-        _fail(what, name, len(name) - 1, "it must not end with '/'")
+        return NameFault(len(name) - 1, NameRule.TRAILING_SLASH, "it must not end with '/'")
     for index, character in enumerate(name):
         if not _NAME_CHARACTER.match(character):
-            _fail(what, name, index, f"character {character!r} is not allowed, only A-Z, a-z, 0-9, _ and / are")
+            reason = f"character {character!r} is not allowed, only A-Z, a-z, 0-9, _ and / are"
+            return NameFault(index, NameRule.CHARACTER, reason)
     for index in range(1, len(name)):
         if name[index - 1] == "/":
             if name[index] == "/":
-                _fail(what, name, index, "it must not contain '//'")
-            _check_token_start(what, name, index)
-    if len(name) > max_length:
-        _fail(what, name, max_length - 1, f"it has {len(name)} characters, at most {max_length} fit")
+                return NameFault(index, NameRule.REPEATED_SLASH, "it must not contain '//'")
+            if fault := _token_fault(name, index):
+                return fault
+    return _length_fault(name, max_length)
 
 
-def _check_token_start(what: str, name: str, index: int) -> None:
-    if name[index] in "0123456789":
-        _fail(what, name, index, "a part between slashes must not begin with a digit")
+def _token_fault(name: str, index: int) -> NameFault | None:
+    if name[index] not in "0123456789":
+        return None
+    return NameFault(index, NameRule.TOKEN_FIRST_DIGIT, "a part between slashes must not begin with a digit")
 
 
 def validate_name(name: str, what: str = "topic name") -> None:
@@ -109,48 +159,51 @@ def validate_name(name: str, what: str = "topic name") -> None:
         what: what it is called in the error.
     """
     _check_type(what, name)
+    _raise_for(find_name_fault(name), what, name)
+
+
+def find_name_fault(name: str) -> NameFault | None:
+    """Return the reason why rcl refuses a topic or service name as written by a user; None if it accepts it."""
     if not name:
-        _fail(what, name, 0, "it is empty")
-    _check_token_start(what, name, 0)
+        return NameFault(0, NameRule.EMPTY, "it is empty")
+    if fault := _token_fault(name, 0):
+        return fault
     if name.endswith("/"):
-        _fail(what, name, len(name) - 1, "it must not end with '/'")
-    _check_given_characters(what, name)
+        return NameFault(len(name) - 1, NameRule.TRAILING_SLASH, "it must not end with '/'")
+    if fault := _given_character_fault(name):
+        return fault
     for index in range(1, len(name)):
         if name[index - 1] == "/":
-            _check_token_start(what, name, index)
+            if fault := _token_fault(name, index):
+                return fault
         elif name[0] == "~" and index == 1 and name[1] != "/":
-            _fail(what, name, 1, "'~' must be followed by '/'")
+            return NameFault(1, NameRule.TILDE_SLASH, "'~' must be followed by '/'")
     if "{}" in name:  # rcl finds it when it expands
-        _fail(what, name, name.index("{}") + 1, "'' is not a substitution name")
+        return NameFault(name.index("{}") + 1, NameRule.SUBSTITUTION, "'' is not a substitution name")
+    return None
 
 
-def _check_given_characters(what: str, name: str) -> None:
+def _given_character_fault(name: str) -> NameFault | None:
     opened = -1
     for index, character in enumerate(name):
         if character == "}":
             if opened < 0:
-                _fail(what, name, index, "'}' without '{'")
+                return NameFault(index, NameRule.BRACES, "'}' without '{'")
             opened = -1
         elif opened >= 0:
             if character == "{":
-                _fail(what, name, index, "substitutions must not be nested")
-            _check_substitution(what, name, opened + 1, index)
+                return NameFault(index, NameRule.SUBSTITUTION, "substitutions must not be nested")
+            if not _IDENTIFIER.match(name[opened + 1 : index + 1]):
+                inner = name[opened + 1 :].partition("}")[0]
+                return NameFault(index, NameRule.SUBSTITUTION, f"{inner!r} is not a substitution name")
         elif character == "{":
             opened = index
         elif not _GIVEN_CHARACTER.match(character):
             reason = f"character {character!r} is not allowed, only A-Z, a-z, 0-9, _, /, ~ and {{}} are"
-            _fail(what, name, index, reason)
+            return NameFault(index, NameRule.CHARACTER, reason)
         elif character == "~" and index > 0:
-            _fail(what, name, index, "'~' may only be the first character")
-    if opened >= 0:
-        _fail(what, name, opened, "'{' without '}'")
-
-
-def _check_substitution(what: str, name: str, start: int, index: int) -> None:
-    """Of the name of a substitution that begins at `start`, the character at `index`."""
-    if not _IDENTIFIER.match(name[start : index + 1]):
-        inner = name[start:].partition("}")[0]
-        _fail(what, name, index, f"{inner!r} is not a substitution name")
+            return NameFault(index, NameRule.TILDE_PLACE, "'~' may only be the first character")
+    return None if opened < 0 else NameFault(opened, NameRule.BRACES, "'{' without '}'")
 
 
 def fully_qualified_node_name(name: str, namespace: str) -> str:
@@ -188,7 +241,8 @@ def expand_name(name: str, node_name: str, namespace: str, what: str = "topic na
     for found in _SUBSTITUTION.finditer(name):
         if found.group(1) not in values:
             known = ", ".join(f"{{{key}}}" for key in values)
-            _fail(what, name, found.start(), f"unknown substitution {found.group()}; known are {known}")
+            reason = f"unknown substitution {found.group()}; known are {known}"
+            _raise_for(NameFault(found.start(), NameRule.SUBSTITUTION, reason), what, name)
     full = _SUBSTITUTION.sub(lambda found: values[found.group(1)], full)
     if not full.startswith("/"):
         full = f"/{full}" if namespace == "/" else f"{namespace}/{full}"
