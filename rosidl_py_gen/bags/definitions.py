@@ -18,6 +18,7 @@ from rosidl_py_gen.bags.common import BagError, BagTopic, BagWarning
 from rosidl_py_gen.bags.decoder import ENCODINGS, decoder_of
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Message
+from rosidl_py_gen.cdr.layout import EMPTY_MESSAGE, HEADER_BYTES, NETWORK_ALIGN
 from rosidl_py_gen.cdr.record_layout import varying_field
 from rosidl_py_gen.cdr.walk import measured
 from rosidl_py_gen.errors import DecodeError, DefinitionError, InvalidNameError, RosidlError, printable
@@ -37,10 +38,6 @@ _THEN_EVERY = 256
 
 Those of fixed size are all compared with the sizes that were right.
 """
-_EMPTY_BYTES = 5, 8
-_HEADER = 4
-_PADDING = 4
-"""Middlewares pad what they send to a multiple of these bytes."""
 _UNKNOWN, _SERVICE = "unknown", re.compile(r"=+\r?\nSRV: ")
 """What rosbag2 says of services that use no other types, and how the text of one begins."""
 NO_FIELDS = "an empty definition in the bag"
@@ -191,7 +188,8 @@ def same_definition(one: BagTopic, other: BagTopic) -> bool:
 
 def is_empty(data: bytes | memoryview) -> bool:
     """Whether this is a message without fields: in CDR it has a byte, and perhaps padding."""
-    return _EMPTY_BYTES[0] <= len(data) <= _EMPTY_BYTES[1] and not any(data[4:])
+    size = len(data) - HEADER_BYTES
+    return len(EMPTY_MESSAGE) <= size <= NETWORK_ALIGN and not any(data[HEADER_BYTES:])
 
 
 def _compiled(topic: BagTopic) -> type[Any]:
@@ -261,9 +259,9 @@ def left_over(cls: type[Message], data: bytes | memoryview) -> str:
     """What is behind the last field of a message; empty when it is nothing but padding; raises `DecodeError`."""
     whole = len(data)
     if not cls._TYPE.fields:
-        return "" if whole == _HEADER or is_empty(data) else f"{whole} bytes of a message without fields"
+        return "" if whole == HEADER_BYTES or is_empty(data) else f"{whole} bytes of a message without fields"
     rest = whole - measured(cls, data)
-    if not rest or (rest < _PADDING and not (whole - _HEADER) % _PADDING):
+    if not rest or (rest < NETWORK_ALIGN and not (whole - HEADER_BYTES) % NETWORK_ALIGN):
         return ""
     return f"{rest} of {whole} bytes of a message are behind its last field"
 

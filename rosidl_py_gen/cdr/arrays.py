@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rosidl_py_gen.base.fieldtype import INTEGER_RANGES
+from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, PRIMITIVES
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
@@ -26,19 +26,7 @@ if TYPE_CHECKING:
 
 # Struct code -> dtype. On the platforms we run on, the little-endian dtypes are numpy's native singletons, which makes
 # the `is` tests below right; `support` refuses other hosts.
-DTYPES: dict[str, np.dtype[Any]] = {
-    "?": np.dtype("bool"),
-    "b": np.dtype("<i1"),
-    "B": np.dtype("<u1"),
-    "h": np.dtype("<i2"),
-    "H": np.dtype("<u2"),
-    "i": np.dtype("<i4"),
-    "I": np.dtype("<u4"),
-    "q": np.dtype("<i8"),
-    "Q": np.dtype("<u8"),
-    "f": np.dtype("<f4"),
-    "d": np.dtype("<f8"),
-}
+DTYPES: dict[str, np.dtype[Any]] = {one.code: np.dtype(one.numpy) for one in PRIMITIVES.values()}
 BOOL_BYTE: dict[Any, int] = {False: 0, True: 1}
 
 

@@ -1,4 +1,4 @@
-"""Where CDR puts the bytes of a fixed-size message, as a numpy dtype: the arithmetic under `records`.
+"""Where CDR puts the bytes of a fixed-size message, as a numpy dtype: the rules of `layout`, applied for `records`.
 
 Elements of a sequence are not padded to a common size: each begins where its first member is aligned. So the first
 element may lie otherwise than those behind it: ``{uint8 a; float64 b}`` takes 12 bytes behind a count, then 16 each.
@@ -10,22 +10,30 @@ Source: docs/internals/protocol.md 2.2.
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar, cast
 
 import numpy as np
 
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.cdr.arrays import DTYPES, UnfitValueError
+from rosidl_py_gen.cdr.layout import (
+    EMPTY_MESSAGE,
+    MAX_ALIGN,
+    align_up,
+    element_alignment,
+    fixed_count,
+    has_fixed_size,
+    sequence_end,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from rosidl_py_gen.cdr.fields import FieldLike, MessageLike
+    from rosidl_py_gen.cdr.message import Field, Message
 
-    MessageClass = type[MessageLike]
+    MessageClass = type[Message]
 
-_MAX_ALIGN = 8
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -43,16 +51,12 @@ def remembered(function: Callable[P, R]) -> Callable[P, R]:
     return cast("Callable[P, R]", lru_cache(1 << 15)(function))
 
 
-def up(position: int, align: int) -> int:
-    return position + -position % align
-
-
 @remembered
 def varying_field(cls: MessageClass) -> str:
     """The path and type of the first field that makes messages of this class vary in size; empty when none does."""
     for field in cls._TYPE.fields:
         kind = field.type
-        if kind.is_string or kind.arity not in (Arity.SCALAR, Arity.ARRAY):
+        if not has_fixed_size(kind):
             return f"{field.ros_name} ({kind})"
         inside = varying_field(field.cls) if field.cls is not None else ""
         if inside:
@@ -63,7 +67,10 @@ def varying_field(cls: MessageClass) -> str:
 @remembered
 def alignments(cls: MessageClass) -> tuple[int, int]:
     """The alignment of the first member, and the largest of all, of a fixed-size message."""
-    each = [alignments(field.cls) if field.cls is not None else (_size(field.type),) * 2 for field in cls._TYPE.fields]
+    each = [
+        alignments(field.cls) if field.cls is not None else (element_alignment(field.type),) * 2
+        for field in cls._TYPE.fields
+    ]
     return (each[0][0], max(largest for _, largest in each)) if each else (1, 1)
 
 
@@ -71,7 +78,7 @@ def alignments(cls: MessageClass) -> tuple[int, int]:
 def content_size(cls: MessageClass) -> int:
     """The bytes of all values, without padding."""
     return sum(
-        (content_size(field.cls) if field.cls is not None else _size(field.type)) * _count(field.type)
+        (content_size(field.cls) if field.cls is not None else _size(field.type)) * fixed_count(field.type)
         for field in cls._TYPE.fields
     )
 
@@ -82,37 +89,32 @@ def _size(kind: FieldType) -> int:
     return primitive.size
 
 
-def _count(kind: FieldType) -> int:
-    return kind.capacity if kind.arity is Arity.ARRAY else 1
-
-
 def end_of(cls: MessageClass, position: int) -> int:
     """The end of a message that begins at `position`, both counted from the alignment origin."""
-    return position + _length(cls, position % _MAX_ALIGN)
+    return position + _length(cls, position % MAX_ALIGN)
 
 
 @remembered
 def _length(cls: MessageClass, position: int) -> int:
-    ends = [end for _, _, end in _members(cls, position)] or [position + 1]
+    ends = [end for _, _, end in _members(cls, position)] or [position + len(EMPTY_MESSAGE)]
     return ends[-1] - position
 
 
 def end_of_many(cls: MessageClass, position: int, count: int) -> int:
-    """The end of `count` messages, one at least: those behind the first are equally long."""
-    first = end_of(cls, position)
-    return first + (count - 1) * (end_of(cls, first) - first) if count > 1 else first
+    """Return the end of `count` messages of a sequence, of which the first begins at `position`."""
+    return sequence_end(position, count, partial(end_of, cls))
 
 
-def _members(cls: MessageClass, position: int) -> Iterator[tuple[FieldLike, int, int]]:
+def _members(cls: MessageClass, position: int) -> Iterator[tuple[Field, int, int]]:
     """Each field of a message with the positions where its values begin and end."""
     for field in cls._TYPE.fields:
-        count = _count(field.type)
+        count = fixed_count(field.type)
         if field.cls is None:
             size = _size(field.type)
-            begin = up(position, size)
+            begin = align_up(position, size)
             position = begin + size * count
         else:
-            begin = up(position, alignments(field.cls)[0])
+            begin = align_up(position, alignments(field.cls)[0])
             position = end_of_many(field.cls, begin, count)
         yield field, begin, position
 
@@ -123,7 +125,7 @@ def exact_dtype(cls: MessageClass, position: int, itemsize: int = 0) -> np.dtype
     None when it holds an array of messages of which the first lies otherwise than the rest, or that have padding
     between them: numpy would take that padding, and what follows the array, for a part of the last.
     """
-    return _exact_dtype(cls, position % _MAX_ALIGN, itemsize or end_of(cls, position) - position)
+    return _exact_dtype(cls, position % MAX_ALIGN, itemsize or end_of(cls, position) - position)
 
 
 @remembered
@@ -139,13 +141,13 @@ def _exact_dtype(cls: MessageClass, position: int, itemsize: int) -> np.dtype[np
     return _struct(cls, formats, offsets, itemsize)
 
 
-def _exact_element(field: FieldLike, begin: int) -> np.dtype[Any] | None:
+def _exact_element(field: Field, begin: int) -> np.dtype[Any] | None:
     if field.cls is None:
         assert field.type.primitive is not None
         return DTYPES[field.type.primitive.code]
     first, largest = alignments(field.cls)
     end = end_of(field.cls, begin)
-    if _count(field.type) > 1 and ((end - begin) % largest or end % first):
+    if fixed_count(field.type) > 1 and ((end - begin) % largest or end % first):
         return None
     return exact_dtype(field.cls, begin)
 
@@ -160,11 +162,11 @@ def loose_dtype(cls: MessageClass) -> np.dtype[np.void]:
         one = DTYPES[primitive.code] if primitive is not None else record_dtype(_nested(field))
         formats.append(_shaped(one, field.type))
         offsets.append(size)
-        size += one.itemsize * _count(field.type)
+        size += one.itemsize * fixed_count(field.type)
     return _struct(cls, formats, offsets, size)
 
 
-def _nested(field: FieldLike) -> MessageClass:
+def _nested(field: Field) -> MessageClass:
     assert field.cls is not None
     return field.cls
 
@@ -197,9 +199,9 @@ class Steady(NamedTuple):
 
 def steady(cls: MessageClass) -> Steady:
     first, largest = alignments(cls)
-    phase = up(end_of(cls, 0), first) % largest
+    phase = align_up(end_of(cls, 0), first) % largest
     end = end_of(cls, phase)
-    return Steady(phase, up(end, first) - phase, end - phase)
+    return Steady(phase, align_up(end, first) - phase, end - phase)
 
 
 @remembered
@@ -221,9 +223,9 @@ def pieces(cls: MessageClass, position: int, memory: np.dtype[Any]) -> list[Piec
         assert memory.fields is not None
         form, offset = memory.fields[field.ros_name][:2]
         if field.cls is None:
-            parts = [Piece(0, 0, _size(field.type) * _count(field.type))]
+            parts = [Piece(0, 0, _size(field.type) * fixed_count(field.type))]
         else:
-            parts = _pieces_of_many(field.cls, begin, form.base, _count(field.type))
+            parts = _pieces_of_many(field.cls, begin, form.base, fixed_count(field.type))
         for wire, inside, size in parts:
             _add(found, Piece(wire + begin - position, inside + offset, size))
     return found
@@ -234,9 +236,9 @@ def _pieces_of_many(cls: MessageClass, begin: int, memory: np.dtype[Any], count:
     if count == 1:
         return found
     align = alignments(cls)[0]
-    second = up(end_of(cls, begin), align)
+    second = align_up(end_of(cls, begin), align)
     rest = pieces(cls, second, memory)
-    step = up(end_of(cls, second), align) - second
+    step = align_up(end_of(cls, second), align) - second
     if len(rest) == 1 and rest[0].size == step == memory.itemsize:  # without gaps, so the rest is one piece
         _add(found, Piece(second - begin, memory.itemsize, step * (count - 1)))
         return found

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from rosidl_py_gen.cdr.arrays import DTYPES, UnfitValueError, cast
+from rosidl_py_gen.cdr.layout import HEADER, HEADER_BYTES, align_offset, align_up
 from rosidl_py_gen.cdr.record_layout import (
     alignments,
     content_size,
@@ -22,7 +23,6 @@ from rosidl_py_gen.cdr.record_layout import (
     record_dtype,
     remembered,
     steady,
-    up,
     varying_field,
 )
 from rosidl_py_gen.errors import EncodeError
@@ -32,13 +32,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from rosidl_py_gen.cdr.fields import MessageLike
+    from rosidl_py_gen.cdr.message import Message
     from rosidl_py_gen.cdr.record_layout import Piece
 
     Array = NDArray[Any]
     Buffer = bytes | bytearray | memoryview
 
-_HEADER = 4  # the encapsulation header; alignment counts from behind it
 _UINT8 = np.dtype(np.uint8)
 _CODES = {dtype: code for code, dtype in DTYPES.items()}
 _frombuffer = np.frombuffer
@@ -56,7 +55,7 @@ class RecordType:
         plain: besides, no byte of `dtype` is padding.
     """
 
-    def __init__(self, cls: type[MessageLike]) -> None:
+    def __init__(self, cls: type[Message]) -> None:
         self.cls = cls
         self.dtype = record_dtype(cls)
         self.align, self.largest = alignments(cls)
@@ -72,8 +71,8 @@ class RecordType:
 
     def span(self, pos: int, count: int) -> tuple[int, int]:
         """Where `count` elements, one at least, begin and end in data that were read up to the offset `pos`."""
-        begin = up(pos - _HEADER, self.align)
-        return begin + _HEADER, end_of_many(self.cls, begin, count) + _HEADER
+        begin = align_up(pos - HEADER_BYTES, self.align)
+        return begin + HEADER_BYTES, end_of_many(self.cls, begin, count) + HEADER_BYTES
 
     def read(self, data: Buffer, pos: int, count: int) -> tuple[Array, int]:
         """`count` elements from offset `pos`, and the offset behind them.
@@ -85,8 +84,8 @@ class RecordType:
         """
         if not count:
             return self.empty, pos
-        begin = pos + (_HEADER - pos) % self.align
-        in_place = self.plain and (begin - _HEADER - self.phase) % self.largest == 0
+        begin = align_offset(pos, self.align)
+        in_place = self.plain and (begin - HEADER_BYTES - self.phase) % self.largest == 0
         if in_place:
             end = begin + count * self.stride
         else:
@@ -112,7 +111,7 @@ class RecordType:
         return found
 
     def _can_view(self, data: Buffer, begin: int, count: int) -> bool:
-        if not self.exact or (begin - _HEADER - self.phase) % self.largest:
+        if not self.exact or (begin - HEADER_BYTES - self.phase) % self.largest:
             return False
         # Behind the last element is no padding: numpy must neither read beyond the data nor write into what follows.
         return self.size == self.stride or (type(data) is not bytearray and begin + count * self.stride <= len(data))
@@ -120,13 +119,13 @@ class RecordType:
     def _gathered(self, data: Buffer, begin: int, count: int, dtype: np.dtype[Any]) -> Array:
         found = np.zeros(count, dtype)
         memory = found.view(_UINT8).reshape(count, dtype.itemsize)
-        self._copy(data, begin, begin - _HEADER, memory, inward=True)
+        self._copy(data, begin, begin - HEADER_BYTES, memory, inward=True)
         found.flags.writeable = isinstance(data, bytearray)
         return found
 
     def _copy(self, data: Any, begin: int, position: int, memory: Array, *, inward: bool) -> None:
         """Copy all elements between a buffer, where they begin at `begin`, and memory, one row of bytes for each."""
-        second = up(end_of(self.cls, position), self.align)
+        second = align_up(end_of(self.cls, position), self.align)
         self._copy_rows(data, begin, position, 0, memory[:1], inward)
         if len(memory) > 1:
             self._copy_rows(data, begin + second - position, second, self.stride, memory[1:], inward)
@@ -158,7 +157,7 @@ class RecordType:
         count = len(values)
         if not count:
             return pos
-        begin = up(pos, self.align)
+        begin = align_up(pos, self.align)
         if begin > pos:
             append(bytes(begin - pos))
         if self.plain and (begin - self.phase) % self.largest == 0:
@@ -191,20 +190,20 @@ class RecordType:
 
     # --- messages -----------------------------------------------------------------------------------------------------
 
-    def from_messages(self, values: Sequence[MessageLike]) -> Array:
+    def from_messages(self, values: Sequence[Message]) -> Array:
         """The elements of a list; raises EncodeError, of the first wrong element."""
         raw = b"".join([_encoded(message, index) for index, message in enumerate(values)])
         found = np.zeros(len(values), self.dtype)
         size = end_of(self.cls, 0)
-        self._copy_rows(raw, _HEADER, 0, _HEADER + size, self._rows(found), True)
+        self._copy_rows(raw, HEADER_BYTES, 0, HEADER_BYTES + size, self._rows(found), True)
         return found
 
     def to_messages(self, values: Array) -> list[Any]:
         """One message for each element, with arrays of its own."""
         values = self.converted(values)
-        size = _HEADER + end_of(self.cls, 0)
-        raw = bytearray(b"\0\1\0\0".ljust(size, b"\0") * len(values))
-        self._copy_rows(raw, _HEADER, 0, size, self._rows(values), False)
+        size = HEADER_BYTES + end_of(self.cls, 0)
+        raw = bytearray(HEADER.ljust(size, b"\0") * len(values))
+        self._copy_rows(raw, HEADER_BYTES, 0, size, self._rows(values), False)
         decode, fixed = self.cls._decode, bytes(raw)
         copy = _has_arrays(self.dtype)
         return [decode(fixed[at : at + size], copy) for at in range(0, len(fixed), size)]
@@ -217,7 +216,7 @@ class RecordType:
             return False
 
 
-def _encoded(message: MessageLike, index: int) -> bytes:
+def _encoded(message: Message, index: int) -> bytes:
     try:
         return message._encode()
     except EncodeError as error:
@@ -228,7 +227,7 @@ def _encoded(message: MessageLike, index: int) -> bytes:
 record_type = remembered(RecordType)
 
 
-def known_record_type(cls: type[MessageLike]) -> RecordType | None:
+def known_record_type(cls: type[Message]) -> RecordType | None:
     """The record type of a class; None when its messages vary in size or are too large for numpy."""
     try:
         return None if varying_field(cls) else record_type(cls)
@@ -236,12 +235,12 @@ def known_record_type(cls: type[MessageLike]) -> RecordType | None:
         return None
 
 
-def read_records(cls: type[MessageLike], data: Buffer, pos: int, count: int) -> tuple[Any, int]:
+def read_records(cls: type[Message], data: Buffer, pos: int, count: int) -> tuple[Any, int]:
     """What generated code calls for a sequence of fixed-size messages: see `RecordType.read`."""
     return record_type(cls).read(data, pos, count)
 
 
-def write_records(cls: type[MessageLike], values: Any, append: Callable[[Any], object], pos: int) -> int:
+def write_records(cls: type[Message], values: Any, append: Callable[[Any], object], pos: int) -> int:
     """What generated code calls for an array in the place of a list of messages: see `RecordType.write`."""
     return record_type(cls).write(values, append, pos)
 

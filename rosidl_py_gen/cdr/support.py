@@ -24,6 +24,16 @@ from rosidl_py_gen.cdr.arrays import (
 from rosidl_py_gen.cdr.arrays import (
     view_of_bools as view_of_bools,
 )
+from rosidl_py_gen.cdr.layout import (
+    COUNT_BYTES,
+    COUNT_CODE,
+    MAX_ALIGN,
+    MAX_WSTRING_UNIT,
+    NUL,
+    PADDING,
+    WSTRING_UNIT_BYTES,
+    align_up,
+)
 from rosidl_py_gen.cdr.records import read_records as read_records
 from rosidl_py_gen.cdr.records import write_records as write_records
 from rosidl_py_gen.errors import EncodeError
@@ -128,16 +138,14 @@ def fill(message: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
         setattr(message, name, value)
 
 
-PAD2 = (b"", b"\0")
-PAD4 = tuple(bytes(-n % 4) for n in range(4))
-PAD8 = tuple(bytes(-n % 8) for n in range(8))
+PAD2, PAD4, PAD8 = PADDING[2], PADDING[4], PADDING[8]
 
-_PACK_U32 = Struct("<I").pack
-_UNPACK_U32 = Struct("<I").unpack_from
+_PACK_U32 = Struct("<" + COUNT_CODE).pack
+_UNPACK_U32 = Struct("<" + COUNT_CODE).unpack_from
 # The terminating NUL of a string and the padding before the next length prefix, by `length including NUL & 3`.
-_NUL_PAD4 = tuple(b"\0" + bytes(-n % 4) for n in range(4))
+_NUL_PAD4 = tuple(NUL + zeros for zeros in PAD4)
 # Length prefix, characters, NUL and padding in one call, for the usual short strings; by length without NUL.
-_PACK_SHORT = tuple(Struct(f"<I{n}s{1 + -(n + 1) % 4}x").pack for n in range(64))
+_PACK_SHORT = tuple(Struct(f"<{COUNT_CODE}{n}s{align_up(n + 1, COUNT_BYTES) - n}x").pack for n in range(64))
 
 
 def packers(code: str, align: int, nul: bool = False) -> tuple[Callable[..., bytes], ...]:
@@ -146,9 +154,8 @@ def packers(code: str, align: int, nul: bool = False) -> tuple[Callable[..., byt
     Each first writes the NUL of the string before (if `nul`) and the padding up to `align`.
     """
     packs: list[Callable[..., bytes]] = []
-    for start in range(8):
-        lead = 1 if nul else 0
-        lead += -(start + lead) % align
+    for start in range(MAX_ALIGN):
+        lead = align_up(start + nul * len(NUL), align) - start
         packs.append(Struct(f"<{lead}x{code}" if lead else "<" + code).pack)
     return tuple(packs)
 
@@ -259,9 +266,9 @@ def pack_strings(values: Any) -> bytes:
         if length < 64:
             append(_PACK_SHORT[length](length + 1, text))
         else:
-            append(_PACK_U32(length + 1) + text + _NUL_PAD4[length + 1 & 3])
+            append(_PACK_U32(length + 1) + text + _NUL_PAD4[length + 1 & COUNT_BYTES - 1])
     packed = b"".join(parts)
-    excess = -(length + 1) & 3
+    excess = len(PADDING[COUNT_BYTES][length + 1 & COUNT_BYTES - 1])
     return packed[:-excess] if excess else packed
 
 
@@ -271,18 +278,19 @@ def unpack_strings(data: bytes | bytearray | memoryview, pos: int, count: int) -
         return [], pos
     if type(data) is memoryview:  # has no decode; such messages are small where it matters
         data = bytes(data)
-    within(pos + 4 * count, data)
+    size = COUNT_BYTES
+    within(pos + size * count, data)
     values: list[str] = []
     append = values.append
     pos -= 1
-    for _ in range(count):
-        pos = pos + 4 & -4
+    for _ in range(count):  # `align_up` in line, from the NUL before
+        pos = pos + size & -size
         (length,) = _UNPACK_U32(data, pos)
-        end = pos + 3 + length
-        if data[end]:
+        begin = pos + size
+        pos = begin + length - 1
+        if data[pos]:
             raise UnfitValueError("a string does not end in NUL")
-        append(data[pos + 4 : end].decode())
-        pos = end
+        append(data[begin:pos].decode())
     return values, pos + 1
 
 
@@ -294,9 +302,9 @@ def utf16(value: str) -> bytes:
 
 def from_utf16(data: bytes | bytearray | memoryview, pos: int, count: int) -> str:
     """The inverse of `utf16`: `count` code units from offset `pos`."""
-    within(pos + 4 * count, data)
+    within(pos + WSTRING_UNIT_BYTES * count, data)
     units = np.frombuffer(data, "<u4", count, pos)
-    if count and units.max() > 0xFFFF:
+    if count and units.max() > MAX_WSTRING_UNIT:
         raise UnfitValueError("a wstring unit is above 0xFFFF")
     return units.astype("<u2").tobytes().decode("utf-16-le")
 
@@ -308,20 +316,20 @@ def pack_wstrings(values: Any) -> bytes:
     parts: list[bytes] = []
     for value in values:
         text = utf16(value)
-        parts.append(_PACK_U32(len(text) >> 2))
+        parts.append(_PACK_U32(len(text) // WSTRING_UNIT_BYTES))
         parts.append(text)
     return b"".join(parts)
 
 
 def unpack_wstrings(data: bytes | bytearray | memoryview, pos: int, count: int) -> tuple[list[str], int]:
     """`count` wstrings from offset `pos` (any alignment), and the offset behind the last."""
-    within(pos + 4 * count, data)
+    within(pos + COUNT_BYTES * count, data)
     values: list[str] = []
     for _ in range(count):
-        pos = pos + 3 & -4
+        pos = align_up(pos, COUNT_BYTES)
         (length,) = _UNPACK_U32(data, pos)
-        values.append(from_utf16(data, pos + 4, length))
-        pos += 4 + 4 * length
+        values.append(from_utf16(data, pos + COUNT_BYTES, length))
+        pos += COUNT_BYTES + WSTRING_UNIT_BYTES * length
     return values, pos
 
 

@@ -2,8 +2,7 @@
 
 Generated code is flat and does not know which field it was at when something went wrong. Only then do these walks run:
 `validate` names the wrong value, `decode_slowly` names the wrong byte and also reads big-endian data (no ROS 2
-platform of tier 1 writes it, so it need not be fast). The layout rules here are those of
-docs/internals/protocol.md 2.2.
+platform of tier 1 writes it, so it need not be fast). The layout rules are those of `layout`.
 """
 
 from __future__ import annotations
@@ -15,6 +14,18 @@ import numpy as np
 
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.cdr.arrays import DTYPES, EMPTY, UnfitValueError, coerce, scalar_problem, shorten, view_of_bools
+from rosidl_py_gen.cdr.layout import (
+    COUNT_BYTES,
+    COUNT_CODE,
+    EMPTY_MESSAGE,
+    HEADER_BYTES,
+    MAX_COUNT,
+    MAX_WSTRING_UNIT,
+    WSTRING_UNIT_BYTES,
+    align_offset,
+    has_count,
+    min_element_size,
+)
 from rosidl_py_gen.cdr.message import Field, Message, is_of_type, require_message
 from rosidl_py_gen.cdr.record_layout import varying_field
 from rosidl_py_gen.cdr.records import record_type
@@ -74,8 +85,8 @@ def _check_field(value: Any, field: Field, path: str) -> None:
         raise EncodeError(path, f"expected exactly {kind.capacity} elements, found {len(value)}")
     if kind.arity is Arity.BOUNDED and len(value) > kind.capacity:
         raise EncodeError(path, f"expected at most {kind.capacity} elements, found {len(value)}")
-    if len(value) > 0xFFFFFFFF:
-        raise EncodeError(path, f"expected at most 4294967295 elements, found {len(value)}")
+    if len(value) > MAX_COUNT:
+        raise EncodeError(path, f"expected at most {MAX_COUNT} elements, found {len(value)}")
     if primitive is None and not isinstance(value, np.ndarray):
         for index, item in enumerate(value):
             _check_element(item, field, f"{path}[{index}]")
@@ -162,7 +173,7 @@ def recover_decode(cls: type[M], data: Readable, copy: bool, error: Exception | 
         fixed, view = readable(data, copy)
     except TypeError as wrong:
         raise DecodeError(cls._TYPE.name, 0, str(wrong)) from None
-    if len(fixed) < 4:
+    if len(fixed) < HEADER_BYTES:
         raise DecodeError(
             cls._TYPE.name, len(fixed), f"expected a 4-byte encapsulation header, found {len(fixed)} bytes"
         )
@@ -172,7 +183,7 @@ def recover_decode(cls: type[M], data: Readable, copy: bool, error: Exception | 
         )
     message = _Reader(fixed, view, big_endian=fixed[1] == 0, arrays=arrays).message(cls, cls._TYPE.name)
     if error is not None and fixed[1] == 1:
-        raise DecodeError(cls._TYPE.name, 4, f"cannot be decoded: {error}") from error
+        raise DecodeError(cls._TYPE.name, HEADER_BYTES, f"cannot be decoded: {error}") from error
     return message
 
 
@@ -183,7 +194,7 @@ def measured(cls: type[Message], data: Readable) -> int:
         DecodeError: as `decode`.
     """
     fixed, view = readable(data, False)
-    if len(fixed) < 4:
+    if len(fixed) < HEADER_BYTES:
         raise DecodeError(cls._TYPE.name, len(fixed), "expected a 4-byte encapsulation header")
     reader = _Reader(fixed, view, big_endian=fixed[1] == 0, arrays=True)
     reader.message(cls, cls._TYPE.name)
@@ -204,7 +215,7 @@ def read_message(
 
 
 class _Reader:
-    """A cursor over one message's bytes; `pos` is an offset into the data, alignment counts from offset 4."""
+    """A cursor over one message's bytes; `pos` is an offset into the data, header included."""
 
     def __init__(
         self,
@@ -217,11 +228,11 @@ class _Reader:
         self.view = view
         self.order: Literal["<", ">"] = ">" if big_endian else "<"
         self.arrays = arrays
-        self.pos = 4
+        self.pos = HEADER_BYTES
 
     def take(self, size: int, align: int, path: str, what: str) -> int:
         """Skip padding, claim `size` bytes, return where they begin."""
-        start = self.pos + -(self.pos - 4) % align
+        start = align_offset(self.pos, align)
         left = max(0, len(self.data) - start)
         if size > left:
             raise DecodeError(path, start, f"expected {size} bytes of {what}, found {left}")
@@ -234,14 +245,14 @@ class _Reader:
         return value
 
     def count(self, path: str, what: str) -> int:
-        start = self.take(4, 4, path, what)
-        (value,) = struct.unpack_from(self.order + "I", self.data, start)
+        start = self.take(COUNT_BYTES, COUNT_BYTES, path, what)
+        (value,) = struct.unpack_from(self.order + COUNT_CODE, self.data, start)
         return int(value)
 
     def message(self, cls: type[M], path: str) -> M:
         result = object.__new__(cls)
         if not cls._TYPE.fields:
-            self.take(1, 1, path, "an empty message")
+            self.take(len(EMPTY_MESSAGE), 1, path, "an empty message")
         for field in cls._TYPE.fields:
             result._assign(field, self.field(field, f"{path}.{field.ros_name}"))
         return result
@@ -250,16 +261,14 @@ class _Reader:
         kind = field.type
         if kind.arity is Arity.SCALAR:
             return self.element(field, path)
-        count = kind.capacity if kind.arity is Arity.ARRAY else self.count(path, "an element count")
+        count = self.count(path, "an element count") if has_count(kind) else kind.capacity
         if kind.arity is Arity.BOUNDED and count > kind.capacity:
-            raise DecodeError(path, self.pos - 4, f"expected at most {kind.capacity} elements, found {count}")
+            raise DecodeError(path, self.pos - COUNT_BYTES, f"expected at most {kind.capacity} elements, found {count}")
         if kind.primitive is not None:
             return self.numbers(kind.primitive.code, count, path)
         if self.arrays and field.cls is not None and not varying_field(field.cls):
             return self.records(field.cls, count, path)
-        # Every string takes at least its length prefix, every message at least one byte.
-        least = count * (4 if kind.is_string else 1)
-        if least > len(self.data) - self.pos:
+        if count * min_element_size(kind) > len(self.data) - self.pos:
             left = len(self.data) - self.pos
             raise DecodeError(path, self.pos, f"expected {count} elements, found {left} bytes")
         return [self.element(field, f"{path}[{index}]") for index in range(count)]
@@ -313,12 +322,12 @@ class _Reader:
 
     def wstring(self, path: str) -> str:
         count = self.count(path, "a wstring length")
-        start = self.take(4 * count, 4, path, f"{count} wstring units")
+        start = self.take(WSTRING_UNIT_BYTES * count, WSTRING_UNIT_BYTES, path, f"{count} wstring units")
         units = np.frombuffer(self.data, self.order + "u4", count, start)
-        if count and units.max() > 0xFFFF:
-            index = int((units > 0xFFFF).argmax())
+        if count and units.max() > MAX_WSTRING_UNIT:
+            index = int((units > MAX_WSTRING_UNIT).argmax())
             found = int(units[index])
-            raise DecodeError(path, start + 4 * index, f"expected a UTF-16 unit, found {found:#x}")
+            raise DecodeError(path, start + WSTRING_UNIT_BYTES * index, f"expected a UTF-16 unit, found {found:#x}")
         try:
             return units.astype("<u2").tobytes().decode("utf-16-le")
         except UnicodeDecodeError as error:

@@ -21,6 +21,7 @@ from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity, FieldType
 from rosidl_py_gen.base.names import py_name
 from rosidl_py_gen.cdr import support
 from rosidl_py_gen.cdr.arrays import BOOL_BYTE, DTYPES, coerce
+from rosidl_py_gen.cdr.layout import COUNT_BYTES, COUNT_CODE, EMPTY_MESSAGE, HEADER, NUL, PADDING, WSTRING_UNIT_BYTES
 from rosidl_py_gen.cdr.message import Field, Message, TypeInfo
 from rosidl_py_gen.cdr.walk import read_message, recover_decode, recover_encode
 
@@ -38,7 +39,6 @@ _ZERO: dict[str, Any] = {"bool": False, "int": 0, "float": 0.0}
 _PYTHON = {"bool": bool, "int": int, "float": float}
 _NESTED = re.compile(r"(\d+)(.*)\Z", re.ASCII)
 _PACK = {primitive.code: Struct(f"<{primitive.code}").pack for primitive in PRIMITIVES.values()}
-_PADS = {1: (b"",), 2: support.PAD2, 4: support.PAD4, 8: support.PAD8}
 
 
 class WideInfo(TypeInfo):
@@ -130,7 +130,7 @@ class WideMessage(Message):
 
     def _encode(self) -> bytes:
         try:
-            parts: list[bytes] = [b"\0\1\0\0"]
+            parts: list[bytes] = [HEADER]
             _write_message(self, parts.append, 0)
             return b"".join(parts)
         except support.Fault as error:
@@ -154,8 +154,8 @@ def _write_message(message: Message, append: Append, pos: int) -> int:
     """Append the fields of a message; returns the position behind them (docs/internals/protocol.md 2.2)."""
     fields = message._TYPE.fields
     if not fields:
-        append(b"\0")
-        return pos + 1
+        append(EMPTY_MESSAGE)
+        return pos + len(EMPTY_MESSAGE)
     for item in fields:
         value, kind = message._native(item), item.type
         if kind.arity is Arity.SCALAR:
@@ -172,13 +172,13 @@ def _write_message(message: Message, append: Append, pos: int) -> int:
         else:
             if kind.arity is Arity.BOUNDED:
                 support.limit(len(value), kind.capacity)
-            pos = _write_number(len(value), "I", 4, append, pos)
+            pos = _write_number(len(value), COUNT_CODE, COUNT_BYTES, append, pos)
         pos = _write_elements(value, kind, item.cls, append, pos)
     return pos
 
 
 def _write_number(value: Any, code: str, size: int, append: Append, pos: int) -> int:
-    pad = _PADS[size][pos % size]
+    pad = PADDING[size][pos & size - 1]
     append(pad + _PACK[code](BOOL_BYTE[value] if code == "?" else value))
     return pos + len(pad) + size
 
@@ -186,7 +186,7 @@ def _write_number(value: Any, code: str, size: int, append: Append, pos: int) ->
 def _write_elements(value: Any, kind: FieldType, cls: type[Message] | None, append: Append, pos: int) -> int:
     if kind.primitive is not None:
         if len(value):
-            pad = _PADS[kind.primitive.size][pos % kind.primitive.size]
+            pad = PADDING[kind.primitive.size][pos & kind.primitive.size - 1]
             append(pad + value.tobytes())
             pos += len(pad) + value.nbytes
         return pos
@@ -207,9 +207,9 @@ def _write_element(value: Any, kind: FieldType, cls: type[Message] | None, appen
         support.limit(len(value), kind.string_bound)
     if kind.base == "wstring":
         text = support.utf16(value)
-        pos = _write_number(len(text) >> 2, "I", 4, append, pos)
+        pos = _write_number(len(text) // WSTRING_UNIT_BYTES, COUNT_CODE, COUNT_BYTES, append, pos)
     else:
-        text = support.utf8(value) + b"\0"
-        pos = _write_number(len(text), "I", 4, append, pos)
+        text = support.utf8(value) + NUL
+        pos = _write_number(len(text), COUNT_CODE, COUNT_BYTES, append, pos)
     append(text)
     return pos + len(text)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rosidl_py_gen.bags.files.storage import Block
+from rosidl_py_gen.cdr.layout import MAX_ALIGN, align_up
 from rosidl_py_gen.tables.rows import Cursor, cursor_at, joined
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ class Blocks:
         size = int(self._blocks[0].size[0])
         if not all((block.size == size).all() for block in self._blocks):
             return joined([data for block in self._blocks for data in _cut(block)])
-        width = size + -size % 8
+        width = align_up(size, MAX_ALIGN)
         rows = np.empty((len(self), width), np.uint8)
         done = 0
         for block in self._blocks:

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from rosidl_py_gen.cdr.arrays import DTYPES
-from rosidl_py_gen.cdr.record_layout import remembered, up
+from rosidl_py_gen.cdr.layout import align_up
+from rosidl_py_gen.cdr.record_layout import remembered
 from rosidl_py_gen.cdr.records import known_record_type
 from rosidl_py_gen.tables.columns import OPEN, Kind, nodes_of
 
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.cdr.records import RecordType
     from rosidl_py_gen.tables.columns import Node
 
-ALIGN = 8
 TIME = np.dtype([("sec", "<i4"), ("nanosec", "<u4")])
 _BYTE = np.dtype("u1")
 
@@ -63,7 +63,7 @@ class Run:
     def _layout(self, position: int) -> Layout:
         offsets, at = [], position
         for leaf in self.leaves:
-            at = up(at, leaf.align)
+            at = align_up(at, leaf.align)
             offsets.append(at - position)
             at += leaf.dtype.itemsize * leaf.count
         names = [f"f{number}" for number in range(len(offsets))]
@@ -135,7 +135,7 @@ def _steps(nodes: tuple[Node, ...]) -> list[Step]:
             found.append(_of_messages(node))
         else:
             dtype = _dtype(node)
-            align = 4 if dtype is TIME else dtype.itemsize
+            align = TIME["sec"].itemsize if dtype is TIME else dtype.itemsize
             if node.length == OPEN:
                 found.append(Many(node, dtype, align))
             else:

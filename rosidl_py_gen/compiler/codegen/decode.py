@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
+from rosidl_py_gen.cdr.layout import HEADER_BYTES, HEADER_CODE, HEADER_VALUE, WSTRING_UNIT_BYTES
 from rosidl_py_gen.compiler.codegen.naming import Locals, singular
 from rosidl_py_gen.compiler.codegen.plan import (
     Block,
@@ -55,8 +56,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rosidl_py_gen.compiler.codegen.flavour import Flavour
-
-_HEADER_BYTES = 4
 
 
 class DecoderView(NamedTuple):
@@ -111,7 +110,7 @@ class _Reader:
 
     def at(self, start: Start) -> str:
         """Where a step begins, as an expression."""
-        return "pos" if start.static is None else str(start.static + _HEADER_BYTES)
+        return "pos" if start.static is None else str(start.static + HEADER_BYTES)
 
     def scope(self, steps: Sequence[Step], keep_pos: bool) -> list[Statement]:
         """The statements of some steps; `keep_pos`: `pos` must be right behind the last one."""
@@ -174,10 +173,13 @@ class _Reader:
     # --- position -------------------------------------------------------------------------------------------------
 
     def align(self, align: int, when: str, out: list[Statement]) -> None:
-        # (pos - 4) rounded up, plus 4; up to 4 the header does not matter.
+        # `align_offset`; up to the size of the header the header does not matter.
         name, more = ("end", 1) if self.late else ("pos", 0)
         self.late = False
-        expression = f"({name} + {3 + more} & -8) + 4" if align == 8 else f"{name} + {align - 1 + more} & -{align}"
+        if align > HEADER_BYTES:
+            expression = f"({name} + {align - 1 - HEADER_BYTES + more} & -{align}) + {HEADER_BYTES}"
+        else:
+            expression = f"{name} + {align - 1 + more} & -{align}"
         out.append(Align("pos", expression, when))
 
     def move(self, at: str, distance: str, out: list[Statement]) -> None:
@@ -209,14 +211,14 @@ class _Reader:
                     assert_never(item)
         code, offset_argument = run.unpack, f", {at}"
         if self.header:
-            code, offset_argument = "Hxx" + code, ""
+            code, offset_argument = HEADER_CODE + code, ""
             targets.insert(0, "head")
         unpack = self.structs.name("unpack_from", code)
         joined = ", ".join(targets) + ("," if len(targets) == 1 else "")
         out.append(Unpack(f"({joined})" if len(targets) == 1 else joined, f"{unpack}(raw{offset_argument})"))
         if self.header:
             self.header = False
-            out.append(CheckHeader(self.records))
+            out.append(CheckHeader(HEADER_VALUE, self.records))
         out += blocks
         if needed and at == "pos":
             out.append(Move("+=", str(run.size)))
@@ -239,7 +241,7 @@ class _Reader:
         if step.type.base == "wstring":
             out.append(Assign(target, f"{self.support('from_utf16')}(raw, {at}, {count})"))
             if needed:
-                self.move(at, f"4 * {count}", out)
+                self.move(at, f"{WSTRING_UNIT_BYTES} * {count}", out)
             return
         nul = f"pos + {count} - 1" if at == "pos" else f"{int(at) - 1} + {count}"
         out.append(ReadText(target, at, nul, self.bulk))

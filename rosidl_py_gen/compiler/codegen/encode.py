@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.fieldtype import Arity
+from rosidl_py_gen.cdr.layout import HEADER, HEADER_CODE, HEADER_VALUE, MAX_ALIGN, NUL
 from rosidl_py_gen.compiler.codegen.naming import Locals, singular
 from rosidl_py_gen.compiler.codegen.plan import (
     Block,
@@ -56,9 +57,6 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.compiler.codegen.flavour import Flavour
 
-_HEADER_CODE = "Hxx"
-_HEADER_VALUE = "256"  # the bytes 00 01: plain CDR, little endian
-
 
 class EncoderView(NamedTuple):
     """The encoder as the template prints it.
@@ -81,13 +79,18 @@ def encoder_view(plan: Plan, flavour: Flavour, structs: Structs, classes: dict[s
     body: list[Statement] = []
     if writer.header and not isinstance(first, Run):
         writer.header = False
-        writer.part('b"\\0\\1\\0\\0"', body)
+        writer.part(_literal(HEADER), body)
     body += writer.scope(plan.steps, keep_pos=plan.heavy)
     if collect:
         return EncoderView(tuple(body), "")
     parts = writer.parts
     joined = "".join(f"\n    {part}," for part in parts)
     return EncoderView(tuple(body), parts[0] if len(parts) == 1 else f'b"".join(({joined}\n))')
+
+
+def _literal(data: bytes) -> str:
+    """Return the expression of a few bytes of layout: header, terminator or padding."""
+    return 'b"' + "".join(f"\\{byte:o}" for byte in data) + '"'
 
 
 def _reads_pos(step: Step) -> bool:
@@ -152,8 +155,8 @@ class _Writer:
                 self.part(value, out)
                 self.move(step.start, f"len({value})", needed, out)
             case Nul():
-                self.part('b"\\0"', out)
-                self.move(step.start, "1", needed, out)
+                self.part(_literal(NUL), out)
+                self.move(step.start, str(len(NUL)), needed, out)
             case Numbers():
                 self.numbers(step, needed, contents, out)
             case Strings():
@@ -218,8 +221,8 @@ class _Writer:
         code = run.pack
         if self.header:
             self.header = False
-            code = _HEADER_CODE + code
-            arguments.append(_HEADER_VALUE)
+            code = HEADER_CODE + code
+            arguments.append(str(HEADER_VALUE))
         for item in run.items:
             match item:
                 case Scalar(ref, "?", _):
@@ -237,7 +240,7 @@ class _Writer:
         if run.nul and run.align == 1:
             code = "x" + code
         pack = self.structs.name("pack", code, run.align, run.nul and run.align > 1)
-        index = f"[{self.pos} & 7]" if run.align > 1 else ""
+        index = f"[{self.pos} & {MAX_ALIGN - 1}]" if run.align > 1 else ""
         self.part(f"{pack}{index}({', '.join(arguments)})", out)
         if not needed:
             return
@@ -307,7 +310,7 @@ class _Writer:
             pad = f"{self.support(f'PAD{step.align}')}[{self.pos} & {step.align - 1}]"
             self.part(pad if certain else f'{pad} if len({value}) else b""', out)
         elif step.pad:
-            zeros = 'b"' + "\\0" * step.pad + '"'
+            zeros = _literal(bytes(step.pad))
             self.part(zeros if certain else f'{zeros} if len({value}) else b""', out)
         if content:
             self.part(content, out)

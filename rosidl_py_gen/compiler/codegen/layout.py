@@ -1,6 +1,6 @@
 """Plan the wire layout of a message.
 
-Only this file knows CDR alignment (docs/internals/protocol.md 2.2). It turns fields into steps; views and templates
+The rules of CDR are those of `cdr/layout.py`. This module applies them to fields and emits steps; views and templates
 print steps and never count bytes. A struct has no alignment of its own: a nested message is laid out where it stands.
 """
 
@@ -13,6 +13,18 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity, FieldType
 from rosidl_py_gen.base.names import py_name
+from rosidl_py_gen.cdr.layout import (
+    COUNT_BYTES,
+    COUNT_CODE,
+    EMPTY_MESSAGE,
+    MAX_ALIGN,
+    NUL,
+    element_alignment,
+    fixed_count,
+    has_count,
+    known_modulus,
+    min_element_size,
+)
 from rosidl_py_gen.compiler.codegen.plan import (
     Block,
     Call,
@@ -40,7 +52,6 @@ if TYPE_CHECKING:
 
 # A fixed array of more bytes than this is joined as it is instead of being copied through a struct.
 BLOCK_BYTES = 1024
-_MAX_ALIGN = 8  # docs/internals/protocol.md 2.2
 _CODES = {base: primitive.code for base, primitive in PRIMITIVES.items()}
 _RCLPY_CODES = {**_CODES, "byte": "c"}
 """Struct codes by primitive, and those of rclpy's flavour, in which a byte is bytes of length 1."""
@@ -66,7 +77,7 @@ class Layouts(Weights):
         """The plan of a message whose references all exist."""
         if name not in self._plans:
             heavy = self.is_heavy(name)
-            builder = _Builder(self, Start(None, 1, 0) if heavy else Start(0, _MAX_ALIGN, 0))
+            builder = _Builder(self, Start(None, 1, 0) if heavy else Start(0, MAX_ALIGN, 0))
             builder.message(name, 0, "")
             builder.close()
             self._plans[name] = Plan(name, tuple(builder.steps), heavy, self.has_records(name))
@@ -78,12 +89,12 @@ class Layouts(Weights):
             total = 0
             for item in self.message(name).fields:
                 kind = item.type
-                if kind.arity in (Arity.BOUNDED, Arity.UNBOUNDED):
-                    total += 4
-                    continue
-                one = kind.primitive.size if kind.primitive else 4 if kind.is_string else self.least_size(kind.base)
-                total += one * (kind.capacity or 1)
-            self._least[name] = max(1, total)
+                if has_count(kind):
+                    total += COUNT_BYTES
+                else:
+                    least = self.least_size(kind.base) if kind.is_message else min_element_size(kind)
+                    total += least * fixed_count(kind)
+            self._least[name] = max(len(EMPTY_MESSAGE), total)
         return self._least[name]
 
 
@@ -148,7 +159,7 @@ class _Builder:
             self.run = _OpenRun(self.now, self.nul)
             if self.nul:
                 self.nul = False
-                self._advance(1)
+                self._advance(len(NUL))
                 gap = self._gap(align)
         run = self.run
         if gap is None:
@@ -177,7 +188,7 @@ class _Builder:
         if self.nul:
             self.nul = False
             self.steps.append(Nul(self.now))
-            self._advance(1)
+            self._advance(len(NUL))
 
     # --- fields ---------------------------------------------------------------------------------------------------
 
@@ -187,7 +198,7 @@ class _Builder:
             spelling = py_name(item.name)
             self.value(Ref(owner, spelling, f"{path}.{item.name}" if path else item.name), item.type)
         if not definition.fields:
-            self._items(Dummy(self._reserve(1, 1, "x", 1)))
+            self._items(Dummy(self._reserve(1, len(EMPTY_MESSAGE), "x", len(EMPTY_MESSAGE))))
 
     def _items(self, item: Item) -> None:
         assert self.run is not None
@@ -202,7 +213,7 @@ class _Builder:
         elif kind.is_string:
             self._count(ref)
             self.steps.append(Text(ref, kind, self.now))
-            self._forget(4 if kind.base == "wstring" else 1)
+            self._forget(known_modulus(kind))
             self.nul = kind.base == "string"
         elif self.layouts.is_heavy(kind.base):
             self.close()
@@ -220,7 +231,7 @@ class _Builder:
         return self.objects - 1
 
     def _count(self, ref: Ref) -> None:
-        self._items(Count(ref, self._reserve(4, 4, "I", 1)))
+        self._items(Count(ref, self._reserve(COUNT_BYTES, COUNT_BYTES, COUNT_CODE, 1)))
         self.end_run()
 
     def _many(self, ref: Ref, kind: FieldType) -> None:
@@ -238,9 +249,9 @@ class _Builder:
         if primitive is not None:
             self._numbers(ref, kind, self.layouts.codes[kind.base], primitive.size)
         elif kind.is_string:
-            pad, align = self._before(4)
+            pad, align = self._before(element_alignment(kind))
             self.steps.append(Strings(ref, kind, pad, align, self.now))
-            self._forget(4 if kind.base == "wstring" else 1)
+            self._forget(known_modulus(kind))
         else:
             self._loop(ref, kind)
 
@@ -256,7 +267,7 @@ class _Builder:
                 self.now = Start(None, size, 0)
             self._advance(pad + size * kind.capacity)
         else:
-            self._forget(min(size, 4))  # without elements there is no padding either
+            self._forget(known_modulus(kind))
 
     # --- sequences and arrays of messages -------------------------------------------------------------------------
 

@@ -138,9 +138,10 @@ class ReadText(NamedTuple):
 class CheckHeader(NamedTuple):
     """Leave the fast path when the encapsulation header, read as `head`, is not that of little endian plain CDR.
 
-    `records`: the message has something to leave as a structured array when asked to.
+    `value`: what `head` must be. `records`: the message has something to leave as a structured array when asked to.
     """
 
+    value: int
     records: bool
     kind: Literal["check_header"] = "check_header"
 

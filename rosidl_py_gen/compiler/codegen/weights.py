@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.fieldtype import Arity
+from rosidl_py_gen.cdr.layout import has_fixed_size
 
 if TYPE_CHECKING:
     from rosidl_py_gen.compiler.spec.model import MessageDef
@@ -85,9 +86,7 @@ class Weights:
         """Return True if every message of the type has the same shape."""
         if name not in self._fixed:
             self._fixed[name] = all(
-                item.type.arity in (Arity.SCALAR, Arity.ARRAY)
-                and not item.type.is_string
-                and (not item.type.is_message or self.is_fixed(item.type.base))
+                has_fixed_size(item.type) and (not item.type.is_message or self.is_fixed(item.type.base))
                 for item in self.message(name).fields
             )
         return self._fixed[name]

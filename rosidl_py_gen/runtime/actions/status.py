@@ -15,6 +15,7 @@ import struct
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.stamps import sec_nanosec
+from rosidl_py_gen.cdr.layout import COUNT_BYTES, HEADER, HEADER_BYTES
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.endpoints.types import raw_type
 from rosidl_py_gen.runtime.loop.after_answer import AfterAnswer
@@ -26,9 +27,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.samples import Payload
 
 _ROW = struct.Struct("<16s3xiIB")
-_COUNT = struct.Struct("<I")
-_HEADER = b"\x00\x01\x00\x00"
-_FIRST = 8  # encapsulation and length
+_FIRST = HEADER_BYTES + COUNT_BYTES
 _ID_BYTES, _PAD_BYTES, _STATUS_OFFSET = 16, 3, 27
 
 
@@ -61,7 +60,7 @@ class StatusRows:
         """The serialized GoalStatusArray."""
         rows = self._rows
         first_id, rest = rows[:_ID_BYTES], memoryview(rows)[_ID_BYTES + _PAD_BYTES :]
-        return b"".join((_HEADER, _COUNT.pack(len(self._offsets)), first_id, rest))
+        return b"".join((HEADER, len(self._offsets).to_bytes(COUNT_BYTES, "little"), first_id, rest))
 
 
 def find_status(data: Payload, goal_id: bytes) -> int | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING, TypeAlias
 
+from rosidl_py_gen.cdr.layout import NETWORK_ALIGN, PADDING
 from rosidl_py_gen.runtime.transport.qos import History
 
 if TYPE_CHECKING:
@@ -25,12 +26,12 @@ A plain tuple: this is made once per message, and a named one costs ten times as
 Sink: TypeAlias = "Callable[[], Callable[[], None] | None]"
 """Takes in what arrived. It calls no function of the user: what does that it answers, to be called a moment later."""
 
-_FILL = (b"", b"\0\0\0", b"\0\0", b"\0")
+_FILL = PADDING[NETWORK_ALIGN]
 
 
 def in_fours(data: Payload) -> bytes:
     """The sample as it is on the wire, in multiples of four bytes: DDS would add what lies behind it in memory."""
-    return bytes(data) + _FILL[len(data) & 3]
+    return bytes(data) + _FILL[len(data) % NETWORK_ALIGN]
 
 
 class ReceiveQueue:

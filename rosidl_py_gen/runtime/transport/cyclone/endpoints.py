@@ -19,6 +19,7 @@ import time
 import weakref
 from typing import TYPE_CHECKING, Any
 
+from rosidl_py_gen.cdr.layout import NETWORK_ALIGN
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.cyclone import functions
 from rosidl_py_gen.runtime.transport.cyclone.functions import NOT_TAKEN, SAMPLE_WITH_DATA, address_of, pack_iov
@@ -117,7 +118,7 @@ class CycloneWriter(_Endpoint):
 
     def write(self, data: Payload) -> bool:
         """See `port.Writer`. Raises `ClosedError` or `TransportError`."""
-        if data.__class__ is not bytes or len(data) & 3:
+        if data.__class__ is not bytes or len(data) % NETWORK_ALIGN:
             data = in_fours(data)
         size = len(data)
         iov = pack_iov(address_of(data), size)

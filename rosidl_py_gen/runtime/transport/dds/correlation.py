@@ -15,6 +15,7 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
+from rosidl_py_gen.cdr.layout import HEADER_BYTES, NETWORK_ALIGN, PADDING
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.transport.service_ends import kept_by
@@ -33,7 +34,7 @@ ClientId: TypeAlias = "int | bytes"
 
 FAST_DDS_VENDOR = b"\x01\x0f"
 """First bytes of every GUID that Fast DDS makes (RTPS vendor id)."""
-HEADER_BYTES = 16
+SERVICE_HEADER_BYTES = 16
 IDENTITY_BYTES = 24
 _PREFIX_BYTES = 12
 """The part of a GUID that all endpoints of a participant share."""
@@ -45,7 +46,7 @@ _LITTLE = struct.Struct("<Qq")
 _BIG = struct.Struct(">Qq")
 _identity = struct.Struct("<16sq")
 _MASK = 2**64 - 1
-_FILL = (b"", b"\0\0\0", b"\0\0", b"\0")
+_FILL = PADDING[NETWORK_ALIGN]
 _LARGE_BYTES = 1024
 """From here on a view costs less than one more copy."""
 
@@ -60,32 +61,35 @@ def has_identities(guid: bytes) -> bool:
 
 def identified(data: Payload, identity: Identity) -> bytes:
     """A sample with the identity behind its encapsulation header. 24 is a multiple of 8, so all stays aligned."""
-    return b"".join((data[:2], _IDENTIFIED, _identity.pack(*identity), data[4:]))
+    return b"".join((data[:2], _IDENTIFIED, _identity.pack(*identity), data[HEADER_BYTES:]))
 
 
 def identity_of(data: Payload) -> Identity | None:
     """What `identified` put in; None when it is a sample as others send it."""
-    if data[2:4] != _IDENTIFIED or len(data) < 4 + IDENTITY_BYTES:
+    if data[2:4] != _IDENTIFIED or len(data) < HEADER_BYTES + IDENTITY_BYTES:
         return None
-    guid, sequence = _identity.unpack_from(data, 4)
+    guid, sequence = _identity.unpack_from(data, HEADER_BYTES)
     return guid, sequence
 
 
 def with_header(message: Payload, client: int, sequence: int) -> bytes:
     """Put the header into an encoded message, which is little-endian; filled up as DDS wants it, in the same copy."""
-    rest = message[4:] if len(message) < _LARGE_BYTES else memoryview(message)[4:]
-    return b"".join((message[:4], _LITTLE.pack(client & _MASK, sequence), rest, _FILL[len(message) & 3]))
+    rest = message[HEADER_BYTES:] if len(message) < _LARGE_BYTES else memoryview(message)[HEADER_BYTES:]
+    return b"".join(
+        (message[:HEADER_BYTES], _LITTLE.pack(client & _MASK, sequence), rest, _FILL[len(message) % NETWORK_ALIGN])
+    )
 
 
 def header_of(data: Payload) -> tuple[ClientId, int, int]:
     """Client, number of the request, and where the message begins; raises `DecodeError` when the bytes are too few."""
     identity = identity_of(data)
     if identity is not None:
-        return *identity, 4 + IDENTITY_BYTES
-    if len(data) < 4 + HEADER_BYTES:
-        raise DecodeError("service header", len(data), f"expected at least {4 + HEADER_BYTES} bytes, found {len(data)}")
-    client, sequence = (_LITTLE if data[1] & 1 else _BIG).unpack_from(data, 4)
-    return client, sequence, 4 + HEADER_BYTES
+        return *identity, HEADER_BYTES + IDENTITY_BYTES
+    begin = HEADER_BYTES + SERVICE_HEADER_BYTES
+    if len(data) < begin:
+        raise DecodeError("service header", len(data), f"expected at least {begin} bytes, found {len(data)}")
+    client, sequence = (_LITTLE if data[1] & 1 else _BIG).unpack_from(data, HEADER_BYTES)
+    return client, sequence, begin
 
 
 def message_of(data: Payload, begin: int) -> bytes:

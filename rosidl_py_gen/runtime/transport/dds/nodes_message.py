@@ -7,10 +7,10 @@ consumes it exactly. We write the 16-byte shape. Nobody sends big-endian ones.
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+from rosidl_py_gen.cdr.layout import COUNT_BYTES, HEADER, HEADER_BYTES, NETWORK_ALIGN, NUL, align_offset
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.runtime.transport.discovered import NodeEntities
 
@@ -35,10 +35,10 @@ class GraphMessage(NamedTuple):
 
 def encode(participant_guid: bytes, nodes: Iterable[NodeEntities]) -> bytes:
     """The message as we send it."""
-    out = bytearray(b"\0\1\0\0")
+    out = bytearray(HEADER)
     out += participant_guid
     listed = list(nodes)
-    out += struct.pack("<I", len(listed))
+    _put_count(out, len(listed))
     for node in listed:
         _put_text(out, node.namespace)
         _put_text(out, node.name)
@@ -47,19 +47,19 @@ def encode(participant_guid: bytes, nodes: Iterable[NodeEntities]) -> bytes:
     return bytes(out)
 
 
-def _put_aligned(out: bytearray, number: int) -> None:
-    out += bytes(-len(out) % 4)
-    out += struct.pack("<I", number)
+def _put_count(out: bytearray, count: int) -> None:
+    out += bytes(align_offset(len(out), COUNT_BYTES) - len(out))
+    out += count.to_bytes(COUNT_BYTES, "little")
 
 
 def _put_text(out: bytearray, text: str) -> None:
-    data = text.encode() + b"\0"
-    _put_aligned(out, len(data))
+    data = text.encode() + NUL
+    _put_count(out, len(data))
     out += data
 
 
 def _put_gids(out: bytearray, gids: frozenset[bytes]) -> None:
-    _put_aligned(out, len(gids))
+    _put_count(out, len(gids))
     for gid in sorted(gids):
         out += gid
 
@@ -80,7 +80,7 @@ def decode(data: Payload, sender_prefix: bytes) -> GraphMessage:
             nodes = _Reading(raw, 24, sender_prefix).message()
         except DecodeError:
             raise error from None
-    return GraphMessage(raw[4:16] + _PARTICIPANT, nodes)
+    return GraphMessage(raw[HEADER_BYTES : HEADER_BYTES + 12] + _PARTICIPANT, nodes)
 
 
 @dataclass(slots=True)
@@ -90,14 +90,14 @@ class _Reading:
     data: bytes
     gid_bytes: int
     sender_prefix: bytes
-    position: int = 4
+    position: int = HEADER_BYTES
 
     def message(self) -> list[NodeEntities]:
         if self._take(self.gid_bytes)[:12] != self.sender_prefix:
-            raise DecodeError(f"{_NAME}.gid", 4, "expected the GUID of the sender")
+            raise DecodeError(f"{_NAME}.gid", HEADER_BYTES, "expected the GUID of the sender")
         nodes = [self._node() for _ in range(self._count("node_entities_info_seq"))]
         # The network pads to a multiple of 4 (docs/internals/protocol.md 2.4).
-        if len(self.data) - self.position > 3 or any(self.data[self.position :]):
+        if len(self.data) - self.position >= NETWORK_ALIGN or any(self.data[self.position :]):
             raise DecodeError(_NAME, self.position, f"expected the end, {len(self.data) - self.position} bytes follow")
         return nodes
 
@@ -115,18 +115,18 @@ class _Reading:
         return found
 
     def _number(self) -> int:
-        self.position += -self.position % 4
-        return int.from_bytes(self._take(4), "little")
+        self.position = align_offset(self.position, COUNT_BYTES)
+        return int.from_bytes(self._take(COUNT_BYTES), "little")
 
     def _count(self, field: str) -> int:
         count = self._number()
         if count > _MAX_ITEMS:
-            raise DecodeError(f"{_NAME}.{field}", self.position - 4, f"{count} elements cannot be right")
+            raise DecodeError(f"{_NAME}.{field}", self.position - COUNT_BYTES, f"{count} elements cannot be right")
         return count
 
     def _text(self) -> str:
         data = self._take(self._number())
-        return data.rstrip(b"\0").decode(errors="replace")
+        return data.rstrip(NUL).decode(errors="replace")
 
     def _gids(self, field: str) -> frozenset[bytes]:
         return frozenset(self._take(self.gid_bytes)[:16] for _ in range(self._count(field)))

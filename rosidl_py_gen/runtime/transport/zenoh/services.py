@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import zenoh
 
+from rosidl_py_gen.cdr.layout import HEADER_BYTES
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.port import TransportError
 from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
@@ -42,7 +43,6 @@ _MAX_QUERIES = 10_000
 _MAX_BYTES = 64 * 2**20
 """Of requests that nobody answered yet, together."""
 _MAX_ANSWERED = 16
-_HEADER_BYTES = 4
 _MAX_CHARACTERS = 300
 _time_ns = time.time_ns
 
@@ -229,7 +229,7 @@ class _Asked:
             self._reason = ("did not answer in time" if is_late else f"answered with an error: {_printable(said)}",)
             return
         data = sample.payload.to_bytes()
-        if self._client.read_attachment(sample) is not None and len(data) >= _HEADER_BYTES:
+        if self._client.read_attachment(sample) is not None and len(data) >= HEADER_BYTES:
             self.is_over = True
             self._client.receive((self._number, data, self._client.server_of(reply)))
 
@@ -297,7 +297,7 @@ class ZenohServer(_End):
         """Called by Zenoh with each query."""
         told = self.read_attachment(query)
         data = b"" if query.payload is None else query.payload.to_bytes()
-        if told is None or len(data) < _HEADER_BYTES:
+        if told is None or len(data) < HEADER_BYTES:
             query.drop()
             return
         number, source_ns, gid = told

@@ -1,0 +1,115 @@
+"""Layout rules of CDR as ROS 2 writes it (XCDR1): each size, alignment and prefix is defined here and nowhere else.
+
+The code generator, the field walk, structured arrays, tables and the discovery message of DDS compute positions with
+these constants and functions. A position counts from the alignment origin, the byte after the encapsulation header;
+an offset counts from the start of the data, header included.
+
+Two consequences of the rules that all of them use:
+
+- A primitive is aligned to its own size; a message has no alignment of its own, so it begins wherever the previous
+  value ended, and its first member adds the padding.
+- A message whose size does not depend on values contains a member of its largest alignment. Its end is therefore known
+  modulo that alignment wherever it begins, so in a sequence all elements after the first are equally long
+  (`sequence_end`).
+
+Source: docs/internals/protocol.md 2.1 for the header, 2.2 for values, 2.4 for padding at the end.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeVar
+
+from rosidl_py_gen.base.fieldtype import Arity, FieldType
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+Position = TypeVar("Position", int, "NDArray[np.int64]")
+
+HEADER = b"\x00\x01\x00\x00"
+"""Encapsulation header of little-endian data. Bit 0 of the second byte is the byte order; the rest are options."""
+HEADER_BYTES = 4
+HEADER_CODE = "Hxx"
+"""Struct code of the header, for messages that pack it together with their first fields."""
+HEADER_VALUE = 0x0100
+"""Value of the header's first two bytes as a little-endian `H`."""
+MAX_ALIGN = 8
+"""Largest alignment of any value; positions that are equal modulo 8 are laid out alike."""
+COUNT_BYTES = 4
+"""Size and alignment of the length prefix of a sequence, string or wstring."""
+COUNT_CODE = "I"
+MAX_COUNT = 0xFFFFFFFF
+NUL = b"\0"
+"""Terminator of a string, included in its length prefix. A wstring has none."""
+WSTRING_UNIT_BYTES = 4
+"""Size of a UTF-16 code unit of a wstring, which travels as a u32."""
+MAX_WSTRING_UNIT = 0xFFFF
+EMPTY_MESSAGE = b"\0"
+"""Bytes of a message without fields."""
+NETWORK_ALIGN = 4
+"""Length of a sample on the network is a multiple of this; the message is followed by zeros."""
+PADDING = {align: tuple(bytes(-position % align) for position in range(align)) for align in (1, 2, 4, 8)}
+"""Padding bytes by alignment and by ``position & align - 1``."""
+
+
+def align_up(position: Position, align: int) -> Position:
+    """Return the first multiple of `align`, a power of two, at or after a position or each position of an array."""
+    return position + (-position & align - 1)
+
+
+def align_offset(offset: Position, align: int) -> Position:
+    """Return the first aligned offset at or after an offset into data, where the header comes before the origin."""
+    return offset + (HEADER_BYTES - offset & align - 1)
+
+
+def has_fixed_size(kind: FieldType) -> bool:
+    """Return True if the size of a field does not depend on its value, apart from that of nested messages."""
+    return not kind.is_string and kind.arity in (Arity.SCALAR, Arity.ARRAY)
+
+
+def has_count(kind: FieldType) -> bool:
+    """Return True if a length prefix comes before the elements: sequences have one, arrays do not."""
+    return kind.arity in (Arity.BOUNDED, Arity.UNBOUNDED)
+
+
+def fixed_count(kind: FieldType) -> int:
+    """Return the number of elements of an array, and 1 for a single value."""
+    return kind.capacity if kind.arity is Arity.ARRAY else 1
+
+
+def element_alignment(kind: FieldType) -> int:
+    """Return the alignment of an element: the size of a primitive, that of the length prefix for a string."""
+    return COUNT_BYTES if kind.primitive is None else kind.primitive.size
+
+
+def known_modulus(kind: FieldType) -> int:
+    """Return the number that the end of a string, or of a sequence of primitives, is known to be a multiple of.
+
+    A string may end anywhere. An empty sequence ends after its length prefix, without the padding of an element.
+    """
+    if kind.is_string:
+        return WSTRING_UNIT_BYTES if kind.base == "wstring" else 1
+    assert kind.primitive is not None
+    return min(kind.primitive.size, COUNT_BYTES)
+
+
+def min_element_size(kind: FieldType) -> int:
+    """Return the least number of bytes of an element without padding; every message has at least one byte."""
+    if kind.is_string:
+        return COUNT_BYTES
+    return len(EMPTY_MESSAGE) if kind.primitive is None else kind.primitive.size
+
+
+def sequence_end(position: int, count: int, end_of: Callable[[int], int]) -> int:
+    """Return the end of `count` elements, of which the first begins at or after a position.
+
+    Args:
+        end_of: returns the end of an element by the position that the previous one ended at.
+    """
+    if not count:
+        return position
+    first = end_of(position)
+    return first + (count - 1) * (end_of(first) - first) if count > 1 else first
