@@ -79,7 +79,7 @@ RESTRICTED = {
         "runtime.transport.zenoh",
         "runtime.logs",
         "runtime.time.clock",
-        "runtime.loop.portal",
+        "runtime.loop.loop_binding",
         "runtime.loop.virtual_time",
         "base.interrupts",
         "tools.doctor.peers",

@@ -74,12 +74,12 @@ from rosidl_py_gen.runtime.logs.loggers import RosLogger as RosLogger
 from rosidl_py_gen.runtime.logs.loggers import get_logger as get_logger
 from rosidl_py_gen.runtime.logs.loggers import get_logger_level as get_logger_level
 from rosidl_py_gen.runtime.logs.loggers import set_logger_level as set_logger_level
-from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError as LoopMismatchError
 from rosidl_py_gen.runtime.loop.driver import Driver as Driver
-from rosidl_py_gen.runtime.loop.driver import WouldDeadlockError as WouldDeadlockError
 from rosidl_py_gen.runtime.loop.event_loop import new_event_loop as new_event_loop
 from rosidl_py_gen.runtime.loop.failures import CallbackFailedError as CallbackFailedError
 from rosidl_py_gen.runtime.loop.failures import CallbacksNeverRanError as CallbacksNeverRanError
+from rosidl_py_gen.runtime.loop.loop_binding import LoopMismatchError as LoopMismatchError
+from rosidl_py_gen.runtime.loop.shared_loop import WouldDeadlockError as WouldDeadlockError
 from rosidl_py_gen.runtime.loop.stream import Stream as Stream
 from rosidl_py_gen.runtime.names.remap import InvalidRemapRuleError as InvalidRemapRuleError
 from rosidl_py_gen.runtime.names.validation import expand_name as expand_name

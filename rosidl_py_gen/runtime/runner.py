@@ -22,9 +22,9 @@ from rosidl_py_gen.base.interrupts import REPEAT_S, CommandInterrupts
 from rosidl_py_gen.base.waiting import current_loop
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
 from rosidl_py_gen.runtime.loop.event_loop import end_tasks, new_event_loop
 from rosidl_py_gen.runtime.loop.failures import Guard
+from rosidl_py_gen.runtime.loop.loop_binding import LoopMismatchError
 from rosidl_py_gen.runtime.node import open_contexts
 from rosidl_py_gen.runtime.node.arguments import RosArgumentError
 from rosidl_py_gen.runtime.node.context import Context

@@ -23,7 +23,7 @@ from support.node_fixtures import ROOT, until
 from rosidl_py_gen.base.interrupts import CommandInterrupts
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node, run, runner, spin
-from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
+from rosidl_py_gen.runtime.loop.loop_binding import LoopMismatchError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -129,9 +129,9 @@ def test_a_second_sigterm_ends_a_callback_that_never_returns(first: signal.Signa
 @pytest.mark.parametrize("uses_dds", [True, False])
 def test_one_signal_ends_a_waiting_program_at_once_and_cleans_up(number: signal.Signals, uses_dds: bool) -> None:
     text = f"""
-from rosidl_py_gen.runtime.loop import driver, portal
+from rosidl_py_gen.runtime.loop import loop_binding, shared_loop
 from rosidl_py_gen.runtime.transport.cyclone import domain
-driver._PATIENCE_S = portal._PATIENCE_S = domain._PATIENCE_S = 60  # with calls that do not end
+shared_loop._CLOSE_TIMEOUT_S = loop_binding._DRAIN_TIMEOUT_S = domain._PATIENCE_S = 60  # with calls that do not end
 async def main():
     context = {"Context()" if uses_dds else "Context(transport=MemoryTransport())"}
     async with context, Node("n", context=context):

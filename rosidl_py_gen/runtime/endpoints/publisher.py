@@ -81,7 +81,7 @@ class Publisher(Owned, Generic[T]):
         """
         if self._closed or self._scope.closed:
             self._scope.require_open(True, f"the publisher on {self.topic}")
-        loop = self._bridge.attached
+        loop = self._bridge.bound_loop
         if loop is None or loop.is_closed():  # the node was made before its loop
             self._bridge.adopt_running_loop()
         data = self._encode(message)

@@ -18,8 +18,8 @@ from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.logs.loggers import node_logger
 from rosidl_py_gen.runtime.loop.callbacks import start_task
-from rosidl_py_gen.runtime.loop.driver import WouldDeadlockError
 from rosidl_py_gen.runtime.loop.failures import Failures
+from rosidl_py_gen.runtime.loop.shared_loop import WouldDeadlockError
 from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.time.values import ClockType
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.graph.discovery import Discovery
     from rosidl_py_gen.runtime.graph.unmatched import UnmatchedReason
-    from rosidl_py_gen.runtime.loop.bridge import Bridge
     from rosidl_py_gen.runtime.loop.failures import OnError
+    from rosidl_py_gen.runtime.loop.loop_binding import LoopBinding
     from rosidl_py_gen.runtime.transport.clocks import Clocks
     from rosidl_py_gen.runtime.transport.discovered import Channel
     from rosidl_py_gen.runtime.transport.port import Participant
@@ -124,7 +124,7 @@ class Scope:
     def __init__(
         self,
         participant: Participant,
-        bridge: Bridge,
+        bridge: LoopBinding,
         discovery: Discovery,
         request_windows: RequestWindows,
         clocks: Clocks,
@@ -318,7 +318,7 @@ class Scope:
                 "it from another thread"
             )
         raises = self.failures.on_error == "raise"
-        return self.bridge.portal.run(self.failures.heard(coroutine) if raises else coroutine)
+        return self.bridge.run(self.failures.heard(coroutine) if raises else coroutine)
 
     def report_failure(self, doing: str) -> None:
         """Log the exception being handled, with its traceback, as the node; raise it where that is asked for."""

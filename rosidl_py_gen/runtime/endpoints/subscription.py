@@ -182,7 +182,7 @@ class Subscription(Takeable, Generic[T]):
         if self._callback is not None or self._closed or self._scope.closed:
             self._require_takeable()
         found = self._take()
-        if found is None and self._scope.bridge.portal.given is None and self._reader.fetch():
+        if found is None and not self._scope.bridge.has_user_runner and self._reader.fetch():
             found = self._take()
         if found is not None:
             self._latest = found[0]
@@ -256,7 +256,7 @@ class Subscription(Takeable, Generic[T]):
     def _is_ready(self) -> bool:
         if self._items:
             return True
-        return self._scope.bridge.portal.given is None and self._reader.fetch()
+        return not self._scope.bridge.has_user_runner and self._reader.fetch()
 
     def _described(self) -> str:
         return f"the subscription on {self.topic}"

@@ -25,7 +25,7 @@ from rosidl_py_gen.runtime.transport.incompatibility import Incompatibility, Inc
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from rosidl_py_gen.runtime.loop.bridge import Bridge
+    from rosidl_py_gen.runtime.loop.loop_binding import LoopBinding
     from rosidl_py_gen.runtime.transport.discovered import Channel, DiscoveryEvent
     from rosidl_py_gen.runtime.transport.port import Participant
 
@@ -50,7 +50,7 @@ class _Warning:
 class Discovery:
     """The graph side of one context."""
 
-    def __init__(self, participant: Participant, bridge: Bridge, announce_delay_s: float = 0.0) -> None:
+    def __init__(self, participant: Participant, bridge: LoopBinding, announce_delay_s: float = 0.0) -> None:
         """`announce_delay_s`: see `Context`."""
         self._participant = participant
         self._bridge = bridge

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.loop.bridge import Bridge
+    from rosidl_py_gen.runtime.loop.loop_binding import LoopBinding
 
 T = TypeVar("T")
 
@@ -21,7 +21,7 @@ T = TypeVar("T")
 class AfterAnswer(Generic[T]):
     """Items that are handed to `send`, which must not raise."""
 
-    def __init__(self, bridge: Bridge, send: Callable[[T], None]) -> None:
+    def __init__(self, bridge: LoopBinding, send: Callable[[T], None]) -> None:
         self._bridge = bridge
         self._send = send
         self._waiting: deque[T] = deque()

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Sequence
 
     from rosidl_py_gen.runtime.logs.loggers import RosLogger
-    from rosidl_py_gen.runtime.loop.bridge import Bridge
+    from rosidl_py_gen.runtime.loop.loop_binding import LoopBinding
 
 T = TypeVar("T")
 
@@ -63,7 +63,7 @@ def require_on_error(value: object) -> OnError:
 class Failures:
     """What the functions of one node raised."""
 
-    def __init__(self, bridge: Bridge, on_error: OnError) -> None:
+    def __init__(self, bridge: LoopBinding, on_error: OnError) -> None:
         self.bridge = bridge
         self.on_error = on_error
         self.kept: BaseException | None = None
@@ -84,8 +84,8 @@ class Failures:
             if guard.concerns(self):
                 guard.fire(self)
                 return
-        driver = self.bridge.portal.driver
-        if driver is not None and self.bridge.in_loop_thread() and driver._end_wait(error):
+        shared = self.bridge.shared
+        if shared is not None and self.bridge.in_loop_thread() and shared.fail_leader(error):
             self.kept = None
 
     def raise_kept(self) -> None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import asyncio
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.loop.bridge import Bridge
+    from rosidl_py_gen.runtime.loop.loop_binding import LoopBinding
 
 RETRY_S = 0.001
 
@@ -25,7 +25,7 @@ RETRY_S = 0.001
 class Outbox:
     """What stands between one endpoint and its writer."""
 
-    def __init__(self, bridge: Bridge, depth: int | None, report: Callable[[str], None]) -> None:
+    def __init__(self, bridge: LoopBinding, depth: int | None, report: Callable[[str], None]) -> None:
         """`report` logs the exception of a sample that had to wait and then could not be sent."""
         self.waiting: deque[Callable[[], bool]] = deque(maxlen=depth)
         """Functions that write, and answer False while DDS wants them to wait."""

@@ -17,8 +17,8 @@ from rosidl_py_gen.runtime.endpoints.window import RequestWindows
 from rosidl_py_gen.runtime.graph.discovery import Discovery
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.logs.outputs import outputs
-from rosidl_py_gen.runtime.loop.bridge import Bridge
 from rosidl_py_gen.runtime.loop.failures import CallbacksNeverRanError, require_on_error
+from rosidl_py_gen.runtime.loop.loop_binding import LoopBinding
 from rosidl_py_gen.runtime.node import open_contexts
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
 from rosidl_py_gen.runtime.node.environment import DDS, ZENOH, check_security, middleware, read_environment
@@ -66,7 +66,7 @@ class ContextCore:
         self.settings = settings
         self.clocks = transport.clocks
         self.participant = transport.open(settings, self.ros_arguments.enclave)
-        self.bridge = Bridge(self.participant, driver)
+        self.bridge = LoopBinding(self.participant, driver)
         self.discovery = Discovery(self.participant, self.bridge, announce_delay_s)
         self.request_windows = RequestWindows()
         self.initial_values = InitialValues(self.ros_arguments.parameters)

@@ -338,7 +338,7 @@ def test_debug_mode_tells_of_slow_callbacks(world: World, kind: str, caplog: pyt
 
     with caplog.at_level(logging.WARNING, "asyncio"):
         run_on(kind, main())
-    assert "Executing <Handle Bridge." in caplog.text or "Executing <Handle Subscription." in caplog.text
+    assert "Executing <Handle LoopBinding." in caplog.text or "Executing <Handle Subscription." in caplog.text
 
 
 @pytest.mark.every_transport

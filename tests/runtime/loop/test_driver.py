@@ -72,7 +72,7 @@ def started(function: Callable[[], object]) -> tuple[threading.Thread, list[Any]
 
 
 def is_driven(driver: Driver, waiting: int = 1) -> bool:
-    return driver.loop.is_running() and len(driver._turns.waiting) == waiting
+    return driver.loop.is_running() and len(driver._shared_loop.waits) == waiting
 
 
 # ------------------------------------------------------------------------------------------------------ who is served

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from rosidl_py_gen.runtime import Driver
-from rosidl_py_gen.runtime.loop.turns import _DrivenLoop
+from rosidl_py_gen.runtime.loop.shared_loop import SharedEventLoop
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -29,7 +29,7 @@ class Arrivals:
         self.entered = 0
         self.early: list[tuple[bytes, bool, asyncio.AbstractEventLoop]] = []
         self.rest: list[bytes] = []
-        assert isinstance(driver.loop, _DrivenLoop)
+        assert isinstance(driver.loop, SharedEventLoop)
         driver.loop.watch(self.read_end, self._take, lambda: self.rest.append(self.early[-1][0]))
 
     def _take(self) -> bool:
@@ -53,13 +53,13 @@ class Arrivals:
 def arrivals(monkeypatch: pytest.MonkeyPatch) -> Iterator[Arrivals]:
     with Driver() as driver:
         made = Arrivals(driver)
-        enter = _DrivenLoop.run_forever
+        enter = SharedEventLoop.run_forever
 
         def counted(loop: Any) -> None:
             made.entered += 1
             enter(loop)
 
-        monkeypatch.setattr(_DrivenLoop, "run_forever", counted)
+        monkeypatch.setattr(SharedEventLoop, "run_forever", counted)
         made.bring(b"first")
         assert made.entered == 1
         yield made

@@ -20,7 +20,7 @@ class Line:
         self.sent: list[int] = []
 
     def call_soon(self, function: Callable[[], None]) -> None:
-        """See `Bridge`."""
+        """See `LoopBinding`."""
         if self.loop is not None:
             self.loop.call_soon(function)
 

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 def someone_waits(node: Node) -> bool:
     """Whether a thread runs the loop that waiting calls of plain code have."""
-    loop = node.context._core.bridge.portal.loop
-    return loop is not None and loop.is_running()
+    shared = node.context._core.bridge.shared
+    return shared is not None and shared.loop.is_running()
 
 
 @contextlib.contextmanager

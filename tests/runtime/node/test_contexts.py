@@ -19,7 +19,7 @@ from support.node_fixtures import ROOT
 
 from rosidl_py_gen.errors import ClosedError, InvalidNameError
 from rosidl_py_gen.runtime import Context, Node, ParameterDescriptor, TransportError
-from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
+from rosidl_py_gen.runtime.loop.loop_binding import LoopMismatchError
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -34,7 +34,7 @@ from rosidl_py_gen.runtime import (
 )
 from rosidl_py_gen.runtime.endpoints.late_types import late_message_type, late_service_type
 from rosidl_py_gen.runtime.endpoints.types import message_type, service_type
-from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
+from rosidl_py_gen.runtime.loop.loop_binding import LoopMismatchError
 from rosidl_py_gen.runtime.parameters.values import ParameterError
 from rosidl_py_gen.runtime.transport.qos import ROSOUT, Durability, History, Reliability
 

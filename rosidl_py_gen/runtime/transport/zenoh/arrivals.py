@@ -9,7 +9,7 @@ Who may call what, on which thread; there are no locks, which the loop would hav
    once may each wake the loop, which does no harm.
 2. `take`: the thread of the loop. It lowers the flag, and looks at the list then; `put` adds to the list, and looks at
    the flag then. So whatever is added is taken, or wakes the loop once more. Operations of a deque are single ones.
-3. `fileno` and `set_notify`: whoever attaches or detaches a loop, which only one thread does at a time (`loop/bridge`).
+3. `fileno` and `set_notify`: the thread that binds or detaches a loop, one at a time (`loop/loop_binding`).
 4. `close`: any thread. What comes later goes nowhere: a closed file writes into no other one that has got its number.
 """
 

@@ -1,0 +1,428 @@
+"""The binding of a context to the event loop that serves it, and the way of samples from the transport onto that loop.
+
+A context is bound to one loop at a time: to the user's loop that it is used on, to the loop of a user's `Driver`, or,
+while blocking calls are in progress and no loop of the user runs, to a `SharedLoop` of its own. States, transitions
+and thread rules: docs/internals/event_loop.md.
+
+An `EventLoop` calls `dispatch` inside its select; other loops watch the transport's file descriptor with `add_reader`.
+Where there is none, or the loop cannot watch it, the transport calls `_on_transport_ready` from any thread. All three
+call sinks, one after the other: one wake-up for all samples that are ready. A sink that raises is logged, and the
+others still run. Functions of the user always run as callbacks of the loop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import concurrent.futures
+import contextlib
+import os
+import threading
+import time
+from collections import deque
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from rosidl_py_gen.base.registration import Registrations
+from rosidl_py_gen.base.waiting import current_loop
+from rosidl_py_gen.errors import ClosedError, RosidlError
+from rosidl_py_gen.runtime.logs.loggers import report_failure
+from rosidl_py_gen.runtime.loop.event_loop import EventLoop
+from rosidl_py_gen.runtime.loop.shared_loop import SharedLoop
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine
+
+    from rosidl_py_gen.base.registration import Registration
+    from rosidl_py_gen.runtime.loop.driver import Driver
+    from rosidl_py_gen.runtime.transport.port import Participant
+    from rosidl_py_gen.runtime.transport.samples import Sink
+
+T = TypeVar("T")
+
+_DRAIN_TIMEOUT_S = 5.0
+"""Longest time that another loop, or `close`, waits for the blocking calls in progress."""
+_CHECK_INTERVAL_S = 0.1
+"""Time between two checks of whether a user's loop still runs, by a thread that waits for it."""
+_PAUSED_AFTER_S = 0.3
+"""A loop that has not run for this time has stopped. Shorter breaks are normal: a program may run a loop repeatedly."""
+_SINK = "an internal receive function"
+_MISMATCH = (
+    "this context already belongs to another running event loop; give the nodes of each loop a Context of their own: "
+    "Node(..., context=Context())"
+)
+_DRIVEN = (
+    "this context has a Driver, whose loop is the only one that serves it: use driver.wait, driver.run(main()) or the "
+    "blocking methods, and contexts without driver for other loops"
+)
+
+
+class LoopMismatchError(RosidlError, RuntimeError):
+    """The caller used one context from two running event loops."""
+
+
+class LoopBinding:
+    """Binds one participant to one event loop at a time.
+
+    Attributes:
+        bound_loop: the newest loop, closed or not; a plain attribute, because every publish reads it.
+        has_user_runner: True if the user passed a `Driver`, whose loop is the only one.
+        shared: the user's shared loop, or the context's own; None before the first blocking call.
+    """
+
+    def __init__(self, participant: Participant, driver: Driver | None = None) -> None:
+        self._participant = participant
+        self.bound_loop: asyncio.AbstractEventLoop | None = None
+        self.has_user_runner = driver is not None
+        self.shared: SharedLoop | None = None if driver is None else driver._shared_loop
+        self._changed = threading.Condition()
+        """Its lock guards `shared` and the three attributes below; it is notified when one of the numbers falls."""
+        self._blocking_calls = 0
+        self._loops_to_bind = 0
+        self._paused_loop: asyncio.AbstractEventLoop | None = None
+        """The user's loop that gets the context back after the last blocking call."""
+        self._closed_reason = ""
+        self._watched: int | None = None
+        """A duplicate of the participant's descriptor, so that either side may close first."""
+        self._is_scheduled = False
+        self._deferred_calls: deque[Callable[[], None]] = deque()
+        """Functions of the user that sinks left to be called."""
+        self._on_bind_hooks: Registrations[Callable[[], None]] = Registrations()
+
+    # ----------------------------------------------------------------------------------------------------- the state
+
+    @property
+    def loop(self) -> asyncio.AbstractEventLoop | None:
+        """The loop that sinks run on; None while there is none."""
+        loop = self.bound_loop
+        return None if loop is None or loop.is_closed() else loop
+
+    @property
+    def is_running(self) -> bool:
+        """True if a loop is bound and runs, in any thread."""
+        loop = self.bound_loop
+        return loop is not None and loop.is_running()
+
+    def in_loop_thread(self) -> bool:
+        """Return True if the caller runs on the bound loop's thread, while that loop runs."""
+        # Not a comparison of thread numbers: one loop may be run by one thread after the other.
+        loop = self.bound_loop
+        return loop is not None and current_loop() is loop
+
+    def is_shared(self, loop: asyncio.AbstractEventLoop) -> bool:
+        """Return True if `loop` is that of the user's `Driver`, or the one that blocking calls run."""
+        shared = self.shared
+        return shared is not None and loop is shared.loop
+
+    # ------------------------------------------------------------------------------------------- loops of the user
+
+    def running_loop(self) -> asyncio.AbstractEventLoop:
+        """Return the running loop, bound.
+
+        Raises:
+            RuntimeError: no loop runs here. LoopMismatchError: another one is bound and runs.
+            ClosedError: the context is closed.
+        """
+        loop = asyncio.get_running_loop()
+        if loop is not self.bound_loop:
+            self.attach(loop)
+        return loop
+
+    def adopt_running_loop(self) -> None:
+        """Bind the loop that this thread runs, if it runs one and no other loop is in charge."""
+        loop = current_loop()
+        if loop is None or self._closed_reason or loop is self.bound_loop or self.has_user_runner:
+            return
+        bound = self.bound_loop
+        if bound is None or not bound.is_running() or self.is_shared(bound):
+            self.attach(loop)
+
+    def attach(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Deliver on `loop` from now on. Thread: that of the loop, or any while the loop does not run.
+
+        Waits until the blocking calls in progress have ended; calls that start in the meantime wait for the new loop.
+
+        Raises:
+            LoopMismatchError: another loop is bound and still runs, or is the only one.
+            ClosedError: the context is closed.
+        """
+        if loop is self.bound_loop:
+            return
+        if self._closed_reason:
+            raise ClosedError(self._closed_reason)
+        if self.is_shared(loop):
+            self._bind(loop)
+            return
+        if self.has_user_runner:
+            raise LoopMismatchError(_DRIVEN)
+        with self._changed:
+            self._loops_to_bind += 1
+            try:
+                if not self._wait_for_blocking_calls() or self.is_running:
+                    raise LoopMismatchError(_MISMATCH)
+                self._bind(loop)
+            finally:
+                self._loops_to_bind -= 1
+                self._changed.notify_all()
+
+    def on_start(self, start: Callable[[], None]) -> Registration:
+        """Call `start` now if a loop is bound, and whenever one will be, until the registration is closed."""
+        registration = self._on_bind_hooks.add(start)
+        if self.loop is not None:
+            start()
+        return registration
+
+    def _bind(self, loop: asyncio.AbstractEventLoop) -> None:
+        self.detach()
+        self.bound_loop = loop
+        if not self._watch(loop):
+            self._participant.set_notify(self._on_transport_ready)
+        for start in self._on_bind_hooks:
+            start()
+
+    def _watch(self, loop: asyncio.AbstractEventLoop) -> bool:
+        """Let the loop wait for the participant's descriptor; return False where that is not possible."""
+        descriptor = self._participant.fileno()
+        if descriptor is None:
+            return False
+        watched = os.dup(descriptor)
+        try:
+            if isinstance(loop, EventLoop):
+                early = self._dispatch_before_select if self.is_shared(loop) else self._run_sinks
+                loop.watch(watched, early, self._run_deferred)
+            else:
+                loop.add_reader(watched, self.dispatch)
+        except NotImplementedError:  # Windows' proactor
+            os.close(watched)
+            return False
+        self._watched = watched
+        return True
+
+    def detach(self) -> None:
+        """Stop delivering; samples stay in the transport until another loop is bound."""
+        loop, watched = self.bound_loop, self._watched
+        self.bound_loop = self._watched = None
+        self._participant.set_notify(None)
+        self._is_scheduled = False  # the old loop may never run what was scheduled on it
+        if watched is None or loop is None:
+            return
+
+        def unwatch() -> None:
+            if isinstance(loop, EventLoop):
+                loop.unwatch(watched)
+            else:
+                loop.remove_reader(watched)
+            os.close(watched)
+
+        if loop.is_running() and loop is not current_loop():
+            with contextlib.suppress(RuntimeError):  # closed in the meantime
+                loop.call_soon_threadsafe(unwatch)
+                return
+        unwatch()
+
+    # ------------------------------------------------------------------------------------------------ blocking calls
+
+    def run(self, coroutine: Coroutine[Any, Any, T]) -> T:
+        """Run a coroutine to its end on the context's loop. Thread: any in which no event loop runs.
+
+        If another thread runs the user's loop, the coroutine is submitted to it. Otherwise the first call binds the
+        context's own shared loop, and the last one binds the user's paused loop again, if there was one.
+
+        Raises:
+            ClosedError: the loop that had to run the coroutine ended.
+        """
+        if self.has_user_runner:
+            assert self.shared is not None
+            return self.shared.run(coroutine)
+        with self._changed:
+            self._changed.wait_for(lambda: self._loops_to_bind == 0)
+            loop = self.loop
+            is_served = loop is not None and loop.is_running() and not self.is_shared(loop)
+            shared = None if is_served else self._begin_call(loop)
+        if shared is None:
+            assert loop is not None
+            return _run_on_user_loop(coroutine, loop)
+        try:
+            return shared.run(coroutine)
+        finally:
+            self._end_call()
+
+    def _begin_call(self, before: asyncio.AbstractEventLoop | None) -> SharedLoop:
+        """Count a blocking call in; the first one binds the shared loop. Lock: _changed must be held."""
+        if self.shared is None:
+            self.shared = SharedLoop()
+        self._blocking_calls += 1
+        if self._blocking_calls == 1:
+            self._paused_loop = before if before is not self.shared.loop else None
+            if self.bound_loop is not self.shared.loop and not self._closed_reason:
+                self._bind(self.shared.loop)
+        return self.shared
+
+    def _end_call(self) -> None:
+        """Count a blocking call out; the last one binds the paused loop again."""
+        with self._changed:
+            self._blocking_calls -= 1
+            if self._blocking_calls == 0:
+                # When the paused loop runs again, nothing there would notice that it lost the context.
+                paused, self._paused_loop = self._paused_loop, None
+                if self._closed_reason:
+                    self._end_shared_loop()
+                elif paused is not None and not paused.is_closed():
+                    self._bind(paused)
+            self._changed.notify_all()
+
+    def _wait_for_blocking_calls(self) -> bool:
+        """Wait until no blocking call is in progress; return False on timeout. Lock: _changed must be held."""
+        return self._changed.wait_for(lambda: self._blocking_calls == 0, _DRAIN_TIMEOUT_S)
+
+    def _end_shared_loop(self) -> None:
+        shared, self.shared = self.shared, None
+        if shared is not None:
+            shared.close()
+
+    # -------------------------------------------------------------------------------------- functions for the loop
+
+    def call_soon(self, function: Callable[[], None]) -> None:
+        """Run `function` on the loop later; dropped if there is no loop. Thread: any."""
+        loop = self.loop
+        if loop is not None:
+            with contextlib.suppress(RuntimeError):  # closed in the meantime
+                if current_loop() is loop:
+                    loop.call_soon(function)
+                else:
+                    loop.call_soon_threadsafe(function)
+
+    def call_in_loop(self, function: Callable[[], T]) -> T:
+        """Call a function that needs a running loop: `run_on_loop`, where no loop runs in a blocking call.
+
+        Raises:
+            ClosedError: the context is closed.
+            Exception: what the function raises.
+        """
+        if not self.has_user_runner and not self.is_running:
+            if current_loop() is None:
+
+                async def call() -> T:
+                    return function()
+
+                return self.run(call())
+            self.running_loop()
+        return self.run_on_loop(function)
+
+    def run_on_loop(self, function: Callable[[], T]) -> T:
+        """Run `function` on the loop's thread and return its value; in this thread if no loop runs (any more)."""
+        loop, shared = self.loop, self.shared
+        if shared is not None and loop is shared.loop and not shared.closed_reason:
+            return shared.call(function)
+        if loop is None or not loop.is_running() or self.in_loop_thread():
+            return function()
+        done: concurrent.futures.Future[T] = concurrent.futures.Future()
+
+        def call() -> None:
+            if done.set_running_or_notify_cancel():
+                try:
+                    done.set_result(function())
+                except BaseException as error:
+                    done.set_exception(error)
+
+        try:
+            loop.call_soon_threadsafe(call)
+        except RuntimeError:  # closed in the meantime
+            return function()
+        if not _wait_while_running(done, loop) and done.cancel():
+            return function()
+        return done.result()
+
+    # ------------------------------------------------------------------------------------------------------- samples
+
+    def _on_transport_ready(self) -> None:
+        """Schedule `dispatch`, because something is ready to be collected. Thread: any."""
+        loop = self.bound_loop
+        if loop is None or loop.is_closed() or self._is_scheduled:
+            return
+        # Two threads that come this far at once schedule twice, and the second call does nothing.
+        self._is_scheduled = True
+        schedule = loop.call_soon if current_loop() is loop else loop.call_soon_threadsafe
+        try:
+            schedule(self._run_scheduled)
+        except RuntimeError:  # the loop was closed in the meantime
+            self._is_scheduled = False
+
+    def _run_scheduled(self) -> None:
+        if self._is_scheduled:
+            self._is_scheduled = False
+            self.dispatch()
+
+    def dispatch(self) -> None:
+        """Call every sink that has something to do, then the functions that sinks left."""
+        if self._run_sinks():
+            self._run_deferred()
+
+    def _dispatch_before_select(self) -> bool:
+        """Call `dispatch` inside the select of a shared loop: that is mostly entered for one sample and left again, and
+        this saves an iteration of asyncio. Return True if `_run_deferred` has something to do.
+        """
+        self.dispatch()
+        return bool(self._deferred_calls)
+
+    def _run_sinks(self) -> bool:
+        """Call every sink that has something to do; return True if that left something for `_run_deferred`."""
+        sinks: list[Sink] = []
+        try:
+            sinks = self._participant.collect()
+        except Exception:
+            report_failure("taking in what arrived")
+        for sink in sinks:
+            try:
+                deferred = sink()
+                if deferred is not None:
+                    self._deferred_calls.append(deferred)
+            except (Exception, asyncio.CancelledError):  # the latter would end the loop
+                report_failure(_SINK)
+        return bool(self._deferred_calls)
+
+    def _run_deferred(self) -> None:
+        for _ in range(len(self._deferred_calls)):
+            try:
+                self._deferred_calls.popleft()()
+            except (Exception, asyncio.CancelledError):
+                report_failure(_SINK)
+
+    # ----------------------------------------------------------------------------------------------------------- end
+
+    def close(self) -> None:
+        """Stop delivering for good.
+
+        Waits for the blocking calls in progress, which end because all they wait for is closed. Called in the own
+        shared loop, it does not: the last call closes the loop.
+        """
+        self._closed_reason = self._closed_reason or "this context is closed"
+        shared = self.shared
+        if not self.has_user_runner and (shared is None or current_loop() is not shared.loop):
+            with self._changed:
+                if self._wait_for_blocking_calls():
+                    self._end_shared_loop()
+        self.detach()
+
+    def abandon(self, reason: str) -> None:
+        """Look closed in a forked child, without touching the loop or the transport; `reason` is for errors."""
+        self._closed_reason, self._watched, self.bound_loop = reason, None, None
+
+
+def _run_on_user_loop(coroutine: Coroutine[Any, Any, T], loop: asyncio.AbstractEventLoop) -> T:
+    """Return the result of a coroutine that runs on a loop of another thread."""
+    future = asyncio.run_coroutine_threadsafe(coroutine, loop)
+    if not _wait_while_running(future, loop):
+        future.cancel()
+    if not future.done() or future.cancelled():
+        raise ClosedError("the event loop that had to make this call has ended")
+    return future.result()
+
+
+def _wait_while_running(future: concurrent.futures.Future[Any], loop: asyncio.AbstractEventLoop) -> bool:
+    """Wait for a future that `loop` has to complete; return False if the loop has stopped before."""
+    ran_s = time.monotonic()
+    while not concurrent.futures.wait((future,), _CHECK_INTERVAL_S).done:
+        if loop.is_running():
+            ran_s = time.monotonic()
+        elif time.monotonic() - ran_s > _PAUSED_AFTER_S:
+            return False
+    return True

@@ -1,0 +1,548 @@
+"""An asyncio event loop that no thread owns: the threads that wait for something lead it by turns (Leader/Followers).
+
+The first thread that waits becomes the leader and runs the loop; the others are followers and sleep on an event of
+their own. The leader checks the conditions of all waits and wakes up each follower whose condition holds. When the
+leader's own wait ends, it stops the loop and wakes up the oldest follower, which becomes the next leader. While no
+thread waits, no thread runs the loop, and nothing is received.
+
+Entering and leaving `run_forever` costs more than handling one sample. So on Linux, while asyncio has nothing to do,
+the leader waits in front of the loop: `_poll_outside_loop` waits for the same descriptors and calls the same functions
+of `EventLoop.watch`. It enters the loop only if asyncio has callbacks, or timers that are due.
+
+Only documented parts of asyncio are used: the selector that is passed to the constructor, `stop`, and
+`_set_running_loop`, which is meant for authors of event loops. States and thread rules: docs/internals/event_loop.md,
+"Leader and followers".
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import selectors
+import sys
+import threading
+import weakref
+from collections import deque
+from contextvars import copy_context
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from rosidl_py_gen.base.waiting import current_loop
+from rosidl_py_gen.errors import ClosedError, RosidlError
+from rosidl_py_gen.runtime.loop.callbacks import start_task
+from rosidl_py_gen.runtime.loop.event_loop import end_tasks
+
+if sys.platform == "linux":
+    from rosidl_py_gen.runtime.loop.event_loop import EarlySelector as _Selector
+    from rosidl_py_gen.runtime.loop.event_loop import EventLoop as _Loop
+else:
+    from asyncio import SelectorEventLoop as _Loop
+    from selectors import DefaultSelector as _Selector
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine
+    from contextvars import Context
+
+    from typing_extensions import TypeVarTuple, Unpack
+
+    Ts = TypeVarTuple("Ts")
+
+T = TypeVar("T")
+
+_MAX_BLOCKING_S = 0.1 if sys.platform == "win32" else 1.0
+"""Longest time that a thread blocks in one call. On Windows neither a lock nor a select is interrupted by Ctrl-C, and
+elsewhere neither is by a signal that arrives just before, or that the kernel delivers to another thread. The handler
+runs after the call.
+"""
+_MAX_ITERATIONS_AFTER_TIMEOUT = 10
+"""Iterations of the loop after the leader's time has passed, if it always has something to do."""
+_CLOSE_TIMEOUT_S = 5.0
+"""Longest time that `close` waits for the leader to leave the loop."""
+_FORKED = "this driver was made before this process was forked, and works in the parent process only"
+_shared_loops: weakref.WeakSet[SharedLoop] = weakref.WeakSet()
+
+
+class WouldDeadlockError(RosidlError, RuntimeError):
+    """The caller would wait, on the event loop's own thread, for something only that loop can bring."""
+
+
+class _Outcome(Generic[T]):
+    """A value or an error that one thread stores and another one reads."""
+
+    __slots__ = ("error", "is_done", "value")
+
+    def __init__(self) -> None:
+        self.value: T
+        self.error: BaseException | None = None
+        self.is_done = False
+
+    def result(self) -> T:
+        """Return the value, or raise the error."""
+        error, self.error = self.error, None
+        if error is not None:
+            try:
+                raise error
+            finally:
+                del error  # its traceback refers to this frame
+        return self.value
+
+
+class ThreadWait(_Outcome[T]):
+    """One blocking wait of one thread, for a condition.
+
+    Attributes:
+        end_s: loop time at which the wait ends; None: never.
+        iterations_left: iterations of the loop that the leader may still make after `end_s`.
+        wake_event: set when a follower has to check or to lead; None for a thread that leads.
+    """
+
+    __slots__ = ("_condition", "_lock", "end_s", "iterations_left", "wake_event")
+
+    def __init__(self, condition: Callable[[], T]) -> None:
+        super().__init__()
+        self._condition = condition
+        self._lock: threading.RLock | None = None
+        self.end_s: float | None = None
+        self.iterations_left = _MAX_ITERATIONS_AFTER_TIMEOUT
+        self.wake_event: threading.Event | None = None
+
+    def become_follower(self) -> None:
+        """Allow the leader to check the condition, too."""
+        if self.wake_event is None:
+            self._lock = threading.RLock()
+            self.wake_event = threading.Event()
+
+    def check(self, final: bool = False) -> bool:
+        """Return True if the wait is done, because its condition holds or raises; a `final` check ends it either way.
+
+        Thread: any, one at a time. A condition that was true is not called again, as it may have taken a message.
+        """
+        lock = self._lock
+        if lock is not None:
+            lock.acquire()
+        try:
+            if not self.is_done:
+                self.value = value = self._condition()
+                if value or final:
+                    self.is_done = True
+        except Exception as error:
+            self.error, self.is_done = error, True
+        finally:
+            if lock is not None:
+                lock.release()
+        return self.is_done
+
+    def set_error(self, error: BaseException) -> None:
+        """End the wait with an error, unless it is done. Thread: the leader, or the thread that waits."""
+        if not self.is_done:
+            self.error, self.is_done = error, True
+
+
+class LoopCall(_Outcome[T]):
+    """A function that the leader calls in the loop, in the `contextvars` context of the thread that requested it."""
+
+    __slots__ = ("_context", "_function")
+
+    def __init__(self, function: Callable[[], T]) -> None:
+        super().__init__()
+        self._function = function
+        self._context = copy_context()
+
+    def run(self) -> None:
+        """Call the function; `KeyboardInterrupt` and the like are raised here, too."""
+        try:
+            self.value = self._context.run(self._function)
+        except BaseException as error:
+            self.error = error
+            if not isinstance(error, Exception):
+                raise
+        finally:
+            self.is_done = True
+
+
+class SharedLoop:
+    """An event loop, the thread that leads it, and the threads that follow.
+
+    Attributes:
+        loop: the event loop.
+        waits: the waits of all threads in order of arrival, the leader's among them.
+        closed_reason: text of the `ClosedError` that waiting raises; empty while the loop is open.
+        is_polling_outside_loop: True while the leader waits in front of the loop.
+        is_selecting: True while the leader is in `select`, so that only a system call wakes it up.
+    """
+
+    def __init__(self) -> None:
+        self.is_polling_outside_loop = False
+        self.is_selecting = False
+        self.loop = SharedEventLoop(self)
+        self.waits: list[ThreadWait[Any]] = []
+        self.closed_reason = ""
+        self._leader: ThreadWait[Any] | None = None
+        self._leader_thread = 0
+        self._calls: deque[LoopCall[Any]] = deque()
+        self._changed = threading.Condition()
+        """Its lock guards `_leader` and `closed_reason`; it is notified when a leader leaves a closed loop."""
+        self._is_checking = False
+        self._is_idle = False
+        """At its last select asyncio had nothing to do before `_due_s`."""
+        self._due_s: float | None = None
+        self._stops_polling = False
+        _shared_loops.add(self)
+
+    # ------------------------------------------------------------------------------------------------------- waiting
+
+    def wait(self, condition: Callable[[], T], timeout_s: float | None = None) -> T:
+        """Run the loop, or follow the thread that does, until the condition is true or the time has passed.
+
+        Returns:
+            The condition's last value.
+
+        Raises:
+            WouldDeadlockError: called in this loop.
+            ClosedError: the loop is closed, also while waiting.
+            Exception: what the condition raised.
+        """
+        wait = ThreadWait(condition)
+        if wait.check():
+            return wait.result()
+        if timeout_s is not None:
+            wait.end_s = self.loop.time() + timeout_s
+        running = current_loop()
+        if running is None:
+            self._lead_or_follow(wait)
+        elif running is not self.loop:
+            self._wait_in_helper_thread(wait)
+        else:
+            raise WouldDeadlockError(
+                "a Driver's wait from inside its own event loop, as in a callback, would wait for ever; return first, "
+                "or use await"
+            )
+        return wait.result()
+
+    def call(self, function: Callable[[], T]) -> T:
+        """Call a function in the loop, and return or raise what it does; at once if the caller is in the loop."""
+        if current_loop() is self.loop:
+            return function()
+        call = LoopCall(function)
+        return self._finish(call, lambda: call.is_done)
+
+    def run(self, coroutine: Coroutine[Any, Any, T]) -> T:
+        """Run a coroutine in the loop to its end, and return or raise what it does; raises as `wait`."""
+        call = LoopCall(lambda: start_task(self.loop, coroutine))
+        try:
+            task = self._finish(call, lambda: call.is_done and (call.error is not None or call.value.done()))
+        except BaseException:
+            if call.is_done and call.error is None:
+                self._cancel(call.value)
+            raise
+        finally:
+            coroutine.close()  # not started
+        return task.result()
+
+    def wake(self) -> None:
+        """Let all waits check their conditions again. Thread: any, and signal handlers."""
+        if self._leader is None:
+            return
+        if threading.get_ident() == self._leader_thread:  # needs no system call
+            self.check_waits()
+            if not self.is_selecting:
+                return
+        with contextlib.suppress(RuntimeError):  # closed in the meantime
+            self.loop.call_soon_threadsafe(_do_nothing)
+
+    def fail_leader(self, error: BaseException) -> bool:
+        """Let the leader's wait raise an error; return False if no thread leads. Thread: loop."""
+        leader = self._leader
+        if leader is None:
+            return False
+        leader.set_error(error)
+        self.wake()
+        return True
+
+    def _finish(self, call: LoopCall[T], is_over: Callable[[], bool]) -> T:
+        """Queue a call, wait until it is over, and return or raise what the function did."""
+        calls = self._calls
+        calls.append(call)
+        try:
+            self.wake()
+            self.wait(is_over)
+        finally:
+            with contextlib.suppress(ValueError):  # the leader took it
+                calls.remove(call)
+        return call.result()
+
+    def _cancel(self, task: asyncio.Task[Any]) -> None:
+        """Cancel a task whose result no thread waits for any more."""
+        with contextlib.suppress(RuntimeError, RosidlError):  # closed
+            self.loop.call_soon_threadsafe(task.cancel)
+            self.wait(task.done, 0)
+
+    def _wait_in_helper_thread(self, wait: ThreadWait[Any]) -> None:
+        """Let another thread wait: this one runs an asyncio loop already, and cannot enter a second one."""
+        ended = threading.Event()  # an interrupted `join` would take the thread to have ended
+
+        def lead_or_follow() -> None:
+            try:
+                self._lead_or_follow(wait)
+            except BaseException as error:
+                wait.set_error(error)
+            finally:
+                ended.set()
+
+        thread = threading.Thread(target=lead_or_follow, name="rosidl-py-gen driver", daemon=True)
+        try:
+            thread.start()
+            while not ended.wait(_MAX_BLOCKING_S):
+                pass
+        except BaseException as error:  # of a signal handler, perhaps while the thread starts
+            wait.set_error(error)
+            self.wake()
+            with contextlib.suppress(RuntimeError):  # it has not started, and will find the wait done
+                thread.join()
+            raise
+        thread.join()
+
+    # ------------------------------------------------------------------------------------------ leader and followers
+
+    def _lead_or_follow(self, wait: ThreadWait[Any]) -> None:
+        """Run the loop, or sleep while another thread does, until the wait is done or its time has passed."""
+        try:
+            self.waits.append(wait)
+            while not wait.is_done:
+                if self._try_lead(wait):
+                    self._lead()
+                    break
+                assert wait.wake_event is not None
+                left_s = _MAX_BLOCKING_S if wait.end_s is None else min(wait.end_s - self.loop.time(), _MAX_BLOCKING_S)
+                if wait.check() or (wait.end_s is not None and left_s <= 0):
+                    break
+                wait.wake_event.wait(left_s)
+                wait.wake_event.clear()
+        finally:
+            self._hand_over(wait)
+        if not wait.is_done:
+            wait.check(final=True)
+
+    def _try_lead(self, wait: ThreadWait[Any]) -> bool:
+        """Make the caller the leader; return False, with the wait prepared to follow, if there is one."""
+        with self._changed:
+            if self.closed_reason:
+                raise ClosedError(self.closed_reason)
+            if self._leader is None:
+                self._leader, self._leader_thread = wait, threading.get_ident()
+                return True
+            wait.become_follower()
+            return False
+
+    def _hand_over(self, wait: ThreadWait[Any]) -> None:
+        """Remove a wait; if it led, wake up the oldest follower, and close the loop if that was requested."""
+        with self._changed:
+            if wait in self.waits:  # not interrupted before it was added
+                self.waits.remove(wait)
+            if self._leader is wait:
+                self._leader, self._leader_thread = None, 0
+            if self._leader is None:
+                if self.waits and (wake_event := self.waits[0].wake_event) is not None:
+                    wake_event.set()
+                if self.closed_reason:
+                    self._changed.notify_all()
+                    if not self.waits:
+                        self._end()
+
+    def _lead(self) -> None:
+        """Run the loop until the leader's wait is over, or its user stops it."""
+        loop = self.loop
+        if sys.platform == "linux" and self._is_idle and not loop.has_new_callbacks and self._poll_outside_loop():
+            return
+        try:
+            loop.run_forever()
+        except BaseException:
+            loop.has_new_callbacks = True  # callbacks that were due may be left
+            raise
+
+    def _poll_outside_loop(self) -> bool:
+        """Wait as the loop would, and call the functions of `watch`; return False once asyncio has something to do."""
+        loop, look_early = self.loop, self.loop.look_early
+        self._stops_polling, self.is_polling_outside_loop = False, True
+        asyncio._set_running_loop(loop)
+        try:
+            while True:
+                due_s = self._due_s
+                left_s = None if due_s is None else due_s - loop.time()
+                if left_s is not None and left_s <= 0:
+                    return False
+                has_more = self.select(look_early, left_s)
+                if self._stops_polling:
+                    return True
+                if has_more or loop.has_new_callbacks:
+                    return False
+        finally:
+            asyncio._set_running_loop(None)
+            self.is_polling_outside_loop = False
+
+    def _stop(self) -> None:
+        """Let the leader leave the loop after this iteration."""
+        if self.is_polling_outside_loop:
+            self._stops_polling = True
+        else:
+            self.loop.stop_from_shared_loop()
+
+    def select(self, wait_for_events: Callable[[float | None], T], timeout_s: float | None) -> T:
+        """Wait for events on behalf of the loop, at most for `timeout_s`, which asyncio chose.
+
+        Before it: calls the functions that other threads have queued, checks all conditions, and shortens the timeout
+        to the leader's remaining time. The timeout is 0 if the leader is done or a condition scheduled callbacks.
+        After the leader's time has passed, the loop gets some iterations with timeout 0, so that data that is readable
+        already is processed; they end as soon as one finds no event and no new callback.
+
+        Thread: leader, or the one that ends the loop's tasks.
+        """
+        loop, leader = self.loop, self._leader
+        is_idle = timeout_s is None or timeout_s > 0
+        if not self.is_polling_outside_loop:
+            self._is_idle = is_idle
+            self._due_s = None if timeout_s is None else loop.time() + timeout_s
+        is_last = False
+        self.is_selecting = True
+        try:
+            if leader is not None:
+                loop.has_new_callbacks = False
+                while self._calls:
+                    self._calls.popleft().run()
+                self.check_waits()
+                left_s = None if leader.end_s is None else leader.end_s - loop.time()
+                if leader.is_done or loop.has_new_callbacks:
+                    timeout_s = 0
+                elif left_s is not None and left_s <= 0:
+                    timeout_s, is_last = 0, is_idle
+                    leader.iterations_left -= 1
+                    if leader.iterations_left == 0:
+                        self._stop()
+                else:
+                    if left_s is not None and (timeout_s is None or left_s < timeout_s):
+                        timeout_s = left_s
+                    if timeout_s is None or timeout_s > _MAX_BLOCKING_S:
+                        timeout_s = _MAX_BLOCKING_S
+            events = wait_for_events(timeout_s)
+        finally:
+            self.is_selecting = False
+        if is_last and not events and not loop.has_new_callbacks:
+            self._stop()
+        return events
+
+    def check_waits(self) -> None:
+        """Check the condition of every waiting thread: stop the loop if the leader's holds, wake up each follower whose
+        condition holds.
+
+        Thread: leader.
+        """
+        if self._is_checking:  # a condition calls `wake`
+            return
+        self._is_checking = True
+        try:
+            leader = self._leader
+            for wait in tuple(self.waits) if len(self.waits) > 1 else self.waits:
+                if wait is not leader and wait.wake_event is None:
+                    continue  # it is about to check by itself
+                if self.closed_reason:
+                    wait.set_error(ClosedError(self.closed_reason))
+                if wait.check() and wait.wake_event is not None:
+                    wait.wake_event.set()
+            if leader is not None and leader.is_done:
+                self._stop()
+        finally:
+            self._is_checking = False
+
+    # ------------------------------------------------------------------------------------------------------- closing
+
+    def close(self) -> None:
+        """End all waits with `ClosedError`, cancel the loop's tasks and close it; when it is left, if called in it."""
+        with self._changed:
+            if self.closed_reason:
+                return
+            self.closed_reason = "this driver is closed"
+        self.wake()
+        if current_loop() is self.loop:
+            return
+        with self._changed:
+            if self._changed.wait_for(lambda: self._leader is None, _CLOSE_TIMEOUT_S):
+                self._end()
+
+    def _end(self) -> None:
+        if self.loop.is_closed():
+            return
+        if current_loop() is None:
+            end_tasks(self.loop)
+        else:
+            ending = threading.Thread(target=end_tasks, args=(self.loop,), name="rosidl-py-gen driver", daemon=True)
+            ending.start()
+            ending.join()
+        self.loop.close()
+
+
+class SharedEventLoop(_Loop):
+    """asyncio's event loop, with a note of whether callbacks were added to it."""
+
+    def __init__(self, shared: SharedLoop) -> None:
+        self.has_new_callbacks = False
+        self._shared = shared
+        super().__init__(_ConditionSelector(shared))
+
+    def is_running(self) -> bool:
+        """Return True if a thread leads the loop, also in front of it."""
+        return self._shared.is_polling_outside_loop or super().is_running()
+
+    def stop(self) -> None:
+        self.has_new_callbacks = True
+        super().stop()
+
+    def stop_from_shared_loop(self) -> None:
+        """Stop after this iteration, on behalf of `SharedLoop`: asyncio has nothing to do for that."""
+        super().stop()
+
+    def call_soon(
+        self, callback: Callable[[Unpack[Ts]], object], *args: Unpack[Ts], context: Context | None = None
+    ) -> asyncio.Handle:
+        self.has_new_callbacks = True
+        return super().call_soon(callback, *args, context=context)
+
+    def call_at(
+        self, when: float, callback: Callable[[Unpack[Ts]], object], *args: Unpack[Ts], context: Context | None = None
+    ) -> asyncio.TimerHandle:
+        self.has_new_callbacks = True
+        return super().call_at(when, callback, *args, context=context)
+
+
+class _ConditionSelector(_Selector):
+    """Selector that lets a `SharedLoop` check its waits before it blocks."""
+
+    def __init__(self, shared: SharedLoop) -> None:
+        super().__init__()
+        self._shared = shared
+        self._wait_for_events = super().select
+        if sys.platform == "linux":
+            poll = self._poll
+
+            def poll_and_note(timeout: float | None = None, maxevents: int = -1) -> list[tuple[int, int]]:
+                found = poll(timeout, maxevents)
+                shared.is_selecting = False  # functions that are called for these events may call `wake`
+                return found
+
+            self._poll = poll_and_note
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        return self._shared.select(self._wait_for_events, timeout)
+
+
+def _do_nothing() -> None:
+    """Callback that only wakes up the loop."""
+
+
+def _after_fork() -> None:
+    """Close all shared loops in the child: their descriptors are the parent's."""
+    for shared in list(_shared_loops):
+        shared.closed_reason = _FORKED
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
