@@ -27,6 +27,7 @@ SHARED = {
 }
 # The same for modules of the runtime only: what nodes and contexts are made of, which users do not see.
 SHARED_IN_RUNTIME = {
+    "_shared_loop",
     "_scope",
     "_core",
     "_end_wait",
