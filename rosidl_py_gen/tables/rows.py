@@ -101,7 +101,8 @@ def joined(messages: Sequence[bytes | memoryview]) -> Cursor:
     elif (sizes & MAX_ALIGN - 1).any():
         parts: list[bytes | memoryview] = [b""] * (2 * len(messages))
         parts[::2] = messages
-        parts[1::2] = [PADDING[MAX_ALIGN][size] for size in (sizes & MAX_ALIGN - 1).tolist()]
+        pads = PADDING[MAX_ALIGN]
+        parts[1::2] = [pads[size] for size in (sizes & MAX_ALIGN - 1).tolist()]
         data = b"".join(parts)
     else:
         data = b"".join(messages)
