@@ -1,4 +1,4 @@
-"""Where CDR puts the bytes of a fixed-size message, as a numpy dtype: the rules of `layout`, applied for `records`.
+"""Numpy dtypes of fixed-size messages in CDR: the rules of `layout`, applied for `records`.
 
 Elements of a sequence are not padded to a common size: each begins where its first member is aligned. So the first
 element may lie otherwise than those behind it: ``{uint8 a; float64 b}`` takes 12 bytes behind a count, then 16 each.

@@ -108,7 +108,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             return set()
 
     def _available(self) -> Servers:
-        """Return who serves; true when somebody does. Raises `ForeignServiceError`."""
+        """Return the servers that can be reached; falsy if there are none. Raises `ForeignServiceError`."""
         servers = self._port.servers()
         if servers.refused is not None:
             raise ForeignServiceError(why_refused(self._scope.graph, servers.refused, self.name, "the server"))

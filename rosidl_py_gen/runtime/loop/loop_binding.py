@@ -179,7 +179,7 @@ class LoopBinding:
             start()
 
     def _watch(self, loop: asyncio.AbstractEventLoop) -> bool:
-        """Let the loop wait for the participant's descriptor; return False where that is not possible."""
+        """Register the participant's descriptor with the loop; return False where that is not possible."""
         descriptor = self._participant.fileno()
         if descriptor is None:
             return False

@@ -240,7 +240,7 @@ class SharedLoop:
         return task.result()
 
     def wake(self) -> None:
-        """Let all waits check their conditions again. Thread: any, and signal handlers."""
+        """Make all waits check their conditions again. Thread: any, and signal handlers."""
         if self._leader is None:
             return
         if threading.get_ident() == self._leader_thread:  # needs no system call
@@ -251,7 +251,7 @@ class SharedLoop:
             self.loop.call_soon_threadsafe(_do_nothing)
 
     def fail_leader(self, error: BaseException) -> bool:
-        """Let the leader's wait raise an error; return False if no thread leads. Thread: loop."""
+        """Make the leader's wait raise an error; return False if no thread leads. Thread: loop."""
         leader = self._leader
         if leader is None:
             return False
@@ -278,7 +278,7 @@ class SharedLoop:
             self.wait(task.done, 0)
 
     def _wait_in_helper_thread(self, wait: ThreadWait[Any]) -> None:
-        """Let another thread wait: this one runs an asyncio loop already, and cannot enter a second one."""
+        """Wait in another thread: this one runs an asyncio loop already, and cannot enter a second one."""
         ended = threading.Event()  # an interrupted `join` would take the thread to have ended
 
         def lead_or_follow() -> None:
@@ -381,7 +381,7 @@ class SharedLoop:
             self.is_polling_outside_loop = False
 
     def _stop(self) -> None:
-        """Let the leader leave the loop after this iteration."""
+        """Make the leader leave the loop after this iteration."""
         if self.is_polling_outside_loop:
             self._stops_polling = True
         else:

@@ -12,7 +12,7 @@ from rosidl_py_gen.tools.groups import LazyGroup
         "get": ("get", "Print the state of a node, or of all lifecycle nodes, which are asked at once."),
         "list": ("list", "Print the transitions that are possible in the state a node has."),
         "nodes": ("nodes", "Print the lifecycle nodes there are."),
-        "set": ("set", "Let a node change its state."),
+        "set": ("set", "Change the state of a node."),
     },
 )
 def lifecycle() -> None:

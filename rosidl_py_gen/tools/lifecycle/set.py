@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @options.node_options
 @verb
 async def set_(network: Network, node: str, transition: str, timeout_s: float, as_json: bool) -> int:
-    """Let a node change its state; TRANSITION is a name or a number that `list` shows.
+    """Change the state of a node; TRANSITION is a name or a number that `list` shows.
 
     \b
     rosidl-py lifecycle set /camera configure

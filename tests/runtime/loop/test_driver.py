@@ -31,6 +31,7 @@ from rosidl_py_gen.runtime import (
     WouldDeadlockError,
     spin,
 )
+from rosidl_py_gen.runtime.loop import shared_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -188,6 +189,18 @@ def test_the_answer_is_that_of_the_condition(driver: Driver) -> None:
     while thread.is_alive():
         driver.wake()
     assert list(answers) == []
+
+
+def test_a_wake_up_is_not_left_to_the_periodic_check(driver: Driver, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shared_loop, "_MAX_BLOCKING_S", 60.0)  # the check that would find the condition true, too
+    done: list[int] = []
+    waits = [started(lambda: driver.wait(lambda: done)) for _ in range(3)]
+    wait_until(lambda: is_driven(driver, 3))
+    done.append(1)
+    driver.wake()
+    for thread, outcomes in waits:
+        thread.join(10)
+        assert outcomes == [[1]]
 
 
 def test_a_time_limit_may_be_for_ever_in_effect(driver: Driver) -> None:

@@ -70,7 +70,7 @@ class Gaps:
 
     @property
     def lost(self) -> int:
-        """How many were missing so far, from the first number of each publisher on."""
+        """Number of samples missing so far, from the first sequence number of each publisher on."""
         return self._forgotten + sum(missing for _, missing in list(self._publishers.values()))
 
     def note(self, publisher: bytes, number: int) -> None:
