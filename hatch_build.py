@@ -22,12 +22,12 @@ class MadeForWheels(BuildHookInterface):
             return
         sys.path.insert(0, self.root)
         from rosidl_py_gen.compiler.codegen.render import environment_of_texts
-        from rosidl_py_gen.compiler.generate import generate_ready_made
+        from rosidl_py_gen.compiler.generate import generate_pregenerated
 
         self._folder = TemporaryDirectory()
         top = Path(self._folder.name)
         environment_of_texts().compile_templates(top / "compiled_templates", zip=None, ignore_errors=False)
-        generate_ready_made(top / "ready_made")
+        generate_pregenerated(top / "ready_made")
         for path in top.rglob("*.py"):
             build_data["force_include"][str(path)] = f"rosidl_py_gen/{path.relative_to(top).as_posix()}"
 

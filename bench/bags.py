@@ -190,7 +190,7 @@ def record(folder: Path) -> None:
     os.environ.update(ROS_DOMAIN_ID=DOMAIN, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
     for compression in ("none", "zstd", "lz4"):
         bag = folder / f"recorded_{compression}"
-        command = (*(sys.executable, "-m", "rosidl_py_gen.tools", "bag", "record", "/image"), "-o", str(bag))
+        command = (*(sys.executable, "-m", "rosidl_py_gen.ros_cli", "bag", "record", "/image"), "-o", str(bag))
         recorder = subprocess.Popen([*command, "--compression", compression], stderr=subprocess.PIPE, text=True)
         sent = int(subprocess.run([sys.executable, __file__, "--peer"], check=True, stdout=subprocess.PIPE).stdout)
         time.sleep(1)

@@ -31,8 +31,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from peers import Peer, available_peers
 
 from rosidl_py_gen import install_import_hook, type_name
+from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import generate
-from rosidl_py_gen.compiler.spec.find import search_path
 
 PACKAGES = ["sensor_msgs", "nav_msgs", "tf2_msgs", "visualization_msgs"]
 BULK = ("Image 1080p", "PointCloud2 1 MB")
@@ -191,7 +191,7 @@ def flavours(folder: str) -> list[Peer]:
             sys.path.remove(folder)
             for module in [name for name in sys.modules if name.split(".")[0].endswith(("_msgs", "_interfaces"))]:
                 del sys.modules[module]
-            install_import_hook(flavour="rclpy")
+            install_import_hook(message_api="rclpy")
         package, kind, name = type_name(message).split("/")
         cls = getattr(importlib.import_module(f"{package}.{kind}"), name)
         same = cls.decode(payload)
@@ -240,7 +240,7 @@ def show(table: list[Row], peers: list[str], markdown: bool) -> None:
 def generation(folder: Path) -> None:
     """Time and memory of generating everything cold, and of importing a package, each in a fresh process."""
     code = (
-        "import resource, sys, time; start = time.perf_counter(); from rosidl_py_gen.cli import main\n"
+        "import resource, sys, time; start = time.perf_counter(); from rosidl_py_gen.generator_cli import main\n"
         f"try: main(['--out', {str(folder / 'all')!r}])\n"
         "except SystemExit: pass\n"
         "peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024\n"
@@ -266,7 +266,7 @@ def main() -> None:
         if arguments.generation:
             generation(folder)
             return
-        generate(search_path(), PACKAGES, folder)
+        generate(scan_search_path(), PACKAGES, folder)
         sys.path.insert(0, name)
         start = time.perf_counter()
         peers = flavours(name) if arguments.flavour else available_peers()

@@ -55,7 +55,7 @@ def main() -> None:
 def timed(words: tuple[str, ...]) -> float:
     """Seconds of one run, which has to end well."""
     began = monotonic()
-    done = subprocess.run([sys.executable, "-m", "rosidl_py_gen.tools", *words], capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-m", "rosidl_py_gen.ros_cli", *words], capture_output=True, text=True)
     seconds = monotonic() - began
     if done.returncode != 0:
         raise SystemExit(f"{' '.join(words)} ended with {done.returncode}: {done.stderr}")

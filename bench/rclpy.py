@@ -29,7 +29,7 @@ from runtime import figures
 from runtime_common import TEXT, cpu_s, report, run_node
 
 PROGRAMS = Path(__file__).resolve().parent / "rclpy_programs"
-RUN = [sys.executable, "-m", "rosidl_py_gen.tools", "run"]
+RUN = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "run"]
 MESSAGES = {  # type: messages a second, and how many
     "std_msgs/msg/String": (1000, 3000),
     "sensor_msgs/msg/JointState": (1000, 3000),

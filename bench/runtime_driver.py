@@ -28,9 +28,9 @@ SILENCE_S = 3.0
 def driven(main: Callable[[Any, Any, Any], None], name: str) -> None:
     """Run `main(driver, node, String)`."""
     from rosidl_py_gen import get_message
-    from rosidl_py_gen.runtime import Context, Driver, Node
+    from rosidl_py_gen.runtime import Context, LoopRunner, Node
 
-    with Driver() as driver, Context(driver=driver) as context:
+    with LoopRunner() as driver, Context(loop_runner=driver) as context:
         main(driver, Node(name, context=context), get_message("std_msgs/msg/String"))
 
 

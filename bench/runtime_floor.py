@@ -230,7 +230,7 @@ def floor_serve() -> None:
     while True:
         floor.take()
         number += 1
-        floor.writer.write_for(reply, (client, number))
+        floor.writer.write_with_identity(reply, (client, number))
 
 
 PAIRS = {"loop": ("loop_pong", "loop_ping")}

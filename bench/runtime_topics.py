@@ -163,7 +163,7 @@ async def receive_and_report(node: Any, string: Any, topic: str, count: int, qos
 
 async def publish_cost(node: Any, string: Any) -> None:
     """Publishing 100 bytes, and the two C calls that this takes, alternating."""
-    from rosidl_py_gen.runtime.transport.cyclone.structures import new_sample
+    from rosidl_py_gen.runtime.transport.cyclone.private_layout import new_sample
 
     publisher = node.create_publisher(string, "cost")
     message = string(data="x" * 91)

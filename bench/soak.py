@@ -145,7 +145,7 @@ async def be_killed() -> None:
 
 async def soak(seconds: float, folder: Path) -> int:
     """Run everything and report; the number of things that were lost."""
-    tool = [sys.executable, "-m", "rosidl_py_gen.tools"]
+    tool = [sys.executable, "-m", "rosidl_py_gen.ros_cli"]
     me = [sys.executable, __file__, "--role"]
     alive: dict[str, subprocess.Popen[str]] = {}
 

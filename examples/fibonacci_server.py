@@ -7,13 +7,13 @@ import asyncio
 
 from example_interfaces.action import Fibonacci
 
-from rosidl_py_gen.runtime import Finished, Node, ServerGoal, run
+from rosidl_py_gen.runtime import GoalResult, Node, ServerGoal, run
 
 
-async def execute(goal: ServerGoal[Fibonacci]) -> Fibonacci.Result | Finished:
+async def execute(goal: ServerGoal[Fibonacci]) -> Fibonacci.Result | GoalResult:
     sequence = [0, 1]
     for _ in range(goal.request.order - 1):
-        if goal.cancel_requested:
+        if goal.is_cancel_requested:
             print(f"cancelled after {len(sequence)} numbers", flush=True)
             return goal.canceled(Fibonacci.Result(sequence=sequence))
         sequence.append(sequence[-2] + sequence[-1])

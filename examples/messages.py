@@ -11,7 +11,7 @@ from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
 
-from rosidl_py_gen import DecodeError, EncodeError, compile_text, from_json, to_dict, to_json, type_hash
+from rosidl_py_gen import DecodeError, EncodeError, compile_definition, from_json, to_dict, to_json, type_hash
 
 
 def square(side_m: float) -> PoseArray:
@@ -47,7 +47,7 @@ def main() -> None:
     except DecodeError as error:
         print(error)
 
-    sample = compile_text("my_msgs/msg/Sample", "float32[] values  # Readings [V]\nstring<=8 unit V\n")
+    sample = compile_definition("my_msgs/msg/Sample", "float32[] values  # Readings [V]\nstring<=8 unit V\n")
     print(sample(values=[1.5, 2.5]))
 
 

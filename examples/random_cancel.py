@@ -21,7 +21,7 @@ from rosidl_py_gen.runtime import (
     ActionClient,
     AlreadyTerminatedError,
     CancelRejectedError,
-    Finished,
+    GoalResult,
     Node,
     ServerGoal,
     UnknownGoalError,
@@ -32,10 +32,10 @@ Goal = ServerGoal[Fibonacci]
 ends: Counter[str] = Counter()
 
 
-async def count(goal: Goal) -> Fibonacci.Result | Finished:
+async def count(goal: Goal) -> Fibonacci.Result | GoalResult:
     for number in range(1, goal.request.order + 1):
         await asyncio.sleep(0.08)  # something that takes its time
-        if goal.cancel_requested:  # true once `agrees` has agreed
+        if goal.is_cancel_requested:  # true once `agrees` has agreed
             ends["CANCELED"] += 1
             return goal.canceled(Fibonacci.Result(sequence=[number]))
     ends["SUCCEEDED"] += 1
@@ -66,7 +66,7 @@ async def one_goal(client: ActionClient[Fibonacci], number: int) -> None:
 async def main() -> None:
     goals = int(sys.argv[1]) if len(sys.argv) > 1 else 8
     async with Node("server") as server, Node("client") as node:
-        server.create_action_server(Fibonacci, "count", count, on_cancel=agrees)
+        server.create_action_server(Fibonacci, "count", count, cancel_callback=agrees)
         client = node.create_action_client(Fibonacci, "count")
         await asyncio.gather(*(one_goal(client, number) for number in range(goals)))
     print(f"the server ended {ends.total()} goals: " + ", ".join(f"{n} {name}" for name, n in sorted(ends.items())))

@@ -8,7 +8,7 @@ from rosidl_py_gen.runtime import Node, run
 
 
 async def main() -> None:
-    async with Node("simulator") as simulator, Node("follower", overrides={"use_sim_time": True}) as node:
+    async with Node("simulator") as simulator, Node("follower", parameter_overrides={"use_sim_time": True}) as node:
         simulator.create_sim_time_publisher(rate=10.0)
         rate = node.create_rate(1.0)
         while True:

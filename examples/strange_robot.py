@@ -9,10 +9,10 @@ it. The definitions are in this file alone; a real robot has them in packages of
     stopped by a visitor: cell 1 is at 3.39 V
 """
 
-from rosidl_py_gen import compile_text
+from rosidl_py_gen import compile_definition
 from rosidl_py_gen.runtime import Node, run
 
-Battery = compile_text(
+Battery = compile_definition(
     "strange_msgs/msg/Battery",
     """\
 string<=20 name
@@ -22,8 +22,8 @@ MSG: strange_msgs/Cell
 float32 voltage     # [V]
 """,
 )
-Cell = compile_text("strange_msgs/msg/Cell", "float32 voltage     # [V]\n")
-Drive = compile_text("strange_msgs/msg/Drive", "float32 speed       # [m/s]\nstring reason\n")
+Cell = compile_definition("strange_msgs/msg/Cell", "float32 voltage     # [V]\n")
+Drive = compile_definition("strange_msgs/msg/Drive", "float32 speed       # [m/s]\nstring reason\n")
 
 
 async def main() -> None:

@@ -47,7 +47,7 @@ async def look(node: Node, target: str, source: str) -> None:
     while True:
         seen_at = node.clock.now() if buffer.can_transform(target, source) else None  # None: the first that is told
         try:  # the robot tells a moment later where it was then
-            transform = await buffer.wait_for(target, source, seen_at, timeout_s=2)
+            transform = await buffer.wait_for_transform(target, source, seen_at, timeout_s=2)
         except TransformTimeoutError as error:
             print(error, flush=True)
             continue

@@ -31,7 +31,7 @@ class ExtraMissingError(RosidlError, ModuleNotFoundError):
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class Diagnostic:
     """One finding in a definition file: where it is and what is wrong.
 
     Attributes:
@@ -86,7 +86,7 @@ def printable(text: str, max_length: int | None = None) -> str:
     return text if text.isprintable() else "".join(char if char.isprintable() else "\ufffd" for char in text)
 
 
-def shown_path(path: str | os.PathLike[str]) -> str:
+def display_path(path: str | os.PathLike[str]) -> str:
     """A path as errors show it: relative when it is below the current folder."""
     try:
         relative = os.path.relpath(path)
@@ -96,7 +96,7 @@ def shown_path(path: str | os.PathLike[str]) -> str:
 
 
 class DefinitionError(RosidlError):
-    """The author of an interface file has to change it; `problems` holds every finding with its location.
+    """The author of an interface file has to change it; `diagnostics` holds every finding with its location.
 
     Attributes:
         problems: what is wrong.
@@ -105,12 +105,14 @@ class DefinitionError(RosidlError):
     """
 
     def __init__(
-        self, problems: Sequence[Problem] | Problem, notes: Sequence[Problem] = (), partial: bool = False
+        self, diagnostics: Sequence[Diagnostic] | Diagnostic, notes: Sequence[Diagnostic] = (), partial: bool = False
     ) -> None:
-        self.problems: tuple[Problem, ...] = (problems,) if isinstance(problems, Problem) else tuple(problems)
+        self.diagnostics: tuple[Diagnostic, ...] = (
+            (diagnostics,) if isinstance(diagnostics, Diagnostic) else tuple(diagnostics)
+        )
         self.notes = tuple(notes)
         self.partial = partial
-        super().__init__("\n".join(problem.with_caret() for problem in self.problems))
+        super().__init__("\n".join(problem.with_caret() for problem in self.diagnostics))
 
 
 class TypeNotFoundError(RosidlError, LookupError):

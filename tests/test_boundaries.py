@@ -21,8 +21,8 @@ SHARED = {
     "_decode",
     "_encode",
     "_encode_into",
-    "_native",
-    "_assign",
+    "_get_plain",
+    "_set_plain",
     "_FIELDS",
 }
 # The same for modules of the runtime only: what nodes and contexts are made of, which users do not see.
@@ -32,8 +32,8 @@ SHARED_IN_RUNTIME = {
     "_core",
     "_end_wait",
     "_record",
-    "_ask",
-    "_forget",
+    "_start_request",
+    "_abandon_request",
     "_servers",
     "_publish_without_waiting",
     "_deliver",
@@ -41,7 +41,7 @@ SHARED_IN_RUNTIME = {
     "_has_news",
     "_schedule",
     "_why_missing",
-    "_on_every_jump",
+    "_on_any_jump",
     "_why_unmatched",
 }
 # The same for the shim: what entities have for executors, where every public name would be one of rclpy's.
@@ -69,13 +69,13 @@ SHARED_IN_SHIM = {
 # The last two are in asyncio.__all__, for those who write event loops.
 DOCUMENTED = {"sys._getframe", "os._exit", "asyncio._get_running_loop", "asyncio._set_running_loop"}
 # Knows private structures of Cyclone DDS; no other module reads memory by address.
-KNOWS_LAYOUTS = "runtime.transport.cyclone.structures"
+KNOWS_LAYOUTS = "runtime.transport.cyclone.private_layout"
 # Functions and attributes by regular expression, and the modules (with what is below them) that may use them.
 RESTRICTED = {
     # Others ask the loop, or the clocks of the transport, which stand still in tests. The second half of these modules
     # is about threads, processes and files.
     r"time\.(monotonic|time|perf_counter)(_ns)?": (
-        "runtime.transport.clocks",
+        "runtime.transport.clock_functions",
         "runtime.transport.cyclone",
         "runtime.transport.zenoh",
         "runtime.logs",
@@ -83,22 +83,22 @@ RESTRICTED = {
         "runtime.loop.loop_binding",
         "runtime.loop.virtual_time",
         "base.interrupts",
-        "tools.doctor.peers",
-        "tools.recording.writer",
-        "tools.bag.convert",
-        "tools.bag.migrate",
-        "tools.foxglove",
-        "tools.filters",
-        "tools.messages",
-        "tools.topic.figures",
+        "ros_cli.doctor.peers",
+        "ros_cli.recording.writer",
+        "ros_cli.bag.convert",
+        "ros_cli.bag.migrate",
+        "ros_cli.foxglove",
+        "ros_cli.message_expressions",
+        "ros_cli.message_text",
+        "ros_cli.topic.statistics",
         "bags.writer",
-        "cli.generate",
+        "generator_cli.generate",
     ),
     r".*\b(from_address|memmove|memset|PyBytes_FromStringAndSize)": (KNOWS_LAYOUTS,),
     # `yaml_text` bounds how deep and how large a document may be.
     r"yaml\.((safe_|full_|unsafe_)?load(_all)?|compose|parse|scan)": ("base.yaml_text",),
     # The structure of nodes: what stands above the runtime uses its public methods.
-    r".*\.(bridge|participant|discovery)": ("runtime", "cli", "rclpy"),
+    r".*\.(bridge|participant|discovery)": ("runtime", "generator_cli", "rclpy"),
 }
 
 

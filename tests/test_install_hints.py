@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from rosidl_py_gen.base.resources import extra_missing, install_command
+from rosidl_py_gen.base.resources import install_command, missing_extra_message
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -129,7 +129,7 @@ def test_all_names_of_the_runtime_can_be_imported_without_a_transport() -> None:
 
 
 def test_other_modules_are_no_business_of_extras() -> None:
-    assert extra_missing(ModuleNotFoundError("No module named 'nope'", name="nope")) is None
+    assert missing_extra_message(ModuleNotFoundError("No module named 'nope'", name="nope")) is None
 
 
 def test_no_hint_is_written_by_hand() -> None:
@@ -160,7 +160,7 @@ gone = {{"pyarrow", "duckdb", "fsspec", "upath", "mcap", "zstandard", "lz4", "di
 importlib.util.find_spec = lambda name, *more: None if name in gone else real(name, *more)
 for name in gone:
     sys.modules[name] = None
-from rosidl_py_gen.tools import main
+from rosidl_py_gen.ros_cli import main
 main({list(arguments)!r})
 """
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

@@ -49,7 +49,7 @@ def test_compiled_templates_print_what_their_texts_print(package: Path, tmp_path
     printed = {}
     for name, top in (("wheel", package.parent), ("checkout", TOP)):
         out = tmp_path / name
-        run(top, "rosidl_py_gen.cli", "--out", str(out))
+        run(top, "rosidl_py_gen.generator_cli", "--out", str(out))
         printed[name] = {path.relative_to(out): path.read_bytes() for path in out.rglob("*.py")}
     assert printed["wheel"] == printed["checkout"]
     assert len(printed["wheel"]) > 200
@@ -74,7 +74,7 @@ READY = "rosidl_py_gen.ready_made"
 
 
 def test_a_wheel_holds_all_bundled_interfaces_ready_made_and_a_checkout_none(package: Path, tmp_path: Path) -> None:
-    run(TOP, "rosidl_py_gen.cli", "--out", str(tmp_path))
+    run(TOP, "rosidl_py_gen.generator_cli", "--out", str(tmp_path))
     printed = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.py")}
     ready = {path.relative_to(package / "ready_made").as_posix() for path in (package / "ready_made").rglob("*.py")}
     assert ready == {*printed, "__init__.py"}
@@ -93,7 +93,7 @@ for file in interfaces_dir().glob("*/*/*.*"):
         cls = get[file.parent.name](name)
         assert cls._TYPE.name == name, name
         print(cls.__module__.rpartition(".")[0])
-assert "jinja2" not in sys.modules and "rosidl_py_gen.compiler.spec" not in sys.modules
+assert "jinja2" not in sys.modules and "rosidl_py_gen.compiler.frontend" not in sys.modules
 """
     modules = found(package, program)
     assert len(modules) > 200
@@ -127,7 +127,7 @@ def test_a_definition_that_comes_before_the_bundled_one_is_taken(package: Path, 
 
 
 def test_a_type_has_one_class_where_only_a_part_of_it_was_generated_by_the_user(package: Path, tmp_path: Path) -> None:
-    run(TOP, "rosidl_py_gen.cli", "--out", str(tmp_path), "--filter", "std_msgs")
+    run(TOP, "rosidl_py_gen.generator_cli", "--out", str(tmp_path), "--filter", "std_msgs")
     program = f"""
 from rosidl_py_gen import get_message
 from std_msgs.msg import Header
@@ -142,16 +142,16 @@ print(pose.__module__.split(".")[0], get_message("std_msgs/msg/Header").__module
 def test_a_type_has_one_class_whether_a_text_or_the_wheel_was_asked_first(package: Path) -> None:
     header = "builtin_interfaces/Time stamp\\nstring frame_id\\n"
     text_first = f"""
-from rosidl_py_gen import compile_text, get_message
-header = compile_text("std_msgs/msg/Header", "{header}")
+from rosidl_py_gen import compile_definition, get_message
+header = compile_definition("std_msgs/msg/Header", "{header}")
 pose = get_message("{POSE}")
 assert type(pose().header) is header is get_message("std_msgs/msg/Header")
 print(pose.__module__.split(".")[0])
 """
     wheel_first = f"""
-from rosidl_py_gen import compile_text, get_message
+from rosidl_py_gen import compile_definition, get_message
 pose = get_message("{POSE}")
-header = compile_text("std_msgs/msg/Header", "{header}")
+header = compile_definition("std_msgs/msg/Header", "{header}")
 assert type(pose().header) is header is get_message("std_msgs/msg/Header")
 print(header.__module__)
 """

@@ -14,8 +14,8 @@ from typing import Any
 
 from rosidl_py_gen import get_action, get_message, get_service
 from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.compiler.frontend.search_path import search_path
 from rosidl_py_gen.compiler.generate import generate
-from rosidl_py_gen.compiler.spec.find import search_path
 from rosidl_py_gen.runtime import Context, Node, QoSProfile, ServerGoal, run
 
 LIMIT_S = 120.0

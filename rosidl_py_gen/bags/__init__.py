@@ -3,7 +3,7 @@
 Needs the extra ``mcap``; without it the import raises `ExtraMissingError`, an `ImportError` that has the command.
 """
 
-from rosidl_py_gen.base.resources import extra_missing as _extra_missing
+from rosidl_py_gen.base.resources import missing_extra_message as _extra_missing
 
 try:
     from rosidl_py_gen.bags.common import BagError as BagError
@@ -11,10 +11,10 @@ try:
     from rosidl_py_gen.bags.common import BagTopic as BagTopic
     from rosidl_py_gen.bags.common import BagWarning as BagWarning
     from rosidl_py_gen.bags.common import DamagedPart as DamagedPart
-    from rosidl_py_gen.bags.common import LeftOut as LeftOut
     from rosidl_py_gen.bags.common import RawMessage as RawMessage
+    from rosidl_py_gen.bags.common import SkippedMessages as SkippedMessages
     from rosidl_py_gen.bags.decoder import DecoderFactory as DecoderFactory
-    from rosidl_py_gen.bags.definitions import TopicDefinition as TopicDefinition
+    from rosidl_py_gen.bags.definition_lookup import TopicDefinition as TopicDefinition
     from rosidl_py_gen.bags.reader import BagReader as BagReader
     from rosidl_py_gen.bags.sqlite import SqliteWriter as SqliteWriter
     from rosidl_py_gen.bags.writer import BagWriter as BagWriter

@@ -141,7 +141,7 @@ class DamagedPart:
 
 
 @dataclass(frozen=True, slots=True)
-class LeftOut:
+class SkippedMessages:
     """Messages of a topic that a reader cannot decode and has left out.
 
     Attributes:

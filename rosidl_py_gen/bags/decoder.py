@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from mcap.decoder import DecoderFactory as McapDecoderFactory
 
-from rosidl_py_gen import Message, compile_text, decode
-from rosidl_py_gen.errors import DefinitionError, InvalidNameError, Problem
+from rosidl_py_gen import Message, compile_definition, decode
+from rosidl_py_gen.errors import DefinitionError, Diagnostic, InvalidNameError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -64,10 +64,10 @@ def _nothing(cls: type[Any], data: bytes | memoryview) -> Any:
 def message_class(name: str, definition: bytes) -> type[Any]:
     """The class of a message's schema; raises `DefinitionError`."""
     try:
-        cls = compile_text(name, definition.decode())
+        cls = compile_definition(name, definition.decode())
     except (UnicodeDecodeError, InvalidNameError) as error:
-        raise DefinitionError(Problem(f"<{name[:100]}>", 0, 0, f"the schema cannot be read: {error}")) from None
+        raise DefinitionError(Diagnostic(f"<{name[:100]}>", 0, 0, f"the schema cannot be read: {error}")) from None
     if not issubclass(cls, Message):
         text = "the schema is that of a service or action, expected that of a message"
-        raise DefinitionError(Problem(f"<{name[:100]}>", 0, 0, text))
+        raise DefinitionError(Diagnostic(f"<{name[:100]}>", 0, 0, text))
     return cls

@@ -11,15 +11,15 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Iterable
 
 
-class _Timed(Protocol):
+class _HasLogTime(Protocol):
     @property
     def log_time(self) -> int: ...
 
 
-T = TypeVar("T", bound=_Timed)
+T = TypeVar("T", bound=_HasLogTime)
 
 
-def paced(messages: Iterable[T], rate: float) -> AsyncIterator[T]:
+def at_recorded_pace(messages: Iterable[T], rate: float) -> AsyncIterator[T]:
     """Give each message when it is due; `rate` 2.0 is twice as fast. Raises ValueError when it is not above 0."""
     if not rate > 0:
         raise ValueError(f"rate must be above 0, got {rate}")

@@ -12,23 +12,31 @@ from dataclasses import replace
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Literal
 
-from rosidl_py_gen.bags.common import BagError, BagMessage, BagTopic, BagWarning, LeftOut, RawMessage
+from rosidl_py_gen.bags.common import BagError, BagMessage, BagTopic, BagWarning, RawMessage, SkippedMessages
 from rosidl_py_gen.bags.decoder import decoder_of
-from rosidl_py_gen.bags.definitions import (
+from rosidl_py_gen.bags.definition_lookup import (
     NO_FIELDS,
     Definitions,
     TopicDefinition,
     WrongDefinitionError,
+    checked_decoder,
     is_empty,
-    measuring,
 )
-from rosidl_py_gen.bags.files.damage import Skipped
-from rosidl_py_gen.bags.files.mcap_file import by_name, joined
-from rosidl_py_gen.bags.files.opened import cuts, open_files
-from rosidl_py_gen.bags.files.storage import MAX_UNPACKED_BYTES, Channel, Raw, Source, in_blocks, merged, with_bytes
-from rosidl_py_gen.bags.pacing import paced
-from rosidl_py_gen.bags.remote import place_of
-from rosidl_py_gen.bags.table import frame, table
+from rosidl_py_gen.bags.numpy_table import frame, table
+from rosidl_py_gen.bags.pacing import at_recorded_pace
+from rosidl_py_gen.bags.remote import bag_path
+from rosidl_py_gen.bags.storage.damage import Skipped
+from rosidl_py_gen.bags.storage.mcap_file import by_name, joined
+from rosidl_py_gen.bags.storage.open_storage import open_files, split_times
+from rosidl_py_gen.bags.storage.storage_api import (
+    MAX_UNPACKED_BYTES,
+    BagChannel,
+    Raw,
+    TableInput,
+    as_table_input,
+    merge_by_time,
+    with_bytes,
+)
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.errors import DecodeError, RosidlError
 
@@ -39,8 +47,8 @@ if TYPE_CHECKING:
     import numpy as np
     from typing_extensions import Self
 
-    from rosidl_py_gen.bags.definitions import Typestore
-    from rosidl_py_gen.types.by_name import Folders
+    from rosidl_py_gen.bags.definition_lookup import Typestore
+    from rosidl_py_gen.type_loading.class_lookup import SearchFolders
 
 _END = 1 << 64
 
@@ -57,7 +65,8 @@ class BagReader:
             one, as ``s3://bucket/drive.mcap``, with the extra ``tables``: MCAP files are then read by ranges.
         validate_crcs: compare the checksum of each chunk of an MCAP file, which for images and clouds takes longer than
             everything else. False is for files you trust; damage is then found only where it breaks the format.
-        max_unpacked_bytes: what a compressed chunk or message may become at most. A few bytes can say that they become
+        max_decompressed_bytes: what a compressed chunk or message may become at most. A few bytes can say that they
+        become
             any number; 1 GiB unless you know that there are larger messages.
         search_path: folders with the packages of the recording, for bags that do not have their definitions, as SQLite
             bags before Iron; looked through before AMENT_PREFIX_PATH and the bundled interfaces, as by `get_message`.
@@ -74,21 +83,23 @@ class BagReader:
         path: str | os.PathLike[str],
         *,
         validate_crcs: bool = True,
-        max_unpacked_bytes: int = MAX_UNPACKED_BYTES,
-        search_path: Folders = (),
+        max_decompressed_bytes: int = MAX_UNPACKED_BYTES,
+        search_path: SearchFolders = (),
         typestore: Typestore | None = None,
         skip_damaged: bool = False,
     ) -> None:
-        self.path = place_of(path)
+        self.path = bag_path(path)
         skipped = Skipped()
         self.damaged = skipped.parts
         """Damaged parts of MCAP files that were skipped so far; a `BagWarning` reports each of the first 20."""
         self._kept = ExitStack()
-        self.left_out: dict[str, LeftOut] = {}
+        self.skipped: dict[str, SkippedMessages] = {}
         """Topics whose messages `messages` could not decode and left out so far, with their number and the reason."""
         try:
             skip = skipped.add if skip_damaged else None
-            self.files, self._files, hashes = open_files(self.path, self._kept, validate_crcs, max_unpacked_bytes, skip)
+            self.files, self._files, hashes = open_files(
+                self.path, self._kept, validate_crcs, max_decompressed_bytes, skip
+            )
             """The files it consists of."""
             self._definitions = Definitions(self.path, search_path, typestore, hashes)
             self.channels: list[BagTopic] = joined(topic for file in self._files for topic in file.channels())
@@ -137,8 +148,8 @@ class BagReader:
         Arguments and errors as `message_class`.
         """
         if isinstance(topic, BagTopic):
-            return self._definitions.of(topic)
-        found = {one.cls: one for one in map(self._definitions.of, self._channels_of(topic))}
+            return self._definitions.find(topic)
+        found = {one.message_class: one for one in map(self._definitions.find, self._channels_of(topic))}
         if len(found) > 1:
             raise BagError(
                 f"{self.path}: {topic} was recorded with {len(found)} definitions; `messages` decodes each message "
@@ -165,7 +176,7 @@ class BagReader:
 
         Args:
             topics: only these; None means all whose type is known, and all when `raw`. What is left out then is in
-                `left_out`, and there is one `BagWarning` for each such topic.
+                `skipped`, and there is one `BagWarning` for each such topic.
             start_ns: only those with ``start_ns <= log_time``.
             end_ns: only those with ``log_time < end_ns``.
             raw: messages stay bytes of CDR, and cost no decoding.
@@ -206,10 +217,10 @@ class BagReader:
         return names
 
     def _merged(self, names: list[str] | None, start_ns: int | None, end_ns: int | None) -> Iterator[Raw]:
-        return merged(self._files, names, start_ns or 0, _END if end_ns is None else end_ns)
+        return merge_by_time(self._files, names, start_ns or 0, _END if end_ns is None else end_ns)
 
     def _decoded(self, found: Iterable[Raw], arrays: bool, may_leave_out: bool, may_skip: bool) -> Iterator[BagMessage]:
-        decoders: dict[Channel, Callable[[bytes | memoryview], Any] | None] = {}
+        decoders: dict[BagChannel, Callable[[bytes | memoryview], Any] | None] = {}
         make = tuple.__new__  # what BagMessage() does, in half the time
         for channel, data, log_time, publish_time in found:
             try:
@@ -237,13 +248,13 @@ class BagReader:
             yield make(BagMessage, (channel.topic, message, log_time, publish_time))
 
     def _decoder(
-        self, channel: Channel, first: bytes | memoryview, arrays: bool, may_leave_out: bool, may_skip: bool
+        self, channel: BagChannel, first: bytes | memoryview, arrays: bool, may_leave_out: bool, may_skip: bool
     ) -> Callable[[bytes | memoryview], Any] | None:
         """None when messages of this channel, of which `first` is one, have to be left out."""
         topic = channel.info
         try:
-            cls, found = self._definitions.class_of(topic), self._definitions.of(topic)
-            if found.origin == NO_FIELDS and not (found.is_certain or is_empty(first)):
+            cls, found = self._definitions.class_of(topic), self._definitions.find(topic)
+            if found.origin == NO_FIELDS and not (found.is_recorded or is_empty(first)):
                 raise BagError(f"{channel.topic}: the bag has no definition of {topic.type_name}, and nobody else")
         except RosidlError as error:
             if not may_leave_out:
@@ -251,17 +262,17 @@ class BagReader:
             self._leave_out(channel.topic, error, 0)
             return None
         decode = decoder_of(cls, arrays)
-        return decode if found.is_certain else measuring(topic, found, decode, may_skip)
+        return decode if found.is_recorded else checked_decoder(topic, found, decode, may_skip)
 
     def _leave_out(self, topic: str, error: RosidlError | None = None, count: int = 1) -> None:
         """Count a message; with the first `error` of a topic, say so."""
-        before = self.left_out.get(topic)
+        before = self.skipped.get(topic)
         if before is None:
             reason = str(error).removeprefix(f"{topic}: ")
-            self.left_out[topic] = LeftOut(count, reason)
+            self.skipped[topic] = SkippedMessages(count, reason)
             warnings.warn(f"{self.path}: left out {topic}: {reason}", BagWarning, stacklevel=4)
         else:
-            self.left_out[topic] = replace(before, count=before.count + count)
+            self.skipped[topic] = replace(before, count=before.count + count)
 
     def __iter__(self) -> Iterator[BagMessage]:
         return self.messages()
@@ -280,7 +291,7 @@ class BagReader:
         Args:
             rate: 2.0 plays twice as fast; arguments otherwise, and errors, as `messages`.
         """
-        return paced(self.messages(topics, start_ns=start_ns, end_ns=end_ns, raw=raw), rate)
+        return at_recorded_pace(self.messages(topics, start_ns=start_ns, end_ns=end_ns, raw=raw), rate)
 
     def to_arrays(
         self,
@@ -366,14 +377,14 @@ class BagReader:
 
     def _source(
         self, names: list[str], start_ns: int | None, end_ns: int | None, on_error: str, may_leave_out: bool = False
-    ) -> Source:
+    ) -> TableInput:
         if on_error not in ("raise", "skip"):
             raise ValueError(f'on_error is "raise" or "skip", got {on_error!r}')
-        found = in_blocks(self._files, names, start_ns or 0, _END if end_ns is None else end_ns)
-        return Source(found, lambda some: self._decoded(some, False, may_leave_out, on_error == "skip"))
+        found = as_table_input(self._files, names, start_ns or 0, _END if end_ns is None else end_ns)
+        return TableInput(found, lambda some: self._decoded(some, False, may_leave_out, on_error == "skip"))
 
     def _cuts(self, size: int) -> list[int]:
-        return cuts(self._files, size)
+        return split_times(self._files, size)
 
     def table(
         self,

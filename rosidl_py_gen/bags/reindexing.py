@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.bags.common import BagError, replace_durably
-from rosidl_py_gen.bags.definitions import has_definition
-from rosidl_py_gen.bags.files.compressed import SUFFIX, bag_files, compression_of
-from rosidl_py_gen.bags.files.mcap_file import by_name
+from rosidl_py_gen.bags.definition_lookup import has_definition
+from rosidl_py_gen.bags.file_splitter import compress_file
 from rosidl_py_gen.bags.metadata import FILE, FileStatistics, metadata_text, write_metadata
-from rosidl_py_gen.bags.parts import compress_file
 from rosidl_py_gen.bags.reader import BagReader
+from rosidl_py_gen.bags.storage.file_compression import SUFFIX, bag_files, compression_of
+from rosidl_py_gen.bags.storage.mcap_file import by_name
 from rosidl_py_gen.bags.writer import BagWriter
 from rosidl_py_gen.errors import RosidlError
 
@@ -45,8 +45,8 @@ class Reindexed(NamedTuple):
     files: int
     messages: int
     topics: int
-    without_index: tuple[str, ...] = ()
-    kept: Path | None = None
+    unindexed_files: tuple[str, ...] = ()
+    backup: Path | None = None
     damaged: tuple[DamagedPart, ...] = ()
 
 
@@ -117,7 +117,7 @@ def reindex_file(file: Path) -> Reindexed:
         topics = len(reader.topics)
     file.rename(kept)
     replace_durably(partial, file)
-    return Reindexed(file, 1, count, topics, kept=kept, damaged=tuple(reader.damaged))
+    return Reindexed(file, 1, count, topics, backup=kept, damaged=tuple(reader.damaged))
 
 
 def _with_hash(reader: BagReader, channel: BagTopic) -> BagTopic:

@@ -15,17 +15,17 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, cast
 
 from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.base.resources import extra_missing
+from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-_BEHIND = 1 << 20
+_READ_AHEAD_BYTES = 1 << 20
 """Bytes that are read more than asked for."""
 
 
-class UnreachableError(BagError):
+class BagUnreachableError(BagError):
     """The place where a bag is did not answer, which says nothing of its bytes."""
 
 
@@ -46,7 +46,7 @@ def has_colons_in_names(url: str) -> bool:
     return bool(separator and is_one) and "://" not in rest and protocol not in _WRAPPING
 
 
-def place_of(path: str | os.PathLike[str]) -> Path:
+def bag_path(path: str | os.PathLike[str]) -> Path:
     """The path of a bag: of this machine, or what looks like it.
 
     Raises:
@@ -59,7 +59,7 @@ def place_of(path: str | os.PathLike[str]) -> Path:
     try:
         from upath import UPath
     except ModuleNotFoundError as missing:
-        raise extra_missing(missing) or missing from None
+        raise missing_extra_message(missing) or missing from None
     try:
         # Of a URL with such a name, universal_pathlib would show what is before it; joined, it is read or refused.
         root = path[: path.rfind("/", 0, path.index("::"))] if has_colons_in_names(path) else path
@@ -72,37 +72,37 @@ def place_of(path: str | os.PathLike[str]) -> Path:
 
 
 @contextmanager
-def reached(place: object) -> Iterator[None]:
-    """Turn what file systems raise, each package its own, into `UnreachableError`; those of files are left alone."""
+def unreachable_as_error(place: object) -> Iterator[None]:
+    """Turn what file systems raise, each package its own, into `BagUnreachableError`; those of files are left alone."""
     try:
         yield
     except (RosidlError, OSError, MemoryError):
         raise
     except Exception as error:
-        raise UnreachableError(f"{place}: {type(error).__name__}: {str(error)[:300]}") from None
+        raise BagUnreachableError(f"{place}: {type(error).__name__}: {str(error)[:300]}") from None
 
 
 def opened(path: Path) -> IO[bytes]:
     """A file to read from, here and there."""
-    return path.open("rb") if isinstance(path, Path) else cast("IO[bytes]", _Ranges(path))
+    return path.open("rb") if isinstance(path, Path) else cast("IO[bytes]", _RangeFile(path))
 
 
-class _Ranges:
+class _RangeFile:
     """A file that is read by ranges."""
 
     def __init__(self, path: Any) -> None:
         self._path = path
-        with reached(path):
-            self._stream = path.open("rb", block_size=_BEHIND, cache_type="readahead")
+        with unreachable_as_error(path):
+            self._stream = path.open("rb", block_size=_READ_AHEAD_BYTES, cache_type="readahead")
 
     def read(self, size: int = -1) -> bytes:
-        """As of a file. Raises `UnreachableError`."""
+        """As of a file. Raises `BagUnreachableError`."""
         try:
             return bytes(self._stream.read(size))
         except MemoryError:
             raise
         except Exception as error:
-            raise UnreachableError(f"{self._path}: {type(error).__name__}: {str(error)[:300]}") from None
+            raise BagUnreachableError(f"{self._path}: {type(error).__name__}: {str(error)[:300]}") from None
 
     def seek(self, at: int, whence: int = 0) -> int:
         """As of a file."""
@@ -117,7 +117,7 @@ class _Ranges:
         self._stream.close()
 
 
-def copied(path: Path, folder: Path) -> Path:
+def local_copy(path: Path, folder: Path) -> Path:
     """The same file in a folder of this machine, with what SQLite keeps beside it; a local one is left where it is.
 
     Raises:
@@ -125,7 +125,7 @@ def copied(path: Path, folder: Path) -> Path:
     """
     if isinstance(path, Path):
         return path
-    with reached(path):
+    with unreachable_as_error(path):
         size, room = path.stat().st_size, shutil.disk_usage(folder).free // 2
         if size > room:
             raise BagError(f"{path}: it has {size} bytes, more than {room}, half of what is free in {folder}")

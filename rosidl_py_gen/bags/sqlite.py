@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.bags.common import BagError, BagTopic, checked_time, require_printable
-from rosidl_py_gen.bags.definitions import same_definition
-from rosidl_py_gen.bags.parts import BagParts
+from rosidl_py_gen.bags.definition_lookup import same_definition
+from rosidl_py_gen.bags.file_splitter import FileSplitter
 
 if TYPE_CHECKING:
     import os
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from rosidl_py_gen.bags.common import RawMessage
-    from rosidl_py_gen.bags.parts import Packing
+    from rosidl_py_gen.bags.file_splitter import CompressionMode
 
 # Version 4 of rosbag2's own tables.
 _TABLES = """
@@ -52,8 +52,8 @@ class SqliteWriter:
         *,
         split_bytes: int | None = None,
         split_s: float | None = None,
-        packing: Packing = "none",
-        packing_threads: int = 0,
+        compression_mode: CompressionMode = "none",
+        compression_threads: int = 0,
         custom_data: Mapping[str, str] | None = None,
     ) -> None:
         self.path = Path(path)
@@ -61,14 +61,14 @@ class SqliteWriter:
             raise BagError(f"{self.path} exists already")
         if self.path.suffix in (".mcap", ".db3"):
             raise BagError(f"{self.path}: a bag of SQLite files is a folder; give a name without {self.path.suffix}")
-        self._parts = BagParts(
+        self._parts = FileSplitter(
             self.path,
             "sqlite3",
             ".db3",
             split_bytes=split_bytes,
             split_s=split_s,
-            packing=packing,
-            threads=packing_threads,
+            packing=compression_mode,
+            threads=compression_threads,
             custom_data=custom_data,
         )
         self.path.mkdir(parents=True)
@@ -80,7 +80,7 @@ class SqliteWriter:
         """Begin a file; the topics of those before are in it, too."""
         self._ids: dict[str, int] = {}
         self._described: set[str] = set()
-        with self._told():
+        with self._as_bag_error():
             self._base = sqlite3.connect(self._parts.begin(), isolation_level=None, check_same_thread=False)
             self._base.executescript(_TABLES)
             self._base.execute("begin")
@@ -88,7 +88,7 @@ class SqliteWriter:
             self._insert(topic)
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
+    def _as_bag_error(self) -> Iterator[None]:
         try:
             yield
         except (sqlite3.Error, UnicodeEncodeError) as error:
@@ -119,7 +119,7 @@ class SqliteWriter:
         self._topics[topic] = known
 
     def _insert(self, known: BagTopic) -> None:
-        with self._told():
+        with self._as_bag_error():
             added = self._base.execute(
                 "insert into topics(name, type, serialization_format, offered_qos_profiles, type_description_hash) "
                 "values (?, ?, ?, ?, ?)",
@@ -154,10 +154,10 @@ class SqliteWriter:
         if self._closed or topic not in self._ids:
             raise BagError(f"{self.path} is closed" if self._closed else f"{topic} has no type yet: call add_topic")
         log_time = checked_time(log_time_ns, topic, "log")
-        if self._parts.is_due(log_time):
+        if self._parts.needs_new_file(log_time):
             self._next_file()
-        with self._told():
-            row = self._ids[topic], log_time, self._parts.packed(data)
+        with self._as_bag_error():
+            row = self._ids[topic], log_time, self._parts.compress_message(data)
             self._base.execute("insert into messages(topic_id, timestamp, data) values (?, ?, ?)", row)
         self._parts.add(topic, log_time, len(data))
 
@@ -168,7 +168,7 @@ class SqliteWriter:
             BagError: it cannot be written.
         """
         if not self._closed:
-            with self._told():
+            with self._as_bag_error():
                 self._base.execute("commit")
                 self._base.execute("begin")
 
@@ -190,7 +190,7 @@ class SqliteWriter:
     def _finish(self) -> None:
         text = self._parts.file_metadata(self._topics.values())
         try:
-            with self._told():
+            with self._as_bag_error():
                 self._base.execute("insert into metadata(metadata_version, metadata) values (8, ?)", (text,))
                 self._base.execute("commit")
         finally:

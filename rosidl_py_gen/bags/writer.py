@@ -11,11 +11,11 @@ from mcap.writer import CompressionType, Writer
 
 from rosidl_py_gen import __version__, encode, type_hash, type_name
 from rosidl_py_gen.bags.common import BagError, BagTopic, checked_time, require_printable
-from rosidl_py_gen.bags.files.storage import MAX_UNPACKED_BYTES
+from rosidl_py_gen.bags.file_splitter import FileSplitter
 from rosidl_py_gen.bags.metadata import qos_text
-from rosidl_py_gen.bags.parts import BagParts
+from rosidl_py_gen.bags.storage.storage_api import MAX_UNPACKED_BYTES
 from rosidl_py_gen.errors import EncodeError
-from rosidl_py_gen.types.from_description import definition_text
+from rosidl_py_gen.type_loading.from_description import definition_text
 
 if TYPE_CHECKING:
     import os
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from rosidl_py_gen.bags.common import RawMessage
-    from rosidl_py_gen.bags.parts import Packing
+    from rosidl_py_gen.bags.file_splitter import CompressionMode
     from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.runtime import QoSProfile
 
@@ -95,8 +95,8 @@ class BagWriter:
         compression: str = "zstd",
         split_bytes: int | None = None,
         split_s: float | None = None,
-        packing: Packing = "none",
-        packing_threads: int = 0,
+        compression_mode: CompressionMode = "none",
+        compression_threads: int = 0,
         custom_data: Mapping[str, str] | None = None,
     ) -> None:
         self.path = Path(path)
@@ -105,15 +105,15 @@ class BagWriter:
             raise BagError(
                 f'compression "{compression}" is not known; there are {", ".join(filter(None, _COMPRESSIONS))}'
             )
-        self._parts = BagParts(
+        self._parts = FileSplitter(
             self.path,
             "mcap",
             ".mcap",
             is_folder=is_folder,
             split_bytes=split_bytes,
             split_s=split_s,
-            packing=packing,
-            threads=packing_threads,
+            packing=compression_mode,
+            threads=compression_threads,
             custom_data=custom_data,
         )
         if self.path.suffix == ".db3":
@@ -258,10 +258,10 @@ class BagWriter:
     ) -> None:
         log_time = time.time_ns() if log_time_ns is None else checked_time(log_time_ns, topic, "log")
         published = log_time if publish_time_ns is None else checked_time(publish_time_ns, topic, "publish")
-        if self._parts.is_due(log_time):
+        if self._parts.needs_new_file(log_time):
             self._next_file()
         self._parts.add(topic, log_time, len(data))
-        data = self._parts.packed(data)
+        data = self._parts.compress_message(data)
         if len(data) <= MAX_COMPRESSED_BYTES:
             self._writer.add_message(channel, log_time, data, published)
             return

@@ -15,7 +15,7 @@ from rosidl_py_gen.base.fieldtype import FieldType
 
 # name, type, text of the default value ("" when there is none)
 FieldRow = tuple[str, FieldType, str]
-Lookup = Callable[[str], Iterable[FieldRow]]
+FieldLookup = Callable[[str], Iterable[FieldRow]]
 Description = dict[str, Any]
 
 EMPTY_MESSAGE: tuple[FieldRow, ...] = (("structure_needs_at_least_one_member", FieldType("uint8"), ""),)
@@ -48,7 +48,7 @@ def default_text(value: object) -> str:
     return value if isinstance(value, str) else repr(value)
 
 
-def individual(name: str, rows: Iterable[FieldRow]) -> Description:
+def individual_description(name: str, rows: Iterable[FieldRow]) -> Description:
     """The description of one type without the types it refers to."""
     fields = [
         {"name": field, "type": kind.description(), "default_value": default}
@@ -57,7 +57,7 @@ def individual(name: str, rows: Iterable[FieldRow]) -> Description:
     return {"type_name": name, "fields": fields}
 
 
-def describe(name: str, lookup: Lookup) -> Description:
+def build_type_description(name: str, lookup: FieldLookup) -> Description:
     """The full description of a type: itself and everything it refers to, sorted by name.
 
     Args:
@@ -71,7 +71,7 @@ def describe(name: str, lookup: Lookup) -> Description:
         if current in seen:
             continue
         rows = tuple(lookup(current))
-        seen[current] = individual(current, rows)
+        seen[current] = individual_description(current, rows)
         pending.extend(kind.base for _, kind, _ in rows if kind.is_message)
     top = seen.pop(name)
     return {"type_description": top, "referenced_type_descriptions": [seen[key] for key in sorted(seen)]}
@@ -96,14 +96,14 @@ def _hash(top: str, referenced: Iterable[str]) -> str:
     return "RIHS01_" + hashlib.sha256(text.encode()).hexdigest()
 
 
-class Hashes:
+class TypeHasher:
     """RIHS01 of many types that refer to each other: each is looked up and written once.
 
     Args:
         lookup: as for `describe`.
     """
 
-    def __init__(self, lookup: Lookup) -> None:
+    def __init__(self, lookup: FieldLookup) -> None:
         self._lookup = lookup
         self._texts: dict[str, tuple[str, tuple[str, ...]]] = {}
         self._found: dict[str, str] = {}
@@ -127,5 +127,5 @@ class Hashes:
         if name not in self._texts:
             rows = tuple(self._lookup(name))
             below = dict.fromkeys(kind.base for _, kind, _ in rows if kind.is_message)
-            self._texts[name] = _hashed_text(individual(name, rows)), tuple(below)
+            self._texts[name] = _hashed_text(individual_description(name, rows)), tuple(below)
         return self._texts[name]

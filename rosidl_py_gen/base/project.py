@@ -11,9 +11,9 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rosidl_py_gen.base.generated_files import is_generated
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.ownership import owns
-from rosidl_py_gen.errors import DefinitionError, Problem, shown_path
+from rosidl_py_gen.errors import DefinitionError, Diagnostic, display_path
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -38,7 +38,7 @@ class GeneratedPackages(MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        if path is not None or not owns(Path(self.folder, fullname, "__init__.py")):
+        if path is not None or not is_generated(Path(self.folder, fullname, "__init__.py")):
             return None
         return PathFinder.find_spec(fullname, [self.folder], target)
 
@@ -123,8 +123,8 @@ def _checked(folder: Path, table: object) -> list[str]:
     for entry in entries:
         if "\0" in entry or not (folder / entry).is_dir():
             raise _wrong(file, f"[tool.{_TABLE}] path: {entry!r:.200} is not a folder")
-    return [shown_path(folder / entry) for entry in entries]
+    return [display_path(folder / entry) for entry in entries]
 
 
 def _wrong(file: Path, text: str) -> DefinitionError:
-    return DefinitionError(Problem(shown_path(file), 0, 0, text))
+    return DefinitionError(Diagnostic(display_path(file), 0, 0, text))

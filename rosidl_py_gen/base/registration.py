@@ -36,7 +36,7 @@ class Registration:
         self.close()
 
 
-class Registrations(Generic[T]):
+class RegistrationSet(Generic[T]):
     """What was added and not taken back, oldest first; what is taken back while somebody iterates is left out."""
 
     def __init__(self) -> None:

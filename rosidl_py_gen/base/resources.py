@@ -41,8 +41,8 @@ _EXTRA_OF = {
 
 
 def grammar_text(name: str) -> str:
-    """The text of a grammar file in `compiler/spec/`."""
-    return (_PACKAGE / "compiler" / "spec" / name).read_text(encoding="utf-8")
+    """The text of a grammar file in `compiler/frontend/`."""
+    return (_PACKAGE / "compiler" / "frontend" / name).read_text(encoding="utf-8")
 
 
 def templates_dir() -> Path:
@@ -68,7 +68,7 @@ def _find(name: str) -> Path:
 # ------------------------------------------------------------------------------------------------ how it was installed
 
 
-def extra_missing(error: ImportError) -> ExtraMissingError | None:
+def missing_extra_message(error: ImportError) -> ExtraMissingError | None:
     """What to say of a module that is not there; None when no extra brings it."""
     name = (error.name or "").partition(".")[0]
     if name not in _EXTRA_OF:
@@ -77,7 +77,7 @@ def extra_missing(error: ImportError) -> ExtraMissingError | None:
     return ExtraMissingError(text, name=name)
 
 
-def require(*modules: str) -> None:
+def require_modules(*modules: str) -> None:
     """Raise `ExtraMissingError` for the first of these modules that is not there.
 
     What needs several extras asks so for the one that brings the others, before it imports anything.
@@ -86,7 +86,7 @@ def require(*modules: str) -> None:
 
     for name in modules:
         if find_spec(name) is None:
-            raise extra_missing(ModuleNotFoundError(name=name)) or ModuleNotFoundError(name=name)
+            raise missing_extra_message(ModuleNotFoundError(name=name)) or ModuleNotFoundError(name=name)
 
 
 def install_command(extra: str) -> str:

@@ -26,7 +26,7 @@ def require_signature(function: Callable[..., Any], what: str, *gets: str, hint:
 
     `gets` says in words what they are; `hint` ends the message.
     """
-    if _takes(function, len(gets)):
+    if _accepts_arguments(function, len(gets)):
         return
     try:
         signature = inspect.signature(function, follow_wrapped=False)
@@ -41,7 +41,7 @@ def require_signature(function: Callable[..., Any], what: str, *gets: str, hint:
         raise CallbackSignatureError(f"{what} gets {given}, which {shown:.200} cannot take: {error}{hint}") from None
 
 
-def _takes(function: object, count: int) -> bool:
+def _accepts_arguments(function: object, count: int) -> bool:
     """Whether it certainly can; a node serves a dozen functions of ours, and a signature takes 15 us to make."""
     if isinstance(function, MethodType):
         function, count = function.__func__, count + 1

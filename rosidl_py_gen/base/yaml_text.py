@@ -19,13 +19,13 @@ import math
 import re
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.resources import extra_missing
+from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.errors import RosidlError
 
 try:
     import yaml
 except ModuleNotFoundError as missing:
-    raise extra_missing(missing) or missing from None
+    raise missing_extra_message(missing) or missing from None
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,3 +1,6 @@
+from rosidl_py_gen.cdr.field_walk import decode_slow as decode_slow
+from rosidl_py_gen.cdr.field_walk import encode_slow as encode_slow
+from rosidl_py_gen.cdr.field_walk import validate as validate
 from rosidl_py_gen.cdr.lazy import lazy_exports as lazy_exports
 from rosidl_py_gen.cdr.message import Action as Action
 from rosidl_py_gen.cdr.message import Field as Field
@@ -5,6 +8,3 @@ from rosidl_py_gen.cdr.message import Message as Message
 from rosidl_py_gen.cdr.message import Service as Service
 from rosidl_py_gen.cdr.message import ServiceInfo as ServiceInfo
 from rosidl_py_gen.cdr.message import TypeInfo as TypeInfo
-from rosidl_py_gen.cdr.walk import recover_decode as recover_decode
-from rosidl_py_gen.cdr.walk import recover_encode as recover_encode
-from rosidl_py_gen.cdr.walk import validate as validate

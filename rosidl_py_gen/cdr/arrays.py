@@ -39,7 +39,7 @@ def _read_only_empty(dtype: np.dtype[Any]) -> Array:
 EMPTY: dict[str, Array] = {code: _read_only_empty(dtype) for code, dtype in DTYPES.items()}
 
 
-class UnfitValueError(RosidlError, ValueError):
+class FieldValueError(RosidlError, ValueError):
     """A value that does not fit, before it is known which field it belongs to; `index` is the element or None."""
 
     def __init__(self, reason: str, index: int | None = None) -> None:
@@ -48,7 +48,7 @@ class UnfitValueError(RosidlError, ValueError):
         super().__init__(reason)
 
 
-def shorten(value: object, width: int = 80) -> str:
+def short_repr(value: object, width: int = 80) -> str:
     """`repr` of a value for an error text, cut to `width` characters; a failing repr is named, not raised."""
     try:
         text = repr(value[: width + 1]) if isinstance(value, (str, bytes, bytearray, list, tuple)) else repr(value)
@@ -63,11 +63,11 @@ def coerce(value: object, code: str) -> Array:
     Accepts numpy arrays, lists, tuples, ranges, array.array, memoryview, and bytes for 8-bit integers.
 
     Raises:
-        UnfitValueError: another type, more than one dimension, or an element that the dtype cannot hold.
+        FieldValueError: another type, more than one dimension, or an element that the dtype cannot hold.
     """
     if isinstance(value, (bytes, bytearray)):
         if code not in "Bb":
-            raise UnfitValueError(f"expected a sequence of {DTYPES[code].name}, found {shorten(value)}")
+            raise FieldValueError(f"expected a sequence of {DTYPES[code].name}, found {short_repr(value)}")
         return np.frombuffer(value, DTYPES[code])
     if isinstance(value, (array, memoryview)):
         value = _from_buffer(value)
@@ -77,7 +77,7 @@ def coerce(value: object, code: str) -> Array:
         else:
             return cast(value, code)
     if isinstance(value, (str, dict)) or not isinstance(value, Sequence):
-        raise UnfitValueError(f"expected a sequence of {DTYPES[code].name}, found {shorten(value)}")
+        raise FieldValueError(f"expected a sequence of {DTYPES[code].name}, found {short_repr(value)}")
     return _pack(value, code)
 
 
@@ -85,19 +85,19 @@ def _from_buffer(value: array[Any] | memoryview) -> Array:
     try:
         return np.asarray(value)
     except (ValueError, TypeError, BufferError) as error:
-        raise UnfitValueError(f"expected a buffer of numbers, found {shorten(value)} ({error})") from error
+        raise FieldValueError(f"expected a buffer of numbers, found {short_repr(value)} ({error})") from error
 
 
 def cast(value: Array, code: str) -> Array:
-    """A one-dimensional array of numbers as a contiguous one of the wire dtype; raises UnfitValueError, as `coerce`."""
+    """A one-dimensional array of numbers as a contiguous one of the wire dtype; raises FieldValueError, as `coerce`."""
     dtype = DTYPES[code]
     if value.ndim != 1:
-        raise UnfitValueError(f"expected one dimension, found shape {value.shape}; use .ravel()")
+        raise FieldValueError(f"expected one dimension, found shape {value.shape}; use .ravel()")
     if value.dtype == dtype:
         return np.ascontiguousarray(value, dtype)
     kind, wanted = value.dtype.kind, dtype.kind
     if wanted == "b" or kind not in "biuf" or (wanted in "iu" and kind == "f"):
-        raise UnfitValueError(f"expected an array of {dtype.name}, found one of {value.dtype.name}")
+        raise FieldValueError(f"expected an array of {dtype.name}, found one of {value.dtype.name}")
     if wanted in "iu" and kind in "iu" and value.size:
         low, high = INTEGER_RANGES[code]
         outside = (value < low) | (value > high) if value.dtype != np.uint64 else value > np.uint64(high)
@@ -112,7 +112,7 @@ def cast(value: Array, code: str) -> Array:
 def _refuse_first(bad: Array, value: Array, expected: str) -> None:
     if bad.any():
         index = int(bad.argmax())
-        raise UnfitValueError(f"expected {expected}, found {value[index].item()!r}", index)
+        raise FieldValueError(f"expected {expected}, found {value[index].item()!r}", index)
 
 
 def _pack(value: Sequence[Any], code: str) -> Array:
@@ -125,7 +125,7 @@ def _pack(value: Sequence[Any], code: str) -> Array:
         for index, item in enumerate(items):
             reason = scalar_problem(item, code)
             if reason:
-                raise UnfitValueError(reason, index) from None
+                raise FieldValueError(reason, index) from None
         raise
 
 
@@ -138,15 +138,15 @@ def scalar_problem(value: object, code: str) -> str:
             struct.pack("<" + code, value)
     except Exception:  # a caller's own __index__, __float__ or __hash__ may raise anything
         if code == "?":
-            return f"expected bool, found {shorten(value)}"
+            return f"expected bool, found {short_repr(value)}"
         dtype = DTYPES[code]
         if dtype.kind == "f":
             is_number = isinstance(value, (int, float))
-            return f"expected float{f' that fits {dtype.name}' if is_number else ''}, found {shorten(value)}"
+            return f"expected float{f' that fits {dtype.name}' if is_number else ''}, found {short_repr(value)}"
         low, high = INTEGER_RANGES[code]
         if isinstance(value, (int, np.integer)):
-            return f"expected {dtype.name} in {low}..{high}, found {shorten(value)}"
-        return f"expected int, found {shorten(value)}"
+            return f"expected {dtype.name} in {low}..{high}, found {short_repr(value)}"
+        return f"expected int, found {short_repr(value)}"
     return ""
 
 
@@ -179,7 +179,7 @@ def fixed_converter(code: str) -> Callable[[object, int], bytes]:
         if type(value) is not ndarray or value.dtype is not dtype or value.ndim != 1:
             value = coerce(value, code)
         if len(value) != count:
-            raise UnfitValueError(f"expected exactly {count} elements, found {len(value)}")
+            raise FieldValueError(f"expected exactly {count} elements, found {len(value)}")
         return value.tobytes()
 
     return convert

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from rosidl_py_gen.cdr.arrays import UnfitValueError, shorten
+from rosidl_py_gen.cdr.arrays import FieldValueError, short_repr
 from rosidl_py_gen.cdr.message import Message, is_of_type, require_message
-from rosidl_py_gen.cdr.record_layout import varying_field
-from rosidl_py_gen.cdr.records import RecordType, record_type
+from rosidl_py_gen.cdr.structured_arrays import StructuredCodec, structured_codec
+from rosidl_py_gen.cdr.structured_layout import varying_field
 from rosidl_py_gen.errors import EncodeError
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def records(values: Sequence[Message] | Records, cls: type[Message] | None = Non
     known = _record_type(cls)
     for index, value in enumerate(values):
         if not is_of_type(value, cls):
-            raise EncodeError(f"{cls._TYPE.name}[{index}]", f"expected {cls._TYPE.name}, found {shorten(value)}")
+            raise EncodeError(f"{cls._TYPE.name}[{index}]", f"expected {cls._TYPE.name}, found {short_repr(value)}")
     return known.from_messages(values)
 
 
@@ -113,20 +113,20 @@ def messages(cls: type[M], values: Sequence[M] | Records) -> list[M]:
     return known.to_messages(_converted(known, values))
 
 
-def _record_type(cls: type[Message]) -> RecordType:
+def _record_type(cls: type[Message]) -> StructuredCodec:
     require_message(cls)
     field = varying_field(cls)
     if field:
         raise TypeError(f"{cls._TYPE.name} is not of fixed size, because of its field {field}")
     try:
-        return record_type(cls)
-    except UnfitValueError as problem:
+        return structured_codec(cls)
+    except FieldValueError as problem:
         raise TypeError(problem.reason) from problem
 
 
-def _converted(known: RecordType, values: Records) -> Records:
+def _converted(known: StructuredCodec, values: Records) -> Records:
     try:
-        return known.converted(values)
-    except UnfitValueError as problem:
+        return known.to_wire_dtype(values)
+    except FieldValueError as problem:
         index = "" if problem.index is None else f"[{problem.index}]"
         raise EncodeError(known.cls._TYPE.name + index, problem.reason) from None

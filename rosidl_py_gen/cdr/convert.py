@@ -16,10 +16,10 @@ import numpy as np
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.output import json_value
-from rosidl_py_gen.cdr.arrays import DTYPES, UnfitValueError, coerce, shorten
+from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError, coerce, short_repr
+from rosidl_py_gen.cdr.field_walk import validate
 from rosidl_py_gen.cdr.message import Field, Message, require_message
-from rosidl_py_gen.cdr.records import known_record_type
-from rosidl_py_gen.cdr.walk import validate
+from rosidl_py_gen.cdr.structured_arrays import find_structured_codec
 from rosidl_py_gen.errors import EncodeError
 
 M = TypeVar("M", bound=Message)
@@ -36,13 +36,13 @@ def to_dict(message: Message) -> dict[str, Any]:
     """
     try:
         return _plain_message(message)
-    except (AttributeError, TypeError, UnfitValueError):
+    except (AttributeError, TypeError, FieldValueError):
         validate(message)
         raise
 
 
 def _plain_message(message: Message) -> dict[str, Any]:
-    return {field.ros_name: _plain(message._native(field), field) for field in message._TYPE.fields}
+    return {field.ros_name: _plain(message._get_plain(field), field) for field in message._TYPE.fields}
 
 
 def _plain(value: Any, field: Field) -> Any:
@@ -59,12 +59,12 @@ def _plain(value: Any, field: Field) -> Any:
 
 
 def _messages(value: Any, cls: type[Message]) -> list[Message]:
-    known = known_record_type(cls)
+    known = find_structured_codec(cls)
     if known is None:
         raise TypeError(f"{cls._TYPE.name} is not of fixed size")
     try:
         return known.to_messages(value)
-    except UnfitValueError as problem:
+    except FieldValueError as problem:
         raise TypeError(problem.reason) from problem
 
 
@@ -105,15 +105,15 @@ def from_dict(cls: type[M], values: Mapping[str, Any]) -> M:
 
 def _build(cls: type[M], values: Any, path: str) -> M:
     if not isinstance(values, Mapping):
-        raise EncodeError(path, f"expected a mapping of fields, found {shorten(values)}")
+        raise EncodeError(path, f"expected a mapping of fields, found {short_repr(values)}")
     message = cls()
     fields = {field.ros_name: field for field in cls._TYPE.fields}
     for key, value in values.items():
         field = fields.get(key)
         if field is None:
             hint = did_you_mean(str(key), fields)
-            raise EncodeError(path, f'unknown field "{shorten(key)[1:-1] if isinstance(key, str) else key}"{hint}')
-        message._assign(field, _value(value, field, f"{path}.{key}"))
+            raise EncodeError(path, f'unknown field "{short_repr(key)[1:-1] if isinstance(key, str) else key}"{hint}')
+        message._set_plain(field, _value(value, field, f"{path}.{key}"))
     return message
 
 
@@ -125,7 +125,7 @@ def _value(value: Any, field: Field, path: str) -> Any:
         if isinstance(value, np.ndarray):
             return value.copy()
         if not isinstance(value, (list, tuple)):
-            raise EncodeError(path, f"expected a list of {kind.base}, found {shorten(value)}")
+            raise EncodeError(path, f"expected a list of {kind.base}, found {short_repr(value)}")
         return [_build(field.cls, item, f"{path}[{index}]") for index, item in enumerate(value)]
     primitive = kind.primitive
     if primitive is None:
@@ -137,7 +137,7 @@ def _value(value: Any, field: Field, path: str) -> Any:
         value = [_number(item) for item in value]
     try:
         return coerce(value, primitive.code).copy()
-    except UnfitValueError as problem:
+    except FieldValueError as problem:
         index = "" if problem.index is None else f"[{problem.index}]"
         raise EncodeError(path + index, problem.reason) from None
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from rosidl_py_gen.base.fieldtype import Arity, FieldType, parse_field_type
 from rosidl_py_gen.base.names import py_name
-from rosidl_py_gen.cdr.arrays import UnfitValueError
-from rosidl_py_gen.cdr.records import known_record_type
+from rosidl_py_gen.cdr.arrays import FieldValueError
+from rosidl_py_gen.cdr.structured_arrays import find_structured_codec
 from rosidl_py_gen.errors import TypeNotFoundError
 
 if TYPE_CHECKING:
@@ -136,12 +136,12 @@ class Message:
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         raise TypeError(f"{cls.__name__} is not a generated message class")
 
-    def _native(self, field: Field) -> Any:
+    def _get_plain(self, field: Field) -> Any:
         """The value of a field, for code that walks messages: numbers, strings, messages, lists and arrays of these."""
         return getattr(self, field.py_name)
 
-    def _assign(self, field: Field, value: Any) -> None:
-        """Set a field to what `_native` gives."""
+    def _set_plain(self, field: Field, value: Any) -> None:
+        """Set a field to what `_get_plain` gives."""
         setattr(self, field.py_name, value)
 
     def __eq__(self, other: object) -> bool:
@@ -186,14 +186,14 @@ def _equal(left: Any, right: Any, field: Field) -> bool:
 
 def _equal_records(left: Any, right: Any, field: Field) -> bool:
     """Compare two sequences of messages, at least one of which is an array."""
-    known = known_record_type(field.cls) if field.cls is not None else None
+    known = find_structured_codec(field.cls) if field.cls is not None else None
     if known is None:
         return False  # a wrong value, which only encoding complains about
     if isinstance(left, np.ndarray) and isinstance(right, np.ndarray):
         return known.equal(left, right)
     try:
         left, right = (known.to_messages(one) if isinstance(one, np.ndarray) else one for one in (left, right))
-    except UnfitValueError:
+    except FieldValueError:
         return False
     return _equal(left, right, field)
 
@@ -221,10 +221,10 @@ def _shown(value: Any, field: Field | None = None) -> str:
 
 def _shown_records(value: Any, cls: type[Message]) -> str:
     """An array of messages, as the list of them would be shown."""
-    known = known_record_type(cls)
+    known = find_structured_codec(cls)
     try:
         first = known.to_messages(value[:_SHOWN_ELEMENTS]) if known is not None else None
-    except (UnfitValueError, IndexError):
+    except (FieldValueError, IndexError):
         first = None
     if first is None:
         return repr(value)

@@ -16,10 +16,10 @@ import numpy as np
 from rosidl_py_gen.cdr.arrays import (
     BOOL_BYTE,
     DTYPES,
-    UnfitValueError,
+    FieldValueError,
     fixed_converter,
     sequence_converter,
-    shorten,
+    short_repr,
 )
 from rosidl_py_gen.cdr.arrays import (
     view_of_bools as view_of_bools,
@@ -34,8 +34,8 @@ from rosidl_py_gen.cdr.layout import (
     WSTRING_UNIT_BYTES,
     align_up,
 )
-from rosidl_py_gen.cdr.records import read_records as read_records
-from rosidl_py_gen.cdr.records import write_records as write_records
+from rosidl_py_gen.cdr.structured_arrays import read_records as read_records
+from rosidl_py_gen.cdr.structured_arrays import write_records as write_records
 from rosidl_py_gen.errors import EncodeError
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 # What the fast path may fail with: anything, as a caller's own objects may raise what they like from __index__.
-Fault = Exception
+FastPathError = Exception
 
 utf8 = str.encode  # not value.encode(): a message has an `encode` too
 frombuffer = np.frombuffer
@@ -113,7 +113,7 @@ else:
     new = object.__new__
 
 
-def fill(message: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
+def init_fields(message: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
     """What the constructor of a dataclass does, for messages of very many fields.
 
     Raises:
@@ -198,10 +198,10 @@ def _flat(data: object) -> memoryview:
             view = view.cast("B")
         return view.toreadonly()
     except (TypeError, ValueError, BufferError) as error:
-        raise TypeError(f"expected contiguous bytes to decode, found {shorten(data)}") from error
+        raise TypeError(f"expected contiguous bytes to decode, found {short_repr(data)}") from error
 
 
-def expect(value: object, cls: type[T]) -> T:
+def coerce_message(value: object, cls: type[T]) -> T:
     """Accept an instance of a subclass, and convert one of another class for the same type.
 
     Anything else is a wrong value that the slow path will name.
@@ -211,50 +211,50 @@ def expect(value: object, cls: type[T]) -> T:
     wanted: Any = cls
     info = getattr(type(value), "_TYPE", None)
     if info is None or (info.name, info.hash) != (wanted._TYPE.name, wanted._TYPE.hash):
-        raise UnfitValueError(f"expected {cls.__name__}, found {shorten(value)}")
+        raise FieldValueError(f"expected {cls.__name__}, found {short_repr(value)}")
     other: Any = value
     try:
         return wanted._decode(other._encode())  # type: ignore[no-any-return]
     except EncodeError as error:  # without the names of what is around it
-        raise UnfitValueError(error.reason) from error
+        raise FieldValueError(error.reason) from error
 
 
-def expect_list(value: object) -> None:
+def coerce_message_list(value: object) -> None:
     """Accept a tuple or a subclass of list where messages are expected; what else has a length is a wrong value."""
     if not isinstance(value, (list, tuple)):
-        raise UnfitValueError(f"expected a list of messages, found {shorten(value)}")
+        raise FieldValueError(f"expected a list of messages, found {short_repr(value)}")
 
 
 def list_or_records(value: object) -> Any:
     """Accept also a structured array, where messages of fixed size are expected; a subclass's as a plain array."""
     if isinstance(value, ndarray):
         return value if type(value) is ndarray else value.view(ndarray)
-    expect_list(value)
+    coerce_message_list(value)
     return value
 
 
-def limit(count: int, most: int) -> None:
+def check_max_length(count: int, most: int) -> None:
     """Refuse a sequence or string over its bound."""
     if count > most:
-        raise UnfitValueError(f"expected at most {most}, found {count}")
+        raise FieldValueError(f"expected at most {most}, found {count}")
 
 
-def exactly(count: int, wanted: int) -> None:
+def check_length(count: int, wanted: int) -> None:
     """Refuse an array of another length."""
     if count != wanted:
-        raise UnfitValueError(f"expected exactly {wanted} elements, found {count}")
+        raise FieldValueError(f"expected exactly {wanted} elements, found {count}")
 
 
-def within(end: int, data: bytes | bytearray | memoryview) -> None:
+def check_remaining(end: int, data: bytes | bytearray | memoryview) -> None:
     """Refuse a count that the bytes left cannot hold, before anything is allocated for it."""
     if end > len(data):
-        raise UnfitValueError("the data end inside a sequence")
+        raise FieldValueError("the data end inside a sequence")
 
 
 def pack_strings(values: Any) -> bytes:
     """The elements of a string sequence or array, beginning at a multiple of 4, without padding behind the last."""
     if not isinstance(values, (list, tuple)):
-        raise UnfitValueError(f"expected a list of str, found {shorten(values)}")
+        raise FieldValueError(f"expected a list of str, found {short_repr(values)}")
     if not values:
         return b""
     parts: list[bytes] = []
@@ -279,7 +279,7 @@ def unpack_strings(data: bytes | bytearray | memoryview, pos: int, count: int) -
     if type(data) is memoryview:  # has no decode; such messages are small where it matters
         data = bytes(data)
     size = COUNT_BYTES
-    within(pos + size * count, data)
+    check_remaining(pos + size * count, data)
     values: list[str] = []
     append = values.append
     pos -= 1
@@ -289,7 +289,7 @@ def unpack_strings(data: bytes | bytearray | memoryview, pos: int, count: int) -
         begin = pos + size
         pos = begin + length - 1
         if data[pos]:
-            raise UnfitValueError("a string does not end in NUL")
+            raise FieldValueError("a string does not end in NUL")
         append(data[begin:pos].decode())
     return values, pos + 1
 
@@ -302,17 +302,17 @@ def utf16(value: str) -> bytes:
 
 def from_utf16(data: bytes | bytearray | memoryview, pos: int, count: int) -> str:
     """The inverse of `utf16`: `count` code units from offset `pos`."""
-    within(pos + WSTRING_UNIT_BYTES * count, data)
+    check_remaining(pos + WSTRING_UNIT_BYTES * count, data)
     units = np.frombuffer(data, "<u4", count, pos)
     if count and units.max() > MAX_WSTRING_UNIT:
-        raise UnfitValueError("a wstring unit is above 0xFFFF")
+        raise FieldValueError("a wstring unit is above 0xFFFF")
     return units.astype("<u2").tobytes().decode("utf-16-le")
 
 
 def pack_wstrings(values: Any) -> bytes:
     """The elements of a wstring sequence or array, beginning at a multiple of 4."""
     if not isinstance(values, (list, tuple)):
-        raise UnfitValueError(f"expected a list of str, found {shorten(values)}")
+        raise FieldValueError(f"expected a list of str, found {short_repr(values)}")
     parts: list[bytes] = []
     for value in values:
         text = utf16(value)
@@ -323,7 +323,7 @@ def pack_wstrings(values: Any) -> bytes:
 
 def unpack_wstrings(data: bytes | bytearray | memoryview, pos: int, count: int) -> tuple[list[str], int]:
     """`count` wstrings from offset `pos` (any alignment), and the offset behind the last."""
-    within(pos + COUNT_BYTES * count, data)
+    check_remaining(pos + COUNT_BYTES * count, data)
     values: list[str] = []
     for _ in range(count):
         pos = align_up(pos, COUNT_BYTES)
@@ -333,11 +333,11 @@ def unpack_wstrings(data: bytes | bytearray | memoryview, pos: int, count: int) 
     return values, pos
 
 
-def limit_each(values: Any, most: int) -> None:
+def check_max_lengths(values: Any, most: int) -> None:
     """Refuse a string over its bound in a list of bounded strings."""
     for value in values:
         if len(value) > most:
-            raise UnfitValueError(f"expected at most {most} characters, found {len(value)}")
+            raise FieldValueError(f"expected at most {most} characters, found {len(value)}")
 
 
 if sys.byteorder != "little":  # pragma: no cover - ROS 2 has no tier-1 platform of this kind

@@ -5,7 +5,7 @@ Works on classes and instances of messages, and on service and action classes. I
 
 from __future__ import annotations
 
-from rosidl_py_gen.base.descriptions import Description, FieldRow, action_rows, describe, service_rows
+from rosidl_py_gen.base.descriptions import Description, FieldRow, action_rows, build_type_description, service_rows
 from rosidl_py_gen.cdr.message import Action, Message, Service
 from rosidl_py_gen.errors import TypeNotFoundError
 
@@ -63,7 +63,7 @@ def type_description(subject: object) -> Description:
             return [(field.ros_name, field.type, info.defaults.get(field.ros_name, "")) for field in info.fields]
         return list(service_rows(full_name) if issubclass(found, Service) else action_rows(full_name))
 
-    return describe(name, rows)
+    return build_type_description(name, rows)
 
 
 def referenced_classes(subject: object) -> dict[str, type]:

@@ -21,9 +21,9 @@ from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity, FieldType
 from rosidl_py_gen.base.names import py_name
 from rosidl_py_gen.cdr import support
 from rosidl_py_gen.cdr.arrays import BOOL_BYTE, DTYPES, coerce
+from rosidl_py_gen.cdr.field_walk import decode_slow, encode_slow, read_message
 from rosidl_py_gen.cdr.layout import COUNT_BYTES, COUNT_CODE, EMPTY_MESSAGE, HEADER, NUL, PADDING, WSTRING_UNIT_BYTES
 from rosidl_py_gen.cdr.message import Field, Message, TypeInfo
-from rosidl_py_gen.cdr.walk import read_message, recover_decode, recover_encode
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -89,7 +89,7 @@ def wide_message(cls: type[M]) -> type[M]:
 
 
 def _init(self: Message, *args: Any, **kwargs: Any) -> None:
-    support.fill(self, args, kwargs)
+    support.init_fields(self, args, kwargs)
 
 
 def _annotation(item: Field) -> Any:
@@ -133,15 +133,15 @@ class WideMessage(Message):
             parts: list[bytes] = [HEADER]
             _write_message(self, parts.append, 0)
             return b"".join(parts)
-        except support.Fault as error:
-            return recover_encode(self, error)
+        except support.FastPathError as error:
+            return encode_slow(self, error)
 
     def _write(self, append: Append, pos: int) -> int:
         return _write_message(self, append, pos)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
-        return recover_decode(cls, data, copy, None, arrays)
+        return decode_slow(cls, data, copy, None, arrays)
 
     @classmethod
     def _read(
@@ -157,7 +157,7 @@ def _write_message(message: Message, append: Append, pos: int) -> int:
         append(EMPTY_MESSAGE)
         return pos + len(EMPTY_MESSAGE)
     for item in fields:
-        value, kind = message._native(item), item.type
+        value, kind = message._get_plain(item), item.type
         if kind.arity is Arity.SCALAR:
             pos = _write_element(value, kind, item.cls, append, pos)
             continue
@@ -166,12 +166,12 @@ def _write_message(message: Message, append: Append, pos: int) -> int:
         elif item.cls is not None:
             value = support.list_or_records(value)
         else:
-            support.expect_list(value)
+            support.coerce_message_list(value)
         if kind.arity is Arity.ARRAY:
-            support.exactly(len(value), kind.capacity)
+            support.check_length(len(value), kind.capacity)
         else:
             if kind.arity is Arity.BOUNDED:
-                support.limit(len(value), kind.capacity)
+                support.check_max_length(len(value), kind.capacity)
             pos = _write_number(len(value), COUNT_CODE, COUNT_BYTES, append, pos)
         pos = _write_elements(value, kind, item.cls, append, pos)
     return pos
@@ -200,11 +200,11 @@ def _write_elements(value: Any, kind: FieldType, cls: type[Message] | None, appe
 
 def _write_element(value: Any, kind: FieldType, cls: type[Message] | None, append: Append, pos: int) -> int:
     if cls is not None:
-        return _write_message(support.expect(value, cls), append, pos)
+        return _write_message(support.coerce_message(value, cls), append, pos)
     if kind.primitive is not None:
         return _write_number(value, kind.primitive.code, kind.primitive.size, append, pos)
     if kind.string_bound:
-        support.limit(len(value), kind.string_bound)
+        support.check_max_length(len(value), kind.string_bound)
     if kind.base == "wstring":
         text = support.utf16(value)
         pos = _write_number(len(text) // WSTRING_UNIT_BYTES, COUNT_CODE, COUNT_BYTES, append, pos)

@@ -11,17 +11,29 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from rosidl_py_gen.base.importable import READY_MADE
+from rosidl_py_gen.base.generated_files import GENERATED_HEADER
+from rosidl_py_gen.base.installed_classes import PREGENERATED_PACKAGE
 from rosidl_py_gen.base.names import RosName, py_name
-from rosidl_py_gen.base.ownership import MARK
 from rosidl_py_gen.base.resources import interfaces_dir
-from rosidl_py_gen.compiler.codegen.sources import Target, module_name, module_path, package_sources
-from rosidl_py_gen.compiler.codegen.write import Changes, apply_changes, our_packages, ours_below, plan_changes
-from rosidl_py_gen.compiler.spec.find import SearchPath, search_path
-from rosidl_py_gen.compiler.spec.model import Interface, MessageDef, messages_of
-from rosidl_py_gen.compiler.spec.resolve import Library, check, in_order, select, selected
-from rosidl_py_gen.compiler.spec.sift import sift, skip_strays
-from rosidl_py_gen.errors import DefinitionError, Problem, shown_path
+from rosidl_py_gen.compiler.codegen.module_sources import Target, module_name, module_path, package_sources
+from rosidl_py_gen.compiler.codegen.output_folder import (
+    Changes,
+    apply_changes,
+    generated_files_below,
+    generated_packages,
+    plan_changes,
+)
+from rosidl_py_gen.compiler.frontend.model import Interface, MessageDef, messages_of
+from rosidl_py_gen.compiler.frontend.partial_selection import skip_strays, split_valid
+from rosidl_py_gen.compiler.frontend.registry import (
+    InterfaceRegistry,
+    check,
+    select,
+    select_valid_names,
+    sorted_diagnostics,
+)
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
+from rosidl_py_gen.errors import DefinitionError, Diagnostic, display_path
 
 # The packages the runtime itself needs; their classes are committed in rosidl_py_gen/msgs.
 RUNTIME_PACKAGES = (
@@ -40,7 +52,7 @@ _RESERVED = frozenset({"numpy", "rosidl_py_gen", "cyclonedds", "lark", "jinja2",
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class GenerationResult:
     """The outcome: what was generated, and which files changed or would change.
 
     Attributes:
@@ -52,11 +64,13 @@ class Run:
 
     names: tuple[RosName, ...]
     changes: Changes
-    problems: tuple[Problem, ...] = ()
-    notes: tuple[Problem, ...] = ()
+    problems: tuple[Diagnostic, ...] = ()
+    notes: tuple[Diagnostic, ...] = ()
 
 
-def load(search: SearchPath, wanted: list[str], keep: Iterable[RosName] = ()) -> tuple[Library, list[RosName]]:
+def load(
+    search: SearchPath, wanted: list[str], skip_invalid: Iterable[RosName] = ()
+) -> tuple[InterfaceRegistry, list[RosName]]:
     """Parse and check a selection.
 
     Args:
@@ -67,16 +81,16 @@ def load(search: SearchPath, wanted: list[str], keep: Iterable[RosName] = ()) ->
     Raises:
         DefinitionError: every problem found, over all files.
     """
-    library, names = _read(search, wanted, keep)
+    library, names = _read(search, wanted, skip_invalid)
     if library.findings.problems:
-        raise DefinitionError(in_order(library.findings.problems), notes_of(search, names))
+        raise DefinitionError(sorted_diagnostics(library.findings.problems), notes_of(search, names))
     return library, names
 
 
-def _read(search: SearchPath, wanted: list[str], keep: Iterable[RosName]) -> tuple[Library, list[RosName]]:
+def _read(search: SearchPath, wanted: list[str], keep: Iterable[RosName]) -> tuple[InterfaceRegistry, list[RosName]]:
     """A selection, read and checked; the library's findings say what is wrong."""
-    library = Library(search)
-    names, problems = selected(library, wanted)
+    library = InterfaceRegistry(search)
+    names, problems = select_valid_names(library, wanted)
     library.findings.problems += problems
     more = [str(name) for name in keep if name not in names and search.file(name)]
     if more:
@@ -87,29 +101,29 @@ def _read(search: SearchPath, wanted: list[str], keep: Iterable[RosName]) -> tup
     return library, names
 
 
-def notes_of(search: SearchPath, names: Iterable[RosName]) -> list[Problem]:
+def notes_of(search: SearchPath, names: Iterable[RosName]) -> list[Diagnostic]:
     """What was assumed about the packages of the names."""
     listings = (search.packages[package].listing for package in sorted({name.package for name in names}))
     return [note for listing in listings if listing for note in listing.notes]
 
 
-def _check_modules(library: Library, names: list[RosName]) -> None:
+def _check_modules(library: InterfaceRegistry, names: list[RosName]) -> None:
     """Refuse what Python cannot import: names that hide modules, and two interfaces in one file."""
     files: dict[str, RosName] = {}
     for name in names:
         file = library.search.file(name)
-        shown = shown_path(file) if file else str(name)
+        shown = display_path(file) if file else str(name)
         if (
             name.package in sys.stdlib_module_names
             or name.package in _RESERVED
             or py_name(name.package) != name.package
         ):
             text = f'a package called "{name.package}" cannot be generated: Python needs that name itself'
-            library.findings.problems.append(Problem(shown, 0, 0, text))
+            library.findings.problems.append(Diagnostic(shown, 0, 0, text))
         first = files.setdefault(module_path(str(name)), name)
         if first != name:
             text = f"{name} and {first} would both be the module {module_path(str(name))}"
-            library.findings.problems.append(Problem(shown, 0, 0, text))
+            library.findings.problems.append(Diagnostic(shown, 0, 0, text))
 
 
 def generate(
@@ -121,7 +135,7 @@ def generate(
     keep_going: bool = False,
     root: str = "",
     progress: Callable[[RosName, int, int], object] = lambda name, done, total: None,
-) -> Run:
+) -> GenerationResult:
     """Generate packages into a folder.
 
     Args:
@@ -129,8 +143,8 @@ def generate(
         wanted: package and interface names, empty for everything found.
         folder: receives the packages.
         dry: find out what would change, and change nothing.
-        keep_going: generate what is right when other interfaces are wrong; `Run.problems` says what is missing.
-        root: import prefix when the folder is itself a package; ends in a dot.
+        keep_going: generate what is right when other interfaces are wrong; `GenerationResult.problems` says what is
+        missing. root: import prefix when the folder is itself a package; ends in a dot.
         progress: called before each interface with its name, its number and how many there are.
 
     Raises:
@@ -139,12 +153,12 @@ def generate(
     """
     already = _already_generated(search, wanted, folder)
     library, every = _read(search, wanted, already)
-    names, left_out = sift(library, every)
+    names, left_out = split_valid(library, every)
     notes = notes_of(search, every)
-    problems = in_order([*library.findings.problems, *(left_out if keep_going else ())])
+    problems = sorted_diagnostics([*library.findings.problems, *(left_out if keep_going else ())])
     if problems and not (keep_going and names):
         raise DefinitionError(problems, notes, partial=bool(names))
-    known = own_classes(library) if root != _MSGS else lambda name: None
+    known = runtime_classes(library) if root != _MSGS else lambda name: None
     done = iter(range(len(names)))
     files = package_sources(
         library,
@@ -153,13 +167,13 @@ def generate(
         lambda name: progress(name, next(done), len(names)),
     )
     # Whoever asks for a package, or for everything, wants nothing of it left that no definition stands for.
-    asked = our_packages(folder) if not wanted else [text for text in wanted if text in search.packages]
+    asked = generated_packages(folder) if not wanted else [text for text in wanted if text in search.packages]
     packages = sorted({*asked, *(name.package for name in names)})
-    vanished = [path for path in ours_below(folder, packages) if path not in files]
+    vanished = [path for path in generated_files_below(folder, packages) if path not in files]
     changes = plan_changes(folder, files, vanished)
     if not dry:
         apply_changes(folder, files, changes)
-    return Run(tuple(names), changes, tuple(problems), tuple(notes))
+    return GenerationResult(tuple(names), changes, tuple(problems), tuple(notes))
 
 
 def _already_generated(search: SearchPath, wanted: list[str], folder: Path) -> list[RosName]:
@@ -169,7 +183,7 @@ def _already_generated(search: SearchPath, wanted: list[str], folder: Path) -> l
     """
     if not folder.is_dir():
         return []
-    present = set(ours_below(folder, list(search.packages)))
+    present = set(generated_files_below(folder, list(search.packages)))
     return [
         name
         for package in search.packages.values()
@@ -178,12 +192,12 @@ def _already_generated(search: SearchPath, wanted: list[str], folder: Path) -> l
     ]
 
 
-def own_classes(library: Library) -> Callable[[str], str | None]:
+def runtime_classes(library: InterfaceRegistry) -> Callable[[str], str | None]:
     """Which interfaces have a class in `rosidl_py_gen.msgs` that says exactly the same.
 
     Same RIHS01 hash, and the same constants and default values, which the hash does not cover.
     """
-    bundled = Library(search_path([interfaces_dir()], ament="", bundled=False))
+    bundled = InterfaceRegistry(scan_search_path([interfaces_dir()], ament="", bundled=False))
     answers: dict[str, str | None] = {}
 
     def known(full_name: str) -> str | None:
@@ -214,7 +228,7 @@ def _facts(interface: Interface) -> list[object]:
 
 def regenerate_msgs(folder: Path, dry: bool = False) -> Changes:
     """Generate the committed `rosidl_py_gen/msgs` from the bundled interfaces, and a table of their hashes."""
-    search = search_path([interfaces_dir()], ament="", bundled=False)
+    search = scan_search_path([interfaces_dir()], ament="", bundled=False)
     run = generate(search, list(RUNTIME_PACKAGES), folder, dry=dry, root=_MSGS)
     table = {"hashes.py": _hash_table(*load(search, list(RUNTIME_PACKAGES)))}
     changes = plan_changes(folder, table, [])
@@ -223,19 +237,21 @@ def regenerate_msgs(folder: Path, dry: bool = False) -> Changes:
     return Changes((*run.changes.written, *changes.written), run.changes.removed, run.changes.unchanged)
 
 
-def generate_ready_made(folder: Path) -> Run:
-    """Generate all bundled interfaces for a wheel, where they are the package `READY_MADE`."""
-    search = search_path([interfaces_dir()], ament="", bundled=False)
-    run = generate(search, [], folder, root=READY_MADE)
-    (folder / "__init__.py").write_text(f'{MARK}. Do not edit.\n"""The bundled interfaces."""\n', encoding="utf-8")
+def generate_pregenerated(folder: Path) -> GenerationResult:
+    """Generate all bundled interfaces for a wheel, where they are the package `PREGENERATED_PACKAGE`."""
+    search = scan_search_path([interfaces_dir()], ament="", bundled=False)
+    run = generate(search, [], folder, root=PREGENERATED_PACKAGE)
+    (folder / "__init__.py").write_text(
+        f'{GENERATED_HEADER}. Do not edit.\n"""The bundled interfaces."""\n', encoding="utf-8"
+    )
     return run
 
 
-def _hash_table(library: Library, names: list[RosName]) -> str:
+def _hash_table(library: InterfaceRegistry, names: list[RosName]) -> str:
     """The module `rosidl_py_gen.msgs.hashes`."""
     hashes = {name: text for top in names for name, text in library.all_hashes(str(top)).items()}
     rows = "".join(f'    "{name}": "{hashes[name]}",\n' for name in sorted(hashes))
-    return f"""{MARK}. Do not edit.
+    return f"""{GENERATED_HEADER}. Do not edit.
 \"\"\"RIHS01 by name, for whoever needs a hash before the class, whose import takes longer.\"\"\"
 
 HASHES = {{

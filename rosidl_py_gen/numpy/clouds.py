@@ -8,7 +8,15 @@ import numpy as np
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.numpy.common import ConversionError, M, count, flat_bytes, message_class, native, reads
+from rosidl_py_gen.numpy.common import (
+    ConversionError,
+    M,
+    check_count,
+    contiguous_native,
+    flat_bytes,
+    message_class,
+    reads_message,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,7 +30,7 @@ _MAX_STEP = 2**31 - 1
 """Bytes of a point that numpy can describe."""
 
 
-@reads("a sensor_msgs/msg/PointCloud2")
+@reads_message("a sensor_msgs/msg/PointCloud2")
 def pointcloud_dtype(cloud: Any) -> np.dtype[Any]:
     """The structured dtype of one point: names, offsets and byte order of `cloud`, itemsize `point_step`.
 
@@ -30,7 +38,7 @@ def pointcloud_dtype(cloud: Any) -> np.dtype[Any]:
         ConversionError: a field has an unknown datatype, does not fit into `point_step`, or two have one name; or
             `point_step` is larger than numpy knows.
     """
-    step = count(cloud.point_step, "point_step")
+    step = check_count(cloud.point_step, "point_step")
     if step > _MAX_STEP:
         raise ConversionError(f"point_step: {step} bytes, but a point of an array has at most {_MAX_STEP}")
     names, formats, offsets = [], [], []
@@ -42,8 +50,8 @@ def pointcloud_dtype(cloud: Any) -> np.dtype[Any]:
         name = field.name or f"unnamed_field_{index}"
         if name in names:
             raise ConversionError(f'{place}.name: there are two fields "{name}"')
-        number = count(field.count, f"{place}.count") or 1  # 0 is written by some and means 1
-        offset = count(field.offset, f"{place}.offset")
+        number = check_count(field.count, f"{place}.count") or 1  # 0 is written by some and means 1
+        offset = check_count(field.offset, f"{place}.offset")
         if offset + int(kind[1]) * number > step:
             end = offset + int(kind[1]) * number
             raise ConversionError(f'{place}: "{name}" ends at byte {end}, but point_step is {step}')
@@ -53,7 +61,7 @@ def pointcloud_dtype(cloud: Any) -> np.dtype[Any]:
     return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
 
 
-@reads("a sensor_msgs/msg/PointCloud2")
+@reads_message("a sensor_msgs/msg/PointCloud2")
 def pointcloud_to_array(
     cloud: Any, fields: Sequence[str] | None = None, *, copy: bool = False, skip_nans: bool = False
 ) -> np.ndarray[Any, np.dtype[np.void]]:
@@ -74,7 +82,7 @@ def pointcloud_to_array(
         ConversionError: as `pointcloud_dtype`; rows or data are too short; there is no such field.
     """
     dtype = pointcloud_dtype(cloud)
-    height, width, row_step = (count(getattr(cloud, name), name) for name in ("height", "width", "row_step"))
+    height, width, row_step = (check_count(getattr(cloud, name), name) for name in ("height", "width", "row_step"))
     row = width * dtype.itemsize
     if height > 1 and row_step < row:
         raise ConversionError(f"row_step: {row_step} bytes, but {width} points of {dtype.itemsize} need {row}")
@@ -206,7 +214,7 @@ def _writable(points: np.ndarray[Any, Any]) -> tuple[np.ndarray[Any, Any], bool]
     for name, kind in kinds.items():
         if f"{kind.kind}{kind.itemsize}" not in _NUMBERS:
             raise ConversionError(f'array["{name}"]: {kind} is no type of point fields; they have {_known_types()}')
-    is_mixed = len({native(np.empty(0, kind))[1] for kind in kinds.values() if kind.itemsize > 1}) > 1
+    is_mixed = len({contiguous_native(np.empty(0, kind))[1] for kind in kinds.values() if kind.itemsize > 1}) > 1
     has_gaps = sum(dtype[name].itemsize for name in kinds) != dtype.itemsize
     if is_mixed or has_gaps:
         formats = [dtype[name].newbyteorder("<") for name in kinds]
@@ -216,7 +224,7 @@ def _writable(points: np.ndarray[Any, Any]) -> tuple[np.ndarray[Any, Any], bool]
         for name in kinds:
             filled[name] = points[name]
         return filled, False
-    is_big = any(native(np.empty(0, kind))[1] for kind in kinds.values())
+    is_big = any(contiguous_native(np.empty(0, kind))[1] for kind in kinds.values())
     return np.ascontiguousarray(points), is_big
 
 

@@ -27,7 +27,7 @@ class ConversionError(RosidlError, ValueError):
     """The message and the array do not fit each other; names the field, what was found and what was expected."""
 
 
-def reads(expected: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+def reads_message(expected: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Lets a function whose first argument is a message raise `ConversionError` where a field of that is not there."""
 
     def decorated(function: Callable[P, R]) -> Callable[P, R]:
@@ -55,7 +55,7 @@ def flat_bytes(data: Any, field: str) -> np.ndarray[Any, np.dtype[np.uint8]]:
         raise ConversionError(f"{field}: expected bytes, got {type(data).__name__}: {error}") from None
 
 
-def floats(value: Any, expected: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+def as_float64(value: Any, expected: str) -> np.ndarray[Any, np.dtype[np.float64]]:
     """An array of float64; raises `ConversionError` for what has no numbers."""
     try:
         return np.asarray(value, np.float64)
@@ -68,14 +68,14 @@ def message_class(cls: type[M] | None, name: str) -> type[M]:
     return get_message(name) if cls is None else cls  # type: ignore[return-value]
 
 
-def count(value: Any, field: str) -> int:
+def check_count(value: Any, field: str) -> int:
     """A number of rows or bytes; raises `ConversionError` for what is none."""
     if isinstance(value, int | np.integer) and not isinstance(value, bool) and 0 <= value <= MAX_UINT32:
         return int(value)
     raise ConversionError(f"{field}: expected a number from 0 to {MAX_UINT32}, got {value!r:.50}")
 
 
-def native(array: np.ndarray[Any, Any]) -> tuple[np.ndarray[Any, Any], bool]:
+def contiguous_native(array: np.ndarray[Any, Any]) -> tuple[np.ndarray[Any, Any], bool]:
     """The array in one piece, in one of the two byte orders, and whether that is big-endian."""
     piece = np.ascontiguousarray(array)
     return piece, piece.dtype.newbyteorder(">") == piece.dtype and piece.dtype.newbyteorder("<") != piece.dtype

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from rosidl_py_gen.base.resources import extra_missing
+from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.numpy.colors import converted
-from rosidl_py_gen.numpy.common import ConversionError, M, flat_bytes, message_class, reads
+from rosidl_py_gen.numpy.common import ConversionError, M, flat_bytes, message_class, reads_message
 from rosidl_py_gen.numpy.images import checked_encoding
 
 if TYPE_CHECKING:
@@ -30,14 +30,14 @@ _OTHER_MODES = {"1": "L", "P": "RGB", "PA": "RGBA", "LA": "RGBA", "CMYK": "RGB",
 _DEPTH_HEADER = struct.Struct("<iff")
 """Of compressed_depth_image_transport, before the PNG: its format, and two parameters of 32FC1."""
 _QUALITY = 95
-_MOST_GRAY = 65535
-MOST_PIXELS = 64_000_000
+_MAX_GRAY = 65535
+MAX_PIXELS = 64_000_000
 """What a picture may unpack to when nobody says otherwise."""
 
 
-@reads("a sensor_msgs/msg/CompressedImage")
+@reads_message("a sensor_msgs/msg/CompressedImage")
 def compressedimage_to_array(
-    image: Any, *, to: str | None = None, max_pixels: int = MOST_PIXELS
+    image: Any, *, to: str | None = None, max_pixels: int = MAX_PIXELS
 ) -> np.ndarray[Any, np.dtype[Any]]:
     """The pixels of a ``sensor_msgs/msg/CompressedImage``: JPEG, PNG, TIFF or WebP, or a depth image.
 
@@ -85,7 +85,7 @@ def _unpacked(data: Pixels, max_pixels: int) -> tuple[Pixels, str]:
                 picture = picture.convert("RGBA" if has_alpha else _OTHER_MODES[picture.mode])
             if picture.mode == "I":  # what PNG with 16 bits is to older versions
                 numbers = np.array(picture)
-                if numbers.size and not 0 <= numbers.min() <= numbers.max() <= _MOST_GRAY:
+                if numbers.size and not 0 <= numbers.min() <= numbers.max() <= _MAX_GRAY:
                     found = f"{numbers.min()} to {numbers.max()}"
                     raise ConversionError(f"data: a picture with values from {found}, beyond 16 bits of brightness")
                 return numbers.astype(np.uint16), "mono16"
@@ -206,5 +206,5 @@ def _pillow() -> ModuleType:
     try:
         from PIL import Image
     except ModuleNotFoundError as missing:
-        raise extra_missing(missing) or missing from None
+        raise missing_extra_message(missing) or missing from None
     return Image

@@ -9,7 +9,15 @@ import numpy as np
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.numpy.colors import converted
-from rosidl_py_gen.numpy.common import ConversionError, M, count, flat_bytes, message_class, native, reads
+from rosidl_py_gen.numpy.common import (
+    ConversionError,
+    M,
+    check_count,
+    contiguous_native,
+    flat_bytes,
+    message_class,
+    reads_message,
+)
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
@@ -24,7 +32,7 @@ _PLANES = {"nv21": (3, 2), "nv24": (3, 1)}
 """Rows of bytes for each row of the picture: a plane of brightness, then one of colour."""
 _GENERIC = re.compile(r"(8U|8S|16U|16S|32S|32F|64F)C([0-9]{0,4})")
 _KINDS = {"U": "u", "S": "i", "F": "f"}
-_GUESS = {("u1", 1): "mono8", ("u2", 1): "mono16", ("u1", 3): "rgb8", ("u1", 4): "rgba8", ("u2", 3): "rgb16"}
+_DEFAULT_ENCODING = {("u1", 1): "mono8", ("u2", 1): "mono16", ("u1", 3): "rgb8", ("u1", 4): "rgba8", ("u2", 3): "rgb16"}
 
 
 class _Layout(NamedTuple):
@@ -48,7 +56,7 @@ def _layout(encoding: Any) -> _Layout:
     return _Layout(np.dtype(f"{_KINDS[match[1][-1]]}{int(match[1][:-1]) // 8}"), int(match[2] or 1), (1, 1))
 
 
-@reads("a sensor_msgs/msg/Image")
+@reads_message("a sensor_msgs/msg/Image")
 def image_to_array(image: Any, *, to: str | None = None, copy: bool = False) -> np.ndarray[Any, Any]:
     """The pixels of a ``sensor_msgs/msg/Image``.
 
@@ -70,7 +78,7 @@ def image_to_array(image: Any, *, to: str | None = None, copy: bool = False) -> 
     dtype, channels, (more, less) = _layout(image.encoding)
     if image.is_bigendian:
         dtype = dtype.newbyteorder(">")
-    height, width, step = (count(getattr(image, name), name) for name in ("height", "width", "step"))
+    height, width, step = (check_count(getattr(image, name), name) for name in ("height", "width", "step"))
     if height % less:
         raise ConversionError(f"height: {image.encoding} needs an even number of rows, got {height}")
     rows, row = height * more // less, width * channels * dtype.itemsize
@@ -114,7 +122,7 @@ def array_to_image(array: Any, encoding: str | None = None, *, header: Any = Non
     array, encoding = checked_encoding(array, encoding)
     dtype, channels, (more, less) = _layout(encoding)
     rows, width = array.shape[:2]
-    piece, is_big = native(array)
+    piece, is_big = contiguous_native(array)
     maker: Any = message_class(cls, "sensor_msgs/msg/Image")
     values = {"header": header} if header is not None else {}
     return maker(
@@ -163,6 +171,6 @@ def checked_encoding(array: Any, encoding: str | None) -> tuple[np.ndarray[Any, 
 def _guess(dtype: np.dtype[Any], channels: int) -> str:
     kind = f"{dtype.kind}{dtype.itemsize}"
     generic = f"{dtype.itemsize * 8}{dtype.kind.upper().replace('I', 'S')}C{channels}"
-    if (kind, channels) not in _GUESS and (_GENERIC.fullmatch(generic) is None or not channels):
+    if (kind, channels) not in _DEFAULT_ENCODING and (_GENERIC.fullmatch(generic) is None or not channels):
         raise ConversionError(f"array: no encoding has {dtype} with {channels} channels")
-    return _GUESS.get((kind, channels), generic)
+    return _DEFAULT_ENCODING.get((kind, channels), generic)

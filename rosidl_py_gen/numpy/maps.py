@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from rosidl_py_gen.numpy.common import ConversionError, M, count, flat_bytes, message_class, reads
+from rosidl_py_gen.numpy.common import ConversionError, M, check_count, flat_bytes, message_class, reads_message
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
 
 
-@reads("a nav_msgs/msg/OccupancyGrid")
+@reads_message("a nav_msgs/msg/OccupancyGrid")
 def occupancygrid_to_array(grid: Any, *, copy: bool = False) -> np.ndarray[Any, np.dtype[np.int8]]:
     """The cells of a map: ``array[row, column]``, -1 unknown, 0 free to 100 occupied; row 0 is at the origin.
 
@@ -22,7 +22,7 @@ def occupancygrid_to_array(grid: Any, *, copy: bool = False) -> np.ndarray[Any, 
     Raises:
         ConversionError: `data` does not have ``info.height * info.width`` cells, or is no int8.
     """
-    height, width = count(grid.info.height, "info.height"), count(grid.info.width, "info.width")
+    height, width = check_count(grid.info.height, "info.height"), check_count(grid.info.width, "info.width")
     data = flat_bytes(_cells(grid.data), "data")
     if len(data) != height * width:
         raise ConversionError(f"data: {len(data)} cells, but {height} x {width} need {height * width}")

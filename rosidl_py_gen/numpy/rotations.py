@@ -10,7 +10,7 @@ from typing import Any, overload
 
 import numpy as np
 
-from rosidl_py_gen.numpy.common import ConversionError, M, floats, message_class, reads
+from rosidl_py_gen.numpy.common import ConversionError, M, as_float64, message_class, reads_message
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 _TOLERANCE = 1e-3
@@ -20,7 +20,7 @@ _TOLERANCE = 1e-3
 def _quaternions(value: Any) -> Array:
     if hasattr(value, "x") and hasattr(value, "w"):
         value = (value.x, value.y, value.z, value.w)
-    quaternion = floats(value, "quaternions x, y, z, w")
+    quaternion = as_float64(value, "quaternions x, y, z, w")
     if not quaternion.ndim or quaternion.shape[-1] != 4:
         raise ConversionError(f"expected quaternions x, y, z, w, got shape {quaternion.shape}")
     norm = np.linalg.norm(quaternion, axis=-1, keepdims=True)
@@ -51,7 +51,7 @@ def matrix_to_quaternion(matrix: Any) -> Array:
     Raises:
         ConversionError: another shape, or no rotation: its columns are not perpendicular of length 1, or it mirrors.
     """
-    rotation = floats(matrix, "matrices of 3 x 3")
+    rotation = as_float64(matrix, "matrices of 3 x 3")
     if rotation.shape[-2:] != (3, 3):
         raise ConversionError(f"expected matrices of 3 x 3, got shape {rotation.shape}")
     error = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3))
@@ -74,7 +74,7 @@ def matrix_to_quaternion(matrix: Any) -> Array:
 
 def euler_to_quaternion(roll: Any, pitch: Any, yaw: Any) -> Array:
     """Quaternions of shape ``(..., 4)`` of angles in radians, numbers or arrays; `ConversionError` for others."""
-    halves = np.broadcast_arrays(*(floats(angle, "angles in radians") / 2 for angle in (roll, pitch, yaw)))
+    halves = np.broadcast_arrays(*(as_float64(angle, "angles in radians") / 2 for angle in (roll, pitch, yaw)))
     (sr, sp, sy), (cr, cp, cy) = np.sin(halves), np.cos(halves)
     return np.stack(
         [
@@ -106,7 +106,7 @@ def quaternion_to_euler(quaternion: Any) -> Array:
     return np.stack([roll, pitch, yaw], axis=-1)
 
 
-@reads("a transform or a pose")
+@reads_message("a transform or a pose")
 def transform_to_matrix(transform: Any) -> Array:
     """The 4 x 4 matrix of a Transform (translation, rotation) or Pose (position, orientation), stamped or not.
 
@@ -135,7 +135,7 @@ def matrix_to_transform(matrix: Any, *, cls: type[M] | None = None) -> Any:
     Raises:
         ConversionError: another shape or last row, or no rotation.
     """
-    values = floats(matrix, "a matrix of 4 x 4")
+    values = as_float64(matrix, "a matrix of 4 x 4")
     if values.shape != (4, 4) or not np.allclose(values[3], (0, 0, 0, 1)):
         raise ConversionError(f"expected a matrix of 4 x 4 with the last row 0, 0, 0, 1, got {values.tolist()!r:.200}")
     message: Any = message_class(cls, "geometry_msgs/msg/Transform")()

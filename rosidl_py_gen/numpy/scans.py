@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from rosidl_py_gen.numpy.common import ConversionError, reads
+from rosidl_py_gen.numpy.common import ConversionError, reads_message
 
 
-@reads("a sensor_msgs/msg/LaserScan")
+@reads_message("a sensor_msgs/msg/LaserScan")
 def laserscan_to_points(scan: Any, *, skip_invalid: bool = True) -> np.ndarray[Any, np.dtype[np.void]]:
     """The points that a ``sensor_msgs/msg/LaserScan`` saw, in its own frame: z is 0.
 

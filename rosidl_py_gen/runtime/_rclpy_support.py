@@ -1,4 +1,5 @@
-"""Rules of the runtime that its rclpy layer applies as well; for `rosidl_py_gen/rclpy` only, not a public interface.
+"""Rules of the runtime that its rclpy layer applies as well; for `rosidl_py_gen/ros_compat` only, not a public
+interface.
 
 The layer may import the public names of the package and this module. It has classes of its own for parameters,
 descriptors and profiles, so only functions of plain values are here.

@@ -94,7 +94,7 @@ def _shortened(error: BaseException) -> BaseException:
 
 
 def _as_one(errors: list[BaseException]) -> BaseException:
-    from rosidl_py_gen.runtime.loop.failures import CallbackFailedError
+    from rosidl_py_gen.runtime.loop.callback_failures import CallbackFailedError
 
     return errors[0] if len(errors) == 1 else CallbackFailedError(errors)
 
@@ -142,7 +142,7 @@ def ros_errors(request: pytest.FixtureRequest) -> Iterator[RosErrors]:
 def ros_loop() -> Iterator[VirtualTimeLoop]:
     """An event loop on which waiting takes no time: ``ros_loop.run(main())`` instead of ``asyncio.run(main())``.
 
-    The clocks of `ros_world` and of the nodes of `ros_node` go as it does in a test that has it.
+    The clocks of `ros_domain` and of the nodes of `ros_node` go as it does in a test that has it.
     """
     from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
 
@@ -152,7 +152,7 @@ def ros_loop() -> Iterator[VirtualTimeLoop]:
 
 
 @pytest.fixture
-def ros_world(request: pytest.FixtureRequest, ros_errors: RosErrors) -> MemoryTransport:
+def ros_domain(request: pytest.FixtureRequest, ros_errors: RosErrors) -> MemoryTransport:
     """A fresh `MemoryTransport`; give it to every `Context` of the test. Callbacks that fail, fail the test."""
     from rosidl_py_gen.runtime.transport.memory import MemoryTransport
 
@@ -203,8 +203,8 @@ class _LoopStarts:
 
 
 @pytest.fixture
-def ros_node(request: pytest.FixtureRequest, ros_world: MemoryTransport) -> Iterator[Callable[..., Node]]:
-    """A function ``ros_node(name, namespace="", args=())`` that makes nodes of `ros_world`, closed after the test.
+def ros_node(request: pytest.FixtureRequest, ros_domain: MemoryTransport) -> Iterator[Callable[..., Node]]:
+    """A function ``ros_node(name, namespace="", args=())`` that makes nodes of `ros_domain`, closed after the test.
 
     Each node has a context of its own, as if it were another process; `args` is its command line. Nodes may be made
     before the test's event loop runs: whichever it is, it serves all of them. Callbacks that fail, fail the test, and
@@ -230,7 +230,7 @@ def ros_node(request: pytest.FixtureRequest, ros_world: MemoryTransport) -> Iter
         stack.callback(starts.close)
 
         def make(name: str, namespace: str = "", args: tuple[str, ...] = ()) -> Node:
-            context = stack.enter_context(Context(0, transport=ros_world, args=["test", *args]))
+            context = stack.enter_context(Context(0, transport=ros_domain, args=["test", *args]))
             contexts.append(context)
             context._core.bridge.on_start(attach_all)
             return stack.enter_context(Node(name, namespace, context=context))

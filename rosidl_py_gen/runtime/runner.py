@@ -19,13 +19,13 @@ import threading
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 from rosidl_py_gen.base.interrupts import REPEAT_S, CommandInterrupts
-from rosidl_py_gen.base.waiting import current_loop
+from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
+from rosidl_py_gen.runtime.loop.callback_failures import FailureGuard
 from rosidl_py_gen.runtime.loop.event_loop import end_tasks, new_event_loop
-from rosidl_py_gen.runtime.loop.failures import Guard
 from rosidl_py_gen.runtime.loop.loop_binding import LoopMismatchError
-from rosidl_py_gen.runtime.node import open_contexts
+from rosidl_py_gen.runtime.node import context_registry
 from rosidl_py_gen.runtime.node.arguments import RosArgumentError
 from rosidl_py_gen.runtime.node.context import Context
 from rosidl_py_gen.runtime.parameters.values import ParameterError
@@ -69,9 +69,9 @@ def run(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, T]) -> 
                 raise
             raise SystemExit(f"error: {printable(str(error))}") from None  # the mistake of a user of the program
         finally:
-            signals.begin_end()
-            if signals.insisted:  # the callback that had to be interrupted must not be called again
-                open_contexts.close_served_by(loop)
+            signals.start_shutdown()
+            if signals.interrupted_shutdown:  # the callback that had to be interrupted must not be called again
+                context_registry.close_served_by(loop)
             try:
                 _end_tasks(loop)
             finally:
@@ -145,15 +145,15 @@ def _run_task(loop: asyncio.AbstractEventLoop, signals: _Signals, task: asyncio.
         if not signals.stopped:
             raise
     except KeyboardInterrupt:
-        if signals.insisted:
+        if signals.interrupted_shutdown:
             raise
     return None
 
 
 async def _attached(coroutine: Coroutine[Any, Any, T]) -> T:
-    open_contexts.attach_all()
+    context_registry.attach_all()
     loop = asyncio.get_running_loop()
-    with Guard(lambda failures: failures.bridge.loop is loop):
+    with FailureGuard(lambda failures: failures.loop_binding.loop is loop):
         return await coroutine
 
 
@@ -178,7 +178,7 @@ class _Signals:
         self._first_s = -math.inf
         self.stopped = False
         """A signal came."""
-        self.insisted = False
+        self.interrupted_shutdown = False
         """A second SIGINT came."""
 
     def __enter__(self) -> _Signals:
@@ -204,7 +204,7 @@ class _Signals:
             for end in self._sockets:
                 end.close()
 
-    def begin_end(self) -> None:
+    def start_shutdown(self) -> None:
         """What a signal meets from now on is the end itself."""
         self._ending = True
 
@@ -217,13 +217,13 @@ class _Signals:
             with contextlib.suppress(RuntimeError):  # closed
                 self._loop.call_soon_threadsafe(lambda: None)  # wakes it
         elif number == signal.SIGTERM:
-            _die(number)
+            _exit_by_signal(number)
         elif self._loop.time() - self._first_s > REPEAT_S:
             previous = self._previous.get(number)
             if isinstance(previous, CommandInterrupts):
                 previous(number, frame)
             else:
-                self.insisted = True
+                self.interrupted_shutdown = True
                 raise KeyboardInterrupt
 
 
@@ -233,7 +233,7 @@ def _drain(reading: socket.socket) -> None:
         reading.recv(4096)
 
 
-def _die(number: int) -> NoReturn:
+def _exit_by_signal(number: int) -> NoReturn:
     """End this process as `number` does by default, whatever its threads do."""
     with contextlib.suppress(Exception):
         sys.stdout.flush()
@@ -253,8 +253,8 @@ def _end_tasks(loop: asyncio.AbstractEventLoop) -> None:
         _end_threads(loop)
     except KeyboardInterrupt:
         # Threads that do not end would keep the interpreter, too. Peers shall see us go nevertheless.
-        open_contexts.close_all()
-        _die(signal.SIGINT)
+        context_registry.close_all()
+        _exit_by_signal(signal.SIGINT)
     _cancel_tasks(loop)  # those of callbacks that were called while it waited for threads
 
 

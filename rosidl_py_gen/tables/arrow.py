@@ -5,12 +5,12 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from rosidl_py_gen.base.resources import extra_missing
+from rosidl_py_gen.base.resources import missing_extra_message
 
 try:
     import pyarrow as _pyarrow  # type: ignore[import-untyped]
 except ModuleNotFoundError as missing:
-    raise extra_missing(missing) or missing from None
+    raise missing_extra_message(missing) or missing from None
 
 pa: Any = _pyarrow
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.bags.common import BagError
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.cdr.record_layout import remembered
+from rosidl_py_gen.cdr.structured_layout import cached_per_class
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from rosidl_py_gen.cdr.message import Field
 
 LOG_TIME, PUBLISH_TIME = "log_time", "publish_time"
-MOST_COLUMNS = 10_000
+MAX_COLUMNS = 10_000
 _MOST_DEPTH = 60
 _SHOWN_NAMES = 200
 _TIMES = {"builtin_interfaces/msg/Time": "i", "builtin_interfaces/msg/Duration": "i"}
-OPEN = -1
+VARIABLE_LENGTH = -1
 """The length of sequences."""
 
 
@@ -42,12 +42,12 @@ class Kind(Enum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Node:
+class ColumnNode:
     """A field of a message as a column.
 
     Attributes:
         name: of the column.
-        length: None for one value, the number of elements of a fixed array, `OPEN` for sequences.
+        length: None for one value, the number of elements of a fixed array, `VARIABLE_LENGTH` for sequences.
         children: the fields of messages.
     """
 
@@ -55,7 +55,7 @@ class Node:
     field: Field
     kind: Kind
     length: int | None
-    children: tuple[Node, ...] = ()
+    children: tuple[ColumnNode, ...] = ()
 
     @property
     def code(self) -> str:
@@ -86,27 +86,27 @@ def _is_time(cls: type[Any]) -> bool:
     return [(one.ros_name, str(one.type)) for one in cls._TYPE.fields] == [("sec", "int32"), ("nanosec", "uint32")]
 
 
-@remembered
-def width(cls: type[Any], depth: int = 0) -> int:
+@cached_per_class
+def column_count(cls: type[Any], depth: int = 0) -> int:
     """How many columns a class has, those of elements included; counted without making them."""
     if depth > _MOST_DEPTH:
         raise BagError(f"{cls._TYPE.name} is nested in more than {_MOST_DEPTH} messages, too many for a table")
     return sum(
-        width(field.cls, depth + 1) if field.cls is not None and kind_of(field) is Kind.STRUCT else 1
+        column_count(field.cls, depth + 1) if field.cls is not None and kind_of(field) is Kind.STRUCT else 1
         for field in cls._TYPE.fields
     )
 
 
-@remembered
-def nodes_of(cls: type[Any]) -> tuple[Node, ...]:
+@cached_per_class
+def nodes_of(cls: type[Any]) -> tuple[ColumnNode, ...]:
     """The columns of a message class.
 
     Raises:
-        BagError: there are more than `MOST_COLUMNS`, or they are nested too deeply.
+        BagError: there are more than `MAX_COLUMNS`, or they are nested too deeply.
     """
-    count = width(cls)
-    if count > MOST_COLUMNS:
-        raise BagError(f"{cls._TYPE.name} has {count} columns; expected at most {MOST_COLUMNS}")
+    count = column_count(cls)
+    if count > MAX_COLUMNS:
+        raise BagError(f"{cls._TYPE.name} has {count} columns; expected at most {MAX_COLUMNS}")
     names = {field.ros_name for field in cls._TYPE.fields}
     taken = LOG_TIME, PUBLISH_TIME
     return tuple(_node(field, free_name(field.ros_name, names, taken)) for field in cls._TYPE.fields)
@@ -120,29 +120,29 @@ def free_name(name: str, names: Collection[str], taken: Collection[str]) -> str:
     return found
 
 
-def _node(field: Field, name: str) -> Node:
+def _node(field: Field, name: str) -> ColumnNode:
     kind, arity = kind_of(field), field.type.arity
-    length = None if arity is Arity.SCALAR else field.type.capacity if arity is Arity.ARRAY else OPEN
+    length = None if arity is Arity.SCALAR else field.type.capacity if arity is Arity.ARRAY else VARIABLE_LENGTH
     inner = field.cls._TYPE.fields if field.cls is not None and kind is Kind.STRUCT else ()
-    return Node(name, field, kind, length, tuple(_node(one, one.ros_name) for one in inner))
+    return ColumnNode(name, field, kind, length, tuple(_node(one, one.ros_name) for one in inner))
 
 
 # ------------------------------------------------------------------------------------------------------------ choosing
 
 
 @dataclass(frozen=True, slots=True)
-class Chosen:
+class SelectedColumn:
     """A column of a table: its name, and the nodes that lead to it."""
 
     name: str
-    path: tuple[Node, ...]
+    path: tuple[ColumnNode, ...]
 
     @property
-    def node(self) -> Node:
+    def node(self) -> ColumnNode:
         return self.path[-1]
 
 
-def chosen(cls: type[Any], columns: Iterable[str] | str | None) -> list[Chosen]:
+def select_columns(cls: type[Any], columns: Iterable[str] | str | None) -> list[SelectedColumn]:
     """The columns that paths such as ``header.stamp`` mean, called as these; None means the fields.
 
     Raises:
@@ -150,13 +150,13 @@ def chosen(cls: type[Any], columns: Iterable[str] | str | None) -> list[Chosen]:
     """
     nodes = nodes_of(cls)
     if columns is None:
-        return [Chosen(node.name, (node,)) for node in nodes]
+        return [SelectedColumn(node.name, (node,)) for node in nodes]
     paths = [columns] if isinstance(columns, str) else list(dict.fromkeys(columns))
     return [_chosen(cls, nodes, path) for path in paths if path not in (LOG_TIME, PUBLISH_TIME)]
 
 
-def _chosen(cls: type[Any], nodes: tuple[Node, ...], path: str) -> Chosen:
-    found: list[Node] = []
+def _chosen(cls: type[Any], nodes: tuple[ColumnNode, ...], path: str) -> SelectedColumn:
+    found: list[ColumnNode] = []
     if not isinstance(path, str):
         raise BagError(f"columns are paths as text, such as header.stamp; found {path!r:.50}")
     for part in path.split("."):
@@ -168,7 +168,7 @@ def _chosen(cls: type[Any], nodes: tuple[Node, ...], path: str) -> Chosen:
             raise BagError(_unknown(cls, path))
         found.append(node)
         nodes = node.children
-    return Chosen(path, tuple(found))
+    return SelectedColumn(path, tuple(found))
 
 
 def _unknown(cls: type[Any], path: str) -> str:
@@ -176,7 +176,7 @@ def _unknown(cls: type[Any], path: str) -> str:
     return f"no column {path:.100}{did_you_mean(path, known)}; there are {', '.join(known)[:500]}"
 
 
-def _names(nodes: Iterable[Node], before: str = "") -> Iterator[str]:
+def _names(nodes: Iterable[ColumnNode], before: str = "") -> Iterator[str]:
     for node in nodes:
         yield before + node.name
         if node.length is None:

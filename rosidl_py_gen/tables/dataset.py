@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.bags.files.storage import Block
+from rosidl_py_gen.bags.storage.storage_api import MessageBlock
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.cdr.typesupport import referenced_classes
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables.arrow import pa, parquet
 from rosidl_py_gen.tables.columns import free_name, nodes_of
-from rosidl_py_gen.tables.places import Output, joined
-from rosidl_py_gen.tables.reading import Columns, Waiting
+from rosidl_py_gen.tables.output_files import Output, joined
+from rosidl_py_gen.tables.reading import BatchBuffer, BatchBuilder
 
 if TYPE_CHECKING:
     import os
@@ -71,7 +71,7 @@ class DatasetReport:
     """
 
     files: list[DatasetFile]
-    left_out: dict[str, str]
+    skipped_topics: dict[str, str]
 
 
 def write_dataset(
@@ -103,9 +103,9 @@ def write_dataset(
     Raises:
         BagError: a file exists already; and as `BagReader.batches`. OSError: it cannot be written.
     """
-    made = Draft(bag, str(out), name or bag_name(bag.path.name), overwrite, compression, row_group_bytes)
+    made = StagedDataset(bag, str(out), name or bag_name(bag.path.name), overwrite, compression, row_group_bytes)
     with made:
-        made.fill(topics, include_large, start_ns, end_ns, on_error, progress)
+        made.read_bag(topics, include_large, start_ns, end_ns, on_error, progress)
         made.publish()
     return made.report
 
@@ -114,7 +114,7 @@ def _chosen(
     bag: BagReader,
     topics: Collection[str] | None,
     include_large: bool,
-    left_out: dict[str, str],
+    skipped_topics: dict[str, str],
     folder_of: Callable[[str], str],
 ) -> list[BagTopic]:
     """The channels that are written; says of others why they are not."""
@@ -132,10 +132,12 @@ def _chosen(
         except RosidlError as error:
             if topics is not None:
                 raise
-            left_out[channel.name] = str(error).removeprefix(f"{channel.name}: ")
+            skipped_topics[channel.name] = str(error).removeprefix(f"{channel.name}: ")
             continue
         if topics is None and not include_large and is_large(cls):
-            left_out[channel.name] = f"{channel.type_name} is large: --include-large (include_large=True) writes it"
+            skipped_topics[channel.name] = (
+                f"{channel.type_name} is large: --include-large (include_large=True) writes it"
+            )
             continue
         found.append(channel)
     return found
@@ -165,16 +167,16 @@ def bag_name(name: str) -> str:
 class _File:
     """One file, and what waits to be written to it."""
 
-    def __init__(self, path: str, channel: BagTopic, columns: Columns, batch_bytes: int) -> None:
+    def __init__(self, path: str, channel: BagTopic, columns: BatchBuilder, batch_bytes: int) -> None:
         self.path, self.channel, self.columns = path, channel, columns
-        self.waiting = Waiting(batch_bytes)
+        self.waiting = BatchBuffer(batch_bytes)
         self.batches: list[Any] = []
         self.size = self.rows = 0
         self.writer: Any = None
         self.schema = _renamed(columns.schema)
 
 
-class Draft:
+class StagedDataset:
     """The files of a bag, or of a part of it, which nobody sees before `publish`. Use it with ``with``.
 
     Args:
@@ -182,7 +184,7 @@ class Draft:
         folder_of: name of the folder of a topic, without ``topic=``.
 
     Attributes:
-        report: what was done, after `fill`.
+        report: what was done, after `read_bag`.
     """
 
     def __init__(
@@ -204,7 +206,7 @@ class Draft:
         self._by_key: dict[tuple[str, ...], _File] = {}
         self.report = DatasetReport([], {})
 
-    def fill(
+    def read_bag(
         self,
         topics: Collection[str] | None,
         include_large: bool,
@@ -214,20 +216,20 @@ class Draft:
         progress: Callable[[int], None] | None = None,
     ) -> None:
         """Read the bag; arguments and errors as `write_dataset`."""
-        bag, left_out = self._bag, self.report.left_out
+        bag, left_out = self._bag, self.report.skipped_topics
         channels = _chosen(bag, topics, include_large, left_out, self._folder_of)
         source = bag._source([*dict.fromkeys(one.name for one in channels)], start_ns, end_ns, on_error, topics is None)
         for channel in channels:
-            self._add(channel, Columns(bag, channel, None, source.decoded))
+            self._add(channel, BatchBuilder(bag, channel, None, source.decoded))
         done = 0
         for message in source.found if self._by_key else ():
             done += self._take(message)
             if progress is not None:
                 progress(done)
         self._end()
-        left_out.update({key: one.reason for key, one in bag.left_out.items()})
+        left_out.update({key: one.reason for key, one in bag.skipped.items()})
 
-    def _add(self, channel: BagTopic, columns: Columns) -> None:
+    def _add(self, channel: BagTopic, columns: BatchBuilder) -> None:
         """Make a file known for the messages of a channel."""
         kind = f"{channel.type_name.rpartition('/')[2]}-{columns.cls._TYPE.hash.removeprefix('RIHS01_')[:8]}"
         folders = f"{TOPIC}={self._folder_of(channel.name)}", f"{BAG}={_quoted(self._name)}"
@@ -242,7 +244,7 @@ class Draft:
             return 0
         for columns, messages in file.waiting.take(message, {message[0].info.key: file.columns}):
             self._keep(file, columns.batches(messages))
-        return len(message.begin) if isinstance(message, Block) else 1
+        return len(message.begin) if isinstance(message, MessageBlock) else 1
 
     def _keep(self, file: _File, batches: Iterator[Any]) -> None:
         for batch in batches:
@@ -280,7 +282,7 @@ class Draft:
         """Write what waits, and close the files."""
         with self._open:
             for file in self._by_key.values():
-                for columns, messages in file.waiting.rest():
+                for columns, messages in file.waiting.flush():
                     self._keep(file, columns.batches(messages))
                 if file.batches:
                     self._write(file)
@@ -293,7 +295,7 @@ class Draft:
         """Give the files their names."""
         self._output.publish()
 
-    def __enter__(self) -> Draft:
+    def __enter__(self) -> StagedDataset:
         self._output.__enter__()
         return self
 

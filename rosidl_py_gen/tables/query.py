@@ -17,12 +17,12 @@ from urllib.parse import unquote
 from uuid import uuid4
 
 from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.bags.remote import is_url, reached
+from rosidl_py_gen.bags.remote import is_url, unreachable_as_error
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.output import escape_json
-from rosidl_py_gen.base.resources import extra_missing
-from rosidl_py_gen.tables.dataset import TOPIC, Draft
-from rosidl_py_gen.tables.places import file_system, url_of
+from rosidl_py_gen.base.resources import missing_extra_message
+from rosidl_py_gen.tables.dataset import TOPIC, StagedDataset
+from rosidl_py_gen.tables.output_files import file_system, url_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 try:
     import duckdb
 except ModuleNotFoundError as missing:
-    raise extra_missing(missing) or missing from None
+    raise missing_extra_message(missing) or missing from None
 
 _QUOTED = re.compile(r"""["]((?:[^"]|"")*)["]|[']((?:[^']|'')*)[']""")
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
@@ -52,7 +52,7 @@ _ROWS = 1000
 def is_dataset(place: str) -> bool:
     """Whether a folder, or a URL, is one that `write_dataset` has written."""
     system, path = file_system(place)
-    with reached(place):
+    with unreachable_as_error(place):
         return bool(system.isdir(path)) and any(
             one.rstrip("/").rpartition("/")[2].startswith(f"{TOPIC}=") for one in system.ls(path, detail=False)
         )
@@ -129,12 +129,12 @@ class Database:
         for name, bag in bags.items():
             mine = [topic for topic in wanted if topic in bag.topics]
             shown = None if progress is None else partial(_shifted, progress, done)
-            with Draft(bag, self._folder.name, name, compression="lz4", folder_of=self._number_of) as draft:
-                draft.fill(mine, False, None, None, on_error, shown)
+            with StagedDataset(bag, self._folder.name, name, compression="lz4", folder_of=self._number_of) as draft:
+                draft.read_bag(mine, False, None, None, on_error, shown)
                 draft.publish()
             report = draft.report
             done += sum(bag.topics[topic].count or 0 for topic in mine)
-            left_out.update(report.left_out)
+            left_out.update(report.skipped_topics)
             for one in report.files:
                 self._files.setdefault(one.topic, []).append(one.path)
         return left_out
@@ -151,7 +151,7 @@ class Database:
             os.symlink(root, shown)
             root = shown
         begin, found = len(root.rstrip("/")) + 1, []
-        with reached(place):
+        with unreachable_as_error(place):
             for path in sorted(system.find(root)):
                 key, _, topic = path[begin:].partition("/")[0].partition("=")
                 if key == TOPIC and path.endswith(".parquet"):

@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.bags.definitions import described
-from rosidl_py_gen.bags.files.storage import Block
+from rosidl_py_gen.bags.definition_lookup import described
+from rosidl_py_gen.bags.storage.storage_api import MessageBlock
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.tables import build
+from rosidl_py_gen.tables import arrow_builders
 from rosidl_py_gen.tables.arrow import from_numpy, pa
-from rosidl_py_gen.tables.batch import Blocks, Single, compact, owned, parts
-from rosidl_py_gen.tables.columns import chosen
-from rosidl_py_gen.tables.objects import column
-from rosidl_py_gen.tables.program import program_of
-from rosidl_py_gen.tables.rows import UnsuitedError, run
+from rosidl_py_gen.tables.batch_decoder import BatchUnsupportedError, run
+from rosidl_py_gen.tables.columns import select_columns
+from rosidl_py_gen.tables.message_batch import MessageBlocks, MessageList, detach_block, detach_message, parts
+from rosidl_py_gen.tables.object_columns import column
+from rosidl_py_gen.tables.read_program import read_program_for
 from rosidl_py_gen.tables.schema import NANOSECONDS, schema_of
 
 if TYPE_CHECKING:
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rosidl_py_gen.bags.common import BagMessage, BagTopic
-    from rosidl_py_gen.bags.definitions import TopicDefinition
-    from rosidl_py_gen.bags.files.storage import Channel, Raw, Source
-    from rosidl_py_gen.tables.columns import Node
-    from rosidl_py_gen.tables.rows import Cursor
+    from rosidl_py_gen.bags.definition_lookup import TopicDefinition
+    from rosidl_py_gen.bags.storage.storage_api import BagChannel, Raw, TableInput
+    from rosidl_py_gen.tables.batch_decoder import BatchCursor
+    from rosidl_py_gen.tables.columns import ColumnNode
 
     Times = NDArray[np.uint64]
     Decoded = Callable[[Iterable[Raw]], Iterator[BagMessage]]
@@ -56,7 +56,7 @@ class Bag(Protocol):
     def definition(self, topic: str | BagTopic) -> TopicDefinition: ...
 
 
-class Columns:
+class BatchBuilder:
     """The columns of a topic, for one definition of its messages; makes batches.
 
     Args:
@@ -69,28 +69,28 @@ class Columns:
     def __init__(self, bag: Bag, channel: BagTopic, columns: Sequence[str] | str | None, decoded: Decoded) -> None:
         self._where, self._decoded = f"{bag.path}: {channel.name}", decoded
         self.cls, found = bag.message_class(channel), bag.definition(channel)
-        self._is_certain = found.is_certain
+        self._is_certain = found.is_recorded
         try:
-            self._chosen = chosen(self.cls, columns)
+            self._chosen = select_columns(self.cls, columns)
             self.schema = schema_of(self.cls, self._chosen, _told(channel, found))
         except BagError as error:
             raise BagError(f"{self._where}: {error}") from None
-        self._program = program_of(self.cls)
-        self._wanted: set[Node] = set()
+        self._program = read_program_for(self.cls)
+        self._wanted: set[ColumnNode] = set()
         for one in self._chosen:
             self._want(one.node)
 
-    def _want(self, node: Node) -> None:
+    def _want(self, node: ColumnNode) -> None:
         self._wanted.add(node)
         if node.length is None:
             for child in node.children:
                 self._want(child)
 
-    def batches(self, messages: Single | Blocks) -> Iterator[Any]:
+    def batches(self, messages: MessageList | MessageBlocks) -> Iterator[Any]:
         """The messages as one record batch, or several small ones where they have to be read one by one."""
         try:
             yield self._at_once(messages)
-        except UnsuitedError:
+        except BatchUnsupportedError:
             for portion in _portions(messages.raw()):
                 found = list(self._decoded(portion))
                 if found:
@@ -98,16 +98,16 @@ class Columns:
                     log_times = np.array([one.log_time for one in found], np.uint64)
                     yield self._batch(log_times, np.array([one.publish_time for one in found], np.uint64), columns)
 
-    def _at_once(self, messages: Single | Blocks) -> Any:
+    def _at_once(self, messages: MessageList | MessageBlocks) -> Any:
         if self._program is None:
-            raise UnsuitedError
+            raise BatchUnsupportedError
         cursor = messages.cursor()
         log_times, publish_times = messages.times()
         try:
             found = run(cursor, self._program, self._wanted)
             if not self._is_certain:
                 _require_ends(cursor)
-            columns = [build.assembled(one.node, found, len(messages)) for one in self._chosen]
+            columns = [arrow_builders.assembled(one.node, found, len(messages)) for one in self._chosen]
         except BagError as error:
             raise BagError(f"{self._where} from {log_times[0]} to {log_times[-1]} ns: {error}") from None
         return self._batch(log_times, publish_times, columns)
@@ -125,12 +125,13 @@ def _told(channel: BagTopic, found: TopicDefinition) -> BagTopic:
         return channel
 
 
-def _require_ends(cursor: Cursor) -> None:
-    """Raises `UnsuitedError` where something is behind the last field but what middlewares pad messages with."""
+def _require_ends(cursor: BatchCursor) -> None:
+    """Raises `BatchUnsupportedError` where something is behind the last field but what middlewares pad messages
+    with."""
     rest = cursor.limit - cursor.pos
     padded = (rest < _PADDING) & ((cursor.limit & (_PADDING - 1)) == 0)
     if ((rest != 0) & ~padded).any():
-        raise UnsuitedError
+        raise BatchUnsupportedError
 
 
 def _times(where: str, times: Times) -> Any:
@@ -155,17 +156,17 @@ def _portions(messages: Sequence[Raw]) -> Iterator[Sequence[Raw]]:
 
 
 def reader(
-    bag: Bag, channels: Sequence[BagTopic], columns: Sequence[str] | str | None, source: Source, batch_bytes: int
+    bag: Bag, channels: Sequence[BagTopic], columns: Sequence[str] | str | None, source: TableInput, batch_bytes: int
 ) -> Any:
     """A ``pyarrow.RecordBatchReader`` of a topic; see `BagReader.batches`.
 
     Args:
         channels: of the topic, one at least; messages of others are left out.
     """
-    by_class: dict[type[Any], Columns] = {}
-    by_key: dict[tuple[str, ...], Columns] = {}
+    by_class: dict[type[Any], BatchBuilder] = {}
+    by_key: dict[tuple[str, ...], BatchBuilder] = {}
     for one in channels:
-        made = Columns(bag, one, columns, source.decoded)
+        made = BatchBuilder(bag, one, columns, source.decoded)
         by_key[one.key] = by_class.setdefault(made.cls, made)
     schema = next(iter(by_class.values())).schema
     if not all(made.schema.equals(schema) for made in by_class.values()):
@@ -177,56 +178,61 @@ def reader(
 
 
 def _batches(
-    by_key: dict[tuple[str, ...], Columns], found: Iterator[Raw] | Iterator[Block], schema: Any, batch_bytes: int
+    by_key: dict[tuple[str, ...], BatchBuilder],
+    found: Iterator[Raw] | Iterator[MessageBlock],
+    schema: Any,
+    batch_bytes: int,
 ) -> Iterator[Any]:
-    waiting = Waiting(batch_bytes)
+    waiting = BatchBuffer(batch_bytes)
     for message in found:
         for columns, messages in waiting.take(message, by_key):
             yield from _alike(columns.batches(messages), schema)
-    for columns, messages in waiting.rest():
+    for columns, messages in waiting.flush():
         yield from _alike(columns.batches(messages), schema)
 
 
-class Waiting:
+class BatchBuffer:
     """Messages of one topic until there are enough for a batch."""
 
     def __init__(self, batch_bytes: int) -> None:
         self._most = batch_bytes
         self._held: list[Any] = []
         self._size = self._rows = 0
-        self._channel: Channel | None = None
-        self._columns: Columns | None = None
+        self._channel: BagChannel | None = None
+        self._columns: BatchBuilder | None = None
 
     def take(
-        self, message: Raw | Block, by_key: dict[tuple[str, ...], Columns]
-    ) -> Iterator[tuple[Columns, Single | Blocks]]:
+        self, message: Raw | MessageBlock, by_key: dict[tuple[str, ...], BatchBuilder]
+    ) -> Iterator[tuple[BatchBuilder, MessageList | MessageBlocks]]:
         """Add a message or a block, and give the batches that are full."""
         if message[0] is not self._channel:
             columns = by_key.get(message[0].info.key)
             if columns is not self._columns:
-                yield from self.rest()
+                yield from self.flush()
             self._channel, self._columns = message[0], columns
         if self._columns is None:
             return
-        if not isinstance(message, Block):
-            yield from self._add(owned(message), len(message[1]), 1)
+        if not isinstance(message, MessageBlock):
+            yield from self._add(detach_message(message), len(message[1]), 1)
             return
         for part in parts(message, self._most, MOST_ROWS):
-            yield from self._add(compact(part), int(part.size.sum()), len(part.size))
+            yield from self._add(detach_block(part), int(part.size.sum()), len(part.size))
 
-    def _add(self, message: Raw | Block, size: int, rows: int) -> Iterator[tuple[Columns, Single | Blocks]]:
+    def _add(
+        self, message: Raw | MessageBlock, size: int, rows: int
+    ) -> Iterator[tuple[BatchBuilder, MessageList | MessageBlocks]]:
         self._held.append(message)
         self._size += size
         self._rows += rows
         if self._size >= self._most or self._rows >= MOST_ROWS:
-            yield from self.rest()
+            yield from self.flush()
 
-    def rest(self) -> Iterator[tuple[Columns, Single | Blocks]]:
+    def flush(self) -> Iterator[tuple[BatchBuilder, MessageList | MessageBlocks]]:
         """What waits, as a batch."""
         if self._held:
             assert self._columns is not None
             held, self._held, self._size, self._rows = self._held, [], 0, 0
-            yield self._columns, Blocks(held) if isinstance(held[0], Block) else Single(held)
+            yield self._columns, MessageBlocks(held) if isinstance(held[0], MessageBlock) else MessageList(held)
 
 
 def _alike(batches: Iterator[Any], schema: Any) -> Iterator[Any]:

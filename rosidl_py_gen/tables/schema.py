@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.bags.common import BagError
 from rosidl_py_gen.cdr.typesupport import constants, referenced_classes
 from rosidl_py_gen.tables.arrow import pa
-from rosidl_py_gen.tables.columns import LOG_TIME, OPEN, PUBLISH_TIME, Kind
+from rosidl_py_gen.tables.columns import LOG_TIME, PUBLISH_TIME, VARIABLE_LENGTH, Kind
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rosidl_py_gen.bags.common import BagTopic
-    from rosidl_py_gen.tables.columns import Chosen, Node
+    from rosidl_py_gen.tables.columns import ColumnNode, SelectedColumn
 
 TOPIC, TYPE, HASH = b"ros.topic", b"ros.type", b"ros.type_hash"
 DEFINITION, ENCODING, QOS = b"ros.definition", b"ros.definition_encoding", b"ros.offered_qos"
@@ -48,7 +48,7 @@ _ONE = {
 }
 
 
-def element_type(node: Node) -> Any:
+def element_type(node: ColumnNode) -> Any:
     """The Arrow type of one element of a column."""
     if node.kind is Kind.NUMBER:
         return NUMBERS[node.code]
@@ -57,11 +57,11 @@ def element_type(node: Node) -> Any:
     return _ONE[node.kind]
 
 
-def type_of(node: Node) -> Any:
+def type_of(node: ColumnNode) -> Any:
     """The Arrow type of a column; raises `BagError` when Arrow has none so large."""
     try:
         if node.is_binary:
-            return pa.binary(node.length if node.length is not None else OPEN)
+            return pa.binary(node.length if node.length is not None else VARIABLE_LENGTH)
         one = element_type(node)
         if node.length is None:
             return one
@@ -70,13 +70,13 @@ def type_of(node: Node) -> Any:
         raise BagError(f"{node.name}: Arrow has no type for {node.field.type}: {error}") from None
 
 
-def field_of(node: Node, name: str | None = None) -> Any:
+def field_of(node: ColumnNode, name: str | None = None) -> Any:
     """The Arrow field of a column."""
     nullable = node.kind is Kind.EMPTY and node.length is None
     return pa.field(name or node.name, type_of(node), nullable, {TYPE: str(node.field.type)})
 
 
-def schema_of(cls: type[Any], columns: Sequence[Chosen], topic: BagTopic | None = None) -> Any:
+def schema_of(cls: type[Any], columns: Sequence[SelectedColumn], topic: BagTopic | None = None) -> Any:
     """The schema of a table with these columns behind the bag's times; raises `BagError`."""
     times = [pa.field(name, NANOSECONDS, nullable=False) for name in (LOG_TIME, PUBLISH_TIME)]
     fields = [field_of(column.node, column.name) for column in columns]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from rosidl_py_gen import compile_text, get_message, type_hash
+from rosidl_py_gen import compile_definition, get_message, type_hash
 from rosidl_py_gen.bags.common import BagError, BagTopic
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
@@ -25,7 +25,7 @@ from rosidl_py_gen.tables.columns import LOG_TIME, PUBLISH_TIME, Kind, nodes_of
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from rosidl_py_gen.tables.columns import Node
+    from rosidl_py_gen.tables.columns import ColumnNode
 
 Tree: TypeAlias = "dict[str, Any]"
 """Arrow arrays by name, or trees of those that are nested."""
@@ -63,7 +63,7 @@ def topic_of_schema(schema: Any, topic: str | None) -> tuple[BagTopic, type[Any]
         raise BagError(
             f"{values.shown(topic)}: the table does not say the type of its messages: give the class (msg_type=)"
         )
-    cls: type[Any] = compile_text(name, definition) if told.DEFINITION in found else get_message(name)
+    cls: type[Any] = compile_definition(name, definition) if told.DEFINITION in found else get_message(name)
     if not definition and wanted and wanted != type_hash(cls):  # it was not known, and an empty message has none either
         cls = get_message(name)
     if not hasattr(cls, "_TYPE") or not hasattr(cls._TYPE, "fields"):
@@ -105,7 +105,7 @@ def _next(stream: Any, topic: str) -> Any:
         raise BagError(f"{values.shown(topic)}: the table cannot be read: {error}") from None
 
 
-def _portion(batch: Any, cls: type[Any], nodes: tuple[Node, ...]) -> tuple[list[list[int]], list[Any]]:
+def _portion(batch: Any, cls: type[Any], nodes: tuple[ColumnNode, ...]) -> tuple[list[list[int]], list[Any]]:
     tree: Tree = {}
     for name, column in zip(batch.schema.names, batch.columns, strict=True):
         _put(tree, name, column)
@@ -141,7 +141,7 @@ def _put(tree: Tree, name: str, column: Any) -> None:
 # -------------------------------------------------------------------------------------------------------------- values
 
 
-def _structs(cls: type[Any], nodes: Sequence[Node], tree: Tree, count: int, path: str) -> list[Any]:
+def _structs(cls: type[Any], nodes: Sequence[ColumnNode], tree: Tree, count: int, path: str) -> list[Any]:
     known = {node.name: node for node in nodes}
     for name in tree:
         if name not in known:
@@ -154,7 +154,7 @@ def _structs(cls: type[Any], nodes: Sequence[Node], tree: Tree, count: int, path
     return [cls(**dict(zip(names, row, strict=True))) for row in zip(*columns, strict=True)]
 
 
-def _values(node: Node, column: Any, path: str, count: int) -> Sequence[Any]:
+def _values(node: ColumnNode, column: Any, path: str, count: int) -> Sequence[Any]:
     """Python values of a column, or of those it is nested of."""
     if isinstance(column, dict):
         if node.kind is not Kind.STRUCT or node.length is not None:
@@ -176,7 +176,7 @@ def _values(node: Node, column: Any, path: str, count: int) -> Sequence[Any]:
     return [items[begin:end] for begin, end in zip([0, *ends], ends, strict=False)]
 
 
-def _elements(node: Node, column: Any, path: str) -> Sequence[Any]:
+def _elements(node: ColumnNode, column: Any, path: str) -> Sequence[Any]:
     if node.kind is Kind.EMPTY:
         if column.null_count != len(column) and not (pa.types.is_struct(column.type) and not column.type.num_fields):
             found = values.shown(column.type)
@@ -194,7 +194,7 @@ def _elements(node: Node, column: Any, path: str) -> Sequence[Any]:
     return [cls(sec, nanosec) for sec, nanosec in zip(seconds.tolist(), rest.tolist(), strict=True)]
 
 
-def _fields_of(node: Node, column: Any, path: str) -> Tree:
+def _fields_of(node: ColumnNode, column: Any, path: str) -> Tree:
     if pa.types.is_null(column.type):  # the elements of lists that are all empty
         return {}
     if not pa.types.is_struct(column.type):
@@ -207,7 +207,7 @@ def _fields_of(node: Node, column: Any, path: str) -> Tree:
     return tree
 
 
-def _class(node: Node) -> type[Any]:
+def _class(node: ColumnNode) -> type[Any]:
     assert node.field.cls is not None
     return node.field.cls
 

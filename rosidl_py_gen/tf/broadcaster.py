@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen import encode, get_message
 from rosidl_py_gen.runtime import Durability, QoSProfile
 from rosidl_py_gen.tf.buffer import DEPTH
+from rosidl_py_gen.tf.frame_tree import without_slash
 from rosidl_py_gen.tf.transform import Transform
-from rosidl_py_gen.tf.tree import without_slash
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from rosidl_py_gen import get_message
-from rosidl_py_gen.base.registration import Registration, Registrations
+from rosidl_py_gen.base.registration import Registration, RegistrationSet
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.stamps import nanoseconds as nanoseconds_of
-from rosidl_py_gen.base.waiting import Waiters
+from rosidl_py_gen.base.waiters import Waiters
+from rosidl_py_gen.message_filters.filters import call_all
 from rosidl_py_gen.runtime import Durability, Duration, QoSProfile
-from rosidl_py_gen.sync.filters import call_all
 from rosidl_py_gen.tf.errors import InvalidTransformError, TransformError, TransformTimeoutError
+from rosidl_py_gen.tf.frame_tree import FrameTree
 from rosidl_py_gen.tf.history import FrameInfo, Link
-from rosidl_py_gen.tf.messages import frame_and_stamp
+from rosidl_py_gen.tf.message_transforms import frame_and_stamp
 from rosidl_py_gen.tf.transform import Transform
-from rosidl_py_gen.tf.tree import FrameTree
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node, TimeJump
 
 DEPTH = 100
-_ANY_NUMBER = 1 << 31
+_UNLIMITED_QUEUE = 1 << 31
 """Of calls under way: an async callback of a filter may itself wait for a transform, which must come in meanwhile."""
 T = TypeVar("T")
 
@@ -48,7 +48,7 @@ class TransformBuffer:
         self._tree = FrameTree(round(cache_time_s * NS_PER_S))
         self._lock = threading.Lock()
         self._waiters = Waiters()
-        self._callbacks: Registrations[Callable[[], Coroutine[Any, Any, None] | None]] = Registrations()
+        self._callbacks: RegistrationSet[Callable[[], Coroutine[Any, Any, None] | None]] = RegistrationSet()
         self._tasks: set[asyncio.Future[None]] = set()
         """What async callbacks of filters do, where transforms are given by hand."""
         self._logger = None if node is None else node.logger
@@ -57,10 +57,12 @@ class TransformBuffer:
 
     def _listen(self, node: Node) -> None:
         cls: Any = get_message("tf2_msgs/msg/TFMessage")
-        node.create_subscription(cls, "/tf", lambda message: self._take(message, False), DEPTH, concurrency=_ANY_NUMBER)
+        node.create_subscription(
+            cls, "/tf", lambda message: self._take(message, False), DEPTH, concurrency=_UNLIMITED_QUEUE
+        )
         latched = QoSProfile(depth=DEPTH, durability=Durability.TRANSIENT_LOCAL)
         node.create_subscription(
-            cls, "/tf_static", lambda message: self._take(message, True), latched, concurrency=_ANY_NUMBER
+            cls, "/tf_static", lambda message: self._take(message, True), latched, concurrency=_UNLIMITED_QUEUE
         )
 
         def forget(_: TimeJump) -> None:
@@ -75,7 +77,7 @@ class TransformBuffer:
             except InvalidTransformError as error:
                 if self._logger is not None:
                     self._logger.warning(f"ignored a transform: {error}", throttle_s=1.0)
-        return self._tell()
+        return self._run_callbacks()
 
     # ---------------------------------------------------------------------------------------------------- feeding
 
@@ -87,7 +89,7 @@ class TransformBuffer:
                 length is not 1, or the transform is older than what is kept.
         """
         self._insert(transform.to_message() if isinstance(transform, Transform) else transform, static)
-        answer = self._tell()
+        answer = self._run_callbacks()
         if answer is not None:
             task = asyncio.ensure_future(answer)
             self._tasks.add(task)
@@ -108,7 +110,7 @@ class TransformBuffer:
         """Call it behind each arrival of transforms, on the thread where they come, until the answer is closed."""
         return self._callbacks.add(callback)
 
-    def _tell(self) -> Coroutine[Any, Any, None] | None:
+    def _run_callbacks(self) -> Coroutine[Any, Any, None] | None:
         self._waiters.wake()
         return call_all(self._callbacks)
 
@@ -119,7 +121,7 @@ class TransformBuffer:
 
     # ------------------------------------------------------------------------------------------------------ asking
 
-    def lookup(self, target: str, source: str, time: Any = None) -> Transform:
+    def lookup_transform(self, target: str, source: str, time: Any = None) -> Transform:
         """How coordinates in `source` become coordinates in `target`.
 
         Args:
@@ -134,45 +136,50 @@ class TransformBuffer:
             stamp, translation, rotation = self._tree.lookup(target, source, nanoseconds(time))
         return Transform(target, source, stamp, np.array(translation), np.array(rotation))
 
-    def lookup_at(self, target: str, target_time: Any, source: str, source_time: Any, fixed: str) -> Transform:
+    def lookup_transform_full(
+        self, target: str, target_time: Any, source: str, source_time: Any, fixed: str
+    ) -> Transform:
         """Where something that `source` saw at one time is in `target` at another, as `fixed` did not move in between.
 
-        Its stamp is that of `target`. Errors as `lookup`.
+        Its stamp is that of `target`. Errors as `lookup_transform`.
         """
         with self._lock:
             self._tree.require(target=target, source=source, fixed=fixed)
-        before, after = self.lookup(fixed, source, source_time), self.lookup(target, fixed, target_time)
+        before, after = (
+            self.lookup_transform(fixed, source, source_time),
+            self.lookup_transform(target, fixed, target_time),
+        )
         return after @ before
 
     def transform(self, message: T, target: str) -> T:
         """A message in another frame, by the transform of its own time; see `Transform.transform`.
 
         Raises:
-            ConversionError: no message with a frame, or one that cannot be transformed. Others as `lookup`.
+            ConversionError: no message with a frame, or one that cannot be transformed. Others as `lookup_transform`.
         """
-        return self.lookup(target, *frame_and_stamp(message)).transform(message)
+        return self.lookup_transform(target, *frame_and_stamp(message)).transform(message)
 
     def transform_at(self, message: T, target: str, target_time: Any, fixed: str) -> T:
         """As `transform`, to where the message is in `target` at another time, as `fixed` does not move in between."""
-        return self.lookup_at(target, target_time, *frame_and_stamp(message), fixed).transform(message)
+        return self.lookup_transform_full(target, target_time, *frame_and_stamp(message), fixed).transform(message)
 
     async def wait_and_transform(self, message: T, target: str, *, timeout_s: float | None = None) -> T:
-        """As `transform`, once that is possible; raises `TransformTimeoutError` as `wait_for`."""
-        found = await self.wait_for(target, *frame_and_stamp(message), timeout_s=timeout_s)
+        """As `transform`, once that is possible; raises `TransformTimeoutError` as `wait_for_transform`."""
+        found = await self.wait_for_transform(target, *frame_and_stamp(message), timeout_s=timeout_s)
         return found.transform(message)
 
     def can_transform(self, target: str, source: str, time: Any = None) -> bool:
-        """Whether `lookup` would give something."""
+        """Whether `lookup_transform` would give something."""
         try:
-            self.lookup(target, source, time)
+            self.lookup_transform(target, source, time)
         except (TransformError, InvalidTransformError):
             return False
         return True
 
-    async def wait_for(
+    async def wait_for_transform(
         self, target: str, source: str, time: Any = None, *, timeout_s: float | None = None
     ) -> Transform:
-        """Wait until `lookup` gives a transform.
+        """Wait until `lookup_transform` gives a transform.
 
         Raises:
             TransformTimeoutError: what was missing to the end.
@@ -183,7 +190,7 @@ class TransformBuffer:
 
         def is_there() -> bool:
             try:
-                found.append(self.lookup(target, source, time))
+                found.append(self.lookup_transform(target, source, time))
             except TransformError as error:
                 reason[0] = str(error)
             return bool(found)

@@ -9,10 +9,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import RosidlError, printable
-from rosidl_py_gen.sync.filters import DEPTH, MessageFilter, call_all, require_stamps, span_ns, whole
-from rosidl_py_gen.sync.stamps import StampError, header_stamp
+from rosidl_py_gen.message_filters.filters import (
+    DEPTH,
+    MessageFilter,
+    call_all,
+    check_queue_size,
+    require_stamps,
+    slop_to_ns,
+)
+from rosidl_py_gen.message_filters.stamps import StampError, header_stamp
 from rosidl_py_gen.tf.errors import ExtrapolationError, InvalidTransformError, TransformError
-from rosidl_py_gen.tf.tree import without_slash
+from rosidl_py_gen.tf.frame_tree import without_slash
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterable
@@ -20,7 +27,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.tf.buffer import TransformBuffer
 
 
-class _Waiting(NamedTuple):
+class _PendingMessage(NamedTuple):
     message: Any
     frame: str
     stamp: int
@@ -33,10 +40,10 @@ class TransformFilter(MessageFilter):
     of the queue are told to `on_drop`, or else to the log of the node: the 1st, 2nd, 4th, 8th and so on.
 
     Args:
-        source: a filter, such as `rosidl_py_gen.sync.Subscriber`.
+        source: a filter, such as `rosidl_py_gen.message_filters.Subscriber`.
         buffer: tells what is known.
         target: a frame, or several, all of which are waited for.
-        callback: see `rosidl_py_gen.sync.MessageFilter`.
+        callback: see `rosidl_py_gen.message_filters.MessageFilter`.
         queue_size: how many wait; when another one comes, the oldest is dropped.
         tolerance_s: the transforms have to be there so long before and after the time of the message, too.
         on_drop: is called with a message and the `TransformError`, or `InvalidTransformError`, that says why it could
@@ -63,15 +70,15 @@ class TransformFilter(MessageFilter):
         for frame in self._targets:
             if not isinstance(frame, str) or not frame or frame.startswith("/"):
                 raise InvalidTransformError(f"expected a target frame, without / in front, got {frame!r:.100}")
-        self._size, self._tolerance = whole("queue_size", queue_size), span_ns("tolerance_s", tolerance_s)
+        self._size, self._tolerance = check_queue_size("queue_size", queue_size), slop_to_ns("tolerance_s", tolerance_s)
         self._buffer, self._on_drop = buffer, on_drop
-        self._held: deque[_Waiting] = deque()
+        self._held: deque[_PendingMessage] = deque()
         self._lock = threading.Lock()
         self._setup(callback, 1, queue_size, (source,))
         require_stamps(source)
-        self._links.append(buffer.register_callback(self._look))
+        self._links.append(buffer.register_callback(self._release_ready))
         self._links.append(source.register_callback(self.add))
-        self._forget_at_jumps(self.clear)
+        self._clear_on_time_jump(self.clear)
 
     def add(self, message: Any) -> Coroutine[Any, Any, None] | None:
         """Take a message in, as if it had come from the input; answers as `signal`.
@@ -84,10 +91,10 @@ class TransformFilter(MessageFilter):
             raise StampError(f"a message without header.stamp: {type(message).__name__}")
         header: Any = message["header"] if isinstance(message, dict) else message.header
         frame = header["frame_id"] if isinstance(message, dict) else header.frame_id
-        one = _Waiting(message, without_slash(frame), stamp)
-        dropped: list[_Waiting] = []
+        one = _PendingMessage(message, without_slash(frame), stamp)
+        dropped: list[_PendingMessage] = []
         with self._lock:
-            reason = self._missing(one)
+            reason = self._missing_transform(one)
             if reason is not None and not one.frame:
                 dropped.append(one)  # nothing that comes gives it a frame
             elif reason is not None:
@@ -96,9 +103,9 @@ class TransformFilter(MessageFilter):
                     dropped.append(self._held.popleft())
         for lost in dropped:
             self._drop(lost)
-        return self.signal(message) if reason is None else None
+        return self.signal_message(message) if reason is None else None
 
-    def _look(self) -> Coroutine[Any, Any, None] | None:
+    def _release_ready(self) -> Coroutine[Any, Any, None] | None:
         """Let those through that can be transformed by now."""
         if not self._held:
             return None
@@ -106,7 +113,7 @@ class TransformFilter(MessageFilter):
         with self._lock:
             apart: set[str] = set()  # frames that no time would help
             for one in self._held:
-                reason = None if one.frame in apart else self._missing(one)
+                reason = None if one.frame in apart else self._missing_transform(one)
                 if reason is None and one.frame not in apart:
                     ready.append(one.message)
                     continue
@@ -114,9 +121,9 @@ class TransformFilter(MessageFilter):
                 if not isinstance(reason, ExtrapolationError):
                     apart.add(one.frame)
             self._held = deque(held)
-        return call_all([partial(self.signal, message) for message in ready])
+        return call_all([partial(self.signal_message, message) for message in ready])
 
-    def _missing(self, one: _Waiting) -> RosidlError | None:
+    def _missing_transform(self, one: _PendingMessage) -> RosidlError | None:
         """Why a message cannot be transformed now."""
         if not one.frame:
             return InvalidTransformError("the frame of the message is empty")
@@ -124,14 +131,14 @@ class TransformFilter(MessageFilter):
         try:
             for frame in self._targets:
                 for offset in around:
-                    self._buffer.lookup(frame, one.frame, max(1, one.stamp + offset) if one.stamp else 0)
+                    self._buffer.lookup_transform(frame, one.frame, max(1, one.stamp + offset) if one.stamp else 0)
         except (TransformError, InvalidTransformError) as error:
             return error
         return None
 
-    def _drop(self, one: _Waiting) -> None:
+    def _drop(self, one: _PendingMessage) -> None:
         self.dropped += 1
-        reason = self._missing(one) or TransformError("it can be transformed just now")
+        reason = self._missing_transform(one) or TransformError("it can be transformed just now")
         if self._on_drop is not None:
             self._on_drop(one.message, reason)
         elif self._nodes and not self.dropped & (self.dropped - 1):  # now and then, by itself and not by the clock

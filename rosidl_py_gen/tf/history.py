@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.tf.algebra import Quaternion, Vector, mix, slerp
+from rosidl_py_gen.tf.quaternion_math import Quaternion, Vector, lerp, slerp
 
 _MAX_REFUSED = 2
 """Number of transforms in a row, with rising stamps, that a frame refuses as too old; the next one replaces the newer
@@ -107,7 +107,7 @@ class MovingFrame:
         if one.parent != two.parent:  # reparented in between: the older one counts until then
             return one
         ratio = (time - stamps[after - 1]) / (stamps[after] - stamps[after - 1])
-        moved = mix(one.translation, two.translation, ratio)
+        moved = lerp(one.translation, two.translation, ratio)
         return Link(one.parent, moved, slerp(one.rotation, two.rotation, ratio))
 
     def lacks(self, time: int) -> bool:

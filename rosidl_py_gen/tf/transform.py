@@ -10,8 +10,8 @@ import numpy as np
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.numpy import ConversionError, quaternion_to_matrix
-from rosidl_py_gen.tf.algebra import product
-from rosidl_py_gen.tf.messages import T, transformed
+from rosidl_py_gen.tf.message_transforms import T, transformed
+from rosidl_py_gen.tf.quaternion_math import product
 
 if TYPE_CHECKING:
     from rosidl_py_gen.numpy.common import M

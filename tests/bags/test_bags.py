@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 from support.bundled_interfaces import message, reference, vectors
 from support.reference_cdr import same
 
-from rosidl_py_gen import compile_text, get_message, type_hash
+from rosidl_py_gen import compile_definition, get_message, type_hash
 from rosidl_py_gen.bags import BagError, BagReader, BagTopic, BagWriter, DecoderFactory
 from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.runtime import Durability, QoSProfile
@@ -232,7 +232,7 @@ def test_types_of_idl_files_are_written_so_that_others_read_them(
     assert (one.x, one.few, two.plain.x) == (1.5, ["a"], 2.5)
     with BagReader(path) as reader:
         assert [topic.encoding for topic in reader.topics.values()] == ["ros2msg", "ros2idl", "ros2msg"]
-        assert compile_text("of_idl/msg/Odd", reader.topics["/Odd"].definition) is odd
+        assert compile_definition("of_idl/msg/Odd", reader.topics["/Odd"].definition) is odd
         assert [item.message for item in reader][2] == odd(Number=3)
 
 

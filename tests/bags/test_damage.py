@@ -122,8 +122,8 @@ def test_a_chunk_that_is_too_large_is_not_taken_for_damaged(tmp_path: Path) -> N
     path = tmp_path / "a.mcap"
     recording(path, COUNT)
     with (
-        pytest.raises(BagError, match="max_unpacked_bytes"),
-        BagReader(path, skip_damaged=True, max_unpacked_bytes=9) as one,
+        pytest.raises(BagError, match="max_decompressed_bytes"),
+        BagReader(path, skip_damaged=True, max_decompressed_bytes=9) as one,
     ):
         list(one)
 
@@ -141,7 +141,7 @@ def test_reindex_writes_what_is_intact_and_keeps_what_was(tmp_path: Path) -> Non
     done = reindex_folder(folder)
     assert (done.messages, len(done.damaged)) == (COUNT - 40, 1)
     done = reindex_file(path)
-    assert (done.messages, len(done.damaged), done.kept and done.kept.read_bytes()) == (COUNT - 40, 1, before)
+    assert (done.messages, len(done.damaged), done.backup and done.backup.read_bytes()) == (COUNT - 40, 1, before)
     assert found(path, COUNT, skip_damaged=False) == (COUNT - 40, 0)
     with pytest.raises(BagError, match="already has an index, and no damage; it needs no reindexing"):
         reindex_file(path)

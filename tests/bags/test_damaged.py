@@ -22,9 +22,9 @@ from zstandard import ZstdCompressor
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, SqliteWriter
 from rosidl_py_gen.bags.common import BagTopic
-from rosidl_py_gen.bags.files.mcap_file import McapFile
 from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.bags.reindexing import reindex_folder
+from rosidl_py_gen.bags.storage.mcap_file import McapFile
 from rosidl_py_gen.errors import RosidlError
 
 pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")  # what is damaged is left out
@@ -89,10 +89,10 @@ def test_a_chunk_that_becomes_too_large_is_refused(tmp_path: Path, has_index: bo
         writer.write("/a", String(data="a" * 100_000), 0)
     if not has_index:
         path.write_bytes(path.read_bytes()[:-60])
-    with BagReader(path, max_unpacked_bytes=101_000) as reader:
+    with BagReader(path, max_decompressed_bytes=101_000) as reader:
         assert [len(one.message.data) for one in reader] == [100_000]
-    told = r"a chunk of \d+ bytes says it holds 1\d{5}; expected at most 10000, unless max_unpacked_bytes is more"
-    with pytest.raises(BagError, match=told), BagReader(path, max_unpacked_bytes=10_000) as reader:
+    told = r"a chunk of \d+ bytes says it holds 1\d{5}; expected at most 10000, unless max_decompressed_bytes is more"
+    with pytest.raises(BagError, match=told), BagReader(path, max_decompressed_bytes=10_000) as reader:
         list(reader)
 
 
@@ -319,7 +319,7 @@ def test_a_recorder_killed_while_it_compresses_a_file_leaves_every_message_once(
     for step in ("fsync", "replace", "unlink"):
         folder = tmp_path / step
         with monkeypatch.context() as patch, contextlib.suppress(Killed):
-            bag = writer(folder, packing="file", split_bytes=1)
+            bag = writer(folder, compression_mode="file", split_bytes=1)
             bag.add_topic("/a", BagTopic("/a", "std_msgs/msg/Bool", "bool data"))
             for number in range(3):
                 if number == 2:  # the second file is compressed now
@@ -375,7 +375,7 @@ def test_files_are_on_the_disk_before_they_get_their_names(tmp_path: Path, monke
 
     monkeypatch.setattr(os, "fsync", note_sync)
     monkeypatch.setattr(Path, "replace", note_rename)
-    with BagWriter(tmp_path / "bag", packing="file") as bag:
+    with BagWriter(tmp_path / "bag", compression_mode="file") as bag:
         bag.write("/s", get_message("std_msgs/msg/String")(data="x"), log_time_ns=1)
     for name in ("bag_0.mcap.zstd", "metadata.yaml"):
         at = steps.index(("rename", name))

@@ -13,9 +13,9 @@ import pytest
 import yaml
 from mcap.writer import Writer
 
-from rosidl_py_gen import compile_text, get_message, type_hash
+from rosidl_py_gen import compile_definition, get_message, type_hash
 from rosidl_py_gen.bags import BagError, BagReader, BagTopic, BagWarning, BagWriter, SqliteWriter
-from rosidl_py_gen.bags.definitions import WrongDefinitionError
+from rosidl_py_gen.bags.definition_lookup import WrongDefinitionError
 from rosidl_py_gen.bags.writer import topic_of
 from rosidl_py_gen.errors import RosidlError
 
@@ -63,7 +63,7 @@ def humble_bag(folder: Path, name: str, samples: list[bytes], *, hash: str = "")
 
 
 def reading(text: str, **values: Any) -> Any:
-    return compile_text(NAME, text)(**values)
+    return compile_definition(NAME, text)(**values)
 
 
 @pytest.fixture
@@ -77,14 +77,14 @@ def test_a_definition_of_the_search_path_or_the_typestore_is_taken_and_told(
     folder = package(tmp_path / "then" / "old_msgs", THEN)
     with BagReader(bag, search_path=folder) as reader:
         found = reader.definition("/reading")
-        assert found.origin.endswith("old_msgs/msg/Reading.msg") and not found.is_certain
+        assert found.origin.endswith("old_msgs/msg/Reading.msg") and not found.is_recorded
         assert [item.message.value for item in reader] == list(range(200))
         assert len(list(reader)) == 200
     (warned,) = recwarn.list  # once, not for each message or topic
     said = str(warned.message)
     assert warned.category is BagWarning and found.origin in said
     assert "no definition and no hash of old_msgs/msg/Reading (/reading)" in said
-    for given in (THEN, compile_text(NAME, THEN)):
+    for given in (THEN, compile_definition(NAME, THEN)):
         with BagReader(bag, typestore={"old_msgs/Reading": given}) as reader:
             assert reader.definition("/reading").origin == "typestore"
             assert next(iter(reader)).message.weight == 2.0
@@ -117,7 +117,7 @@ def test_messages_that_are_not_of_the_guess_are_never_handed_out(bag: Path, text
             for _ in range(2):
                 assert list(reader.messages()) == []
         assert len(told) == 2  # the guess, and what is left out
-        assert reader.left_out["/reading"].count == 400
+        assert reader.skipped["/reading"].count == 400
         with pytest.raises(WrongDefinitionError, match=f"/reading: {said}"):
             list(reader.messages("/reading"))
 
@@ -130,7 +130,7 @@ def test_each_message_of_a_fixed_size_is_measured(tmp_path: Path) -> None:
     bag = humble_bag(tmp_path / "bag", NAME, samples)
     with BagReader(bag, typestore={NAME: NOW}) as reader:
         assert len(list(reader)) == 100
-        assert reader.left_out["/reading"].count == 1
+        assert reader.skipped["/reading"].count == 1
     bag = humble_bag(tmp_path / "damaged", NAME, [good, good[:6], good])
     with BagReader(bag, typestore={NAME: NOW}) as reader:
         assert len(list(reader.messages("/reading", on_error="skip"))) == 2
@@ -145,7 +145,7 @@ def test_what_middlewares_pad_and_empty_texts_of_other_writers_are_of_the_guess(
     with BagReader(bag) as reader:
         assert [len(item.message.data) for item in reader] == [0, *range(8), *range(8)]
         assert reader.definition("/reading").origin in ("bundled", "module std_msgs.msg._string")
-        assert reader.left_out == {}
+        assert reader.skipped == {}
 
 
 def test_messages_without_fields_are_read_with_a_byte_and_without(tmp_path: Path) -> None:
@@ -161,18 +161,18 @@ def test_messages_without_fields_are_read_with_a_byte_and_without(tmp_path: Path
 
 
 def test_only_a_definition_with_the_recorded_hash_is_taken(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
-    then = compile_text(NAME, THEN)
+    then = compile_definition(NAME, THEN)
     samples = [then(value=1.0, weight=2.0).encode()]
     now, right = package(tmp_path / "now" / "old_msgs", NOW), package(tmp_path / "then" / "old_msgs", THEN)
     bag = humble_bag(tmp_path / "bag", NAME, samples, hash=type_hash(then))
     with BagReader(bag, search_path=right) as reader:
-        assert reader.definition("/reading").is_certain and next(iter(reader)).message.weight == 2.0
-    swapped = compile_text("old_msgs/msg/Other", THEN)  # known to nobody under the recorded name
+        assert reader.definition("/reading").is_recorded and next(iter(reader)).message.weight == 2.0
+    swapped = compile_definition("old_msgs/msg/Other", THEN)  # known to nobody under the recorded name
     other = humble_bag(tmp_path / "other", NAME, samples, hash=type_hash(swapped))
     for options in ({"search_path": now}, {"typestore": {NAME: NOW}, "search_path": [now]}):
         with BagReader(other, **options) as reader, pytest.raises(BagError) as caught:
             next(reader.messages("/reading"))
-        assert type_hash(swapped) in str(caught.value) and type_hash(compile_text(NAME, NOW)) in str(caught.value)
+        assert type_hash(swapped) in str(caught.value) and type_hash(compile_definition(NAME, NOW)) in str(caught.value)
     assert recwarn.list == []
 
 
@@ -183,7 +183,7 @@ def test_the_hash_of_a_channel_decides_too(tmp_path: Path) -> None:
         writer.add_topic("/t", BagTopic("/t", "std_msgs/msg/String", type_hash="RIHS01_" + "0" * 64))
         writer.write("/t", String(data="b").encode(), 2)
     with BagReader(tmp_path / "a.mcap") as reader:
-        assert reader.definition("/s").is_certain
+        assert reader.definition("/s").is_recorded
         assert [item.message.data for item in reader.messages("/s")] == ["a"]
         with pytest.raises(RosidlError, match="/t: the bag has no definition of std_msgs/msg/String, but its hash"):
             list(reader.messages("/t"))
@@ -196,7 +196,7 @@ def two_definitions(path: Path) -> Path:
         writer.start("ros2", "somebody")
         for topic, text in (("/one", b"int32 a\nint32 b"), ("/two", b"int32 b\nint32 a")):
             channel = writer.register_channel(topic, "cdr", writer.register_schema("my/msg/Pair", "ros2msg", text))
-            cls: Any = compile_text("my/msg/Pair", text.decode())
+            cls: Any = compile_definition("my/msg/Pair", text.decode())
             writer.add_message(channel, 1, cls(a=1, b=2).encode(), 1)
         writer.finish()
     return path
@@ -215,7 +215,7 @@ def test_sqlite_bags_have_one_definition_for_a_type(tmp_path: Path) -> None:
 
 @pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")
 def test_a_definition_with_another_hash_is_not_that_of_a_topic(tmp_path: Path) -> None:
-    right: Any = compile_text("my/msg/Pair", "int32 a\nint32 b")
+    right: Any = compile_definition("my/msg/Pair", "int32 a\nint32 b")
     with SqliteWriter(tmp_path / "bag") as writer:
         for topic in ("/one", "/two"):
             writer.add_topic(topic, topic_of(topic, right))
@@ -224,4 +224,4 @@ def test_a_definition_with_another_hash_is_not_that_of_a_topic(tmp_path: Path) -
         base.execute("update topics set type_description_hash = ? where name = '/two'", ("RIHS01_" + "0" * 64,))
     with BagReader(tmp_path / "bag" / "bag_0.db3") as reader:
         assert [item.topic for item in reader] == ["/one"]
-        assert reader.left_out["/two"].count == 1
+        assert reader.skipped["/two"].count == 1

@@ -125,8 +125,10 @@ def test_a_compressed_file_that_becomes_too_large_is_refused(tmp_path: Path, has
     path = tmp_path / "a.db3.zstd"
     made = ZstdCompressor(level=1, write_content_size=has_size).compressobj(*([30 * MB] if has_size else []))
     path.write_bytes(made.compress(bytes(30 * MB)) + made.flush())
-    with pytest.raises(BagError, match=r"becomes \d+ bytes; expected at most \d+, unless max_unpacked_bytes is more"):
-        BagReader(path, max_unpacked_bytes=MB)
+    with pytest.raises(
+        BagError, match=r"becomes \d+ bytes; expected at most \d+, unless max_decompressed_bytes is more"
+    ):
+        BagReader(path, max_decompressed_bytes=MB)
 
 
 # --------------------------------------------------------------------------------------------------------------- times
@@ -200,7 +202,7 @@ def test_a_damaged_message_is_told_or_left_out_when_that_is_asked_for(tmp_path: 
             list(reader)
         with pytest.warns(BagWarning, match="/s at 1 ns"):
             found = [item.message.data for item in reader.messages("/s", on_error="skip")]
-        assert found == ["a", "b"] and reader.left_out["/s"].count == 1
+        assert found == ["a", "b"] and reader.skipped["/s"].count == 1
         with pytest.raises(ValueError, match="on_error"):
             reader.messages(on_error="ignore")  # type: ignore[arg-type]
 
@@ -275,7 +277,7 @@ def test_messages_whose_topic_row_is_missing_are_counted_and_named(tmp_path: Pat
     with BagReader(file) as reader:
         with pytest.warns(BagWarning, match=r"left out \(no topic has id 7\)"):
             assert [item.log_time for item in reader] == [1]
-        assert reader.left_out[name].count == 1
+        assert reader.skipped[name].count == 1
         assert [item.log_time for item in reader.messages(raw=True)] == [1, 2]
         assert [item.log_time for item in reader.messages(name, raw=True)] == [2]
         with pytest.raises(BagError, match="no topic has id 7"):

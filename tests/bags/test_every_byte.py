@@ -59,7 +59,7 @@ def found(path: Path) -> tuple[list[Any], bool] | None:
             warnings.simplefilter("ignore")
             with BagReader(path) as reader:
                 messages = [(item.topic, item.message, item.log_time) for item in reader]
-                return messages, bool(reader.left_out)
+                return messages, bool(reader.skipped)
     except RosidlError as error:
         assert str(error)
         return None

@@ -17,8 +17,8 @@ import yaml
 from mcap.writer import CompressionType, IndexType, Writer
 from zstandard import ZstdCompressor
 
-from rosidl_py_gen import compile_text, get_message
-from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, LeftOut, SqliteWriter
+from rosidl_py_gen import compile_definition, get_message
+from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, SkippedMessages, SqliteWriter
 from rosidl_py_gen.bags.common import BagTopic
 from rosidl_py_gen.bags.writer import topic_of
 
@@ -94,7 +94,7 @@ def test_a_bag_of_sqlite_files_refuses_a_second_definition(tmp_path: Path) -> No
 def test_a_table_of_fields_that_changed_their_kind_is_refused(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "a.mcap") as writer:
         for number, text in enumerate(("int32 x", "float64 x")):
-            cls = compile_text("my_msgs/msg/Value", text)
+            cls = compile_definition("my_msgs/msg/Value", text)
             writer.add_raw_topic(known := topic_of("/v", cls))
             writer.write_raw(next(iter([(known, cls(x=number).encode(), number, number)])))  # type: ignore[arg-type]
     with BagReader(tmp_path / "a.mcap") as reader:
@@ -214,7 +214,7 @@ def test_chunks_that_overlap_without_end_are_refused_before_memory_is_full(tmp_p
             for time in (number, 1000 + number):
                 writer.write("/s", String(data="x" * 700_000).encode(), time)
     with (
-        BagReader(path, max_unpacked_bytes=3_000_000) as reader,
+        BagReader(path, max_decompressed_bytes=3_000_000) as reader,
         pytest.raises(BagError, match="overlap in time so much"),
     ):
         list(reader.messages(raw=True))
@@ -251,13 +251,13 @@ def test_what_cannot_be_decoded_is_left_out_counted_and_named(tmp_path: Path) ->
         with pytest.warns(BagWarning) as told:
             assert [item.message.data for item in reader] == ["0", "1", "2", "3", "4"]
         assert len(told) == 4
-        assert {topic: out.count for topic, out in reader.left_out.items()} == {
+        assert {topic: out.count for topic, out in reader.skipped.items()} == {
             "/bad": 2, "/json": 1, "/none": 1, "/odd": 1,
         }  # fmt: skip
-        assert "int33" in reader.left_out["/bad"].reason
-        assert reader.left_out["/json"] == LeftOut(1, "messages are json, not cdr")
+        assert "int33" in reader.skipped["/bad"].reason
+        assert reader.skipped["/json"] == SkippedMessages(1, "messages are json, not cdr")
         assert len(list(reader.messages(raw=True))) == 10
-        for name in reader.left_out:
+        for name in reader.skipped:
             with pytest.raises(Exception, match=r"int33|not cdr|no definition|no name"):
                 reader.messages(name)
 
@@ -417,7 +417,7 @@ def test_damaged_compression_is_told(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="/s at 0 ns: damaged"):
         words(folder)
     with (
-        BagReader(folder, max_unpacked_bytes=10_000) as reader,
+        BagReader(folder, max_decompressed_bytes=10_000) as reader,
         pytest.raises(BagError, match="become 1000000; expected"),
     ):
         list(reader.messages("/s", start_ns=1, raw=True))

@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagReader, BagWriter, writer
-from rosidl_py_gen.bags.files import storage
+from rosidl_py_gen.bags.storage import storage_api
 
 String: Any = get_message("std_msgs/msg/String")
 
@@ -20,7 +20,7 @@ def test_what_the_writer_writes_is_never_refused_as_too_large(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str
 ) -> None:
     """With a limit of a megabyte for that of 1023; zeros become less than a thousandth."""
-    assert writer.MAX_COMPRESSED_BYTES + writer._CHUNK < storage.MAX_UNPACKED_BYTES
+    assert writer.MAX_COMPRESSED_BYTES + writer._CHUNK < storage_api.MAX_UNPACKED_BYTES
     monkeypatch.setattr(writer, "MAX_COMPRESSED_BYTES", 1 << 20)
     large = String(data="\0" * (20 << 20)).encode()
     small = String(data="x" * 1000).encode()
@@ -29,7 +29,7 @@ def test_what_the_writer_writes_is_never_refused_as_too_large(
         bag.add_topic("/s", String)
         for number, data in enumerate([small, large, small, large]):
             bag.write("/s", data, number)
-    with BagReader(path, max_unpacked_bytes=2 << 20) as reader:
+    with BagReader(path, max_decompressed_bytes=2 << 20) as reader:
         assert [len(item.message) for item in reader.messages(raw=True)] == [len(small), len(large)] * 2
     with path.open("rb") as stream:
         summary = make_reader(stream).get_summary()

@@ -86,5 +86,5 @@ def test_databases_and_metadata_of_all_releases_are_read(tmp_path: Path, release
     for path in (folder, folder / "bag_0.db3"):
         with BagReader(path) as reader:
             assert [(item.log_time, item.message.data) for item in reader] == [(0, "0"), (1, "1"), (2, "2")]
-            assert reader.topics["/s"].count == 3 and not reader.left_out
+            assert reader.topics["/s"].count == 3 and not reader.skipped
             assert bool(reader.topics["/s"].definition) == (release == "jazzy")

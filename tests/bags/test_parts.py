@@ -64,7 +64,7 @@ def test_packed_bags_are_those_of_rosbag2(tmp_path: Path, storage: str, packing:
     path = tmp_path / "bag"
     options = {"compression": ""} if storage == "mcap" else {}
     plain = made(tmp_path / "plain", storage, **options)
-    told = made(path, storage, packing=packing, split_s=5, packing_threads=2, **options)
+    told = made(path, storage, compression_mode=packing, split_s=5, compression_threads=2, **options)
     assert (told["compression_format"], told["compression_mode"]) == ("zstd", packing.upper())
     assert (plain["compression_format"], plain["compression_mode"]) == ("", "")
     assert {name.endswith(".zstd") for name in told["relative_file_paths"]} == {packing == "file"}
@@ -115,9 +115,9 @@ def test_what_was_flushed_into_sqlite_is_there_for_others(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("options", "error"),
     [
-        ({"packing": "file"}, "is one file; packing and custom data"),
+        ({"compression_mode": "file"}, "is one file; packing and custom data"),
         ({"custom_data": {"a": "b"}}, "is one file; packing and custom data"),
-        ({"packing": "all"}, 'packing "all" is not known; there are none, file, message'),
+        ({"compression_mode": "all"}, 'packing "all" is not known; there are none, file, message'),
         ({"split_s": 1}, "is one file; a folder can be split"),
     ],
 )

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rosidl_py_gen import compile_text, get_message
+from rosidl_py_gen import compile_definition, get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagWriter
 
 JointState: Any = get_message("sensor_msgs/msg/JointState")
@@ -172,7 +172,7 @@ def test_one_long_value_does_not_make_every_row_long(tmp_path: Path) -> None:
 
 def test_fixed_arrays_of_messages_are_read_too(tmp_path: Path) -> None:
     text = "geometry_msgs/Point32[2] corners\nstring[2] names\nbool[3] flags\nuint8[] raw\n"
-    corners = compile_text(
+    corners = compile_definition(
         "odd_msgs/msg/Box", text + "=" * 80 + "\nMSG: geometry_msgs/Point32\nfloat32 x\nfloat32 y\nfloat32 z\n"
     )
     box = corners()

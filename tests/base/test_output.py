@@ -12,14 +12,14 @@ from rosidl_py_gen.base.output import escape_json, json_text, printable_lines
 PACKAGE = Path(__file__).parents[2] / "rosidl_py_gen"
 HOSTILE = "\x1b]0;t\x07\x9b2J\x7f\u202e\u2066\u200b\ufeff\ud800\U000e0041\x00\r"
 PRINTERS = {
-    "cli/reports.py": "the functions of this command line",
-    "cli/generate.py": "a progress bar without names",
-    "cli/regenerate.py": "for maintainers: paths of this package",
-    "tools/printing.py": "the functions of this command line",
-    "tools/__init__.py": "errors, warnings, and flushing",
-    "tools/completion_script.py": "the scripts of click",
-    "tools/doctor/echo.py": "one word for its own parent process",
-    "tools/zenoh_router.py": "its own texts, made printable",
+    "generator_cli/diagnostics_output.py": "the functions of this command line",
+    "generator_cli/generate.py": "a progress bar without names",
+    "generator_cli/regenerate.py": "for maintainers: paths of this package",
+    "ros_cli/terminal_output.py": "the functions of this command line",
+    "ros_cli/__init__.py": "errors, warnings, and flushing",
+    "ros_cli/completion_script.py": "the scripts of click",
+    "ros_cli/doctor/echo.py": "one word for its own parent process",
+    "ros_cli/zenoh_router.py": "its own texts, made printable",
 }
 
 
@@ -50,7 +50,7 @@ def _prints(node: ast.AST) -> bool:
 def test_commands_print_by_the_functions_that_make_text_printable() -> None:
     found = {
         str(path.relative_to(PACKAGE))
-        for folder in ("cli", "tools")
+        for folder in ("generator_cli", "ros_cli")
         for path in PACKAGE.joinpath(folder).rglob("*.py")
         if any(_prints(node) for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
     }

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from support.interface_packages import run, write
 
-from rosidl_py_gen import cli, get_message, tools
+from rosidl_py_gen import generator_cli, get_message, ros_cli
 from rosidl_py_gen.base.project import importable_current_folder, with_project_path
 from rosidl_py_gen.errors import DefinitionError
 
@@ -64,7 +64,7 @@ def test_wrong_settings_are_errors(
     with pytest.raises(DefinitionError) as caught:
         with_project_path([])
     assert str(caught.value).startswith(f"pyproject.toml: {problem}")
-    for command in (lambda: tools.main(["interface", "list"]), lambda: cli.main(["--list"])):
+    for command in (lambda: ros_cli.main(["interface", "list"]), lambda: generator_cli.main(["--list"])):
         with pytest.raises(SystemExit) as end:
             command()
         assert (end.value.code, "Traceback" in capsys.readouterr().err) == (1, False)
@@ -85,13 +85,13 @@ def test_both_command_lines_use_the_folders_of_the_project(
         "src/robot/setup.py": 'setup(entry_points={"console_scripts": ["talker = robot.talker:main"]})',
     }
     monkeypatch.chdir(write(tmp_path, {**definition, **program}) / "deep")
-    tools.main(["interface", "show", "project_msgs/msg/A"])
+    ros_cli.main(["interface", "show", "project_msgs/msg/A"])
     assert capsys.readouterr().out == "uint8 x\n"
-    tools.main(["interface", "show", "project_msgs/msg/A", "--path", "../src"])
+    ros_cli.main(["interface", "show", "project_msgs/msg/A", "--path", "../src"])
     assert capsys.readouterr().out == "uint8 x\n"
-    cli.main(["check", "project_msgs"])
+    generator_cli.main(["check", "project_msgs"])
     assert "1 interfaces in 1 packages" in capsys.readouterr().out
-    tools.main(["run", "--list", "robot"])
+    ros_cli.main(["run", "--list", "robot"])
     assert "talker" in capsys.readouterr().out
 
 
@@ -111,20 +111,20 @@ def test_commands_find_generated_packages_in_the_current_folder_and_on_pythonpat
     with importable_current_folder():
         assert find_spec("optional_library") is None and find_spec("here_msgs") is not None
     for package, folder in (("here_msgs", "here_msgs"), ("there_msgs", str(tmp_path / "there/there_msgs"))):
-        tools.main(["interface", "show", f"{package}/Ask"])
+        ros_cli.main(["interface", "show", f"{package}/Ask"])
         shown = capsys.readouterr()
         assert shown.out == f"{package}/A a\n\tuint8 x 3\n---\nstring<=4 s\n"
         note = f"this is its generated class in {folder}/srv/_ask.py, without comments and constants"
         assert note.replace("/", os.sep) in shown.err
-        tools.main(["interface", "hash", f"{package}/msg/A"])
+        ros_cli.main(["interface", "hash", f"{package}/msg/A"])
         hashed = capsys.readouterr().out.split()[0]
-        cli.main(["interface", f"{package}/msg/A"])
+        generator_cli.main(["interface", f"{package}/msg/A"])
         assert capsys.readouterr().out == f"# {package}/msg/A  {hashed}\nuint8 x 3\n"
-        tools.main(["interface", "proto", f"{package}/msg/A", "--path", str(tmp_path / "in_here" / "here_msgs")])
+        ros_cli.main(["interface", "proto", f"{package}/msg/A", "--path", str(tmp_path / "in_here" / "here_msgs")])
         assert capsys.readouterr().out == '"{x: 3}"\n'
-        tools.main(["interface", "package", package])
+        ros_cli.main(["interface", "package", package])
         assert capsys.readouterr().out == f"{package}/msg/A\n{package}/srv/Ask\n"
-    tools.main(["interface", "packages", "--json"])
+    ros_cli.main(["interface", "packages", "--json"])
     assert {"name": "here_msgs", "origin": "generated"} in json.loads(capsys.readouterr().out)
     assert (sys.path, sys.meta_path) == before
     assert get_message("there_msgs/msg/A", path=tmp_path / "in_here")().x == 3

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 
-from rosidl_py_gen.base.registration import Registration, Registrations
+from rosidl_py_gen.base.registration import Registration, RegistrationSet
 
 
 def test_what_is_added_stays_in_order_until_it_is_closed() -> None:
-    kept: Registrations[str] = Registrations()
+    kept: RegistrationSet[str] = RegistrationSet()
     first, _ = kept.add("a"), kept.add("b")
     with kept.add("c"):
         assert list(kept) == ["a", "b", "c"] and len(kept) == 3
@@ -19,7 +19,7 @@ def test_what_is_added_stays_in_order_until_it_is_closed() -> None:
 
 
 def test_each_of_two_equal_items_is_taken_back_alone() -> None:
-    kept: Registrations[str] = Registrations()
+    kept: RegistrationSet[str] = RegistrationSet()
     first, second = kept.add("a"), kept.add("a")
     first.close()
     first.close()
@@ -29,7 +29,7 @@ def test_each_of_two_equal_items_is_taken_back_alone() -> None:
 
 
 def test_while_somebody_iterates_what_goes_is_left_out_and_what_comes_waits() -> None:
-    kept: Registrations[str] = Registrations()
+    kept: RegistrationSet[str] = RegistrationSet()
     _, second = kept.add("a"), kept.add("b")
     seen = []
     for item in kept:
@@ -40,7 +40,7 @@ def test_while_somebody_iterates_what_goes_is_left_out_and_what_comes_waits() ->
 
 
 def test_threads_that_add_and_close_lose_nothing() -> None:
-    kept: Registrations[int] = Registrations()
+    kept: RegistrationSet[int] = RegistrationSet()
 
     def add_and_close(number: int) -> Registration:
         for _ in range(200):

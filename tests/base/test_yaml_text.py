@@ -10,11 +10,11 @@ import yaml
 
 from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.base.yaml_text import MAX_VALUES, YamlError, compose_yaml, load_yaml
+from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli.bag.yaml_tree import parse
+from rosidl_py_gen.ros_cli.values import parse_value
 from rosidl_py_gen.runtime import ParameterFileError
 from rosidl_py_gen.runtime.parameters.files import parse_parameter_file
-from rosidl_py_gen.tools import ToolError
-from rosidl_py_gen.tools.bag.yaml_tree import parse
-from rosidl_py_gen.tools.values import parse_value
 
 PARTS = 300_000
 

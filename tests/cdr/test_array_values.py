@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from each_case import each_case
 
-from rosidl_py_gen import EncodeError, compile_text, decode, encode, validate
+from rosidl_py_gen import EncodeError, compile_definition, decode, encode, validate
 
 KINDS = {
     "bool": "?", "byte": "B", "char": "B", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i",
@@ -23,7 +23,7 @@ MANY = "[200]"  # too large to be packed in a run
 
 def box(kind: str) -> type[Any]:
     """A message with one field `v` between two others."""
-    return compile_text(f"arrays/msg/Box{kind.encode().hex()}", f"uint8 before\n{kind} v\nuint16 behind\n")
+    return compile_definition(f"arrays/msg/Box{kind.encode().hex()}", f"uint8 before\n{kind} v\nuint16 behind\n")
 
 
 def wire(code: str, items: list[Any], *, counted: bool) -> bytes:

@@ -11,7 +11,7 @@ from rosidl_py_gen import (
     DefinitionError,
     Message,
     Service,
-    compile_text,
+    compile_definition,
     decode,
     encode,
     get_message,
@@ -22,7 +22,7 @@ LINE = "=" * 80
 
 
 def test_the_first_definition_may_stand_alone_or_be_followed_by_what_it_uses() -> None:
-    cls = compile_text(
+    cls = compile_definition(
         "text/msg/Top",
         f"Middle middle\n{LINE}\nMSG: text/Middle\nother_text/Leaf[] leaves\n"
         f"{LINE}\nMSG: other_text/Leaf\nstring name\n",
@@ -38,43 +38,43 @@ def test_the_first_definition_may_stand_alone_or_be_followed_by_what_it_uses() -
 @pytest.mark.parametrize("header", ["MSG: text2/Inner", "MSG:  text2/Inner ", "MSG: text2/msg/Inner"])
 def test_separators_and_line_ends_may_vary(separator: str, newline: str, header: str) -> None:
     text = newline.join(["uint8 a", "Inner inner", separator, header, "uint8 b", ""])
-    cls = compile_text("text2/msg/Outer", text)
+    cls = compile_definition("text2/msg/Outer", text)
     assert encode(cls()).hex() == "000100000000"
 
 
 def test_a_text_may_begin_with_the_header_of_its_first_definition() -> None:
     text = f"{LINE}\nMSG: text3/Top\nLeaf leaf\n{LINE}\nMSG: text3/Leaf\nuint16 x 7\n"
-    assert encode(compile_text("text3/msg/Top", text)()).hex() == "000100000700"
+    assert encode(compile_definition("text3/msg/Top", text)()).hex() == "000100000700"
 
 
 def test_equals_signs_inside_a_definition_do_not_separate() -> None:
-    cls = compile_text("text4/msg/Top", f"# {LINE}\nuint8 X=1\nstring S=========\nuint8 a\n")
+    cls = compile_definition("text4/msg/Top", f"# {LINE}\nuint8 X=1\nstring S=========\nuint8 a\n")
     assert (cls.X, cls.S) == (1, "========")
 
 
 def test_types_the_text_lacks_come_from_the_search_path() -> None:
-    cls = compile_text("text5/msg/Top", "std_msgs/Header header\ngeometry_msgs/Point[] points\n")
+    cls = compile_definition("text5/msg/Top", "std_msgs/Header header\ngeometry_msgs/Point[] points\n")
     assert type(cls().header) is get_message("std_msgs/msg/Header")
 
 
 def test_definitions_in_the_text_hide_those_of_the_search_path() -> None:
-    cls = compile_text("text6/msg/Top", f"std_msgs/Header header\n{LINE}\nMSG: std_msgs/Header\nuint32 seq\n")
+    cls = compile_definition("text6/msg/Top", f"std_msgs/Header header\n{LINE}\nMSG: std_msgs/Header\nuint32 seq\n")
     assert encode(cls()).hex() == "00010000" + "00000000"
     assert type(cls().header) is not get_message("std_msgs/msg/Header")
 
 
 def test_services_and_actions_are_read_by_the_kind_in_the_name() -> None:
-    service: Any = compile_text(
+    service: Any = compile_definition(
         "text7/srv/Add", f"int64 a\nPart part\n---\nint64 sum\n{LINE}\nMSG: text7/Part\nuint8 x\n"
     )
     assert issubclass(service, Service)
     assert encode(service.Request(a=1)).hex() == "00010000" + "0100000000000000" + "00"
     assert encode(service.Response(2)).hex() == "00010000" + "0200000000000000"
-    action: Any = compile_text("text7/action/Count", "uint8 to\n---\nuint8[] all\n---\nuint8 now\n")
+    action: Any = compile_definition("text7/action/Count", "uint8 to\n---\nuint8[] all\n---\nuint8 now\n")
     assert issubclass(action, Action)
     assert encode(action.Goal(3)).hex() == "0001000003"
     assert encode(action.FeedbackMessage()).hex() == "00010000" + "00" * 17
-    request: Any = compile_text("text7/msg/Add_Request", "int64 a\n")
+    request: Any = compile_definition("text7/msg/Add_Request", "int64 a\n")
     assert issubclass(request, Message)
 
 
@@ -107,14 +107,14 @@ LEAF = 'module text8 { module msg { struct Leaf { float x; @unit(value="m") uint
 
 
 def test_idl_text_gives_the_class_of_the_same_msg_text() -> None:
-    idl = compile_text("text8/msg/Top", f"{IDL}{LINE}\nIDL: text8/msg/Leaf\n{LEAF}")
+    idl = compile_definition("text8/msg/Top", f"{IDL}{LINE}\nIDL: text8/msg/Leaf\n{LEAF}")
     msg_text = (
         "uint8 LIMIT=5\nstring NAME=top\nLeaf leaf\nuint8 number 7\nstring<=5[<=3] words\nfloat64[3] triple\n"
         f"byte[] raw\nbool flag\nwstring wide\nint64 big\n{LINE}\nMSG: text8/Leaf\nfloat32 x\nuint16 y\n"
     )
-    assert compile_text("text8/msg/Top", msg_text) is idl
+    assert compile_definition("text8/msg/Top", msg_text) is idl
     assert (idl.LIMIT, idl.NAME, idl().number) == (5, "top", 7)
-    other = compile_text("text9/msg/Top", msg_text.replace("text8", "text9"))
+    other = compile_definition("text9/msg/Top", msg_text.replace("text8", "text9"))
     assert type_hash(other) != type_hash(idl)
     one, twin = (
         cls(number=3, words=["a", "bcd"], triple=[1.0, 2.0, 3.0], raw=b"xyz", flag=True, wide="w€", big=-1)
@@ -125,11 +125,11 @@ def test_idl_text_gives_the_class_of_the_same_msg_text() -> None:
 
 
 def test_an_empty_idl_struct_is_the_empty_message() -> None:
-    cls = compile_text(
+    cls = compile_definition(
         "text8/msg/Nothing",
         "module text8 { module msg { struct Nothing { uint8 structure_needs_at_least_one_member; }; }; };",
     )
-    assert type_hash(cls) == type_hash(compile_text("text8/msg/Nothing", "# nothing\n"))
+    assert type_hash(cls) == type_hash(compile_definition("text8/msg/Nothing", "# nothing\n"))
     assert encode(cls()).hex() == "0001000000"
 
 
@@ -147,13 +147,14 @@ def test_an_empty_idl_struct_is_the_empty_message() -> None:
 )
 def test_problems_are_located_in_the_definition_they_are_in(text: str, where: str) -> None:
     with pytest.raises(DefinitionError) as caught:
-        compile_text("text10/msg/Top", text)
-    assert str(caught.value.problems[0]).startswith(where), str(caught.value)
+        compile_definition("text10/msg/Top", text)
+    assert str(caught.value.diagnostics[0]).startswith(where), str(caught.value)
 
 
 def test_one_failed_text_leaves_nothing_behind() -> None:
     with pytest.raises(DefinitionError):
-        compile_text("text11/msg/Top", f"Leaf x\nuint99 y\n{LINE}\nMSG: text11/Leaf\nuint8 a\n")
+        compile_definition("text11/msg/Top", f"Leaf x\nuint99 y\n{LINE}\nMSG: text11/Leaf\nuint8 a\n")
     assert (
-        encode(compile_text("text11/msg/Top", f"Leaf x\n{LINE}\nMSG: text11/Leaf\nuint8 a\n")()).hex() == "0001000000"
+        encode(compile_definition("text11/msg/Top", f"Leaf x\n{LINE}\nMSG: text11/Leaf\nuint8 a\n")()).hex()
+        == "0001000000"
     )

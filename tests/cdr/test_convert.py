@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rosidl_py_gen import EncodeError, compile_text, encode, from_dict, from_json, get_message, to_dict, to_json
+from rosidl_py_gen import EncodeError, compile_definition, encode, from_dict, from_json, get_message, to_dict, to_json
 
 LINE = "=" * 80
-Sample: Any = compile_text(
+Sample: Any = compile_definition(
     "convert/msg/Sample",
     f"""float64 f64 1.5
 float32 f32

@@ -7,7 +7,7 @@ import tracemalloc
 
 import pytest
 
-from rosidl_py_gen import DecodeError, compile_text, decode, encode
+from rosidl_py_gen import DecodeError, compile_definition, decode, encode
 
 FIELDS = """uint8 first
 {} v
@@ -20,7 +20,7 @@ MORE += "=" * 80 + "\nMSG: bytes/Heavy\n" + "".join(f"uint8 b{n}\n" for n in ran
 
 
 def box(kind: str) -> type:
-    return compile_text(f"bytes/msg/Box{kind.encode().hex()}", FIELDS.format(kind) + MORE)
+    return compile_definition(f"bytes/msg/Box{kind.encode().hex()}", FIELDS.format(kind) + MORE)
 
 
 HEAD = "00010000 01"
@@ -103,7 +103,7 @@ def test_a_wrong_byte_is_named_with_field_and_offset(kind: str, tail: str, where
 )
 @pytest.mark.parametrize("text_of_type", ["uint8 x\n", "string x\n", "Heavy x\n" + MORE, ""])
 def test_another_encapsulation_is_refused(data: str, text: str, text_of_type: str) -> None:
-    cls = compile_text(f"bytes/msg/Head{len(text_of_type)}", text_of_type)
+    cls = compile_definition(f"bytes/msg/Head{len(text_of_type)}", text_of_type)
     for given in (bytes.fromhex(data), bytearray.fromhex(data)):
         with pytest.raises(DecodeError) as caught:
             decode(cls, given)
@@ -115,7 +115,7 @@ def test_another_encapsulation_is_refused(data: str, text: str, text_of_type: st
 @pytest.mark.parametrize("behind", ["", "00", "000000", "ff" * 20])
 def test_options_and_bytes_behind_do_not_matter(options: str, behind: str) -> None:
     """Peers may put the number of pad bytes into the low bits of byte 3 (docs/internals/protocol.md 2.1)."""
-    cls = compile_text("bytes/msg/Options", "uint8 x\nstring text\n")
+    cls = compile_definition("bytes/msg/Options", "uint8 x\nstring text\n")
     little = bytes.fromhex("0001" + options + "07 000000 02000000 4100" + behind)
     big = bytes.fromhex("0000" + options + "07 000000 00000002 4100" + behind)
     assert decode(cls, little) == decode(cls, big) == cls(7, "A")

@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from support.definition_strategies import values, worlds
 from support.example_counts import examples
 
-from rosidl_py_gen import EncodeError, compile_text, decode, encode, get_message, to_dict, validate
+from rosidl_py_gen import EncodeError, compile_definition, decode, encode, get_message, to_dict, validate
 from rosidl_py_gen.base.names import py_name
 
-Everything = compile_text(
+Everything = compile_definition(
     "wrong/msg/Everything",
     """bool flag
 byte octet

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from each_case import each_case
 
-from rosidl_py_gen import Message, compile_text, decode, encode, from_dict, get_message, get_service, to_dict
+from rosidl_py_gen import Message, compile_definition, decode, encode, from_dict, get_message, get_service, to_dict
 
 TEXT = """# How warm it is. [degC]
 float64[] values [1.5, 2.5]   # [degC]
@@ -30,7 +30,7 @@ MSG: plain/Inner
 int32 x -3
 float32[4] quad
 """
-Sample: Any = compile_text("plain/msg/Sample", TEXT)
+Sample: Any = compile_definition("plain/msg/Sample", TEXT)
 Inner: Any = Sample._TYPE.fields[3].cls
 
 
@@ -104,7 +104,7 @@ def test_messages_are_equal_when_their_values_are() -> None:
 
 
 def test_bytes_equal_the_array_they_stand_for() -> None:
-    cls = compile_text("plain/msg/Bytes", "uint8[] data\n")
+    cls = compile_definition("plain/msg/Bytes", "uint8[] data\n")
     for value in (b"abc", bytearray(b"abc"), memoryview(b"abc"), [97, 98, 99], np.frombuffer(b"abc", np.uint8)):
         assert cls(value) == decode(cls, encode(cls(value))) == cls(b"abc")
     assert cls(b"abc") != cls(b"abd")
@@ -197,7 +197,7 @@ NAMES = (
 @each_case("name", [*NAMES, "from", "class", "lambda", "none", "true", "type", "print", "dataclass", "len"])
 @each_case("kind", ["int32", "string", "float64[]", "Inner", "Inner[]", "bool[2]", "string[]"])
 def test_any_legal_field_name_works(name: str, kind: str) -> None:
-    cls = compile_text(
+    cls = compile_definition(
         f"plain/msg/N{name.title()}{kind.encode().hex()}",
         f"{kind} {name}\nuint8 after 3\n"
         + TEXT[TEXT.index("=") : 0]
@@ -221,12 +221,12 @@ def test_any_legal_field_name_works(name: str, kind: str) -> None:
 
 
 def test_methods_give_way_to_fields_of_their_name() -> None:
-    cls = compile_text("plain/msg/GivesWay", "string encode 'e'\nuint8[] decode\n")
+    cls = compile_definition("plain/msg/GivesWay", "string encode 'e'\nuint8[] decode\n")
     message = cls(decode=[1, 2])
     assert (message.encode, message.decode) == ("e", [1, 2])
     again = decode(cls, encode(message))
     assert (again.encode, again.decode.tolist()) == ("e", [1, 2])
-    outer = compile_text(
+    outer = compile_definition(
         "plain/msg/Around",
         "GivesWay inner\nGivesWay[] more\n" + "=" * 80 + "\nMSG: plain/GivesWay\nstring encode 'e'\nuint8[] decode\n",
     )

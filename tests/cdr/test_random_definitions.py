@@ -15,7 +15,7 @@ from support.reference_cdr import Reference, ReferenceError, same
 from rosidl_py_gen import (
     DecodeError,
     Message,
-    compile_text,
+    compile_definition,
     decode,
     encode,
     from_dict,
@@ -163,7 +163,7 @@ def test_damaged_bytes_are_read_as_the_reference_reads_them(
 def test_the_same_definitions_as_idl_have_the_same_bytes_and_hash_form(world: World, data: st.DataObject) -> None:
     reference = world.reference()
     value = data.draw(values(reference, world.top))
-    cls = compile_text(world.top.replace("/msg/", "_idl/msg/"), _as_idl(world, reference))
+    cls = compile_definition(world.top.replace("/msg/", "_idl/msg/"), _as_idl(world, reference))
     assert encode(reference_build(reference, world, cls, value)) == reference.encode(world.top, value)
     assert type_hash(cls).startswith("RIHS01_")
     assert same(to_dict(cls()), to_dict(world.compile()()))

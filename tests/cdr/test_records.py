@@ -12,7 +12,7 @@ from rosidl_py_gen import (
     DecodeError,
     EncodeError,
     TypeNotFoundError,
-    compile_text,
+    compile_definition,
     decode,
     dtype,
     encode,
@@ -50,7 +50,7 @@ PARTS = {
 
 def compiled(name: str, text: str) -> Any:
     more = [f"{LINE}\nMSG: rows/{part}\n{body}" for part, body in PARTS.items()]
-    return compile_text(f"rows/msg/{name}", "\n".join([text, *more]))
+    return compile_definition(f"rows/msg/{name}", "\n".join([text, *more]))
 
 
 def part(name: str) -> Any:
@@ -112,7 +112,7 @@ def test_a_message_that_varies_in_size_has_no_dtype_and_the_field_is_named() -> 
     with pytest.raises(TypeError, match=r"PoseStamped is not of fixed size, because of its field header\.frame_id \(s"):
         dtype(PoseStamped)
     with pytest.raises(TypeError, match=r"field poses \(geometry_msgs/msg/Pose\[\]\)"):
-        dtype(compile_text("rows/msg/Only", f"geometry_msgs/Pose[] poses\n{LINE}\nMSG: rows/Point\nfloat64 x"))
+        dtype(compile_definition("rows/msg/Only", f"geometry_msgs/Pose[] poses\n{LINE}\nMSG: rows/Point\nfloat64 x"))
     with pytest.raises(TypeNotFoundError):
         dtype(int)  # type: ignore[arg-type]
 
@@ -120,11 +120,13 @@ def test_a_message_that_varies_in_size_has_no_dtype_and_the_field_is_named() -> 
 def test_a_message_too_large_for_numpy_has_no_dtype_and_its_sequences_are_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("rosidl_py_gen.compiler.spec.limits.MAX_BYTES", 1 << 40)  # as when its module was generated
+    monkeypatch.setattr(
+        "rosidl_py_gen.compiler.frontend.size_limits.MAX_BYTES", 1 << 40
+    )  # as when its module was generated
     huge = compiled("Huge", "float64[400000000] big")
     with pytest.raises(TypeError, match="Huge is too large for a numpy dtype"):
         dtype(huge)
-    cls = compile_text("rows/msg/HasHuge", f"Huge[] v\n{LINE}\nMSG: rows/Huge\nfloat64[400000000] big")
+    cls = compile_definition("rows/msg/HasHuge", f"Huge[] v\n{LINE}\nMSG: rows/Huge\nfloat64[400000000] big")
     for count in (0, 1):
         with pytest.raises(DecodeError, match=r"HasHuge\.v: at byte 8: .* too large"):
             decode(cls, b"\0\1\0\0" + bytes([count, 0, 0, 0]) + bytes(100), arrays=True)
@@ -207,7 +209,7 @@ def test_arrays_are_found_at_any_depth_and_the_rest_stays_lists() -> None:
     text = f"Row[] rows\nHeavyRow heavy\nstring[] names\n{LINE}\nMSG: rows/Row\nstring name\nPoint[] points\n"
     text += f"{LINE}\nMSG: rows/Point\nfloat64 x\n{LINE}\nMSG: rows/HeavyRow\n"
     text += "".join(f"string s{n}\n" for n in range(60)) + "Point[2] pair\nRow row\nRow[2] two"
-    cls = compile_text("rows/msg/Deep", text)
+    cls = compile_definition("rows/msg/Deep", text)
     data = encode(cls())
     row = cls._TYPE.fields[0].cls
     inner = row._TYPE.fields[1].cls

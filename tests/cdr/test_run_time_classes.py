@@ -10,7 +10,14 @@ import pytest
 from support.interface_packages import python, write
 
 import rosidl_py_gen as ros
-from rosidl_py_gen import DefinitionError, EncodeError, InvalidNameError, TypeNotFoundError, compile_text, get_message
+from rosidl_py_gen import (
+    DefinitionError,
+    EncodeError,
+    InvalidNameError,
+    TypeNotFoundError,
+    compile_definition,
+    get_message,
+)
 
 LINE = "=" * 80
 
@@ -24,18 +31,18 @@ def test_a_broken_definition_fails_every_time(tmp_path: Path) -> None:
 
 
 def test_definitions_that_differ_in_constants_or_defaults_only_are_different_classes() -> None:
-    first = compile_text("leak_msgs/msg/State", "uint8 OK=0\nuint8 FAIL=1\nuint8 state\n")
-    other = compile_text("leak_msgs/msg/State", "uint8 FAIL=0\nuint8 OK=1\nuint8 state\n")
-    third = compile_text("leak_msgs/msg/State", "uint8 OK=0\nuint8 FAIL=1\nuint8 state 1\n")
+    first = compile_definition("leak_msgs/msg/State", "uint8 OK=0\nuint8 FAIL=1\nuint8 state\n")
+    other = compile_definition("leak_msgs/msg/State", "uint8 FAIL=0\nuint8 OK=1\nuint8 state\n")
+    third = compile_definition("leak_msgs/msg/State", "uint8 OK=0\nuint8 FAIL=1\nuint8 state 1\n")
     assert len({first, other, third}) == 3
     assert (first.OK, other.OK, third.OK) == (0, 1, 0)
     assert (first().state, third().state) == (0, 1)
-    assert compile_text("leak_msgs/msg/State", "uint8 OK=0\nuint8 FAIL=1\nuint8 state\n") is first
+    assert compile_definition("leak_msgs/msg/State", "uint8 OK=0\nuint8 FAIL=1\nuint8 state\n") is first
 
 
 def test_a_nested_difference_counts_too() -> None:
     def outer(default: int) -> Any:
-        return compile_text("leak_msgs/msg/Outer", f"In i\n{LINE}\nMSG: leak_msgs/In\nuint8 x {default}\n")
+        return compile_definition("leak_msgs/msg/Outer", f"In i\n{LINE}\nMSG: leak_msgs/In\nuint8 x {default}\n")
 
     assert (outer(1)().i.x, outer(2)().i.x) == (1, 2)
     assert outer(1) is outer(1)
@@ -55,7 +62,7 @@ def test_a_nested_difference_counts_too() -> None:
     ],
 )
 def test_derived_types_compile_from_either_text(name: str, text: str) -> None:
-    cls = compile_text(name, text)
+    cls = compile_definition(name, text)
     assert ros.type_name(cls) == name
     assert cls.decode(cls().encode()) == cls()
 
@@ -65,12 +72,12 @@ def test_deep_nesting_is_an_error_in_any_order(leaf_first: bool) -> None:
     levels = [f"{LINE}\nMSG: deep_msgs/M{i:03d}\n" + (f"M{i - 1:03d} m\n" if i else "int32 x\n") for i in range(300)]
     text = "".join(levels if leaf_first else reversed(levels))
     with pytest.raises(DefinitionError, match="deeper than"):
-        compile_text("deep_msgs/msg/Top", "M299 m\n" + text)
+        compile_definition("deep_msgs/msg/Top", "M299 m\n" + text)
 
 
 def test_a_type_the_text_lacks_is_named() -> None:
     with pytest.raises(DefinitionError, match=r'unknown type "my_msgs/Bar" \(searched: the text'):
-        compile_text("my_msgs/msg/Foo", "Bar b\n")
+        compile_definition("my_msgs/msg/Foo", "Bar b\n")
 
 
 def test_one_folder_may_be_given_as_it_is(tmp_path: Path) -> None:

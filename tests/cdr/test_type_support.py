@@ -20,7 +20,7 @@ from support.example_counts import examples
 from rosidl_py_gen import (
     InvalidNameError,
     TypeNotFoundError,
-    compile_text,
+    compile_definition,
     decode,
     encode,
     from_dict,
@@ -87,7 +87,7 @@ def test_descriptions_travel_as_messages() -> None:
 
 
 def test_default_values_are_spelled_as_rosidl_spells_them() -> None:
-    cls = compile_text(
+    cls = compile_definition(
         "spelled/msg/Defaults",
         "int32 a 5\nfloat64 b 1.5\nfloat64 c 1e-5\nfloat32 d 3\nbool e true\nstring f 'text'\nint32[] g [1, 2]\n"
         'string[] h ["a"]\nuint8[2] i [1,2]\nstring[] j []\nint32 k\nstring l ""\nbool[] m [true, false]\n',
@@ -106,7 +106,7 @@ def test_an_empty_message_is_described_with_its_dummy_member() -> None:
 
 
 def test_the_one_wrong_description_of_the_reference_is_matched() -> None:
-    cls = compile_text("spelled/msg/Wide", "wstring<=5[] a\nstring<=5[] b\nstring<=3[<=4] c\nwstring<=3[2] d\n")
+    cls = compile_definition("spelled/msg/Wide", "wstring<=5[] a\nstring<=5[] b\nstring<=3[<=4] c\nwstring<=3[2] d\n")
     found = [tuple(field["type"].values()) for field in type_description(cls)["type_description"]["fields"]]
     assert found == [(118, 5, 5, ""), (165, 0, 5, ""), (117, 4, 3, ""), (70, 2, 3, "")]
 
@@ -134,7 +134,7 @@ def test_every_way_to_a_type_leads_to_the_same_class() -> None:
     assert importlib.import_module("rosidl_py_gen.msgs.builtin_interfaces.msg").Time is time
     assert get_message("builtin_interfaces/Time") is time
     assert get_message("builtin_interfaces/msg/Time", path=[INTERFACES]) is time
-    assert compile_text("builtin_interfaces/msg/Time", "int32 sec\nuint32 nanosec\n") is time
+    assert compile_definition("builtin_interfaces/msg/Time", "int32 sec\nuint32 nanosec\n") is time
     header = get_message("std_msgs/msg/Header")
     assert type(header().stamp) is time
     text = (
@@ -142,23 +142,26 @@ def test_every_way_to_a_type_leads_to_the_same_class() -> None:
         + "=" * 80
         + "\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
     )
-    assert compile_text("std_msgs/msg/Header", text) is header
-    assert compile_text("std_msgs/Header", text) is header
-    assert compile_text("std_msgs/msg/Header", "builtin_interfaces/Time stamp\nstring frame_id\n") is header
+    assert compile_definition("std_msgs/msg/Header", text) is header
+    assert compile_definition("std_msgs/Header", text) is header
+    assert compile_definition("std_msgs/msg/Header", "builtin_interfaces/Time stamp\nstring frame_id\n") is header
     stamped = get_message("geometry_msgs/msg/PoseStamped")
     assert type(stamped().header) is header
     assert type(get_message("nav_msgs/msg/Path")().header) is header
-    outer = compile_text("one_class/msg/Outer", "std_msgs/Header header\n")
+    outer = compile_definition("one_class/msg/Outer", "std_msgs/Header header\n")
     assert type(outer().header) is header
 
 
 def test_another_definition_of_a_name_is_another_class() -> None:
     header = get_message("std_msgs/msg/Header")
-    ros1 = compile_text("std_msgs/msg/Header", "uint32 seq\nbuiltin_interfaces/Time stamp\nstring frame_id\n")
+    ros1 = compile_definition("std_msgs/msg/Header", "uint32 seq\nbuiltin_interfaces/Time stamp\nstring frame_id\n")
     assert ros1 is not header
     assert type_hash(ros1) != type_hash(header)
     assert get_message("std_msgs/msg/Header") is header
-    assert compile_text("std_msgs/msg/Header", "uint32 seq\nbuiltin_interfaces/Time stamp\nstring frame_id\n") is ros1
+    assert (
+        compile_definition("std_msgs/msg/Header", "uint32 seq\nbuiltin_interfaces/Time stamp\nstring frame_id\n")
+        is ros1
+    )
 
 
 def test_services_and_actions_hand_out_the_classes_of_their_parts() -> None:
@@ -184,7 +187,8 @@ def test_threads_that_ask_at_once_get_one_class() -> None:
     text = "uint8 a\nstd_msgs/Header header\nThreaded2 inner\n" + "=" * 80 + "\nMSG: one_class/Threaded2\nuint8 b\n"
     found: list[object] = []
     threads = [
-        threading.Thread(target=lambda: found.append(compile_text("one_class/msg/Threaded", text))) for _ in range(8)
+        threading.Thread(target=lambda: found.append(compile_definition("one_class/msg/Threaded", text)))
+        for _ in range(8)
     ]
     for thread in threads:
         thread.start()
@@ -232,7 +236,7 @@ def test_asking_for_the_wrong_kind_or_name_is_said_clearly() -> None:
             with pytest.raises(InvalidNameError):
                 ask(name)
         with pytest.raises(InvalidNameError):
-            compile_text(name, "uint8 x\n")
+            compile_definition(name, "uint8 x\n")
 
 
 def test_a_foreign_package_of_the_same_name_is_not_imported(tmp_path: Any) -> None:
@@ -249,7 +253,7 @@ def test_a_foreign_package_of_the_same_name_is_not_imported(tmp_path: Any) -> No
 
 def test_a_field_whose_type_is_called_class_var_is_no_constant() -> None:
     """It made a second class of the type, and values of the one were no values of the other."""
-    cls = compile_text(
+    cls = compile_definition(
         "b_msgs/msg/Outer",
         f"Inner inner\n{'=' * 80}\nMSG: b_msgs/Inner\nClassVar a\nint8 N=1\n{'=' * 80}\nMSG: b_msgs/ClassVar\n",
     )

@@ -16,13 +16,22 @@ from support.bundled_interfaces import library, reference, vectors_by_type
 from support.rclpy_messages import hooked, rclpy_class
 from support.reference_cdr import same
 
-from rosidl_py_gen import DecodeError, DefinitionError, EncodeError, compile_text, decode, encode, from_json, to_json
+from rosidl_py_gen import (
+    DecodeError,
+    DefinitionError,
+    EncodeError,
+    compile_definition,
+    decode,
+    encode,
+    from_json,
+    to_json,
+)
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr.typesupport import constants, type_description
 from rosidl_py_gen.cdr.wide import WideMessage
-from rosidl_py_gen.compiler.codegen import view, weights
-from rosidl_py_gen.compiler.spec import parse
-from rosidl_py_gen.types import by_name
+from rosidl_py_gen.compiler.codegen import template_model, weights
+from rosidl_py_gen.compiler.frontend import idl_parser
+from rosidl_py_gen.type_loading import class_lookup
 
 LINE = "=" * 80
 COUNT = 100
@@ -51,10 +60,10 @@ TEXT = (
 @pytest.fixture(autouse=True)
 def no_more_classes() -> Iterator[None]:
     """Classes that are made here are not found by later tests."""
-    loaded = {name: list(found) for name, found in by_name._loaded.items()}
+    loaded = {name: list(found) for name, found in class_lookup._loaded.items()}
     yield
-    by_name._loaded.clear()
-    by_name._loaded.update(loaded)
+    class_lookup._loaded.clear()
+    class_lookup._loaded.update(loaded)
 
 
 def filled(cls: Any, parts: Any) -> Any:
@@ -74,10 +83,10 @@ def parts_of(cls: Any) -> list[Any]:
 
 def test_wide_classes_read_and_write_every_recorded_value(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(weights, "WIDE_WEIGHT", 0)
-    monkeypatch.setattr(view, "_MAX_PRINTED", 0)
+    monkeypatch.setattr(template_model, "_MAX_PRINTED", 0)
     oracle, rows = reference(), vectors_by_type()
     for name in sorted(rows):
-        cls: Any = by_name._class(library(), split_ros_name(name), lambda library, part: None)
+        cls: Any = class_lookup._class(library(), split_ros_name(name), lambda library, part: None)
         assert issubclass(cls, WideMessage)
         for vector in rows[name]:
             data = vector.cdr
@@ -92,8 +101,8 @@ def test_wide_classes_read_and_write_every_recorded_value(monkeypatch: pytest.Mo
 
 
 def test_a_wide_class_is_like_any_other() -> None:
-    cls = compile_text("wide_msgs/msg/Wide", TEXT)
-    narrow = compile_text("wide_msgs/msg/Narrow", "\n".join(line.format(1) for line in FIELDS) + "\n" + NESTED)
+    cls = compile_definition("wide_msgs/msg/Wide", TEXT)
+    narrow = compile_definition("wide_msgs/msg/Narrow", "\n".join(line.format(1) for line in FIELDS) + "\n" + NESTED)
     assert issubclass(cls, WideMessage) and not issubclass(narrow, WideMessage)
     new, other = cls(), narrow()
     for field in narrow._TYPE.fields:
@@ -104,7 +113,9 @@ def test_a_wide_class_is_like_any_other() -> None:
         assert fields[one["name"]] == one
     assert [item.name for item in dataclasses.fields(cls)] == [field.ros_name for field in cls._TYPE.fields]
     assert len(constants(cls)) == 3 * COUNT and (cls.A0, cls.B1, cls.C2) == (7, "x", 1.5)
-    assert compile_text("wide_msgs/msg/Wide", TEXT) is cls, "the one that says the same, constants and defaults too"
+    assert compile_definition("wide_msgs/msg/Wide", TEXT) is cls, (
+        "the one that says the same, constants and defaults too"
+    )
     message = filled(cls, parts_of(cls))
     assert cls.decode(message.encode()) == message == from_json(cls, to_json(message))
     with pytest.raises(TypeError, match="unexpected keyword argument 'nothing'"):
@@ -112,7 +123,7 @@ def test_a_wide_class_is_like_any_other() -> None:
 
 
 def test_what_does_not_fit_a_wide_message_is_named() -> None:
-    cls = compile_text("wide_msgs/msg/Wide", TEXT)
+    cls = compile_definition("wide_msgs/msg/Wide", TEXT)
     point, named, _ = parts_of(cls)
     for name, value, reason in (
         ("a7", 1.5, "a7: expected bool"),
@@ -139,7 +150,7 @@ def test_what_does_not_fit_a_wide_message_is_named() -> None:
 
 def test_a_wide_message_stands_inside_a_generated_one() -> None:
     text = f"uint8 before\nWide one\nWide[] many\nuint8[] after\n{LINE}\nMSG: wide_msgs/Wide\n{TEXT}"
-    outer: Any = compile_text("wide_msgs/msg/Outer", text)
+    outer: Any = compile_definition("wide_msgs/msg/Outer", text)
     assert not issubclass(outer, WideMessage)
     wide = next(field.cls for field in outer._TYPE.fields if field.ros_name == "one")
     message = outer(before=1, one=filled(wide, parts_of(wide)), many=[wide(c1=n) for n in range(3)], after=[1, 2])
@@ -156,8 +167,8 @@ def test_wide_messages_of_rclpys_flavour_hold_what_rclpys_do(tmp_path: Path) -> 
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(body)
     (tmp_path / "wide_msgs" / "package.xml").write_text("<package><name>wide_msgs</name></package>")
-    ours = compile_text("wide_msgs/msg/Wide", TEXT)
-    with hooked(flavour="rclpy", path=str(tmp_path)):
+    ours = compile_definition("wide_msgs/msg/Wide", TEXT)
+    with hooked(message_api="rclpy", path=str(tmp_path)):
         cls = rclpy_class("wide_msgs/msg/Wide")
         assert issubclass(cls, WideMessage)
         new = cls(b0="given")
@@ -221,14 +232,14 @@ def test_memory_is_in_proportion_to_the_text(case: str) -> None:
     330 000 strings, whichever string is the next one. That falls into one of them at most.
     """
     kind = "srv" if case == "half a service" else "msg"
-    compile_text("memory_msgs/msg/First", "string a\n")
+    compile_definition("memory_msgs/msg/First", "string a\n")
     peaks = []
     for name in (f"Q{next(NUMBERS)}", f"Q{next(NUMBERS)}"):
         text = text_of(case, name)
         gc.collect()
         tracemalloc.start()
         try:
-            compile_text(f"memory_msgs/{kind}/{name}", text)
+            compile_definition(f"memory_msgs/{kind}/{name}", text)
             peaks.append(tracemalloc.get_traced_memory()[1])
         finally:
             tracemalloc.stop()
@@ -236,7 +247,7 @@ def test_memory_is_in_proportion_to_the_text(case: str) -> None:
 
 
 def test_definitions_end_where_they_would_take_too_much(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parse, "MAX_TOKENS", 30_000)
+    monkeypatch.setattr(idl_parser, "MAX_TOKENS", 30_000)
     frame = "module q_msgs {{ module msg {{ struct Q {{ {} a; }}; }}; }};"
     for text, reason in (
         (frame.format("@a " * 16_000 + "short"), "more than 30000 words and signs"),
@@ -244,4 +255,4 @@ def test_definitions_end_where_they_would_take_too_much(monkeypatch: pytest.Monk
         (frame.format("short") + "module a {" * 5000 + "};" * 5000, "nested too deeply"),
     ):
         with pytest.raises(DefinitionError, match=reason):
-            compile_text("q_msgs/msg/Q", text)
+            compile_definition("q_msgs/msg/Q", text)

@@ -14,7 +14,7 @@ import pytest
 from support.interface_packages import write
 
 from rosidl_py_gen import __version__
-from rosidl_py_gen.cli import main
+from rosidl_py_gen.generator_cli import main
 
 WORLD = {
     "a_msgs/msg/Point.msg": "# A place.\n\nfloat64 x # [m]\nfloat64 y\n",
@@ -273,10 +273,10 @@ def test_interface_prints_the_definition_and_its_hash(shell: Shell, world: str) 
 
 
 def test_the_full_text_compiles_again(shell: Shell) -> None:
-    from rosidl_py_gen import compile_text, get_message, type_hash
+    from rosidl_py_gen import compile_definition, get_message, type_hash
 
     text = shell("interface", "geometry_msgs/msg/PoseStamped", "--full").out
-    found = compile_text("geometry_msgs/msg/PoseStamped", text)
+    found = compile_definition("geometry_msgs/msg/PoseStamped", text)
     assert type_hash(found) == type_hash(get_message("geometry_msgs/msg/PoseStamped"))
 
 
@@ -289,7 +289,7 @@ def test_the_version(shell: Shell) -> None:
 
 def process(*arguments: str, code: str = "") -> subprocess.CompletedProcess[str]:
     tail = "; import atexit" + code if code else ""
-    program = f"import sys{tail}\nfrom rosidl_py_gen.cli import main\nmain({list(arguments)!r})"
+    program = f"import sys{tail}\nfrom rosidl_py_gen.generator_cli import main\nmain({list(arguments)!r})"
     return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
 
 
@@ -299,7 +299,7 @@ def test_help_is_quick_and_loads_little() -> None:
     done = process("--help", code="\natexit.register(lambda: print(*sys.modules))")
     assert done.returncode == 0
     modules = set(done.stdout.split())
-    assert "rosidl_py_gen.cli" in modules
+    assert "rosidl_py_gen.generator_cli" in modules
     assert not {"numpy", "jinja2", "lark", "cyclonedds", "yaml", "rosidl_py_gen.compiler.generate"} & modules
 
 
@@ -320,7 +320,7 @@ def test_output_that_goes_to_no_terminal_has_no_colour_and_no_bar(tmp_path: Path
 
 def test_it_runs_as_a_module_too() -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "rosidl_py_gen.cli", "--version"], capture_output=True, text=True, timeout=60
+        [sys.executable, "-m", "rosidl_py_gen.generator_cli", "--version"], capture_output=True, text=True, timeout=60
     )
     assert (done.returncode, done.stdout.strip()) == (0, f"rosidl-py-gen, version {__version__}")
 

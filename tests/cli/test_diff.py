@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from support.interface_packages import write
 
-from rosidl_py_gen import compile_text, get_service, type_hash, type_name
+from rosidl_py_gen import compile_definition, get_service, type_hash, type_name
 from rosidl_py_gen.bags import BagTopic, BagWriter
-from rosidl_py_gen.cli import main
+from rosidl_py_gen.generator_cli import main
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -291,10 +291,10 @@ def tree(folder: Path, content: bytes) -> str:
 
 
 def test_a_revision_with_too_much_in_it_is_refused(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
-    from rosidl_py_gen.cli import revision
+    from rosidl_py_gen.generator_cli import git_revision
 
     repository(shell.folder, {f"src/{name}": text for name, text in BEFORE.items()})
-    monkeypatch.setattr(revision, "_MAX_BYTES", 10)
+    monkeypatch.setattr(git_revision, "_MAX_BYTES", 10)
     answer = shell("diff", "HEAD", "src")
     assert answer.code == 1 and "expected at most 50000 with 10: name the folder of the packages" in answer.err
 
@@ -316,9 +316,9 @@ def test_hooks_of_git_may_call_it_and_filters_of_a_repository_do_not_run(
 
 def bag(path: Path, text: str = BEFORE[WHEEL], name: str = "my_msgs/msg/Wheel", **more: str) -> str:
     with BagWriter(path) as writer:
-        writer.write("/wheel", compile_text(name, text)(), log_time_ns=1)
+        writer.write("/wheel", compile_definition(name, text)(), log_time_ns=1)
         for topic, definition in more.items():
-            writer.write(f"/{topic}", compile_text(name, definition)(), log_time_ns=2)
+            writer.write(f"/{topic}", compile_definition(name, definition)(), log_time_ns=2)
     return str(path)
 
 

@@ -11,8 +11,8 @@ import pytest
 from support.interface_packages import write
 from support.node_fixtures import start_process
 
-from rosidl_py_gen import compile_text
-from rosidl_py_gen.cli.robot import RobotError, learned_from
+from rosidl_py_gen import compile_definition
+from rosidl_py_gen.generator_cli.node_definitions import NodeDefinitionsError, definitions_of_node
 
 if TYPE_CHECKING:
     from support.node_fixtures import World
@@ -22,12 +22,14 @@ BATTERY = "robot_msgs/msg/Battery"
 
 async def test_a_node_tells_the_types_of_its_topics_services_and_actions(memory: World) -> None:
     robot, other = memory.pair()
-    robot.create_publisher(compile_text(BATTERY, "uint8 FULL=100\nfloat32 volts 24.0\n"), "battery")
-    robot.create_service(compile_text("robot_msgs/srv/Dock", "string station\n---\nbool ok\n"), "dock", lambda _: None)
-    robot.create_action_server(
-        compile_text("robot_msgs/action/Go", "int8 a\n---\nint8 b\n---\nint8 c\n"), "go", lambda goal: None
+    robot.create_publisher(compile_definition(BATTERY, "uint8 FULL=100\nfloat32 volts 24.0\n"), "battery")
+    robot.create_service(
+        compile_definition("robot_msgs/srv/Dock", "string station\n---\nbool ok\n"), "dock", lambda _: None
     )
-    facts, notes = await learned_from(other, "/alice", 5)
+    robot.create_action_server(
+        compile_definition("robot_msgs/action/Go", "int8 a\n---\nint8 b\n---\nint8 c\n"), "go", lambda goal: None
+    )
+    facts, notes = await definitions_of_node(other, "/alice", 5)
     assert {BATTERY, "robot_msgs/srv/Dock", "robot_msgs/action/Go"} <= {*facts.interfaces}, notes
     assert "rcl_interfaces/srv/SetParameters" in facts.interfaces  # which every node has
     battery = facts.messages[BATTERY]
@@ -39,23 +41,23 @@ async def test_a_node_tells_the_types_of_its_topics_services_and_actions(memory:
 
 async def test_a_node_that_is_not_there_is_an_error(memory: World) -> None:
     _, other = memory.pair()
-    with pytest.raises(RobotError, match='no node /alic appeared; did you mean "/alice"'):
-        await learned_from(other, "/alic", 0.2)
+    with pytest.raises(NodeDefinitionsError, match='no node /alic appeared; did you mean "/alice"'):
+        await definitions_of_node(other, "/alic", 0.2)
 
 
 async def test_types_that_a_node_does_not_describe_are_left_out_with_a_word(memory: World) -> None:
     robot = memory.node("silent", overrides={"start_type_description_service": False}, enable_rosout=False)
-    robot.create_publisher(compile_text(BATTERY, "int8 a\n"), "battery")
-    facts, notes = await learned_from(memory.node("asking"), "/silent", 5)
+    robot.create_publisher(compile_definition(BATTERY, "int8 a\n"), "battery")
+    facts, notes = await definitions_of_node(memory.node("asking"), "/silent", 5)
     assert BATTERY not in facts.interfaces
     assert [note for note in notes if note.startswith(f"/silent: left out {BATTERY} of /battery: ")]
 
 
 async def test_a_robot_is_compared_with_a_workspace(dds: World, tmp_path: Path) -> None:
     robot = dds.node("robot", parameter_events=False, enable_rosout=False)
-    robot.create_publisher(compile_text(BATTERY, "float32 volts\nuint8 cells\n"), "battery")
+    robot.create_publisher(compile_definition(BATTERY, "float32 volts\nuint8 cells\n"), "battery")
     write(tmp_path, {"robot_msgs/msg/Battery.msg": "float32 volts\n"})
-    command = (sys.executable, "-m", "rosidl_py_gen.cli", "diff", "/robot", str(tmp_path))
+    command = (sys.executable, "-m", "rosidl_py_gen.generator_cli", "diff", "/robot", str(tmp_path))
     process = await start_process(*command, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE)
     out, err = await asyncio.wait_for(process.communicate(), 60)
     assert process.returncode == 1, err

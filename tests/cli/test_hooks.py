@@ -15,7 +15,7 @@ import pytest
 import yaml
 from support.interface_packages import REPOSITORY, write
 
-from rosidl_py_gen.cli import main
+from rosidl_py_gen.generator_cli import main
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from support.interface_packages import importable, write
 
-from rosidl_py_gen.cli import main
+from rosidl_py_gen.generator_cli import main
 
 # One wrong file, one that needs it, one that needs that one, and 38 that have nothing to do with it.
 WRONG = {

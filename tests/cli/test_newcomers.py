@@ -12,14 +12,14 @@ import pytest
 from support.interface_packages import write
 
 from rosidl_py_gen import DefinitionError
-from rosidl_py_gen.compiler.spec.find import search_path
+from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 
 FILES = {"a_msgs/msg/A.msg": "int32 x\n", "b_msgs/msg/B.msg": "int99 y\n"}
 
 
 def command(*arguments: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "rosidl_py_gen.cli", *arguments],
+        [sys.executable, "-m", "rosidl_py_gen.generator_cli", *arguments],
         cwd=cwd,
         env={**os.environ, "AMENT_PREFIX_PATH": "", "IDL_PACKAGE_FILTER": "", **environment},
         capture_output=True,
@@ -110,7 +110,7 @@ def test_a_file_in_the_way_is_named_once(source: Path, tmp_path: Path) -> None:
 
 
 def test_an_unreadable_folder_is_an_error(source: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    search = search_path([source], ament="", bundled=False)
+    search = scan_search_path([source], ament="", bundled=False)
     real = os.scandir
 
     def refuse(folder: Path) -> object:

@@ -13,7 +13,7 @@ import pytest
 
 def command(*arguments: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "rosidl_py_gen.cli", *arguments],
+        [sys.executable, "-m", "rosidl_py_gen.generator_cli", *arguments],
         cwd=cwd,
         env={**os.environ, "AMENT_PREFIX_PATH": "", "IDL_PACKAGE_FILTER": "", **environment},
         capture_output=True,

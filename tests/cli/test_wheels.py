@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 
-from rosidl_py_gen.cli import main
-from rosidl_py_gen.compiler.spec.find import search_path
-from rosidl_py_gen.distribution.build import build, packages_asked_for
-from rosidl_py_gen.distribution.manifest import read_manifest
+from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.errors import DefinitionError
+from rosidl_py_gen.generator_cli import main
+from rosidl_py_gen.wheels.build import build, selected_packages
+from rosidl_py_gen.wheels.manifest import read_manifest
 
 MANIFEST = """<package format="3">
   <name>{name}</name><version>{version}</version><description>Messages
@@ -70,12 +70,12 @@ def said(python: str | Path, *arguments: str | Path, status: int = 0, cwd: Path 
     return done.stdout + done.stderr
 
 
-GENERATOR = "-c", "from rosidl_py_gen.cli import main; main()"
+GENERATOR = "-c", "from rosidl_py_gen.generator_cli import main; main()"
 
 
 def test_each_package_becomes_a_wheel_with_what_its_manifest_says(workspace: Path, tmp_path: Path) -> None:
-    search = search_path([workspace])
-    built = build(search, packages_asked_for(search, []), tmp_path / "dist")
+    search = scan_search_path([workspace])
+    built = build(search, selected_packages(search, []), tmp_path / "dist")
     names = [one.path.name for one in built]
     assert names == [
         "builtin_interfaces-0.1.0-py3-none-any.whl",
@@ -105,7 +105,7 @@ def test_each_package_becomes_a_wheel_with_what_its_manifest_says(workspace: Pat
 def test_a_wheel_has_the_same_bytes_every_time(
     workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    search = search_path([workspace])
+    search = scan_search_path([workspace])
 
     def made(folder: str) -> bytes:
         return build(search, ["wheel_base_msgs"], tmp_path / folder, dependencies=False)[0].path.read_bytes()
@@ -140,7 +140,7 @@ def test_lines_of_a_manifest_cannot_make_headers(tmp_path: Path) -> None:
     package = source(tmp_path, "odd_msgs", "1.0.0", Odd="int32 x\n")
     manifest = package / "package.xml"
     manifest.write_text(manifest.read_text().replace("Apache-2.0", "MIT\nRequires-Dist: evil\n\nbody"))
-    (built,) = build(search_path([tmp_path]), ["odd_msgs"], tmp_path / "dist")
+    (built,) = build(scan_search_path([tmp_path]), ["odd_msgs"], tmp_path / "dist")
     with zipfile.ZipFile(built.path) as wheel:
         told = wheel.read("odd_msgs-1.0.0.dist-info/METADATA").decode()
     assert "\nRequires-Dist: evil" not in told and "License: MIT Requires-Dist: evil body\n" in told

@@ -31,15 +31,15 @@ from typing import TYPE_CHECKING, Any
 from support.markdown_pages import ROOT, Block, blocks
 
 import rosidl_py_gen.runtime as runtime
+from rosidl_py_gen.ros_cli.topic import statistics
 from rosidl_py_gen.runtime import MemoryTransport
 from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
-from rosidl_py_gen.runtime.node import core
-from rosidl_py_gen.tools.topic import figures
+from rosidl_py_gen.runtime.node import context_core
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
-_COMMANDS = {"rosidl-py-gen": ("-m", "rosidl_py_gen.cli"), "rosidl-py": ("-m", "rosidl_py_gen.tools")}
+_COMMANDS = {"rosidl-py-gen": ("-m", "rosidl_py_gen.generator_cli"), "rosidl-py": ("-m", "rosidl_py_gen.ros_cli")}
 _ENDLESS = "# until Ctrl-C"
 PATIENCE_S = float(os.environ.get("PAGE_PATIENCE_S", "90"))
 
@@ -220,8 +220,8 @@ if __name__ == "__main__":
     if os.environ.get("PAGE_TRANSPORT") == "memory":
         loop = VirtualTimeLoop(limit_s=100)
         the_page.world = types.SimpleNamespace(transport=MemoryTransport(loop.clocks), contexts=[])
-        figures.time_ns = loop.clocks.system_ns
-        core.chosen_transport = lambda *_: the_page.world.transport  # type: ignore[assignment]
+        statistics.time_ns = loop.clocks.system_ns
+        context_core.resolve_transport = lambda *_: the_page.world.transport  # type: ignore[assignment]
         loop.run(main(the_page))
     else:
         asyncio.run(main(the_page))

@@ -31,7 +31,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where the README's own command has generated packages."""
     made = tmp_path_factory.mktemp("newcomer")
     (line,) = [line for block in SHOWN for line in block.text.splitlines() if line.startswith("rosidl-py-gen ")]
-    command = [sys.executable, "-m", "rosidl_py_gen.cli", *shlex.split(line)[1:]]
+    command = [sys.executable, "-m", "rosidl_py_gen.generator_cli", *shlex.split(line)[1:]]
     subprocess.run(command, cwd=made, env=ENVIRONMENT, check=True, capture_output=True)
     return made
 

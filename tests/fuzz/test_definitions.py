@@ -17,11 +17,11 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 from support.example_counts import examples
 
-from rosidl_py_gen import compile_text, decode, encode, from_dict, to_dict
+from rosidl_py_gen import compile_definition, decode, encode, from_dict, to_dict
 from rosidl_py_gen.bags.decoder import DecoderFactory
 from rosidl_py_gen.cdr.typesupport import type_description
 from rosidl_py_gen.errors import DefinitionError, RosidlError
-from rosidl_py_gen.types.from_description import compile_described, definition_text
+from rosidl_py_gen.type_loading.from_description import compile_described, definition_text
 
 LINE = "=" * 80
 MAX_S = 10.0
@@ -244,7 +244,7 @@ def used(cls: Any) -> None:
         value = cls()
         assert encode(decode(cls, encode(value))) == encode(value)
         from_dict(cls, to_dict(value))
-        again = compile_text(cls._TYPE.name, definition_text(cls))
+        again = compile_definition(cls._TYPE.name, definition_text(cls))
         assert again._TYPE.hash == cls._TYPE.hash
 
     tried(use)
@@ -265,7 +265,7 @@ class Definitions(RuleBasedStateMachine):
 
     @rule(name=full_names, text=st.one_of(msg_texts, idl_texts))
     def compile(self, name: str, text: str) -> None:
-        self._keep(tried(lambda: compile_text(name, text)))
+        self._keep(tried(lambda: compile_definition(name, text)))
 
     @rule(name=full_names, text=st.one_of(msg_texts, idl_texts), encoding=st.sampled_from(["ros2msg", "ros2idl", "x"]))
     def read_a_bag(self, name: str, text: str, encoding: str) -> None:
@@ -281,7 +281,7 @@ class Definitions(RuleBasedStateMachine):
     @rule(name=full_names, text=st.one_of(msg_texts, idl_texts))
     def hear_a_viewer(self, name: str, text: str) -> None:
         data = text.encode("utf-8", "surrogatepass")
-        self._keep(tried(lambda: compile_text(name, data.decode(errors="replace"))))
+        self._keep(tried(lambda: compile_definition(name, data.decode(errors="replace"))))
 
     @rule(name=full_names, told=individuals, texts=sources, is_service=st.booleans())
     def hear_a_node(self, name: str, told: Any, texts: Any, is_service: bool) -> None:
@@ -294,7 +294,7 @@ class Definitions(RuleBasedStateMachine):
         text = tried(lambda: definition_text(cls))
         if text is not None:
             place = change[0] % (len(text) + 1)
-            self._keep(tried(lambda: compile_text(cls._TYPE.name, text[:place] + change[1] + text[place + 1 :])))
+            self._keep(tried(lambda: compile_definition(cls._TYPE.name, text[:place] + change[1] + text[place + 1 :])))
         told = type_description(cls)
         every = [told["type_description"], *told["referenced_type_descriptions"]]
         tried(lambda: compile_described(cls._TYPE.name, {one["type_name"]: one for one in every}, {}))

@@ -12,7 +12,7 @@ import tempfile
 from pathlib import Path
 
 from rosidl_py_gen.compiler.generate import generate
-from rosidl_py_gen.compiler.spec.find import search_path
+from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 
 HERE = Path(__file__).resolve().parent
 PACKAGES = ("odd_msgs", "other_msgs")
@@ -20,7 +20,7 @@ PACKAGES = ("odd_msgs", "other_msgs")
 
 def fresh(folder: Path) -> dict[str, str]:
     """Generate into an empty folder; relative path -> text of the packages that are kept."""
-    generate(search_path([HERE / "interfaces"], ament=""), list(PACKAGES), folder)
+    generate(scan_search_path([HERE / "interfaces"], ament=""), list(PACKAGES), folder)
     return texts(folder)
 
 

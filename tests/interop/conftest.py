@@ -18,7 +18,7 @@ from support.environments import kept
 from support.node_fixtures import dds, domain_id, only_loopback, pytest_pyfunc_call
 
 from rosidl_py_gen.runtime.transport.cyclone import library
-from rosidl_py_gen.runtime.transport.cyclone.config import IGNORES_TYPES
+from rosidl_py_gen.runtime.transport.cyclone.config import IGNORE_TYPE_INFORMATION
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -38,7 +38,7 @@ _CYCLONE_XML = (
 @pytest.fixture(autouse=True)
 def bound_as_the_peers_are(only_loopback: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """They announce loopback alone, which Cyclone before 11 hears when it is bound to that: docs/internals/dds.md 8."""
-    if IGNORES_TYPES in library.find().lacks:
+    if IGNORE_TYPE_INFORMATION in library.find().unsupported_elements:
         bound = "<General><Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces></General>"
         monkeypatch.setenv("CYCLONEDDS_URI", f"<CycloneDDS><Domain>{bound}</Domain></CycloneDDS>")
 

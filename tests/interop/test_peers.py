@@ -17,7 +17,7 @@ from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiAr
 from support.node_fixtures import until
 
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
-from rosidl_py_gen.runtime import CallTimeoutError, ForeignServiceError, Node, QoSProfile
+from rosidl_py_gen.runtime import CallTimeoutError, IncompatibleServiceError, Node, QoSProfile
 from rosidl_py_gen.runtime.transport.qos import SENSOR_DATA
 
 if TYPE_CHECKING:
@@ -165,7 +165,7 @@ async def test_fast_dds_servers_are_refused_by_unknown_builds_of_cyclone(
     monkeypatch.setattr(context._core.participant.fast_dds, "refusal", "this build is not known")
     with run_peer(fastdds_service_peer, "serve", str(context.domain_id), "fast_add"):
         client = dds.node("tester", context=context).create_client(AddTwoInts, "/fast_add")
-        with pytest.raises(ForeignServiceError, match="Fast DDS"):
+        with pytest.raises(IncompatibleServiceError, match="Fast DDS"):
             await client.call(AddTwoInts.Request(), timeout_s=10)
 
 

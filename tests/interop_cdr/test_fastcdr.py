@@ -22,12 +22,12 @@ from support.definition_strategies import values
 from support.example_counts import examples
 from support.reference_cdr import NUMBERS, Reference, same
 
-from rosidl_py_gen import compile_text, decode, encode
+from rosidl_py_gen import compile_definition, decode, encode
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.compiler.spec.find import SearchPath
-from rosidl_py_gen.compiler.spec.model import Source
-from rosidl_py_gen.compiler.spec.resolve import Library, check, raise_findings
+from rosidl_py_gen.compiler.frontend.model import SourceText
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, raise_diagnostics
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
 SOURCE = Path(__file__).with_name("fastcdr_peer.cpp")
 REQUIRED = os.environ.get("ROSIDL_TEST_REQUIRE_PEERS") == "1"
@@ -54,11 +54,11 @@ TEXTS = {f"fastcdr/msg/{name}": text.replace("|", "\n") + "\n" for name, text in
 
 
 def reference() -> Reference:
-    library = Library(SearchPath({}, [], []))
+    library = InterfaceRegistry(SearchPath({}, [], []))
     for name, text in TEXTS.items():
-        library.add_text(split_ros_name(name), Source(f"<{name}>", text, "msg"))
+        library.add_text(split_ros_name(name), SourceText(f"<{name}>", text, "msg"))
     check(library, [split_ros_name(name) for name in TEXTS])
-    raise_findings(library)
+    raise_diagnostics(library)
     return Reference(library.message)
 
 
@@ -70,7 +70,7 @@ def message_class(shape: str) -> type[Any]:
     parts += [
         f"MSG: {name.replace('/msg/', '/')}\n{text}" for name, text in TEXTS.items() if not name.endswith("/" + shape)
     ]
-    return compile_text(f"fastcdr/msg/{shape}", ("=" * 80 + "\n").join(parts))
+    return compile_definition(f"fastcdr/msg/{shape}", ("=" * 80 + "\n").join(parts))
 
 
 class Peer:

@@ -14,9 +14,9 @@ from typing import Any
 from support.reference_cdr import NUMBERS
 
 from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, Arity, FieldType
-from rosidl_py_gen.compiler.spec.find import search_path
-from rosidl_py_gen.compiler.spec.model import MessageDef
-from rosidl_py_gen.compiler.spec.resolve import Library
+from rosidl_py_gen.compiler.frontend.model import MessageDef
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
+from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 
 FLOATS: tuple[float | str, ...] = (0.0, -0.0, 1.5, 1e-40, "NaN", "Infinity", "-Infinity")
 LETTERS = "aZ09 '\"\\/{}%\n\t\x01é€ハ😀\u200d\uffff"
@@ -26,7 +26,7 @@ class RandomMessages:
     """Values for messages of the packages in a folder."""
 
     def __init__(self, share: Path) -> None:
-        self._library = Library(search_path([share], ament="", bundled=False))
+        self._library = InterfaceRegistry(scan_search_path([share], ament="", bundled=False))
 
     def make(self, name: str, count: int) -> list[dict[str, Any]]:
         """Values as `to_json` writes them."""

@@ -44,7 +44,7 @@ class Tool:
 
     async def start(self, *words: str) -> asyncio.subprocess.Process:
         """The test ends it."""
-        command = (sys.executable, "-m", "rosidl_py_gen.tools", *words)
+        command = (sys.executable, "-m", "rosidl_py_gen.ros_cli", *words)
         pipe = asyncio.subprocess.PIPE
         return await start_process(*command, env=self._environment, stdout=pipe, stderr=pipe)
 

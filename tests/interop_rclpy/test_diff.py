@@ -26,7 +26,7 @@ async def test_a_robot_of_rclpy_is_compared_with_a_workspace(shared_peer: Peer, 
     command = (
         sys.executable,
         "-m",
-        "rosidl_py_gen.cli",
+        "rosidl_py_gen.generator_cli",
         "diff",
         f"/{shared_peer.name}",
         str(tmp_path),

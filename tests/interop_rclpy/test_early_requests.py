@@ -10,10 +10,10 @@ from rclpy_worlds import fresh, service
 from support.node_fixtures import until
 
 from rosidl_py_gen.runtime import QoSProfile
-from rosidl_py_gen.runtime.transport.cyclone import functions
+from rosidl_py_gen.runtime.transport.cyclone import c_api
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds.greeting import ask_writers
-from rosidl_py_gen.runtime.transport.discovered import Channel
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_acknack import request_samples
+from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rclpy_peer import Peer
 
 KIND = "std_srvs/srv/Trigger"
-_Listener = ct.CFUNCTYPE(None, ct.c_int32, functions.MatchedStatus, ct.c_void_p)
+_Listener = ct.CFUNCTYPE(None, ct.c_int32, c_api.DdsMatchedStatus, ct.c_void_p)
 
 
 def connect_late(reader: Any, delay_s: float) -> Any:
@@ -55,19 +55,19 @@ async def test_a_new_writer_is_asked_once_what_it_has_written(
 
     def ask(pairs: Sequence[tuple[bytes, bytes]], told: str, *, is_local: bool) -> None:
         asked.extend(pairs)
-        ask_writers(pairs, told, is_local=is_local)
+        request_samples(pairs, told, is_local=is_local)
 
     name, cls = fresh("asked"), service(shared_peer, KIND)
     node = dds.node("server")
     server = node.create_service(cls, name, lambda _: cls.Response(success=True, message="heard"))
     node.create_subscription("std_msgs/msg/String", f"{name}/best_effort", qos=QoSProfile().best_effort())
     reader, best_effort = server._port.endpoints[0], list(node._scope.participant.readers.values())[-1].guid
-    monkeypatch.setattr(cyclone, "ask_writers", ask)
+    monkeypatch.setattr(cyclone, "request_samples", ask)
     await shared_peer.ask("publisher", topic=f"{name}/best_effort", type="std_msgs/msg/String")
     await shared_peer.ask("client", name=name, type=KIND)
     await shared_peer.ask("call", name=name, requests_=[{}], within_s=10)
     await until(lambda: any(pair[0] == reader for pair in asked))
-    of_service = [end.guid for end in node._scope.graph.on(Channel("request", name), writers=True)]
+    of_service = [end.guid for end in node._scope.graph.on(TopicKey("request", name), writers=True)]
     assert len(of_service) == 1
     assert [pair for pair in asked if pair[0] == reader] == [(reader, of_service[0])]
     assert best_effort not in {pair[0] for pair in asked}

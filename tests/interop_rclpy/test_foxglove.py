@@ -36,7 +36,7 @@ def watching(tmp_path: Path) -> Watching:
 
     @asynccontextmanager
     async def watch(*options: str) -> AsyncIterator[Viewer]:
-        command = (sys.executable, "-m", "rosidl_py_gen.tools", "foxglove", "--port", "0", "--json", *options)
+        command = (sys.executable, "-m", "rosidl_py_gen.ros_cli", "foxglove", "--port", "0", "--json", *options)
         process = await asyncio.create_subprocess_exec(*command, env=environment, stdout=asyncio.subprocess.PIPE)
         assert process.stdout is not None
         try:

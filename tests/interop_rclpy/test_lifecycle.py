@@ -9,7 +9,7 @@ from rclpy_peer import Peer
 from rclpy_worlds import fresh, message, plain, service
 
 from rosidl_py_gen import from_dict
-from rosidl_py_gen.runtime import LifecycleNode, Node, Outcome, State
+from rosidl_py_gen.runtime import LifecycleNode, Node, State, TransitionCallbackReturn
 
 WAIT_S = 10
 CHANGE, GET = "lifecycle_msgs/srv/ChangeState", "lifecycle_msgs/srv/GetState"
@@ -61,17 +61,17 @@ class Managed(LifecycleNode):
 
     done: list[str]
 
-    def on_configure(self, state: State) -> Outcome:
+    def on_configure(self, state: State) -> TransitionCallbackReturn:
         self.done = ["configure"]
-        return Outcome.SUCCESS
+        return TransitionCallbackReturn.SUCCESS
 
-    def on_activate(self, state: State) -> Outcome:
+    def on_activate(self, state: State) -> TransitionCallbackReturn:
         self.done.append("activate")
-        return Outcome.SUCCESS
+        return TransitionCallbackReturn.SUCCESS
 
-    def on_shutdown(self, state: State) -> Outcome:
+    def on_shutdown(self, state: State) -> TransitionCallbackReturn:
         self.done.append("shutdown")
-        return Outcome.SUCCESS
+        return TransitionCallbackReturn.SUCCESS
 
 
 async def test_they_drive_our_lifecycle_node(dds: Any, shared_peer: Peer) -> None:

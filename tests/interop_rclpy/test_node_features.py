@@ -50,7 +50,7 @@ async def test_they_read_our_rosout(dds: Any, shared_peer: Peer) -> None:
 
 
 async def test_their_clock_drives_our_node(dds: Any, shared_peer: Peer) -> None:
-    node = Node(fresh("simulated").strip("/"), context=dds.context(), overrides={"use_sim_time": True})
+    node = Node(fresh("simulated").strip("/"), context=dds.context(), parameter_overrides={"use_sim_time": True})
     await shared_peer.ask("publisher", topic="/clock", type="rosgraph_msgs/msg/Clock")
     stamp = {"clock": {"sec": 1234, "nanosec": 5}}
 

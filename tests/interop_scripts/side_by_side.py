@@ -41,7 +41,7 @@ class Setting:
         expected = await Observer(domain, case).run([str(self.real_python), program], real)
         domain += DOMAINS  # what was killed in the first one is missed there after a while only
         ours = {**own, "ROS_DOMAIN_ID": str(domain), "ROSIDL_PY_GEN_CACHE": str(self.code_cache)}
-        command = [sys.executable, "-m", "rosidl_py_gen.tools", "run", "--path", str(self.test_msgs), program]
+        command = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "run", "--path", str(self.test_msgs), program]
         return expected, await Observer(domain, case).run(command, ours, expected)
 
 

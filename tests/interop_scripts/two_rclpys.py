@@ -352,10 +352,10 @@ class Observer:
 
     def _is_whole(self) -> bool:
         """Whether there are nodes, and every endpoint is known that they told of themselves, and whose it is."""
-        graph = self._node._look()
+        graph = self._node._refreshed_graph()
         nodes = [node for participant in graph._participants.values() for node in participant.nodes]
         told = {guid for node in nodes for guid in (*node.writer_gids, *node.reader_gids)}
-        return len(nodes) > 1 and graph.names_are_known() and told <= graph.endpoints.keys()
+        return len(nodes) > 1 and graph.node_names_complete() and told <= graph.endpoints.keys()
 
     def _graph(self) -> Any:
         node = self._node

@@ -11,4 +11,4 @@ INTERFACES = Path(__file__).resolve().parents[1] / "interfaces"
 
 
 def install() -> None:
-    rosidl_py_gen.install_import_hook(flavour="rclpy", shadow=True, path=str(INTERFACES))
+    rosidl_py_gen.install_import_hook(message_api="rclpy", override_installed=True, path=str(INTERFACES))

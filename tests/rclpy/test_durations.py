@@ -22,7 +22,7 @@ print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) // 1024 < 10
 
 def test_a_text_is_refused_and_not_repeated(tmp_path: Path) -> None:
     (tmp_path / "program.py").write_text(PROGRAM)
-    command = [sys.executable, "-m", "rosidl_py_gen.tools", "run", "program.py"]
+    command = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "run", "program.py"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=tmp_path, check=False)
     expected = ["seconds is a number, found '1'", "seconds is a number, found b'1'", "True"]
     assert (done.stdout.splitlines(), done.stderr) == (expected, "")

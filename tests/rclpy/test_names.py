@@ -115,7 +115,13 @@ MORE = {
 @pytest.fixture(scope="module")
 def compared() -> dict[str, Any]:
     """What `differing_names.py` says."""
-    command = [sys.executable, "-m", "rosidl_py_gen.tools", "run", str(Path(__file__).with_name("differing_names.py"))]
+    command = [
+        sys.executable,
+        "-m",
+        "rosidl_py_gen.ros_cli",
+        "run",
+        str(Path(__file__).with_name("differing_names.py")),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     found: dict[str, Any] = json.loads(done.stdout)

@@ -34,7 +34,7 @@ def test_aliases_are_written_out_up_to_a_limit(parameters: str, expected: str, t
     indented = "".join(f"    {line}\n" for line in parameters.splitlines())
     (tmp_path / "file.yaml").write_text(f"n:\n  ros__parameters:\n{indented}")
     done = subprocess.run(
-        [sys.executable, "-m", "rosidl_py_gen.tools", "run", "program.py", "file.yaml"],
+        [sys.executable, "-m", "rosidl_py_gen.ros_cli", "run", "program.py", "file.yaml"],
         capture_output=True,
         text=True,
         timeout=60,

@@ -16,7 +16,7 @@ PROGRAM = Path(__file__).resolve().parent / "semantics" / "threads.py"
 @pytest.mark.parametrize("case", ["counted_subscriptions", "services_of_services", "groups_of_what_was_destroyed"])
 def test_threads_lose_nothing_and_leave_nothing(case: str) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "rosidl_py_gen.tools", "run", str(PROGRAM), case],
+        [sys.executable, "-m", "rosidl_py_gen.ros_cli", "run", str(PROGRAM), case],
         capture_output=True,
         text=True,
         timeout=120,

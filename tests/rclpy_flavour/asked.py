@@ -13,7 +13,7 @@ from importlib import import_module
 if len(sys.argv) > 2:  # the folders of definitions: ours
     from rosidl_py_gen import install_import_hook
 
-    install_import_hook(flavour="rclpy", path=[one for one in sys.argv[2].split(":") if one])
+    install_import_hook(message_api="rclpy", path=[one for one in sys.argv[2].split(":") if one])
 
 
 def outcome(program: str) -> str:

@@ -202,13 +202,13 @@ def test_the_generated_functions_stay_when_fields_have_their_names() -> None:
 
     with tempfile.TemporaryDirectory() as folder:
         write(Path(folder), files)
-        from rosidl_py_gen.types import import_hook
+        from rosidl_py_gen.type_loading import import_hook
 
         outer = import_hook._installed
         assert outer is not None
         import_hook._remove(outer)
         try:
-            with hooked(flavour="rclpy", path=folder, shadow=True):
+            with hooked(message_api="rclpy", path=folder, override_installed=True):
                 cls = rclpy_class("odd_words_msgs/msg/Heavy")
                 made = cls(encode=1, decode=2, write=3, read=4, native=5, assign=6)
                 made.words.encode = 9

@@ -119,7 +119,7 @@ async def test_transforms(memory: World) -> None:
     node = memory.node("n")
     buffer = TransformBuffer(memory.node("m"))
     StaticTransformBroadcaster(node).send([transform])
-    found = await buffer.wait_for("a", "b", timeout_s=5)
+    found = await buffer.wait_for_transform("a", "b", timeout_s=5)
     assert found.translation.tolist() == [2, 0, 0]
 
 

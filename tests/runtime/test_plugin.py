@@ -20,13 +20,13 @@ def test_nodes_of_the_fixture_have_their_own_command_line(ros_node: Callable[...
     assert node.fully_qualified_name == "/robot/relay"
 
 
-async def test_nodes_of_the_fixture_meet_in_memory(ros_node: Callable[..., Node], ros_world: MemoryTransport) -> None:
+async def test_nodes_of_the_fixture_meet_in_memory(ros_node: Callable[..., Node], ros_domain: MemoryTransport) -> None:
     talker, listener = ros_node("talker"), ros_node("listener")
     subscription = listener.create_subscription(String, "chatter")
     talker.create_publisher(String, "chatter").publish(String(data="hello"))
     assert (await subscription.receive(timeout_s=5)).data == "hello"
     assert sorted(listener.get_node_names()) == ["/listener", "/talker"]
-    assert ros_world is not None
+    assert ros_domain is not None
 
 
 FAILING = """
@@ -63,8 +63,8 @@ def test_async(ros_node):
 def test_several(ros_node):
     asyncio.run(lead(ros_node("n"), judge, count=2))
 
-def test_own_context(ros_world):
-    with Context(0, transport=ros_world, args=["test"]) as context:
+def test_own_context(ros_domain):
+    with Context(0, transport=ros_domain, args=["test"]) as context:
         asyncio.run(lead(Node("n", context=context), judge))
 
 def test_pytest_fail(ros_node):

@@ -17,7 +17,7 @@ from std_msgs.msg import String, UInt8MultiArray
 from std_srvs.srv import SetBool
 from support.node_fixtures import ROOT, rests, until
 
-from rosidl_py_gen import compile_text
+from rosidl_py_gen import compile_definition
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import CallTimeoutError, Context, Node, TransportError
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
@@ -119,11 +119,11 @@ async def test_calls_to_a_stopped_server_end_in_time(dds: World, caplog: pytest.
         assert time.monotonic() - started < 15  # one after the other they would take 20
         assert all(isinstance(outcome, CallTimeoutError) for outcome in outcomes)
         pending = [asyncio.ensure_future(client.call(request, timeout_s=60)) for _ in range(3)]
-        await until(lambda: client.pending_count == 3)
+        await until(lambda: client.in_flight_count == 3)
         client.close()
         ends = await asyncio.gather(*pending, return_exceptions=True)
         assert all(isinstance(end, ClosedError) for end in ends)
-        assert client.pending_count == 0
+        assert client.in_flight_count == 0
     finally:
         server.kill()
         server.wait()
@@ -149,7 +149,7 @@ async def test_a_time_limit_that_is_none_is_refused(memory: World, timeout: Any,
     ):
         with pytest.raises(error, match="timeout_s must be"):
             await attempt
-    assert client.pending_count == 0
+    assert client.in_flight_count == 0
 
 
 async def test_a_file_descriptor_that_is_always_ready_does_not_starve_messages(dds: World) -> None:
@@ -277,7 +277,7 @@ def test_what_is_no_function_is_refused_with_a_hint(memory: World) -> None:
 def test_a_type_name_that_crashes_the_library_is_refused(dds: World) -> None:
     node = dds.node("n")
     for length, fits in ((230, True), (240, False), (1000, False)):
-        message = compile_text(f"my_pkg/msg/L{'o' * (length - 1)}", "int32 x")
+        message = compile_definition(f"my_pkg/msg/L{'o' * (length - 1)}", "int32 x")
         if fits:
             node.create_publisher(message, "long").publish(message())
         else:

@@ -142,12 +142,12 @@ async def test_a_killed_server_leaves_and_its_pending_calls_time_out(dds: World)
     try:
         assert await client.wait_for_service(timeout_s=10)
         call = asyncio.create_task(client.call(AddTwoInts.Request(), timeout_s=1))
-        await until(lambda: client.pending_count == 1)
+        await until(lambda: client.in_flight_count == 1)
         server.kill()
         with pytest.raises(CallTimeoutError):
             await call
         await until(lambda: not client.service_is_available() and "/server" not in node.get_node_names(), 60)
-        assert client.pending_count == 0
+        assert client.in_flight_count == 0
     finally:
         server.kill()
         server.wait()

@@ -6,11 +6,11 @@ import itertools
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import from_dict
-from rosidl_py_gen.base.descriptions import describe
+from rosidl_py_gen.base.descriptions import build_type_description
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.compiler.spec.find import search_path
-from rosidl_py_gen.compiler.spec.model import Source
-from rosidl_py_gen.compiler.spec.resolve import Library
+from rosidl_py_gen.compiler.frontend.model import SourceText
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
+from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.msgs.type_description_interfaces.msg import TypeDescription, TypeSource
 from rosidl_py_gen.msgs.type_description_interfaces.srv import (
     GetTypeDescription,
@@ -36,17 +36,17 @@ class Told:
 
     def __init__(self, name: str, text: str, **others: str) -> None:
         self.name, self.text = name, text
-        self.library = Library(search_path((), ament=""))
+        self.library = InterfaceRegistry(scan_search_path((), ament=""))
         for full_name, body in {name: text, **others}.items():
             part = split_ros_name(full_name)
-            self.library.add_text(part, Source(full_name, body, part.kind))
+            self.library.add_text(part, SourceText(full_name, body, part.kind))
 
     @property
     def hash(self) -> str:
         return self.library.type_hash(self.name)
 
     def answer(self, name: str = "", *, sources: bool = True) -> GetTypeDescription_Response:
-        told = from_dict(TypeDescription, describe(name or self.name, self.library.rows))
+        told = from_dict(TypeDescription, build_type_description(name or self.name, self.library.field_rows))
         kind = self.name.split("/")[1]
         source = TypeSource(type_name=self.name, encoding=kind, raw_file_contents=self.text)
         return GetTypeDescription_Response(

@@ -34,8 +34,8 @@ MODES: dict[str, dict[str, Any]] = {
     "none": {"compression": ""},
     "zstd": {"compression": "zstd"},
     "lz4": {"compression": "lz4"},
-    "file": {"compression": "", "packing": "file"},
-    "message": {"compression": "", "packing": "message"},
+    "file": {"compression": "", "compression_mode": "file"},
+    "message": {"compression": "", "compression_mode": "message"},
 }
 
 

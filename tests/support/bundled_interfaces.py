@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from rosidl_py_gen import Message, get_message
-from rosidl_py_gen.compiler.spec.find import search_path
-from rosidl_py_gen.compiler.spec.model import messages_of
-from rosidl_py_gen.compiler.spec.resolve import Library, check, raise_findings, select
+from rosidl_py_gen.compiler.frontend.model import messages_of
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, raise_diagnostics, select
+from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from support.reference_cdr import Reference
 
 TESTS = Path(__file__).resolve().parents[1]
@@ -43,9 +43,9 @@ def vectors_by_type() -> dict[str, list[Vector]]:
 
 
 @lru_cache(maxsize=1)
-def library() -> Library:
+def library() -> InterfaceRegistry:
     """The bundled interfaces and those below tests/interfaces."""
-    return Library(search_path(_SEARCH, ament=""))
+    return InterfaceRegistry(scan_search_path(_SEARCH, ament=""))
 
 
 def reference() -> Reference:
@@ -57,7 +57,7 @@ def message_names() -> tuple[str, ...]:
     """Every message in `library`, those of services and actions included."""
     names = select(library(), [])
     check(library(), names)
-    raise_findings(library())
+    raise_diagnostics(library())
     interfaces = [library().interface(name) for name in names]
     return tuple(str(message.name) for one in interfaces if one is not None for message in messages_of(one))
 

@@ -16,12 +16,12 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from rosidl_py_gen import compile_text
+from rosidl_py_gen import compile_definition
 from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, Arity, FieldType
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.compiler.spec.find import SearchPath
-from rosidl_py_gen.compiler.spec.model import Source
-from rosidl_py_gen.compiler.spec.resolve import Library, check, raise_findings
+from rosidl_py_gen.compiler.frontend.model import SourceText
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, raise_diagnostics
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from support.reference_cdr import NUMBERS, Reference
 
 INTEGERS = tuple(kind for kind in NUMBERS if kind[0] in "ui" or kind in ("byte", "char"))
@@ -33,7 +33,7 @@ NASTY = (
     *("from", "class", "import", "pass", "lambda", "def", "none", "async", "print", "type", "len", "range", "copy"),
     *("pos", "parts", "append", "end", "raw", "view", "message", "new", "limit", "within", "utf8", "frombuffer"),
     *("classmethod", "memoryview", "dataclass", "object", "tuple", "x", "value", "values", "error", "module", "fields"),
-    *("recover_encode", "recover_decode", "pos2", "x_count", "x_item", "bytearray", "expect", "exactly", "builtins"),
+    *("encode_slow", "decode_slow", "pos2", "x_count", "x_item", "bytearray", "expect", "exactly", "builtins"),
 )
 CONSTANTS = ("LIMIT", "BOOL", "T", "PAD4", "A_1", "TYPE_CHECKING", "UINT8", "FLOAT64")
 SAFE = tuple(f"{word}_{number}" for number in range(8) for word in ("alpha", "beta", "gamma", "delta"))
@@ -79,14 +79,14 @@ class World:
         return "\n".join(parts)
 
     def compile(self) -> type[Any]:
-        return compile_text(self.top, self.text)
+        return compile_definition(self.top, self.text)
 
     def reference(self) -> Reference:
-        library = Library(SearchPath({}, [], []))
+        library = InterfaceRegistry(SearchPath({}, [], []))
         for name, text in self.texts:
-            library.add_text(split_ros_name(name), Source(f"<{name}>", text, "msg"))
+            library.add_text(split_ros_name(name), SourceText(f"<{name}>", text, "msg"))
         check(library, [split_ros_name(name) for name, _ in self.texts])
-        raise_findings(library)
+        raise_diagnostics(library)
         return Reference(library.message)
 
     def __repr__(self) -> str:

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
-from rosidl_py_gen.tools.foxglove.access import Access
-from rosidl_py_gen.tools.foxglove.server import Listening, Server
-from rosidl_py_gen.tools.foxglove.viewer import Handlers
+from rosidl_py_gen.ros_cli.foxglove.access import Access
+from rosidl_py_gen.ros_cli.foxglove.server import Listening, Server
+from rosidl_py_gen.ros_cli.foxglove.viewer import Handlers
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable

@@ -10,9 +10,9 @@ import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen import tools
+from rosidl_py_gen import ros_cli
+from rosidl_py_gen.ros_cli import command_node
 from rosidl_py_gen.runtime import Context
-from rosidl_py_gen.tools import session
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -100,7 +100,7 @@ class _Captured(BaseException):
 class Command:
     """A command under way, with what tests use of `asyncio.subprocess.Process`."""
 
-    def __init__(self, job: tools.Job | None, streams: dict[str, Pipe], code: int | None) -> None:
+    def __init__(self, job: ros_cli.AsyncCommand | None, streams: dict[str, Pipe], code: int | None) -> None:
         self.stdout, self.stderr = streams["stdout"], streams["stderr"]
         self.returncode = code
         self._job = job
@@ -112,10 +112,10 @@ class Command:
             context.run(_HERE.set, streams)
             self._task = context.run(asyncio.ensure_future, self._run(job))
 
-    async def _run(self, job: tools.Job) -> None:
+    async def _run(self, job: ros_cli.AsyncCommand) -> None:
         code = 1
         try:
-            with tools.reporting():
+            with ros_cli.exit_on_error():
                 code = await job.main
         except SystemExit as end:
             code = int(str(end.code))
@@ -156,9 +156,9 @@ def start(world: World, patch: pytest.MonkeyPatch, arguments: tuple[str, ...], s
     """Begin a command in a world of memory."""
 
     @contextmanager
-    def listening(network: session.Network) -> Iterator[None]:
+    def listening(network: command_node.NetworkOptions) -> Iterator[None]:
         try:
-            options: Any = {"discovery": network.get("discovery"), "announce_delay_s": session._ANNOUNCE_DELAY_S}
+            options: Any = {"discovery": network.get("discovery"), "announce_delay_s": command_node._ANNOUNCE_DELAY_S}
             context = Context(network.get("domain_id"), args=[], transport=world.transport, **options)
             network["context"] = context
             world.contexts.append(context)
@@ -166,7 +166,7 @@ def start(world: World, patch: pytest.MonkeyPatch, arguments: tuple[str, ...], s
             network["failure"] = error
         yield
 
-    def capture(job: tools.Job) -> int:
+    def capture(job: ros_cli.AsyncCommand) -> int:
         raise _Captured(job)
 
     for name in ("stdout", "stderr"):
@@ -175,13 +175,13 @@ def start(world: World, patch: pytest.MonkeyPatch, arguments: tuple[str, ...], s
     patch.setattr(sys, "stdin", io.StringIO(stdin))
     streams = {"stdout": Pipe(), "stderr": Pipe()}
 
-    def parse() -> tuple[tools.Job | None, int]:
+    def parse() -> tuple[ros_cli.AsyncCommand | None, int]:
         _HERE.set(streams)
         with patch.context() as patched:
-            patched.setattr(session, "listening", listening)
-            patched.setattr(tools, "run_job", capture)
+            patched.setattr(command_node, "context_opened_early", listening)
+            patched.setattr(ros_cli, "run_async_command", capture)
             try:
-                tools.main([*arguments])
+                ros_cli.main([*arguments])
             except _Captured as captured:
                 return captured.args[0], 0
             except SystemExit as end:

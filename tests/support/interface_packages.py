@@ -16,12 +16,12 @@ from types import ModuleType
 
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.resources import interfaces_dir
-from rosidl_py_gen.compiler.codegen.sources import Layouts, Target, module_source
-from rosidl_py_gen.compiler.generate import Run, generate
-from rosidl_py_gen.compiler.spec.find import SearchPath, search_path
-from rosidl_py_gen.compiler.spec.interface import parse_interface
-from rosidl_py_gen.compiler.spec.model import Findings, Interface, MessageDef, Source
-from rosidl_py_gen.compiler.spec.resolve import Library, check, raise_findings
+from rosidl_py_gen.compiler.codegen.module_sources import LayoutPlanner, Target, module_source
+from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface
+from rosidl_py_gen.compiler.frontend.model import Diagnostics, Interface, MessageDef, SourceText
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, raise_diagnostics
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
+from rosidl_py_gen.compiler.generate import GenerationResult, generate
 from rosidl_py_gen.errors import DefinitionError
 from support.environments import require
 
@@ -36,8 +36,8 @@ Files = Mapping[str, str | bytes]
 def read(text: str, name: str = "a_msgs/msg/Sample", format: str = "") -> tuple[Interface | None, list[str]]:
     """Parse one definition; the problems come as ``line:column: text``."""
     full = split_ros_name(name)
-    findings = Findings()
-    interface = parse_interface(full, Source("S", text, format or full.kind), findings)
+    findings = Diagnostics()
+    interface = parse_interface(full, SourceText("S", text, format or full.kind), findings)
     return interface, [f"{one.line}:{one.column}: {one.text}" for one in findings.problems]
 
 
@@ -65,18 +65,18 @@ def write(folder: Path, files: Files) -> Path:
     return folder
 
 
-def texts(definitions: Mapping[str, str], search: SearchPath | None = None) -> Library:
+def texts(definitions: Mapping[str, str], search: SearchPath | None = None) -> InterfaceRegistry:
     """A checked library of definitions that are in no file: {"a_msgs/msg/Point": "float64 x"}.
 
     Raises:
         DefinitionError: as a run of the compiler would.
     """
-    library = Library(search or search_path([interfaces_dir()], ament="", bundled=False))
+    library = InterfaceRegistry(search or scan_search_path([interfaces_dir()], ament="", bundled=False))
     names = [split_ros_name(name) for name in definitions]
     for name, text in zip(names, definitions.values(), strict=True):
-        library.add_text(name, Source(f"<{name}>", text, name.kind))
+        library.add_text(name, SourceText(f"<{name}>", text, name.kind))
     check(library, names)
-    raise_findings(library)
+    raise_diagnostics(library)
     return library
 
 
@@ -84,7 +84,7 @@ def source_of(definitions: Mapping[str, str], name: str = "") -> str:
     """The generated module of one of the definitions, by default the first."""
     library = texts(definitions)
     chosen = split_ros_name(name or next(iter(definitions)))
-    return module_source(library, chosen, Layouts(library.message), Target("", lambda _: None, library.type_hash))
+    return module_source(library, chosen, LayoutPlanner(library.message), Target("", lambda _: None, library.type_hash))
 
 
 def problems_of(folder: Path, wanted: list[str] | None = None) -> list[str]:
@@ -94,13 +94,13 @@ def problems_of(folder: Path, wanted: list[str] | None = None) -> list[str]:
         run(folder, out, wanted)
     except DefinitionError as error:
         assert not out.exists(), "a run with problems wrote something"
-        return [str(problem).replace(str(folder) + os.sep, "") for problem in error.problems]
+        return [str(problem).replace(str(folder) + os.sep, "") for problem in error.diagnostics]
     return []
 
 
-def run(folder: Path, out: Path, wanted: list[str] | None = None) -> Run:
+def run(folder: Path, out: Path, wanted: list[str] | None = None) -> GenerationResult:
     """Generate what a folder of packages defines (and what it needs of the bundled packages) into `out`."""
-    search = search_path([folder], ament="")
+    search = scan_search_path([folder], ament="")
     packages = (
         wanted if wanted is not None else [name for name, one in search.packages.items() if one.origin != "bundled"]
     )

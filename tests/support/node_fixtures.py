@@ -27,11 +27,11 @@ import pytest
 import zenoh
 
 from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import generate
-from rosidl_py_gen.compiler.spec.find import search_path
-from rosidl_py_gen.runtime import Context, Driver, MemoryTransport, Node
+from rosidl_py_gen.runtime import Context, LoopRunner, MemoryTransport, Node
 from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
-from rosidl_py_gen.runtime.transport.clocks import SYSTEM_CLOCKS, Clocks
+from rosidl_py_gen.runtime.transport.clock_functions import SYSTEM_CLOCKS, ClockFunctions
 from rosidl_py_gen.runtime.transport.cyclone import library
 from support.machine_locks import holds, lock
 
@@ -50,7 +50,7 @@ PACKAGES = [
 ]
 GENERATED = tempfile.TemporaryDirectory(prefix="runtime-tests-")
 atexit.register(GENERATED.cleanup)
-generate(search_path([interfaces_dir()], ament="", bundled=False), PACKAGES, Path(GENERATED.name))
+generate(scan_search_path([interfaces_dir()], ament="", bundled=False), PACKAGES, Path(GENERATED.name))
 sys.path.insert(0, GENERATED.name)
 
 WAITS = re.compile(
@@ -172,7 +172,9 @@ def _guard_dds(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def guarded(api: Any, fast_dds: Any, number: int, xml: str) -> cyclone.Domain:
         # Cyclone before 11 is not bound, and told by "localhost" alone where to look (docs/internals/dds.md 8).
-        is_bound = 'address="127.0.0.1"' in xml or cyclone.IGNORES_TYPES in cyclone._library.lacks
+        is_bound = (
+            'address="127.0.0.1"' in xml or cyclone.IGNORE_TYPE_INFORMATION in cyclone._library.unsupported_elements
+        )
         assert is_bound, f"not bound to loopback: {xml}"
         assert '<Peer address="localhost"/>' in xml or "ros_discovery_off" in xml, xml
         assert xml.count("<AllowMulticast>false</AllowMulticast>") > 0, f"multicast is on: {xml}"
@@ -196,16 +198,16 @@ def guarded_open(config: Any) -> Any:
 class World:
     """Contexts and nodes that see each other, all closed at the end of the test."""
 
-    def __init__(self, kind: str, clocks: Clocks = SYSTEM_CLOCKS) -> None:
+    def __init__(self, kind: str, clocks: ClockFunctions = SYSTEM_CLOCKS) -> None:
         self.kind = kind
         self.transport = MemoryTransport(clocks) if kind == "memory" else kind
         self.contexts: list[Context] = []
         self.nodes: list[Node] = []
         self._numbers = itertools.count()
 
-    def context(self, *args: str, driver: Driver | None = None) -> Context:
+    def context(self, *args: str, driver: LoopRunner | None = None) -> Context:
         """A context of this world; `args` is a command line without program name, in words or as a whole."""
-        context = Context(transport=self.transport, args=["test", *" ".join(args).split()], driver=driver)
+        context = Context(transport=self.transport, args=["test", *" ".join(args).split()], loop_runner=driver)
         self.contexts.append(context)
         return context
 
@@ -239,7 +241,7 @@ class World:
 _LOOP = pytest.StashKey[VirtualTimeLoop]()
 
 
-def _clocks(item: Any) -> Clocks:
+def _clocks(item: Any) -> ClockFunctions:
     """Those of the loop on which time passes without waiting, for async tests whose worlds are all in memory."""
     kinds = {item.callspec.params[name] for name in ("world", "network") if name in _params(item)}
     takes_time = item.get_closest_marker("real_time") is not None or not inspect.iscoroutinefunction(item.obj)

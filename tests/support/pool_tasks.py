@@ -8,15 +8,15 @@ from pathlib import Path
 
 import psutil
 
-from rosidl_py_gen.tables.many.tasks import Outcome
+from rosidl_py_gen.tables.multi_bag.bag_tasks import TaskResult
 
 
-def pid(task: object) -> Outcome:
+def pid(task: object) -> TaskResult:
     """The process, and its sockets of the internet."""
-    return Outcome(error=str(os.getpid()), warnings=tuple(map(str, psutil.Process().net_connections())))
+    return TaskResult(error=str(os.getpid()), warnings=tuple(map(str, psutil.Process().net_connections())))
 
 
-def die_once(task: str) -> Outcome:
+def die_once(task: str) -> TaskResult:
     """Kill the first process that does it."""
     if not Path(task).exists():
         Path(task).touch()

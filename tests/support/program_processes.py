@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-RUN = [sys.executable, "-m", "rosidl_py_gen.tools", "run"]
+RUN = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "run"]
 PACKAGE_XML = "<package><name>{}</name></package>"
 
 

@@ -8,14 +8,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.runtime import QoSProfile
+from rosidl_py_gen.runtime.transport.api import EndpointSpec
 from rosidl_py_gen.runtime.transport.dds.names import channel_of
-from rosidl_py_gen.runtime.transport.discovered import EndpointFound
+from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
 from rosidl_py_gen.runtime.transport.memory import MemoryParticipant
-from rosidl_py_gen.runtime.transport.port import EndpointSpec
 from rosidl_py_gen.runtime.transport.type_names import ros_type
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.port import Reader, Writer
+    from rosidl_py_gen.runtime.transport.api import Reader, Writer
 
 DEEP = QoSProfile().keep_all()
 
@@ -24,7 +24,9 @@ def spec(topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "", **m
     """``rt/chatter`` is a topic; the halves of services, which a specification has no words for, are bare."""
     channel = channel_of(topic)
     is_topic = channel.kind == "topic"
-    return EndpointSpec(channel.name if is_topic else topic, type, qos, type_hash, is_bare=not is_topic, **more)
+    return EndpointSpec(
+        channel.name if is_topic else topic, type, qos, type_hash, avoid_ros_namespace_conventions=not is_topic, **more
+    )
 
 
 def reader(node: Any, topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "") -> Reader:
@@ -56,8 +58,8 @@ def announce(node: Any, topic: str, type: str, type_hash: str = "", *, is_writer
     return end
 
 
-def found(guid: bytes, participant: bytes, topic: str, type: str, qos: QoSProfile, **more: Any) -> EndpointFound:
+def found(guid: bytes, participant: bytes, topic: str, type: str, qos: QoSProfile, **more: Any) -> DiscoveredEndpoint:
     """What discovery says of an endpoint; the last byte of its GUID tells whether it writes."""
     is_writer = not guid[15] & 4
     names = {"wire_name": topic, "wire_type": type}
-    return EndpointFound(guid, participant, is_writer, channel_of(topic), ros_type(type), qos, **names, **more)
+    return DiscoveredEndpoint(guid, participant, is_writer, channel_of(topic), ros_type(type), qos, **names, **more)

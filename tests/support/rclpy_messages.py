@@ -12,8 +12,8 @@ from typing import Any
 
 from rosidl_py_gen import install_import_hook
 from rosidl_py_gen.base.names import KINDS, py_name
-from rosidl_py_gen.types import by_name
-from rosidl_py_gen.types.import_hook import ImportHookWarning
+from rosidl_py_gen.type_loading import class_lookup
+from rosidl_py_gen.type_loading.import_hook import ImportHookWarning
 
 INTERFACES = Path(__file__).resolve().parents[1] / "interfaces"
 
@@ -22,7 +22,7 @@ INTERFACES = Path(__file__).resolve().parents[1] / "interfaces"
 def hooked(**settings: Any) -> Iterator[None]:
     """The import hook, without what was imported before; afterwards all is as it was."""
     before = {name: module for name, module in sys.modules.items() if _is_of_messages(name)}
-    loaded, named = {name: list(found) for name, found in by_name._loaded.items()}, dict(by_name._by_name)
+    loaded, named = {name: list(found) for name, found in class_lookup._loaded.items()}, dict(class_lookup._by_name)
     for name in before:
         del sys.modules[name]
     try:
@@ -35,10 +35,10 @@ def hooked(**settings: Any) -> Iterator[None]:
             del sys.modules[name]
         sys.modules.update(before)
         # Classes that were compiled because generated ones could not be imported are not those of later tests.
-        by_name._loaded.clear()
-        by_name._loaded.update(loaded)
-        by_name._by_name.clear()
-        by_name._by_name.update(named)
+        class_lookup._loaded.clear()
+        class_lookup._loaded.update(loaded)
+        class_lookup._by_name.clear()
+        class_lookup._by_name.update(named)
 
 
 def _is_of_messages(name: str) -> bool:
@@ -55,5 +55,5 @@ def rclpy_class(name: str) -> Any:
 @contextmanager
 def rclpy_flavour() -> Iterator[None]:
     """What `rclpy_class` needs."""
-    with hooked(flavour="rclpy", path=str(INTERFACES), shadow=True):
+    with hooked(message_api="rclpy", path=str(INTERFACES), override_installed=True):
         yield

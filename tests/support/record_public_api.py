@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[2]
 RECORD = ROOT / "tests/golden/public_face.txt"
-PROGRAMS = {"rosidl-py-gen": "rosidl_py_gen.cli", "rosidl-py": "rosidl_py_gen.tools"}
+PROGRAMS = {"rosidl-py-gen": "rosidl_py_gen.generator_cli", "rosidl-py": "rosidl_py_gen.ros_cli"}
 FIXTURES = "runtime.pytest_plugin"
 PACKAGE = "rosidl_py_gen"
 _SHOWN = re.compile(rf"^::: {PACKAGE}\.(\S+)\n((?: {{4}}.*\n)*)", re.MULTILINE)

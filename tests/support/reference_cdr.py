@@ -16,7 +16,7 @@ import numpy as np
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.base.names import py_name
 from rosidl_py_gen.cdr import Message
-from rosidl_py_gen.compiler.spec.model import MessageDef
+from rosidl_py_gen.compiler.frontend.model import MessageDef
 
 # type -> struct letter and size; the size is also the alignment
 NUMBERS = {

@@ -20,21 +20,21 @@ from typing import Any
 
 from hypothesis import currently_in_test_context
 
-from rosidl_py_gen.base.descriptions import individual
+from rosidl_py_gen.base.descriptions import individual_description
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.resources import interfaces_dir
-from rosidl_py_gen.compiler.spec.find import SearchPath, search_path
-from rosidl_py_gen.compiler.spec.interface import may_be_file
-from rosidl_py_gen.compiler.spec.model import (
+from rosidl_py_gen.compiler.frontend.interface_parser import may_be_file
+from rosidl_py_gen.compiler.frontend.model import (
     ActionDef,
     ConstantDef,
     FieldDef,
     Interface,
     MessageDef,
     ServiceDef,
-    Source,
+    SourceText,
 )
-from rosidl_py_gen.compiler.spec.resolve import Library, check
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
 from rosidl_py_gen.errors import InvalidNameError
 from support.environments import cache_folder, environment
 
@@ -175,9 +175,9 @@ _IDL_TYPES = {
 
 def ours(definitions: Sequence[Definition], others: Sequence[Definition] = ()) -> Reply:
     """Our reply. "refused" is a definition that is wrong alone, "unresolved" one that goes wrong with the others."""
-    library = Library(_search())
+    library = InterfaceRegistry(_search())
     for name, text, format in others:
-        library.add_text(split_ros_name(name), Source("<other>", text, format))
+        library.add_text(split_ros_name(name), SourceText("<other>", text, format))
     try:
         names = [split_ros_name(name) for name, _, _ in definitions]
     except InvalidNameError as error:
@@ -185,7 +185,7 @@ def ours(definitions: Sequence[Definition], others: Sequence[Definition] = ()) -
     if not all(map(may_be_file, names)):
         return {"refused": ["names no file can have"]}
     found = [
-        library.add_text(name, Source(f"<{name}>", text, format))
+        library.add_text(name, SourceText(f"<{name}>", text, format))
         for name, (_, text, format) in zip(names, definitions, strict=True)
     ]
     if library.findings.problems:
@@ -198,13 +198,15 @@ def ours(definitions: Sequence[Definition], others: Sequence[Definition] = ()) -
     types = [name for one in interfaces for name in type_names(one)]
     return {
         **reply,
-        "types": {name: [individual(name, library.rows(name)), library.type_hash(name)] for name in types},
+        "types": {
+            name: [individual_description(name, library.field_rows(name)), library.type_hash(name)] for name in types
+        },
     }
 
 
 @lru_cache(maxsize=1)
 def _search() -> SearchPath:
-    return search_path([interfaces_dir()], ament="", bundled=False)
+    return scan_search_path([interfaces_dir()], ament="", bundled=False)
 
 
 def type_names(interface: Interface) -> list[str]:

@@ -29,7 +29,7 @@ from types import ModuleType
 from rosidl_py_gen import install_import_hook
 
 sys.argv[1:] = []
-install_import_hook(flavour="rclpy", shadow=True)
+install_import_hook(message_api="rclpy", override_installed=True)
 
 import tf2_py
 

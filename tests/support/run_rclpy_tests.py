@@ -33,7 +33,7 @@ import sys
 from rosidl_py_gen import install_import_hook
 
 sys.argv[1:] = []
-install_import_hook(flavour="rclpy", shadow=True, path={paths!r})
+install_import_hook(message_api="rclpy", override_installed=True, path={paths!r})
 """
 _C = "a class of C, not there in ours"
 REASONS = {

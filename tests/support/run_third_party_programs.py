@@ -28,14 +28,14 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # for a start by path
 
+from rosidl_py_gen.ros_cli.program_runner.executables import of_sources
 from rosidl_py_gen.runtime import Context, Node
-from rosidl_py_gen.tools.run.executables import of_sources
 from support.program_observer import Seen, watch
 
 LIST = Path(__file__).parent / "third_party_programs.txt"
 _DOMAINS = 6
 """Those that a worker uses in turn: what a killed program has left in the graph is forgotten meanwhile."""
-_MINE = [sys.executable, "-m", "rosidl_py_gen.tools", "run"]
+_MINE = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "run"]
 _ENDS = (
     "KeyboardInterrupt",
     "ExternalShutdownException",

@@ -15,7 +15,7 @@ from support.system_python import Oracle, running
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import set_stamp
-from rosidl_py_gen.sync import ApproximateTimeSynchronizer, Cache, MessageFilter, TimeSynchronizer
+from rosidl_py_gen.message_filters import ApproximateTimeSynchronizer, Cache, MessageFilter, TimeSynchronizer
 
 PointStamped: Any = get_message("geometry_msgs/msg/PointStamped")
 ORACLE = Path(__file__).parent / "message_filters_oracle.py"
@@ -51,7 +51,7 @@ def sets(inputs: int, queue_size: int, slop_s: float | None, messages: list[tupl
     made.register_callback(lambda one, *others: found[-1].append(names([one, *others])))
     for name, (index, stamp) in enumerate(messages):
         found.append([])
-        filters[index].signal(stamped(stamp, name))
+        filters[index].signal_message(stamped(stamp, name))
     return found
 
 
@@ -107,7 +107,7 @@ def test_a_cache_answers_as_that_of_message_filters(
     source = MessageFilter()
     cache = Cache(source, size)
     for name, stamp in enumerate(stamps):
-        source.signal(stamped(stamp, name))
+        source.signal_message(stamped(stamp, name))
     answers = []
     for start, end in questions:
         around = cache.at_or_before(end), cache.at_or_after(start)
@@ -128,7 +128,7 @@ def test_what_comes_late_is_in_the_cache_where_its_stamp_belongs(
     source, kept = MessageFilter(), []
     cache = Cache(source, size)
     for name, stamp in enumerate(stamps):
-        source.signal(stamped(stamp, name))
+        source.signal_message(stamped(stamp, name))
         kept = sorted([*kept[-(size - 1) :], (stamp, name)] if size > 1 else [(stamp, name)])
     within = [name for stamp, name in kept if start <= stamp <= start + length]
     assert names(cache.interval(start, start + length)) == within

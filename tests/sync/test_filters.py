@@ -12,6 +12,14 @@ from support.node_fixtures import World, until
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import set_stamp
+from rosidl_py_gen.message_filters import (
+    ApproximateTimeSynchronizer,
+    Cache,
+    MessageFilter,
+    StampError,
+    Subscriber,
+    TimeSynchronizer,
+)
 from rosidl_py_gen.runtime import (
     CallbackInUseError,
     CallbackSignatureError,
@@ -19,14 +27,6 @@ from rosidl_py_gen.runtime import (
     ClosedError,
     Time,
     WaitTimeoutError,
-)
-from rosidl_py_gen.sync import (
-    ApproximateTimeSynchronizer,
-    Cache,
-    MessageFilter,
-    StampError,
-    Subscriber,
-    TimeSynchronizer,
 )
 
 PointStamped: Any = get_message("geometry_msgs/msg/PointStamped")
@@ -108,7 +108,9 @@ async def test_a_slow_async_callback_loses_the_oldest_sets_and_counts_them(memor
         seen.append(message.point.x)
 
     source.register_callback(slow)
-    tasks = [asyncio.ensure_future(answer) for x in range(6) if (answer := source.signal(stamped(1, x))) is not None]
+    tasks = [
+        asyncio.ensure_future(answer) for x in range(6) if (answer := source.signal_message(stamped(1, x))) is not None
+    ]
     assert len(tasks) == 3  # no more than there can be sets to call it with
     await asyncio.sleep(0)
     gate.set()
@@ -126,11 +128,11 @@ def test_plain_callbacks_are_called_at_once_in_their_order_though_one_fails() ->
     source.register_callback(wrong)
     last = source.register_callback(lambda message: calls.append(("last", message)))
     with pytest.raises(RuntimeError, match="no"):
-        source.signal("x")
+        source.signal_message("x")
     assert calls == [("first", "x"), ("last", "x")]
     last.close()
     with pytest.raises(RuntimeError, match="no"):
-        source.signal("y")
+        source.signal_message("y")
     assert calls[2:] == [("first", "y")]
 
 
@@ -145,7 +147,7 @@ async def test_a_failure_beside_an_async_callback_is_not_lost() -> None:
 
     source.register_callback(wrong)
     source.register_callback(right)
-    answer = source.signal("x")
+    answer = source.signal_message("x")
     assert answer is not None
     with pytest.raises(RuntimeError, match="no"):
         await answer
@@ -184,7 +186,7 @@ async def test_iterating_ends_when_the_node_or_the_filter_closes(memory: World) 
     for pairs in (by_node, by_hand):
         with pytest.raises(ClosedError, match="<ApproximateTimeSynchronizer closed> is closed"):
             await pairs.receive()
-        assert pairs.signal(1, 2) is None
+        assert pairs.signal_message(1, 2) is None
 
 
 async def test_a_closed_filter_lets_nothing_through_and_its_input_goes_on(memory: World) -> None:
@@ -193,7 +195,7 @@ async def test_a_closed_filter_lets_nothing_through_and_its_input_goes_on(memory
     source.register_callback(seen.append)
     pairs.close()
     pairs.close()
-    source.signal(stamped(1))
+    source.signal_message(stamped(1))
     assert len(seen) == 1
 
 
@@ -230,7 +232,7 @@ async def test_messages_without_a_stamp_are_refused_or_count_as_of_now(memory: W
     by_hand = MessageFilter()
     TimeSynchronizer([by_hand])
     with pytest.raises(StampError, match=r"input 0 got a message without header.stamp: String"):
-        by_hand.signal(String())
+        by_hand.signal_message(String())
     pairs = ApproximateTimeSynchronizer([points, bare], slop_s=0.5, allow_headerless=True)
     cache = Cache(bare, 3, allow_headerless=True)
     now = node.clock.now().nanoseconds
@@ -247,7 +249,7 @@ def test_a_cache_gives_what_is_around_a_time() -> None:
     assert cache.latest() is cache.oldest_stamp is cache.at_or_before(1) is cache.at_or_after(1) is None
     assert cache.surrounding(0, 1) == []
     for second in (1, 2, 3, 4, 5):
-        source.signal(stamped(second, second))
+        source.signal_message(stamped(second, second))
 
     def xs(messages: list[Any]) -> list[float]:
         return [one.point.x for one in messages]
@@ -286,9 +288,9 @@ def test_what_makes_no_sense_is_refused(make: Any, error: type[Exception], text:
 
 async def test_who_comes_behind_a_callback_receives_nothing_of_before_it(memory: World) -> None:
     source = MessageFilter()
-    source.signal(stamped(1))
+    source.signal_message(stamped(1))
     source.register_callback(lambda message: None).close()
-    source.signal(stamped(2))
+    source.signal_message(stamped(2))
     assert (await source.receive(1)).header.stamp.sec == 2
 
 

@@ -15,7 +15,7 @@ from support.example_counts import examples
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagError, BagReader
-from rosidl_py_gen.bags.files.storage import Block, in_blocks
+from rosidl_py_gen.bags.storage.storage_api import MessageBlock, as_table_input
 
 String: Any = get_message("std_msgs/msg/String")
 
@@ -68,11 +68,11 @@ def test_blocks_are_taken_for_one_channel_in_order(tmp_path: Path) -> None:
     texts = [(f"/{'ab'[number % 3 == 0]}", "x" * (number % 2), number) for number in range(900)]
     for name, messages in {"ordered": texts, "one": [("/a", "abc", number) for number in range(900)]}.items():
         with BagReader(bag(tmp_path / f"{name}.mcap", messages)) as reader:
-            blocks = list(in_blocks(reader._files, ["/a"], 0, 1 << 64))
-            assert all(isinstance(one, Block) for one in blocks) and len(blocks) > 2
+            blocks = list(as_table_input(reader._files, ["/a"], 0, 1 << 64))
+            assert all(isinstance(one, MessageBlock) for one in blocks) and len(blocks) > 2
     random.Random(1).shuffle(texts)
     with BagReader(bag(tmp_path / "mixed.mcap", texts)) as reader:
-        assert not isinstance(next(iter(in_blocks(reader._files, ["/a"], 0, 1 << 64))), Block)
+        assert not isinstance(next(iter(as_table_input(reader._files, ["/a"], 0, 1 << 64))), MessageBlock)
     compared(tmp_path / "mixed.mcap", "/a")
 
 

@@ -25,8 +25,8 @@ from werkzeug.serving import make_server
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagReader, BagWriter
 from rosidl_py_gen.tables import write_datasets
-from rosidl_py_gen.tables.many import cluster, pool
-from rosidl_py_gen.tables.many import datasets as many
+from rosidl_py_gen.tables.multi_bag import dask_cluster, pool
+from rosidl_py_gen.tables.multi_bag import datasets as many
 
 Int64: Any = get_message("std_msgs/msg/Int64")
 Array: Any = get_message("std_msgs/msg/UInt8MultiArray")
@@ -72,7 +72,7 @@ def test_a_bag_that_kills_its_worker_each_time_is_given_up(two_workers: Any, mon
 
     def run(function: Any, tasks: list[Any]) -> Any:
         with distributed.Client(two_workers.scheduler_address, set_as_default=False) as client:
-            yield from cluster._on(client)(function, tasks)
+            yield from dask_cluster._on(client)(function, tasks)
 
     ((task, outcome),) = run(die, [5])
     assert task == 5 and "KilledWorker" in outcome.error
@@ -81,10 +81,10 @@ def test_a_bag_that_kills_its_worker_each_time_is_given_up(two_workers: Any, mon
 
 
 def test_a_scheduler_that_does_not_answer_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cluster, "_CONNECT_S", 0.2)
+    monkeypatch.setattr(dask_cluster, "_CONNECT_S", 0.2)
     bag = bag_of(tmp_path / "a.mcap", 1)
     for address in ("tcp://127.0.0.1:1", "nope://127.0.0.1:1"):
-        with pytest.raises(cluster.BagError, match=f"no scheduler of Dask answers at {address}"):
+        with pytest.raises(dask_cluster.BagError, match=f"no scheduler of Dask answers at {address}"):
             write_datasets([bag], tmp_path / "out", scheduler=address)
 
 
@@ -102,11 +102,11 @@ def test_a_scheduler_with_tls_takes_only_who_has_its_certificates(
         assert address.startswith("tls://")
         report = write_datasets([bag], out, scheduler=address)
         assert not report.failed and rows(out) == [("a", 1), ("a", 2)]
-        monkeypatch.setattr(cluster, "_CONNECT_S", 0.5)
+        monkeypatch.setattr(dask_cluster, "_CONNECT_S", 0.5)
         for settings in (other, dict.fromkeys(own)):
             with (
                 dask.config.set(settings),
-                pytest.raises(cluster.BagError, match="no scheduler of Dask answers at tls:"),
+                pytest.raises(dask_cluster.BagError, match="no scheduler of Dask answers at tls:"),
             ):
                 write_datasets([bag], tmp_path / "none", scheduler=address)
 
@@ -164,7 +164,9 @@ def test_a_process_ends_when_the_one_that_started_it_is_gone() -> None:
 def test_memory_of_this_process_is_for_no_other(tmp_path: Path) -> None:
     bag = bag_of(tmp_path / "a.mcap", 1)
     for options in ({"workers": 2}, {"scheduler": "tcp://127.0.0.1:1"}):
-        with pytest.raises(cluster.BagError, match="memory://own: other processes do not have the memory of this one"):
+        with pytest.raises(
+            dask_cluster.BagError, match="memory://own: other processes do not have the memory of this one"
+        ):
             write_datasets([bag], "memory://own", **options)
 
 

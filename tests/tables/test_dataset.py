@@ -22,7 +22,7 @@ from support.example_counts import examples
 from support.reference_cdr import Reference
 from support.table_values import imus, of_message, of_row, write
 
-from rosidl_py_gen import DecodeError, compile_text, get_message
+from rosidl_py_gen import DecodeError, compile_definition, get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter
 from rosidl_py_gen.tables import dataset
 from rosidl_py_gen.tables.dataset import write_dataset
@@ -56,8 +56,10 @@ def test_a_dataset_has_a_file_for_each_topic_and_bag(drive: Path, tmp_path: Path
         with BagReader(drive) as bag:
             report = write_dataset(bag, out, name=name)
     assert [(one.topic, one.messages) for one in report.files] == [("/imu", 200), ("/robot/odom", 20)]
-    assert [*report.left_out] == ["/camera"]
-    assert report.left_out["/camera"].startswith("sensor_msgs/msg/Image is large: --include-large (include_large=True)")
+    assert [*report.skipped_topics] == ["/camera"]
+    assert report.skipped_topics["/camera"].startswith(
+        "sensor_msgs/msg/Image is large: --include-large (include_large=True)"
+    )
     files = sorted(str(one.relative_to(out)) for one in out.rglob("*.parquet"))
     assert files == [
         "topic=%2Fimu/bag=a%20b%2Fc/Imu-7d9a00ff.parquet",
@@ -138,7 +140,7 @@ def test_nothing_is_left_of_what_went_wrong(drive: Path, tmp_path: Path) -> None
         assert not list((tmp_path / "out").rglob("*.*"))
         with pytest.warns(BagWarning):
             report = write_dataset(bag, tmp_path / "out", on_error="skip")
-        assert report.files[0].messages == 9 and "std_msgs/msg/String.data" in report.left_out["/s"]
+        assert report.files[0].messages == 9 and "std_msgs/msg/String.data" in report.skipped_topics["/s"]
 
 
 def test_a_place_may_be_a_url(drive: Path) -> None:
@@ -154,7 +156,7 @@ def test_a_place_may_be_a_url(drive: Path) -> None:
 
 
 def test_fields_called_as_partitions_have_an_underscore(tmp_path: Path) -> None:
-    cls = compile_text("p/msg/Named", "uint8 topic\nuint8 bag\nuint8 log_time")
+    cls = compile_definition("p/msg/Named", "uint8 topic\nuint8 bag\nuint8 log_time")
     path = write(tmp_path / "a.mcap", "/t", cls(1, 2, 3))
     with BagReader(path) as bag:
         report = write_dataset(bag, tmp_path / "out")

@@ -18,11 +18,11 @@ from support.bag_datasets import bag_of, rows, said
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, writer
 from rosidl_py_gen.tables import write_dataset, write_datasets
-from rosidl_py_gen.tables.many import datasets as many
-from rosidl_py_gen.tables.many import tasks
-from rosidl_py_gen.tables.many.manifest import Manifest
-from rosidl_py_gen.tables.many.sources import names_of
-from rosidl_py_gen.tables.many.tasks import attempt
+from rosidl_py_gen.tables.multi_bag import bag_tasks
+from rosidl_py_gen.tables.multi_bag import datasets as many
+from rosidl_py_gen.tables.multi_bag.bag_sources import names_of
+from rosidl_py_gen.tables.multi_bag.bag_tasks import run_task
+from rosidl_py_gen.tables.multi_bag.manifest import DatasetManifest
 from rosidl_py_gen.tables.query import Database, is_dataset
 
 Int64: Any = get_message("std_msgs/msg/Int64")
@@ -90,14 +90,14 @@ def test_what_fails_stops_nothing_and_is_told_with_its_reason(tmp_path: Path) ->
 
 def test_an_error_of_ours_does_not_stop_the_others_either(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bags = [bag_of(tmp_path / f"{name}.mcap", 1) for name in "ab"]
-    real = tasks.BagReader
+    real = bag_tasks.BagReader
 
     def reader(path: str, **options: Any) -> BagReader:
         if path.endswith("a.mcap"):
             raise KeyError("a bug")
         return real(path, **options)
 
-    monkeypatch.setattr(tasks, "BagReader", reader)
+    monkeypatch.setattr(bag_tasks, "BagReader", reader)
     report = write_datasets(bags, tmp_path / "out")
     assert said(report) == (["b"], [], [str(bags[0])])
     assert report.failed[str(bags[0])] == f"{bags[0]}: KeyError: 'a bug'"
@@ -153,9 +153,9 @@ def test_what_was_not_finished_is_done_once_more(tmp_path: Path, monkeypatch: py
         real(source, target)
 
     for patch in (
-        lambda: monkeypatch.setattr(Manifest, "begin", die),
+        lambda: monkeypatch.setattr(DatasetManifest, "begin", die),
         lambda: monkeypatch.setattr(os, "replace", second),
-        lambda: monkeypatch.setattr(Manifest, "end", die),
+        lambda: monkeypatch.setattr(DatasetManifest, "end", die),
     ):
         with monkeypatch.context():
             patch()
@@ -283,7 +283,7 @@ def test_a_file_system_that_does_not_answer_is_no_damage(tmp_path: Path, monkeyp
     def read(self: Any, size: int = -1) -> bytes:
         raise TimeoutError("nobody there")
 
-    monkeypatch.setattr(MemoryFile, "read", read, raising=False)
+    monkeypatch.setattr(MemoryFile, "drain", read, raising=False)
     with pytest.raises(BagError, match=r"memory://far/a.mcap: TimeoutError: nobody there"):
         BagReader("memory://far/a.mcap")
 
@@ -292,9 +292,9 @@ def test_a_task_may_be_done_by_two(tmp_path: Path) -> None:
     """As when a worker is given up that lives on: both write the same."""
     bag, out = bag_of(tmp_path / "a.mcap", 1, 2), tmp_path / "out"
     found: list[Any] = []
-    job = many._Job(str(out), tasks.Wish(), False, lambda done, count: None)
-    made = job.tasks(job.due(many.find([str(bag)])[0]), many.one_by_one)
-    found += [attempt(made[0]), attempt(made[0])]
+    job = many._DatasetJob(str(out), bag_tasks.TaskOptions(), False, lambda done, count: None)
+    made = job.tasks(job.missing_bags(many.find([str(bag)])[0]), many.one_by_one)
+    found += [run_task(made[0]), run_task(made[0])]
     assert [one.error for one in found] == ["", ""] and found[0].files == found[1].files
     assert rows(out) == [("a", 1), ("a", 2)]
 
@@ -316,7 +316,7 @@ def test_names_that_are_known_are_kept() -> None:
 
 def test_several_processes_need_posix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.mcap").write_bytes(b"")
-    monkeypatch.setattr("rosidl_py_gen.tables.many.pool.IS_POSIX", False)
+    monkeypatch.setattr("rosidl_py_gen.tables.multi_bag.pool.IS_POSIX", False)
     with pytest.raises(BagError, match=r"found workers=2 on .*; expected workers=1"):
         write_datasets([tmp_path / "a.mcap"], tmp_path / "out", workers=2)
 

@@ -46,7 +46,7 @@ def test_a_table_has_the_values_of_messages_and_makes_the_same_bag(
     data = [reference.encode(world.top, value, pad=pad) for value in many]
     with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         if one_by_one:
-            patch.setattr(reading, "program_of", lambda cls: None)
+            patch.setattr(reading, "read_program_for", lambda cls: None)
         path = _bag(Path(folder) / "a.mcap", world, data)
         with BagReader(path) as bag:
             messages = list(bag.messages("/t"))
@@ -103,7 +103,7 @@ def test_bytes_that_are_wrong_are_the_same_errors_as_of_messages(
             table = one.table("/t", on_error="skip")
             messages = list(other.messages("/t", on_error="skip"))
             assert same(rows(table), [of_message(item.message) or {} for item in messages])
-            assert one.left_out == other.left_out
+            assert one.skipped == other.skipped
 
 
 def _result(call: Any) -> str:

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pytest
 from support.table_values import imus, write
 
-from rosidl_py_gen import EncodeError, RosidlError, compile_text, get_message
+from rosidl_py_gen import EncodeError, RosidlError, compile_definition, get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagWriter
 
 Imu: Any = get_message("sensor_msgs/msg/Imu")
@@ -133,7 +133,7 @@ def view(sizes: list[int], offsets: list[int], values: pa.Array, kind: Any) -> p
     return made.from_arrays(pa.array(offsets, kind), pa.array(sizes, kind), values)
 
 
-TextArray: Any = compile_text("a_msgs/msg/TextArray", "string[] data\nuint8[] octets\nfloat32[] floats")
+TextArray: Any = compile_definition("a_msgs/msg/TextArray", "string[] data\nuint8[] octets\nfloat32[] floats")
 
 
 def test_values_are_those_of_the_table_in_every_layout_of_arrow(tmp_path: Path) -> None:
@@ -190,7 +190,7 @@ def test_values_are_those_of_the_table_in_every_layout_of_arrow(tmp_path: Path) 
         assert found == right, name
 
 
-Numbers: Any = compile_text(
+Numbers: Any = compile_definition(
     "a_msgs/msg/Numbers",
     "int8 i8\nuint64 u64\nint64 i64\nfloat32 f\nfloat64 d\nbool b\nuint8[] octets\nint16[] list\nstring s\n"
     "std_msgs/Empty none\nbuiltin_interfaces/Time stamp\nbuiltin_interfaces/Duration length\nInner inner\n"
@@ -203,7 +203,7 @@ DECIMAL = pa.decimal128(38, 3)
 
 
 def test_structs_with_views_in_lists_with_views(tmp_path: Path) -> None:
-    cls = compile_text("a_msgs/msg/A", f"B[] b\n{'=' * 80}\nMSG: a_msgs/B\nstring s\nint8[] n")
+    cls = compile_definition("a_msgs/msg/A", f"B[] b\n{'=' * 80}\nMSG: a_msgs/B\nstring s\nint8[] n")
     names = pa.array(["a", "b", "c"]).cast(pa.string_view())
     numbers = view([0, 2, 1], [0, 1, 0], pa.array([1, 2, 3]), pa.int64())
     table = {
@@ -229,7 +229,7 @@ def test_numbers_and_times_fit_exactly_or_are_errors(tmp_path: Path) -> None:
         ("d", array([2**63], pa.uint64()), [2.0**63]),
         ("d", array([Decimal("0.125")], DECIMAL), [0.125]),
         ("b", array([True, False]), [True, False]),
-        ("none", array([None, None], pa.int32()), [compile_text("std_msgs/msg/Empty", "")()] * 2),
+        ("none", array([None, None], pa.int32()), [compile_definition("std_msgs/msg/Empty", "")()] * 2),
         ("stamp", array([1, -1], pa.timestamp("s")), None),
         ("length", array([-1], pa.duration("ms")), None),
     ]

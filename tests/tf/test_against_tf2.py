@@ -77,7 +77,7 @@ def answer(buffer: TransformBuffer, request: Any) -> Any:
         if what == "insert":
             child, stamp, parent, move, turn, static = arguments
             return buffer.set_transform(Transform(parent, child, stamp, np.array(move), np.array(turn)), static=static)
-        found = buffer.lookup(*arguments) if what == "lookup" else buffer.lookup_at(*arguments)
+        found = buffer.lookup_transform(*arguments) if what == "lookup" else buffer.lookup_transform_full(*arguments)
     except ERRORS as error:
         return type(error)
     return [found.stamp, found.translation.tolist(), found.rotation.tolist()]

@@ -31,7 +31,7 @@ TFMessage: Any = get_message("tf2_msgs/msg/TFMessage")
 
 
 def test_a_point_is_carried_through_the_tree() -> None:
-    found = filled().lookup("map", "lidar")
+    found = filled().lookup_transform("map", "lidar")
     assert (found.target, found.source, found.stamp) == ("map", "lidar", 3 * S)
     assert np.allclose(found.apply([[1, 0, 0], [0, 0, 2]]), [[13.5, 1, 0], [13.5, 0, 2]])
     assert np.allclose(found.rotate([1, 0, 0]), [0, 1, 0])
@@ -42,11 +42,11 @@ def test_a_point_is_carried_through_the_tree() -> None:
 
 def test_between_two_times_it_is_interpolated() -> None:
     buffer = filled()
-    found = buffer.lookup("odom", "base_link", round(1.25 * S))
+    found = buffer.lookup_transform("odom", "base_link", round(1.25 * S))
     assert np.allclose(found.translation, [1.25, 0, 0]) and found.stamp == round(1.25 * S)
     buffer.set_transform(moved("base_link", "arm", 1))
     buffer.set_transform(moved("base_link", "arm", 2, rotation=QUARTER))
-    turned = buffer.lookup("base_link", "arm", round(1.5 * S)).apply([1, 0, 0])
+    turned = buffer.lookup_transform("base_link", "arm", round(1.5 * S)).apply([1, 0, 0])
     assert np.allclose(turned, [math.sqrt(0.5), math.sqrt(0.5), 0])
 
 
@@ -55,12 +55,12 @@ def test_a_quarter_turn_is_halved_by_the_shorter_arc() -> None:
         buffer = TransformBuffer()
         buffer.set_transform(moved("a", "b", 1))
         buffer.set_transform(moved("a", "b", 2, rotation=sign * QUARTER))
-        turned = buffer.lookup("a", "b", round(1.5 * S)).apply([1, 0, 0])
+        turned = buffer.lookup_transform("a", "b", round(1.5 * S)).apply([1, 0, 0])
         assert np.allclose(turned, [math.sqrt(0.5), math.sqrt(0.5), 0])
 
 
 def test_what_was_seen_before_is_found_where_it_is_now() -> None:
-    found = filled().lookup_at("base_link", 3 * S, "base_link", 1 * S, "map")
+    found = filled().lookup_transform_full("base_link", 3 * S, "base_link", 1 * S, "map")
     assert np.allclose(found.translation, [-2, 0, 0])
     assert found.stamp == 3 * S
 
@@ -87,7 +87,7 @@ LATE = (
 def test_errors_say_what_is_missing_and_what_is_known(question: Any, error: type[Exception], text: str) -> None:
     buffer = filled()
     with pytest.raises(error, match=text):
-        buffer.lookup(*question)
+        buffer.lookup_transform(*question)
     assert not buffer.can_transform(*question)
 
 
@@ -108,7 +108,7 @@ def test_an_extrapolation_names_a_transform_between_the_two_frames() -> None:
         ("base", "wheel", 3 * S, "wheel", "past"),
     ):
         with pytest.raises(ExtrapolationError, match=f'of "{frame}" in .* into the {direction}') as raised:
-            buffer.lookup(target, source, time)
+            buffer.lookup_transform(target, source, time)
         assert (raised.value.frame, raised.value.direction) == (frame, direction)
 
 
@@ -120,7 +120,7 @@ def test_a_stamp_far_in_the_future_blocks_no_more_than_two_later_transforms() ->
         with pytest.raises(InvalidTransformError, match="before the latest"):
             buffer.set_transform(moved("map", "base", stamp))
     buffer.set_transform(moved("map", "base", 4, 7))
-    assert buffer.lookup("map", "base").stamp == 4 * S and buffer.can_transform("map", "base", 2 * S)
+    assert buffer.lookup_transform("map", "base").stamp == 4 * S and buffer.can_transform("map", "base", 2 * S)
     buffer.set_transform(moved("map", "base", 100))
     for _ in range(9):  # the same again, or by turns with what is right: still refused
         with pytest.raises(InvalidTransformError):
@@ -142,7 +142,7 @@ def test_names_of_peers_are_cut_in_error_texts() -> None:
         ("nowhere", "map", 0), ("a", "b", 0), (long + "a", long + "b", 0), (long + "a", "c", 9 * S), (long, "map", 0),
     ):  # fmt: skip
         with pytest.raises((TransformError, InvalidTransformError)) as raised:
-            buffer.lookup(target, source, time)
+            buffer.lookup_transform(target, source, time)
         assert len(str(raised.value)) < 3000 and "\x1b" not in str(raised.value)
     for parent, child in ((long, long), (long, ""), (long, "map"), ("map", long)):
         with pytest.raises(InvalidTransformError) as refused:
@@ -152,8 +152,8 @@ def test_names_of_peers_are_cut_in_error_texts() -> None:
 
 def test_an_empty_buffer_says_so() -> None:
     with pytest.raises(UnknownFrameError, match="known: none"):
-        TransformBuffer().lookup("map", "odom")
-    assert TransformBuffer().lookup("map", "map").translation.tolist() == [0, 0, 0]
+        TransformBuffer().lookup_transform("map", "odom")
+    assert TransformBuffer().lookup_transform("map", "map").translation.tolist() == [0, 0, 0]
 
 
 @pytest.mark.parametrize(
@@ -203,9 +203,9 @@ def test_a_slash_before_a_frame_makes_no_other_frame() -> None:
     buffer.set_transform(moved("/map", "/base", x=2))
     buffer.set_transform(moved("/base", "lidar", x=1), static=True)
     assert list(buffer.frames()) == ["base", "lidar", "map"]
-    assert buffer.lookup("map", "lidar").translation.tolist() == [3, 0, 0]
+    assert buffer.lookup_transform("map", "lidar").translation.tolist() == [3, 0, 0]
     with pytest.raises(InvalidTransformError, match=r"the target frame .*begins with /"):
-        buffer.lookup("/map", "lidar")
+        buffer.lookup_transform("/map", "lidar")
 
 
 def test_frames_in_a_circle_are_told() -> None:
@@ -214,19 +214,19 @@ def test_frames_in_a_circle_are_told() -> None:
         buffer.set_transform(moved(parent, child))
     buffer.set_transform(moved("x", "y"))
     with pytest.raises(UnknownFrameError, match="form a loop: a -> c -> b -> a"):
-        buffer.lookup("x", "a")
+        buffer.lookup_transform("x", "a")
     with pytest.raises(UnknownFrameError, match="loop"):
-        buffer.lookup("x", "a", S)
+        buffer.lookup_transform("x", "a", S)
 
 
 def test_a_frame_with_a_new_parent_leaves_the_old_one_at_that_time() -> None:
     buffer = TransformBuffer()
     buffer.set_transform(moved("left", "ball", 1, 1))
     buffer.set_transform(moved("right", "ball", 3, 2))
-    assert buffer.lookup("left", "ball", 2 * S).translation.tolist() == [1, 0, 0]
-    assert buffer.lookup("right", "ball").translation.tolist() == [2, 0, 0]
+    assert buffer.lookup_transform("left", "ball", 2 * S).translation.tolist() == [1, 0, 0]
+    assert buffer.lookup_transform("right", "ball").translation.tolist() == [2, 0, 0]
     with pytest.raises(ConnectivityError):
-        buffer.lookup("right", "ball", 2 * S)
+        buffer.lookup_transform("right", "ball", 2 * S)
 
 
 def test_a_frame_that_was_static_moves_from_now_on() -> None:
@@ -236,7 +236,7 @@ def test_a_frame_that_was_static_moves_from_now_on() -> None:
     buffer.set_transform(moved("a", "b", 5, 2))
     assert not buffer.frames()["b"].is_static
     with pytest.raises(ExtrapolationError):
-        buffer.lookup("a", "b", S)
+        buffer.lookup_transform("a", "b", S)
 
 
 def test_only_the_last_seconds_are_kept() -> None:
@@ -248,7 +248,7 @@ def test_only_the_last_seconds_are_kept() -> None:
     with pytest.raises(InvalidTransformError, match="9 s before the latest, more than the 2 s that are kept"):
         buffer.set_transform(moved("a", "b", 90))
     buffer.set_transform(moved("a", "b", 98.5, 7))  # late, but not too late
-    assert buffer.lookup("a", "b", round(98.5 * S)).translation.tolist() == [7, 0, 0]
+    assert buffer.lookup_transform("a", "b", round(98.5 * S)).translation.tolist() == [7, 0, 0]
 
 
 def test_what_moves_is_forgotten_and_what_is_static_is_not() -> None:
@@ -262,13 +262,13 @@ def test_what_moves_is_forgotten_and_what_is_static_is_not() -> None:
 
 def test_messages_are_taken_and_given() -> None:
     buffer = filled()
-    message = buffer.lookup("map", "lidar").to_message(cls=TransformStamped)
+    message = buffer.lookup_transform("map", "lidar").to_message(cls=TransformStamped)
     assert (message.header.frame_id, message.child_frame_id, message.header.stamp.sec) == ("map", "lidar", 3)
     other = TransformBuffer()
     other.set_transform(message)
-    assert np.allclose(other.lookup("map", "lidar").matrix, buffer.lookup("map", "lidar").matrix)
+    assert np.allclose(other.lookup_transform("map", "lidar").matrix, buffer.lookup_transform("map", "lidar").matrix)
     with pytest.raises(TypeError, match="a Time message or nanoseconds"):
-        buffer.lookup("map", "lidar", "now")
+        buffer.lookup_transform("map", "lidar", "now")
 
 
 # ------------------------------------------------------------------------------------------------------------- nodes
@@ -283,7 +283,7 @@ def test_transforms_travel_from_broadcasters_to_buffers(world: World) -> None:
             statics.send([moved("base_link", "camera", 0, 2)])
             moving = TransformBroadcaster(robot)
             buffer = TransformBuffer(viewer)
-            waiting = asyncio.ensure_future(buffer.wait_for("odom", "camera", timeout_s=20))
+            waiting = asyncio.ensure_future(buffer.wait_for_transform("odom", "camera", timeout_s=20))
             await until(lambda: robot.count_subscribers("/tf") == 1)
             while not waiting.done():
                 moving.send([moved("odom", "base_link", 4, 10)])
@@ -313,9 +313,9 @@ def test_waiting_ends_with_what_is_missing(memory: World) -> None:
         async with memory.node("viewer") as viewer:
             buffer = TransformBuffer(viewer)
             with pytest.raises(TransformTimeoutError, match=r'after 0\.05 s: the target frame "map" is not known'):
-                await buffer.wait_for("map", "odom", timeout_s=0.05)
+                await buffer.wait_for_transform("map", "odom", timeout_s=0.05)
             with pytest.raises(InvalidTransformError, match="empty"):
-                await buffer.wait_for("", "odom", timeout_s=5)
+                await buffer.wait_for_transform("", "odom", timeout_s=5)
 
     run(main)
 
@@ -329,7 +329,7 @@ def test_a_bad_transform_of_a_peer_is_logged_and_the_others_count(
             moving = TransformBroadcaster(robot)
             await until(lambda: robot.count_subscribers("/tf") == 1)
             moving.send([moved("a", "a"), moved("a", "b", x=math.nan), moved("a", "c", 1, 5)])
-            assert (await buffer.wait_for("a", "c", timeout_s=10)).translation.tolist() == [5, 0, 0]
+            assert (await buffer.wait_for_transform("a", "c", timeout_s=10)).translation.tolist() == [5, 0, 0]
             assert list(buffer.frames()) == ["a", "c"]
         assert 'ignored a transform: "a": frame_id and child_frame_id are the same' in caplog.text
 
@@ -340,6 +340,6 @@ def test_times_before_1970_are_told_as_they_are() -> None:
     buffer = TransformBuffer()
     buffer.set_transform(Transform("map", "base", 10, np.zeros(3), np.array([0.0, 0, 0, 1])))
     with pytest.raises(ExtrapolationError, match=r"asked for -0\.000000005, but"):
-        buffer.lookup("map", "base", -5)
+        buffer.lookup_transform("map", "base", -5)
     with pytest.raises(ExtrapolationError, match=r"asked for -1\.500000000, but"):
-        buffer.lookup("map", "base", -1_500_000_000)
+        buffer.lookup_transform("map", "base", -1_500_000_000)

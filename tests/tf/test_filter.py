@@ -12,8 +12,8 @@ from support.node_fixtures import World, until
 from support.transform_frames import S, message, moved
 
 from rosidl_py_gen import get_message
+from rosidl_py_gen.message_filters import Cache, MessageFilter, StampError, Subscriber
 from rosidl_py_gen.runtime import ClockType, Time
-from rosidl_py_gen.sync import Cache, MessageFilter, StampError, Subscriber
 from rosidl_py_gen.tf import InvalidTransformError, TransformBroadcaster, TransformBuffer, TransformFilter
 
 PointStamped: Any = get_message("geometry_msgs/msg/PointStamped")
@@ -29,15 +29,15 @@ def fed(**options: Any) -> tuple[MessageFilter, TransformBuffer, TransformFilter
 
 def test_a_message_comes_out_when_its_transform_is_there() -> None:
     source, buffer, made, seen = fed()
-    source.signal(message("PointStamped", "base", 2))
-    source.signal(message("PointStamped", "base", 1))
+    source.signal_message(message("PointStamped", "base", 2))
+    source.signal_message(message("PointStamped", "base", 1))
     assert seen == [] and made.waiting == 2
     buffer.set_transform(moved("map", "base", 1))
     assert seen == [1]
     buffer.set_transform(moved("map", "base", 3))
     assert seen == [1, 2] and made.waiting == 0
-    source.signal(message("PointStamped", "/base", 2.5))
-    source.signal(message("PointStamped", "base", 0))
+    source.signal_message(message("PointStamped", "/base", 2.5))
+    source.signal_message(message("PointStamped", "base", 0))
     assert seen == [1, 2, 2, 0]
 
 
@@ -47,11 +47,11 @@ def test_all_targets_are_waited_for_and_the_time_around() -> None:
         for second in (1, 2):
             buffer.set_transform(moved(frame, f"{frame}_base", second))
     buffer.set_transform(moved("map_base", "base", 0), static=True)
-    source.signal(message("PointStamped", "base", 1.5))
+    source.signal_message(message("PointStamped", "base", 1.5))
     assert seen == []
     buffer.set_transform(moved("map", "odom", 0), static=True)
     assert seen == [1]
-    source.signal(message("PointStamped", "base", 1.75))
+    source.signal_message(message("PointStamped", "base", 1.75))
     assert seen == [1]
     buffer.set_transform(moved("map", "map_base", 2.3))
     assert seen == [1, 1]
@@ -63,8 +63,8 @@ def test_what_falls_out_of_the_queue_is_told_with_what_was_missing() -> None:
         queue_size=2, on_drop=lambda one, why: lost.append((one.header.stamp.sec, str(why)))
     )
     for second in (1, 2, 3):
-        source.signal(message("PointStamped", "base", second))
-    source.signal(message("PointStamped", "", 4))
+        source.signal_message(message("PointStamped", "base", second))
+    source.signal_message(message("PointStamped", "", 4))
     assert [second for second, _ in lost] == [1, 4] and made.dropped == 2
     assert (
         lost[0][1].startswith('the target frame "map" is not known') and "frame of the message is empty" in lost[1][1]
@@ -78,7 +78,7 @@ async def test_async_callbacks_may_wait_for_transforms_themselves(memory: World)
     buffer, seen = TransformBuffer(viewer), []
 
     async def show(one: Any) -> None:
-        later = await buffer.wait_for("map", "base", one.header.stamp.sec * S + S, timeout_s=30)
+        later = await buffer.wait_for_transform("map", "base", one.header.stamp.sec * S + S, timeout_s=30)
         seen.append(later.translation[0])
 
     TransformFilter(Subscriber(viewer, PointStamped, "points"), buffer, "map", show, queue_size=5)
@@ -102,7 +102,7 @@ async def test_async_callbacks_are_called_for_transforms_given_by_hand(memory: W
         seen.append(one)
 
     made.register_callback(show)
-    source.signal(message("PointStamped", "base", 1))
+    source.signal_message(message("PointStamped", "base", 1))
     buffer.set_transform(moved("map", "base", 1))
     await until(lambda: seen)
 
@@ -154,7 +154,7 @@ async def test_what_makes_no_sense_is_refused(memory: World) -> None:
         TransformFilter(Subscriber(memory.node(), String, "text"), buffer, "map")
     made = TransformFilter(source, buffer, "map")
     with pytest.raises(StampError, match="String"):
-        source.signal(String())
+        source.signal_message(String())
     made.close()
-    source.signal(message("PointStamped"))
+    source.signal_message(message("PointStamped"))
     assert made.waiting == 0

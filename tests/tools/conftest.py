@@ -27,7 +27,7 @@ from support.node_fixtures import (
     world,
 )
 
-from rosidl_py_gen import tools
+from rosidl_py_gen import ros_cli
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -64,7 +64,7 @@ class Tool:
                 self._patch.setenv(name, value)
             return in_process_commands.start(self._world, self._patch, arguments, stdin)
         return await start_process(
-            *(*within, sys.executable, "-m", "rosidl_py_gen.tools", *arguments),
+            *(*within, sys.executable, "-m", "rosidl_py_gen.ros_cli", *arguments),
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
@@ -124,7 +124,7 @@ def run_here(
             patched.setattr(sys, "stdin", file)
             code: object = 0
             try:
-                tools.main([*arguments])
+                ros_cli.main([*arguments])
             except SystemExit as end:
                 code = end.code
         assert isinstance(code, int)

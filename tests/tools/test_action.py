@@ -11,7 +11,7 @@ import pytest
 from example_interfaces.action import Fibonacci
 from support.node_fixtures import until
 
-from rosidl_py_gen import get_message, get_service, tools
+from rosidl_py_gen import get_message, get_service, ros_cli
 from rosidl_py_gen.runtime.qos import ACTION_STATUS
 
 if TYPE_CHECKING:
@@ -30,13 +30,13 @@ class Counter:
         self.node = world.node("counter")
         self.goals: list[ServerGoal[Fibonacci]] = []
         accept = options.pop("accept", lambda goal: goal.order < 100)
-        self.server = self.node.create_action_server(Fibonacci, name, self._run, accept=accept, **options)
+        self.server = self.node.create_action_server(Fibonacci, name, self._run, goal_callback=accept, **options)
 
     async def _run(self, goal: ServerGoal[Fibonacci]) -> Fibonacci.Result | None:
         self.goals.append(goal)
-        while goal.request.order == 99 and not goal.cancel_requested:
+        while goal.request.order == 99 and not goal.is_cancel_requested:
             await asyncio.sleep(0.01)
-        if goal.cancel_requested:
+        if goal.is_cancel_requested:
             goal.canceled(Fibonacci.Result(sequence=[7]))
         elif goal.request.order == 98:
             goal.abort(Fibonacci.Result())
@@ -172,5 +172,5 @@ async def test_list_type_find_and_info_know_actions(memory: World, tool: Tool) -
 
 @pytest.mark.parametrize("word", ["list", "find", "type", "info", "send_goal"])
 def test_each_command_has_help_with_an_example(word: str, capsys: pytest.CaptureFixture[str]) -> None:
-    tools.main(["action", word, "-h"])
+    ros_cli.main(["action", word, "-h"])
     assert f"rosidl-py action {word}" in capsys.readouterr().out

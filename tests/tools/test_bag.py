@@ -24,7 +24,7 @@ from rosbags.rosbag2 import Reader as RosbagsReader
 from rosbags.typesys import Stores, get_typestore
 from support.node_fixtures import start_process, until
 
-from rosidl_py_gen import compile_text, get_message
+from rosidl_py_gen import compile_definition, get_message
 from rosidl_py_gen.bags import BagReader, BagWriter
 from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.runtime import BackendMissingError, Durability, QoSProfile, Reliability
@@ -184,7 +184,7 @@ async def test_a_killed_recorder_leaves_a_file_that_info_and_convert_read(
 async def test_a_type_nobody_installed_is_recorded_with_the_definition_of_its_node(
     node: Node, tool: Any, tmp_path: Path
 ) -> None:
-    cls = compile_text("nobody_has/msg/Odd", ODD)
+    cls = compile_definition("nobody_has/msg/Odd", ODD)
     sample = cls(name="odd")
     node.create_publisher(cls, "odd", LATCHED).publish(sample)
     process = await tool.start("bag", "record", "/odd", "-o", str(tmp_path / "bag"), ROSIDL_PY_GEN_CACHE=str(tmp_path))
@@ -229,7 +229,7 @@ async def test_a_disk_of_four_megabytes_is_filled_with_messages_that_can_be_read
     path = tmp_path / "bag"
     script = (
         'mount -t tmpfs -o size=4m none "$1" || exit 77; shift\n'
-        '"$@"; echo "code $?"; "$1" -m rosidl_py_gen.tools bag info "$0"; ls -A "$0"'
+        '"$@"; echo "code $?"; "$1" -m rosidl_py_gen.ros_cli bag info "$0"; ls -A "$0"'
     )
     process = await tool.start(
         *("bag", "record", "/words", "-o", str(path), "--compression", "none", "--duration", "60", *split),
@@ -273,7 +273,7 @@ def test_no_bag_is_made_where_nothing_can_be_heard(
     def missing(*_: object) -> None:
         raise BackendMissingError("no middleware")
 
-    monkeypatch.setattr("rosidl_py_gen.runtime.node.core.chosen_transport", missing)
+    monkeypatch.setattr("rosidl_py_gen.runtime.node.context_core.resolve_transport", missing)
     assert run_here("bag", "record", "--all", "-o", str(tmp_path / "bag")) == (1, "", "error: no middleware\n")
     assert list(tmp_path.iterdir()) == []
 

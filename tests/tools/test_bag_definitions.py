@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from mcap.writer import Writer
 
-from rosidl_py_gen import compile_text, get_message, type_hash
+from rosidl_py_gen import compile_definition, get_message, type_hash
 from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def package(folder: Path, text: str) -> str:
 @pytest.fixture
 def humble(tmp_path: Path) -> str:
     path = tmp_path / "humble.db3"
-    then = compile_text(NAME, THEN)
+    then = compile_definition(NAME, THEN)
     with sqlite3.connect(path) as base:
         base.executescript(HUMBLE)
         for stamp in (1, 2, 3):
@@ -60,7 +60,7 @@ def test_a_bag_without_definitions_is_written_with_those_of_the_path(
     assert "/silent [old_msgs/msg/Never] is written without a definition" in err
     with BagReader(out) as reader:
         assert reader.topics["/reading"].definition.startswith(THEN)
-        assert reader.topics["/reading"].type_hash == type_hash(compile_text(NAME, THEN))
+        assert reader.topics["/reading"].type_hash == type_hash(compile_definition(NAME, THEN))
         assert reader.definition("/reading").origin == "the bag"
         assert [item.message.value for item in reader.messages("/reading")] == [1, 2, 3]
 
@@ -96,7 +96,7 @@ def test_info_says_where_definitions_come_from(run_here: Any, humble: str, tmp_p
     assert "old_msgs/msg/Reading.msg (by its name alone)" in out
     told = {one["name"]: one for one in json.loads(run_here("bag", "info", humble, "-v", "--json")[1])["topics"]}
     assert told["/reading"]["definition"] is None and "no definition" in told["/reading"]["problem"]
-    assert told["/s"]["is_certain"] is False and told["/s"]["definition_hash"] == type_hash(String)
+    assert told["/s"]["is_recorded"] is False and told["/s"]["definition_hash"] == type_hash(String)
     assert "Types:      3 have no definition in the bag; --verbose says" in run_here("bag", "info", humble)[1]
     assert "definition" not in json.loads(run_here("bag", "info", humble, "--json")[1])["topics"][0]
 
@@ -139,7 +139,7 @@ async def test_topics_that_ros_2_cannot_have_are_named_and_the_others_played(
 
 
 def test_each_channel_of_a_topic_is_written_with_the_definition_of_its_hash(run_here: Any, tmp_path: Path) -> None:
-    then, now = compile_text(NAME, THEN), compile_text(NAME, NOW)
+    then, now = compile_definition(NAME, THEN), compile_definition(NAME, NOW)
     bag, out = tmp_path / "two.mcap", tmp_path / "out.mcap"
     with BagWriter(bag) as writer:
         for number, cls in enumerate((then, now)):
@@ -151,8 +151,8 @@ def test_each_channel_of_a_topic_is_written_with_the_definition_of_its_hash(run_
         assert [channel.definition for channel in reader.channels] == [THEN, NOW]
         assert [item.message.value for item in reader] == [0, 1]
     with BagReader(bag, search_path=folder, typestore={NAME: NOW}) as reader:
-        assert [reader.definition(channel).cls for channel in reader.channels] == [then, now]
-        assert all(reader.definition(channel).is_certain for channel in reader.channels)
+        assert [reader.definition(channel).message_class for channel in reader.channels] == [then, now]
+        assert all(reader.definition(channel).is_recorded for channel in reader.channels)
 
 
 async def test_messages_are_played_without_a_definition_that_is_not_theirs(
@@ -161,7 +161,7 @@ async def test_messages_are_played_without_a_definition_that_is_not_theirs(
     """With its hash, those who have the right one would not get them."""
     folder = package(tmp_path / "now" / "old_msgs", NOW)
     node = dds.node("robot", enable_rosout=False, parameter_events=False)
-    heard = node.create_subscription(compile_text(NAME, THEN), "/reading")
+    heard = node.create_subscription(compile_definition(NAME, THEN), "/reading")
     process = await tool.start("bag", "play", humble, "--path", folder, "--topics", "/reading")
     assert (await heard.receive(timeout_s=20)).weight == 2.0
     ended = await tool.end(process)

@@ -14,15 +14,15 @@ from support.changed_definitions import changed_worlds
 from support.example_counts import examples
 from support.interface_packages import write
 
-from rosidl_py_gen import compile_text, get_message, to_dict, type_hash
+from rosidl_py_gen import compile_definition, get_message, to_dict, type_hash
 from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage
-from rosidl_py_gen.compiler.changes.migration import MigrationError, Rules, plan
+from rosidl_py_gen.compiler.compatibility.migration import MigrationError, MigrationRules, plan
 from rosidl_py_gen.errors import DefinitionError, EncodeError
+from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli.bag.field_conversion import message_converter
+from rosidl_py_gen.ros_cli.bag.migrate import fields_of
+from rosidl_py_gen.ros_cli.bag.migration_rules import parse_rules
 from rosidl_py_gen.runtime import QoSProfile
-from rosidl_py_gen.tools import ToolError
-from rosidl_py_gen.tools.bag.carrying import carrier
-from rosidl_py_gen.tools.bag.migrate import fields_of
-from rosidl_py_gen.tools.bag.rules import parse_rules
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -50,7 +50,7 @@ String: Any = get_message("std_msgs/msg/String")
 @pytest.fixture
 def bag(tmp_path: Path) -> str:
     """Three messages of a wheel, and one of a type that does not change."""
-    cls = compile_text(NAME, THEN)
+    cls = compile_definition(NAME, THEN)
     point = cls._TYPE.fields[-1].cls
     with BagWriter(tmp_path / "drive") as writer:
         writer.add_topic("/wheel", cls, qos=[QoSProfile().transient_local()])
@@ -182,8 +182,8 @@ def test_a_value_that_does_not_fit_is_told_with_its_message_and_nothing_is_left(
 ) -> None:
     path, out = tmp_path / "old.mcap", tmp_path / "out.mcap"
     with BagWriter(path) as writer:
-        writer.write("/a", compile_text("val_msgs/msg/A", old)(), log_time_ns=1)
-        writer.write("/a", compile_text("val_msgs/msg/A", old)(**value), log_time_ns=2)
+        writer.write("/a", compile_definition("val_msgs/msg/A", old)(), log_time_ns=1)
+        writer.write("/a", compile_definition("val_msgs/msg/A", old)(**value), log_time_ns=2)
     now = str(write(tmp_path / "now", {"val_msgs/msg/A.msg": new}))
     code, _, err = run_here("bag", "migrate", str(path), "--path", now, "-o", str(out))
     fixed = "[2]" in new  # the empty sequence of the first message does not fit either
@@ -211,7 +211,7 @@ def test_values_that_fit_are_the_same(
 ) -> None:
     path, out = tmp_path / "old.mcap", tmp_path / "out.mcap"
     with BagWriter(path) as writer:
-        writer.write("/a", compile_text("val_msgs/msg/A", old)(a=value), log_time_ns=1)
+        writer.write("/a", compile_definition("val_msgs/msg/A", old)(a=value), log_time_ns=1)
     now = str(write(tmp_path / "now", {"val_msgs/msg/A.msg": new}))
     code, _, err = run_here("bag", "migrate", str(path), "--path", now, "-o", str(out))
     assert code == 0, err
@@ -236,7 +236,7 @@ def test_a_topic_with_two_definitions_becomes_one_with_the_new(run_here: Run, tm
     path, out = tmp_path / "old.mcap", tmp_path / "out.mcap"
     with BagWriter(path) as writer:
         for number, text in enumerate(("int8 a", "int16 a\nint8 b")):
-            cls = compile_text("two_msgs/msg/A", text)
+            cls = compile_definition("two_msgs/msg/A", text)
             known = BagTopic("/a", "two_msgs/msg/A", text, type_hash=type_hash(cls))
             writer.write_raw(RawMessage(known, cls(a=number).encode(), number, number))
     now = str(write(tmp_path / "now", {"two_msgs/msg/A.msg": "int64 a"}))
@@ -249,7 +249,7 @@ def test_a_topic_with_two_definitions_becomes_one_with_the_new(run_here: Run, tm
 
 def test_a_bag_without_definitions_needs_those_of_then(run_here: Run, tmp_path: Path) -> None:
     path, out = tmp_path / "old.mcap", tmp_path / "out.mcap"
-    cls = compile_text("bare_msgs/msg/A", "int8 a")
+    cls = compile_definition("bare_msgs/msg/A", "int8 a")
     with BagWriter(path) as writer:
         writer.add_topic("/a", BagTopic("/a", "bare_msgs/msg/A"))
         writer.write("/a", cls(a=5).encode(), log_time_ns=1)
@@ -266,7 +266,7 @@ def test_a_bag_without_definitions_needs_those_of_then(run_here: Run, tmp_path: 
 def test_damage_names_bag_topic_and_message(run_here: Run, now: str, tmp_path: Path) -> None:
     path, out = tmp_path / "old.mcap", tmp_path / "out.mcap"
     with BagWriter(path) as writer:
-        writer.add_topic("/wheel", compile_text(NAME, THEN))
+        writer.add_topic("/wheel", compile_definition(NAME, THEN))
         writer.write("/wheel", b"\0\1\0\0\0", log_time_ns=7)
     code, _, err = run_here("bag", "migrate", str(path), "--path", now, "-o", str(out), "--rules", rules(tmp_path))
     assert code == 1 and f"{path}: /wheel at 7 ns: {NAME}.speed: at byte" in err and not out.exists()
@@ -290,13 +290,13 @@ def test_random_values_of_random_definitions_are_carried_over_or_refused(
     except DefinitionError:  # two fields of one name
         assume(False)
     try:
-        plans = plan(fields_of(old), fields_of(new), old_world.top, Rules())
+        plans = plan(fields_of(old), fields_of(new), old_world.top, MigrationRules())
     except MigrationError as error:
         assert "cannot become" in str(error)
         return
     message = reference.build(old, value)
     try:
-        carried = to_dict(new.decode(carrier(plans, old, new)(message).encode()))
+        carried = to_dict(new.decode(message_converter(plans, old, new)(message).encode()))
     except EncodeError as error:  # a bound or a range is narrower
         assert error.path.startswith(("p", "q"))
         return

@@ -12,11 +12,11 @@ import pytest
 from click.shell_completion import ShellComplete
 from support.node_fixtures import until
 
-from rosidl_py_gen import compile_text, get_action, get_message, get_service, tools
+from rosidl_py_gen import compile_definition, get_action, get_message, get_service, ros_cli
 from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage, SqliteWriter
 from rosidl_py_gen.bags.writer import topic_of
+from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.runtime import Durability, IntrospectionState, QoSProfile, Reliability
-from rosidl_py_gen.tools import printing
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -104,7 +104,7 @@ class Remote:
     def __init__(self, node: Node) -> None:
         self._clients = {}
         for name, text in SERVICES.items():
-            cls: Any = compile_text(f"rosbag2_interfaces/srv/{''.join(map(str.title, name.split('_')))}", text)
+            cls: Any = compile_definition(f"rosbag2_interfaces/srv/{''.join(map(str.title, name.split('_')))}", text)
             self._clients[name] = cls, node.create_client(cls, f"/rosbag2_player/{name}")
 
     async def __call__(self, name: str, **values: Any) -> Any:
@@ -320,7 +320,7 @@ async def test_a_terminal_shows_how_far_it_is_as_often_as_is_asked_for(
     memory: World, tool: Any, tmp_path: Path, options: tuple[str, ...], times: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = str(strings(tmp_path / "bag", {"/words": range(10)}, step_ns=S))
-    monkeypatch.setattr(printing, "is_terminal", lambda: True)
+    monkeypatch.setattr(terminal_output, "is_terminal", lambda: True)
     for name, value in (("FORCE_COLOR", "1"), ("TERM", "xterm"), ("COLUMNS", "200")):
         monkeypatch.setenv(name, value)
     ended = await played(tool, path, *options)
@@ -525,7 +525,7 @@ async def test_definitions_of_services_as_rosbag2_writes_them_are_read(
     node: Node, tool: Any, tmp_path: Path, encoding: str
 ) -> None:
     body = "int64 left\n---\nint64 right\n"
-    cls: Any = compile_text("only_here/srv/Turn", body)
+    cls: Any = compile_definition("only_here/srv/Turn", body)
     text = "=" * 80 + f"\nSRV: only_here/srv/Turn\n{body}"
     known = BagTopic("/turn/_service_event", "only_here/srv/Turn_Event", text, encoding)
     event = cls.Event(request=[cls.Request(left=7)])
@@ -637,7 +637,7 @@ def test_wrong_words_for_playing_are_told(run_here: Any, words: str, mixed: str,
 
 
 def test_names_of_the_bag_are_completed(mixed: str) -> None:
-    shell = ShellComplete(tools.root(), {}, "rosidl-py", "_ROSIDL_PY_COMPLETE")
+    shell = ShellComplete(ros_cli.root(), {}, "rosidl-py", "_ROSIDL_PY_COMPLETE")
     for words, incomplete, found in (
         ((mixed, "--topics"), "/", ["/a", "/b", "/ns/a"]),
         ((mixed, "--topics", "/a", "--topics"), "/n", ["/ns/a"]),

@@ -18,8 +18,8 @@ from support.node_fixtures import GENERATED, start_process, until
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagWriter
+from rosidl_py_gen.ros_cli.keyboard import keys_of, read_keys
 from rosidl_py_gen.runtime import QoSProfile
-from rosidl_py_gen.tools.keys import keys_of, pressed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -32,7 +32,7 @@ String: Any = get_message("std_msgs/msg/String")
 RIGHT, UP, DOWN, SPACE = b"\x1b[C", b"\x1bOA", b"\x1b[B", b" "
 HIDE_CURSOR = "\x1b[?25l"
 TERMINAL = "import fcntl, os, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
-RUN = f"{TERMINAL}os.execv(sys.executable, [sys.executable, '-m', 'rosidl_py_gen.tools', *sys.argv[1:]])"
+RUN = f"{TERMINAL}os.execv(sys.executable, [sys.executable, '-m', 'rosidl_py_gen.ros_cli', *sys.argv[1:]])"
 
 
 @pytest.mark.parametrize(
@@ -188,7 +188,7 @@ async def test_an_error_gives_the_terminal_back_too(terminal: Terminal, monkeypa
             return terminal._theirs
 
     monkeypatch.setattr(sys, "stdin", Stream())
-    with pytest.raises(ZeroDivisionError), pressed({}) as has_keys:
+    with pytest.raises(ZeroDivisionError), read_keys({}) as has_keys:
         assert not has_keys and terminal.state() == terminal.before
         raise ZeroDivisionError
     assert terminal.state() == terminal.before

@@ -17,12 +17,12 @@ import yaml
 from rosbags.rosbag2 import Reader as RosbagsReader
 from support.node_fixtures import until
 
-from rosidl_py_gen import compile_text, get_action, get_message, get_service, type_hash
+from rosidl_py_gen import compile_definition, get_action, get_message, get_service, type_hash
 from rosidl_py_gen.bags import BagError, BagReader, BagWriter
 from rosidl_py_gen.bags.metadata import qos_profiles
+from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli.recording.writer import WriterThread
 from rosidl_py_gen.runtime import Durability, IntrospectionState, QoSProfile, Reliability, ServiceEventType
-from rosidl_py_gen.tools import ToolError
-from rosidl_py_gen.tools.recording.writer import WriterThread
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
@@ -96,7 +96,7 @@ async def recording(tool: Any, path: Path, *options: str) -> AsyncIterator[Any]:
 
 async def call(node: Node, name: str, kind: str, text: str = EMPTY, recorder: str = RECORDER) -> Any:
     """Call a service of the recorder, with the definition of rosbag2_interfaces."""
-    cls: Any = compile_text(f"rosbag2_interfaces/srv/{kind}", text)
+    cls: Any = compile_definition(f"rosbag2_interfaces/srv/{kind}", text)
     client = node.create_client(cls, f"{recorder}/{name}")
     await client.wait_for_service(20)
     answer = await client.call(cls.Request(), 20)
@@ -286,7 +286,7 @@ async def test_events_of_a_service_have_their_type_and_quality_of_service(
 
 
 def test_events_of_a_service_installed_nowhere_have_a_definition(tmp_path: Path) -> None:
-    cls: Any = compile_text(
+    cls: Any = compile_definition(
         "nobody_has/srv/Ask",
         "other/Part part\n---\nstring[] answers\n" + "=" * 80 + "\nMSG: other/Part\nint32 number\n",
     )
@@ -296,7 +296,9 @@ def test_events_of_a_service_installed_nowhere_have_a_definition(tmp_path: Path)
         bag.write("/ask/_service_event", event, 1)
     with BagReader(tmp_path / "a.mcap") as reader:
         topic = reader.topics["/ask/_service_event"]
-        assert type_hash(compile_text(topic.type_name, topic.definition)) == topic.type_hash == type_hash(cls.Event)
+        assert (
+            type_hash(compile_definition(topic.type_name, topic.definition)) == topic.type_hash == type_hash(cls.Event)
+        )
         assert "int32 number" in topic.definition
         (item,) = reader
     assert item.message.request[0].part.number == 7
@@ -516,10 +518,10 @@ def test_what_waits_is_bounded_and_a_snapshot_waits_for_the_last_one(tmp_path: P
         data = String(data="x" * 990).encode()
         writer = WriterThread(bag, lambda: None, max_bytes=3 * len(data) + 700, snapshots=snapshots)
         for number in range(10):
-            writer.put("/words", data, number, number)
+            writer.enqueue("/words", data, number, number)
         if snapshots:
-            writer.put("/words", data * 4, 11, 11)  # more than there is room for
-            assert (writer.dropped, writer.kept) == (1, "3 messages kept for a snapshot")
+            writer.enqueue("/words", data * 4, 11, 11)  # more than there is room for
+            assert (writer.dropped, writer.snapshot_size_text) == (1, "3 messages kept for a snapshot")
             assert writer.snapshot()
             assert not writer.snapshot()
         else:
@@ -538,7 +540,7 @@ def test_small_messages_take_no_more_memory_than_a_snapshot_may_have(tmp_path: P
         before = tracemalloc.get_traced_memory()[0]
         for number in range(20_000):
             at = 10**18 + number
-            writer.put("/words", b"\0\1\0\0" + number.to_bytes(4, "little"), at, at + 1)
+            writer.enqueue("/words", b"\0\1\0\0" + number.to_bytes(4, "little"), at, at + 1)
         taken = tracemalloc.get_traced_memory()[0] - before
         tracemalloc.stop()
         writer.end()
@@ -550,7 +552,7 @@ def test_the_error_of_a_full_disk_has_the_path_once(tmp_path: Path) -> None:
         with BagWriter(tmp_path / name) as bag:
             writer = WriterThread(bag, lambda: None)
             bag.write = raising(error)  # type: ignore[method-assign]
-            writer.put("/a", b"", 0, 0)
+            writer.enqueue("/a", b"", 0, 0)
             with pytest.raises(ToolError) as caught:
                 writer.end()
         assert str(caught.value).startswith(f"{tmp_path / name}: full; what was recorded before")
@@ -600,7 +602,7 @@ async def test_space_pauses_and_the_terminal_is_as_before(dds: World, tmp_path: 
     ours, theirs = pty.openpty()
     before = termios.tcgetattr(theirs)
     process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "rosidl_py_gen.tools", "bag", "record", "/words", "-o", str(path)),
+        *(sys.executable, "-m", "rosidl_py_gen.ros_cli", "bag", "record", "/words", "-o", str(path)),
         *("--start-paused", "--max-cache-size", "0"),
         stdin=theirs,
         stdout=asyncio.subprocess.PIPE,
@@ -643,7 +645,7 @@ async def test_keys_are_left_alone_on_request(dds: World, tmp_path: Path) -> Non
     ours, theirs = pty.openpty()
     before = termios.tcgetattr(theirs)
     process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "rosidl_py_gen.tools", "bag", "record", "/words", "-o", str(tmp_path / "bag")),
+        *(sys.executable, "-m", "rosidl_py_gen.ros_cli", "bag", "record", "/words", "-o", str(tmp_path / "bag")),
         "--disable-keyboard-controls",
         stdin=theirs,
         stderr=asyncio.subprocess.PIPE,

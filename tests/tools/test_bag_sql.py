@@ -13,13 +13,13 @@ import duckdb
 import pyarrow.parquet as pq
 import pytest
 
-from rosidl_py_gen import compile_text, get_message
+from rosidl_py_gen import compile_definition, get_message
 from rosidl_py_gen.bags import BagWriter
 from rosidl_py_gen.bags.remote import has_colons_in_names, is_url
-from rosidl_py_gen.tools import printing
+from rosidl_py_gen.ros_cli import terminal_output
 
 String: Any = get_message("std_msgs/msg/String")
-Values: Any = compile_text("a_msgs/msg/Values", "float64 d\nfloat32[] f\nstring s\nint64 i")
+Values: Any = compile_definition("a_msgs/msg/Values", "float64 d\nfloat32[] f\nstring s\nint64 i")
 HOSTILE = '\x1b]0;t\x07\x9b2J\u202e"NaN\\", Infinity'
 
 
@@ -163,10 +163,10 @@ def test_rows_wider_than_the_terminal_are_a_line_for_each_field(
     monkeypatch.setenv("NO_COLOR", "1")
     rows = [["1", "x" * 30, "[b]\x1b"], ["22", "漢", ""]]
     monkeypatch.setenv("COLUMNS", "40")
-    printing.table(rows, "a", "bb", "[red]c", fields_of_wide_rows=True)
+    terminal_output.table(rows, "a", "bb", "[red]c", fields_of_wide_rows=True)
     right = ["row 1", "  a       1", f"  bb      {'x' * 30}", "  [red]c  [b]\ufffd"]
     assert capsys.readouterr().out.split("\n") == [*right, "row 2", "  a       22", "  bb      漢", "  [red]c  ", ""]
     monkeypatch.setenv("COLUMNS", "44")
-    printing.table(rows, "a", "bb", "[red]c", fields_of_wide_rows=True)
+    terminal_output.table(rows, "a", "bb", "[red]c", fields_of_wide_rows=True)
     shown = capsys.readouterr().out.splitlines()
     assert len(shown) == 4 and all(name in shown[0] for name in ("a", "bb", "[red]c"))

@@ -14,8 +14,8 @@ from support.bag_datasets import bag_of, rows
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagWriter, writer
-from rosidl_py_gen.tables.many import datasets as many
-from rosidl_py_gen.tables.many.sources import names_of
+from rosidl_py_gen.tables.multi_bag import datasets as many
+from rosidl_py_gen.tables.multi_bag.bag_sources import names_of
 
 Imu: Any = get_message("sensor_msgs/msg/Imu")
 Image: Any = get_message("sensor_msgs/msg/Image")
@@ -141,10 +141,10 @@ def test_what_is_no_query_is_not_run(run_here: Any, tmp_path: Path) -> None:
 
 
 def test_a_bar_shows_on_a_terminal_how_far_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from rosidl_py_gen.tools import printing
-    from rosidl_py_gen.tools.bag import part
+    from rosidl_py_gen.ros_cli import terminal_output
+    from rosidl_py_gen.ros_cli.bag import selection as part
 
-    monkeypatch.setattr(printing, "is_terminal", lambda: True)
+    monkeypatch.setattr(terminal_output, "is_terminal", lambda: True)
     monkeypatch.setattr("sys.stderr", screen := io.StringIO())
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("TERM", "xterm")

@@ -11,31 +11,31 @@ from typing import TYPE_CHECKING
 import click
 import pytest
 
-from rosidl_py_gen import tools
-from rosidl_py_gen.tools.groups import LazyGroup
+from rosidl_py_gen import ros_cli
+from rosidl_py_gen.ros_cli.groups import LazyGroup
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 
 def test_help_lists_the_groups(capsys: pytest.CaptureFixture[str]) -> None:
-    tools.main(["--help"])
+    ros_cli.main(["--help"])
     assert "\n  topic " in capsys.readouterr().out
 
 
 def test_an_unknown_command_is_a_wrong_command_line(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
-        tools.main(["topik"])
+        ros_cli.main(["topik"])
     assert end.value.code == 2
     assert 'did you mean "topic"?' in capsys.readouterr().err
 
 
 def test_an_error_of_several_lines_keeps_them(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
-        tools.main(["topic", "type", "/a b", "--discovery", "off"])
+        ros_cli.main(["topic", "type", "/a b", "--discovery", "off"])
     assert end.value.code == 1
     assert capsys.readouterr().err.endswith(" are\n    /a b\n      ^\n")
-    tools.report("a peer says \x1b[2J\nerror: b")
+    ros_cli.report("a peer says \x1b[2J\nerror: b")
     assert capsys.readouterr().err == "error: a peer says \ufffd[2J\\nerror: b\n"
 
 
@@ -56,19 +56,19 @@ def test_help_and_completion_load_neither_the_runtime_nor_rich() -> None:
 
 def test_a_command_does_not_load_the_others_of_its_group() -> None:
     code = (
-        "import sys; from rosidl_py_gen.tools import main\n"
+        "import sys; from rosidl_py_gen.ros_cli import main\n"
         "try: main(['bag', 'table', '--help'])\n"
         "except SystemExit: pass\n"
-        "print(sorted(name for name in sys.modules if name.startswith('rosidl_py_gen.tools.bag.')))"
+        "print(sorted(name for name in sys.modules if name.startswith('rosidl_py_gen.ros_cli.bag.')))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "['rosidl_py_gen.tools.bag.table']"
+    assert done.stdout.splitlines()[-1] == "['rosidl_py_gen.ros_cli.bag.table']"
 
 
 def test_numpy_and_the_node_are_loaded_while_the_context_listens() -> None:
     code = (
-        "import sys; from rosidl_py_gen.tools import session\n"
-        "import rosidl_py_gen.tools.topic.list, rosidl_py_gen.tools.graph.show\n"
+        "import sys; from rosidl_py_gen.ros_cli import session\n"
+        "import rosidl_py_gen.ros_cli.topic.list, rosidl_py_gen.ros_cli.graph.command\n"
         "print([name for name in ('rosidl_py_gen.runtime.node.node', 'numpy') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -78,7 +78,7 @@ def test_numpy_and_the_node_are_loaded_while_the_context_listens() -> None:
 def test_a_reader_that_has_enough_ends_a_command_quietly() -> None:
     reading, writing = os.pipe()
     os.close(reading)
-    command = [sys.executable, "-m", "rosidl_py_gen.tools", "interface", "list"]
+    command = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "interface", "list"]
     done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, text=True)
     os.close(writing)
     assert (done.returncode, done.stderr) == (141, "")
@@ -86,7 +86,7 @@ def test_a_reader_that_has_enough_ends_a_command_quietly() -> None:
 
 @pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
 def test_closed_streams_are_no_trouble(closed: str) -> None:
-    command = f"{sys.executable} -m rosidl_py_gen.tools topic list --discovery localhost {closed}"
+    command = f"{sys.executable} -m rosidl_py_gen.ros_cli topic list --discovery localhost {closed}"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     notes = [line for line in done.stderr.splitlines() if not line.startswith("no nodes were found in domain")]
     assert (done.returncode, notes) == (0, [])
@@ -102,7 +102,7 @@ def _commands(group: click.Group, context: click.Context) -> Iterator[click.Comm
             yield command
 
 
-ROOT = tools.root()
+ROOT = ros_cli.root()
 # A command retains the help option of the first context that asks for it, so each context here has the names of ours.
 CONTEXT = click.Context(ROOT, **ROOT.context_settings)
 COMMANDS = [*_commands(ROOT, CONTEXT)]
@@ -164,8 +164,8 @@ def test_what_click_hands_on_is_what_the_command_takes(command: click.Command, m
     signature.bind(**context.params)
     if inspect.Parameter.VAR_KEYWORD in {one.kind for one in signature.parameters.values()}:
         for does in ("playback.play.play_bag", "recording.record.record_bag", "foxglove.serve.serve"):
-            monkeypatch.setattr(f"rosidl_py_gen.tools.{does}", lambda network, options: None)
+            monkeypatch.setattr(f"rosidl_py_gen.ros_cli.{does}", lambda network, options: None)
         made = function(**context.params)  # what several commands share takes its arguments now
-        main = made.main if isinstance(made, tools.Job) else made
+        main = made.main if isinstance(made, ros_cli.AsyncCommand) else made
         if main is not None:
             main.close()

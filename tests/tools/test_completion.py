@@ -18,10 +18,10 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from support.node_fixtures import until
 
-from rosidl_py_gen import get_action, get_message, tools
+from rosidl_py_gen import get_action, get_message, ros_cli
 from rosidl_py_gen.bags import BagWriter
-from rosidl_py_gen.cli import shells
-from rosidl_py_gen.tools.completion import complete_call, complete_fields, complete_names
+from rosidl_py_gen.generator_cli import shells
+from rosidl_py_gen.ros_cli.completion import complete_call, complete_fields, complete_names
 
 if TYPE_CHECKING:
     from conftest import Ended, Tool
@@ -148,7 +148,7 @@ async def test_a_shell_gets_nothing_where_nothing_can_be_asked(tool: Tool) -> No
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_each_shell_gets_a_script(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
-    tools.main(["completion", shell])
+    ros_cli.main(["completion", shell])
     script = capsys.readouterr().out
     assert f"_ROSIDL_PY_COMPLETE={shell}_complete" in script
     if shutil.which(shell):

@@ -19,15 +19,15 @@ from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
 from support.node_fixtures import until
 
+from rosidl_py_gen.ros_cli.doctor import machine as doctor_machine
+from rosidl_py_gen.ros_cli.doctor import network as doctor_network
+from rosidl_py_gen.ros_cli.doctor import peers as doctor_peers
+from rosidl_py_gen.ros_cli.doctor.findings import BROKEN, NOTE, OK, WARNING, Finding, redact_finding, run_check
+from rosidl_py_gen.ros_cli.doctor.network import Interface
+from rosidl_py_gen.ros_cli.doctor.peers import middleware_text
 from rosidl_py_gen.runtime import QoSProfile
-from rosidl_py_gen.runtime.graph.state import ParticipantInfo
-from rosidl_py_gen.runtime.transport.port import DiscoveryRange, DomainSettings
-from rosidl_py_gen.tools.doctor import machine as doctor_machine
-from rosidl_py_gen.tools.doctor import network as doctor_network
-from rosidl_py_gen.tools.doctor import peers as doctor_peers
-from rosidl_py_gen.tools.doctor.findings import BROKEN, NOTE, OK, WARNING, Finding, careful, for_strangers
-from rosidl_py_gen.tools.doctor.network import Interface
-from rosidl_py_gen.tools.doctor.peers import make
+from rosidl_py_gen.runtime.graph.graph import ParticipantInfo
+from rosidl_py_gen.runtime.transport.api import DiscoveryRange, DomainSettings
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from conftest import Tool
     from support.node_fixtures import World
 
-    from rosidl_py_gen.tools.session import Session
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
 
 
 def levels(findings: Iterable[Finding], word: str) -> list[str]:
@@ -101,7 +101,7 @@ async def test_what_is_broken_ends_with_one_and_no_traceback(tool: Tool) -> None
 
 @pytest.mark.skipif(shutil.which("unshare") is None, reason="Linux, with the right to make namespaces")
 def test_a_machine_without_network_or_proc_gets_its_answers() -> None:
-    doctor = [sys.executable, "-m", "rosidl_py_gen.tools", "doctor"]
+    doctor = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "doctor"]
     bare = ["unshare", "-m", "-n", "sh", "-c", 'mount -t tmpfs none /proc && exec "$@"', "sh"]
     done = subprocess.run([*bare, *doctor], capture_output=True, text=True, timeout=60)
     if "unshare failed" in done.stderr or "mount:" in done.stderr:
@@ -264,7 +264,7 @@ async def test_a_second_process_that_starts_late_is_no_firewall(
     monkeypatch.setattr(sys, "executable", str(late))
     monkeypatch.setattr(doctor_peers, "_START_S", 0.1)
     node = memory.node("doctor")
-    test = doctor_peers.SelfTest(cast("Session", SimpleNamespace(node=node, context=node.context)))
+    test = doctor_peers.SelfTest(cast("CommandNode", SimpleNamespace(node=node, context=node.context)))
     try:
         found = await test.result()
     finally:
@@ -283,7 +283,7 @@ async def test_a_second_process_that_starts_late_is_no_firewall(
     ],
 )
 def test_only_what_is_known_of_a_peer_is_said(prefix: str, is_ros: bool, hashes: bool | None, said: str) -> None:
-    assert make(ParticipantInfo(bytes.fromhex(prefix) + bytes(14), is_ros, hashes, ())) == said
+    assert middleware_text(ParticipantInfo(bytes.fromhex(prefix) + bytes(14), is_ros, hashes, ())) == said
 
 
 def test_strangers_learn_neither_homes_nor_hosts_nor_addresses(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -294,8 +294,8 @@ def test_strangers_learn_neither_homes_nor_hosts_nor_addresses(monkeypatch: pyte
         "/home/alice/ws on alices-laptop at 192.168.17.23 and 127.0.0.1, robot.lab;10.1.2.3, numpy 2.4.6, 239.255.0.1"
     )
     shown = "~/ws on (host) at 192.168.x.x and 127.0.0.1, $ROS_STATIC_PEERS, numpy 2.4.6, 239.255.0.1"
-    assert for_strangers(Finding(OK, text, text)) == Finding(OK, shown, shown)
-    assert for_strangers(Finding(OK, "nodes: /secret", public="nodes: 1", data={"nodes": ["/secret"]})) == Finding(
+    assert redact_finding(Finding(OK, text, text)) == Finding(OK, shown, shown)
+    assert redact_finding(Finding(OK, "nodes: /secret", public="nodes: 1", data={"nodes": ["/secret"]})) == Finding(
         OK, "nodes: 1"
     )
 
@@ -305,7 +305,7 @@ def test_a_check_that_fails_is_a_finding() -> None:
         yield Finding(OK, "never seen")
         raise ZeroDivisionError("strange machine")
 
-    assert [(one.level, one.text) for one in careful("the moon", check)] == [
+    assert [(one.level, one.text) for one in run_check("the moon", check)] == [
         (NOTE, "the moon could not be looked at: ZeroDivisionError: strange machine")
     ]
 

@@ -20,7 +20,7 @@ from support.node_fixtures import until
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 
-from rosidl_py_gen import compile_text, get_message, get_service
+from rosidl_py_gen import compile_definition, get_message, get_service
 from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.runtime import QoSProfile
 
@@ -101,7 +101,7 @@ async def test_a_topic_is_passed_on_as_it_is_and_only_while_somebody_watches(net
 
 
 async def test_a_type_that_is_known_nowhere_else_is_fetched(node: Node, watching: Any) -> None:
-    odd: Any = compile_text("other/msg/Odd", ODD)
+    odd: Any = compile_definition("other/msg/Odd", ODD)
     node.create_publisher(odd, "odd", LATCHED).publish(odd(name="strange"))
     async with watching() as seen:
         channel = await seen.subscribe("/odd")
@@ -215,7 +215,7 @@ async def test_viewers_publish_as_cdr_and_as_json(node: Node, watching: Any) -> 
 
 
 async def test_a_viewer_may_bring_its_own_type(node: Node, watching: Any) -> None:
-    heard = node.create_subscription(compile_text("viewers/msg/Own", "int8 x\n"), "own")
+    heard = node.create_subscription(compile_definition("viewers/msg/Own", "int8 x\n"), "own")
     async with watching() as seen:
         await seen.offer(1, "/mine", "viewers/msg/Mine", schemaEncoding="ros2msg", schema="int8 x\n")
         await seen.publish(1, b"\0\1\0\0\5")
@@ -230,7 +230,7 @@ async def test_a_type_that_nobody_knows_yet_is_waited_for(node: Node, watching: 
     async with watching() as seen:
         await seen.offer(1, "/late", "viewers/msg/Late")
         await seen.publish(1, b"\0\1\0\0\7")
-        heard = node.create_subscription(compile_text("viewers/msg/Late", "int8 x\n"), "late")
+        heard = node.create_subscription(compile_definition("viewers/msg/Late", "int8 x\n"), "late")
         received: Any = await heard.receive(20)
         assert received.x == 7 and seen.warnings() == ""
 
@@ -480,7 +480,7 @@ async def test_an_address_that_cannot_be_used_is_named(tool: Any) -> None:
 
 def test_without_the_extra_it_says_what_to_install(run_here: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     missing = "websockets"
-    for name in [name for name in sys.modules if name.startswith("rosidl_py_gen.tools.foxglove.")]:
+    for name in [name for name in sys.modules if name.startswith("rosidl_py_gen.ros_cli.foxglove.")]:
         folder, _, module = name.rpartition(".")
         monkeypatch.setattr(sys.modules[folder], module, sys.modules[name])  # so that it is put back there, too
         monkeypatch.delitem(sys.modules, name)

@@ -13,7 +13,7 @@ from support.foxglove_viewer import served, viewer
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from rosidl_py_gen.tools.foxglove.access import Access, Pace
+from rosidl_py_gen.ros_cli.foxglove.access import Access, RateLimit
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
@@ -165,8 +165,8 @@ async def test_what_the_server_sends_comes_in_its_order_whole() -> None:
 
 def test_a_viewer_may_send_so_many_at_once_and_then_at_its_pace(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
-    monkeypatch.setattr("rosidl_py_gen.tools.foxglove.access.monotonic", lambda: now)
-    pace = Pace(10)
+    monkeypatch.setattr("rosidl_py_gen.ros_cli.foxglove.access.monotonic", lambda: now)
+    pace = RateLimit(10)
     assert [pace.wait_s() for _ in range(10)] == [0.0] * 10
     assert pace.wait_s() == pytest.approx(0.1)
     now += 0.1

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from support.foxglove_viewer import served, viewer
 
-from rosidl_py_gen import compile_text, encode, get_message
-from rosidl_py_gen.tools import ToolError
-from rosidl_py_gen.tools.foxglove import limits, protocol
-from rosidl_py_gen.tools.foxglove.decoding import Decoder, Worker
-from rosidl_py_gen.tools.foxglove.protocol import Offer
-from rosidl_py_gen.tools.foxglove.publishing import Publishing
-from rosidl_py_gen.tools.foxglove.viewer import Channel, Handlers, Shown, Viewer
+from rosidl_py_gen import compile_definition, encode, get_message
+from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli.foxglove import limits, protocol
+from rosidl_py_gen.ros_cli.foxglove.decoding import Decoder, Worker
+from rosidl_py_gen.ros_cli.foxglove.protocol import ClientAdvertisement
+from rosidl_py_gen.ros_cli.foxglove.publishing import ClientPublishing
+from rosidl_py_gen.ros_cli.foxglove.viewer import AdvertisedChannel, Handlers, ServerState, Viewer
 
 if TYPE_CHECKING:
     from support.node_fixtures import World
@@ -57,12 +57,12 @@ async def _nothing(*_: Any) -> dict[str, Any]:
     return {}
 
 
-def _viewer(connection: Any, shown: Shown | None = None, queue: int = 256) -> Viewer:
+def _viewer(connection: Any, shown: ServerState | None = None, queue: int = 256) -> Viewer:
     handlers = Handlers(lambda: None, _nothing, _nothing, _nothing)  # type: ignore[arg-type]
-    return Viewer(connection, 1, shown or Shown(), handlers, queue, acts=True)
+    return Viewer(connection, 1, shown or ServerState(), handlers, queue, may_publish=True)
 
 
-async def _statuses(*messages: dict[str, Any], shown: Shown | None = None) -> tuple[Viewer, str]:
+async def _statuses(*messages: dict[str, Any], shown: ServerState | None = None) -> tuple[Viewer, str]:
     """Return a viewer that has sent these messages, and the statuses it got."""
     connection: Any = _Messages()
     one = _viewer(connection, shown)
@@ -135,7 +135,7 @@ async def test_definitions_of_a_viewer_have_limits_each_and_in_total() -> None:
         return {"id": number, "topic": f"/q{number}", "encoding": "cdr", "schemaName": "q/msg/Q", "schema": "#" * size}
 
     most = limits.MAX_SCHEMA_BYTES
-    shown = Shown()
+    shown = ServerState()
     _, said = await _statuses({"op": "advertise", "channels": [channel(1, most + 1)]}, shown=shown)
     assert f"its definition has {most + 1} bytes, expected at most {most}" in said and shown.offers == {}
     full, total = limits.MAX_VIEWER_SCHEMA_BYTES // most, limits.MAX_VIEWER_SCHEMA_BYTES
@@ -152,7 +152,7 @@ async def test_definitions_of_a_viewer_have_limits_each_and_in_total() -> None:
 
 async def test_definitions_of_all_viewers_have_a_limit_and_equal_ones_count_once(memory: World) -> None:
     told: Any = SimpleNamespace(offers={}, tell=lambda *_: None)
-    publisher = Publishing(SimpleNamespace(node=memory.node()), told, paths=())  # type: ignore[arg-type]
+    publisher = ClientPublishing(SimpleNamespace(node=memory.node()), told, paths=())  # type: ignore[arg-type]
     comments = "#" * 500_000
     one, same = [await publisher._compile("own_msgs/msg/One", f"int8 x\n{comments}".encode()) for _ in range(2)]
     assert one is same
@@ -164,10 +164,10 @@ async def test_definitions_of_all_viewers_have_a_limit_and_equal_ones_count_once
 
 async def test_messages_that_wait_for_their_type_have_a_limit_for_all_topics(memory: World) -> None:
     warnings: list[str] = []
-    offers = {(1, n): Offer(f"/q{n}", "cdr", "nobody/msg/Knows", "", b"") for n in range(4)}
+    offers = {(1, n): ClientAdvertisement(f"/q{n}", "cdr", "nobody/msg/Knows", "", b"") for n in range(4)}
     told: Any = SimpleNamespace(offers=offers, tell=lambda _, text: warnings.append(text))
     session: Any = SimpleNamespace(node=memory.node())
-    publisher = Publishing(session, told, paths=())
+    publisher = ClientPublishing(session, told, paths=())
     for key in offers:
         await publisher.take(key, bytes(400_000))
     waiting = [len(one.waiting) for one in publisher._offered.values()]
@@ -196,7 +196,7 @@ async def test_what_waits_for_a_viewer_has_a_limit_of_size(monkeypatch: pytest.M
     monkeypatch.setattr(limits, "MAX_TOLD_BYTES", 1000)
     connection: Any = _Messages()
     one = _viewer(connection)
-    channel = Channel({"id": 5})
+    channel = AdvertisedChannel({"id": 5})
     channel.watchers[one] = 7
     one.watched[7] = channel
     for number in range(50):
@@ -205,7 +205,7 @@ async def test_what_waits_for_a_viewer_has_a_limit_of_size(monkeypatch: pytest.M
     channel.send(bytes(5000), 50)
     assert [time_ns for _, time_ns, _ in one._messages] == [50]
     for number in range(4):
-        one.tell("x" * 400)
+        one.send_control("x" * 400)
         assert connection.is_aborted == (number == 3)
     channel.close()
     assert one.watched == {}
@@ -215,7 +215,7 @@ async def test_warnings_to_all_viewers_have_a_limit() -> None:
     async with served() as (server, address), viewer(address) as seen:
         await seen.until(lambda: seen.of("serverInfo"))
         for number in range(500):
-            server.tell(f"node{number}", f"node{number}: " + "x" * 10_000)
+            server.send_control(f"node{number}", f"node{number}: " + "x" * 10_000)
         await seen.until(lambda: "further warnings" in seen.warnings())
         assert len(seen.of("status")) == limits.MAX_WARNINGS + 1
         assert max(len(said["message"]) for said in seen.of("status")) <= limits.MAX_STATUS_LENGTH
@@ -274,10 +274,12 @@ async def test_a_cancelled_function_is_skipped_by_the_worker() -> None:
 
 async def test_messages_that_would_become_many_objects_are_refused() -> None:
     line = "=" * 80
-    nested = compile_text("own_msgs/msg/Nested", f"own_msgs/Part[] x\n{line}\nMSG: own_msgs/Part\nuint8[] a\n")
-    plain = compile_text("own_msgs/msg/Plain", f"own_msgs/Pair[] x\n{line}\nMSG: own_msgs/Pair\nuint8 a\nuint8 b\n")
-    wide = compile_text("own_msgs/msg/Wide", f"own_msgs/Row[] x\n{line}\nMSG: own_msgs/Row\nfloat64[100000] a\n")
-    names = compile_text("own_msgs/msg/Names", "string[] x\n")
+    nested = compile_definition("own_msgs/msg/Nested", f"own_msgs/Part[] x\n{line}\nMSG: own_msgs/Part\nuint8[] a\n")
+    plain = compile_definition(
+        "own_msgs/msg/Plain", f"own_msgs/Pair[] x\n{line}\nMSG: own_msgs/Pair\nuint8 a\nuint8 b\n"
+    )
+    wide = compile_definition("own_msgs/msg/Wide", f"own_msgs/Row[] x\n{line}\nMSG: own_msgs/Row\nfloat64[100000] a\n")
+    names = compile_definition("own_msgs/msg/Names", "string[] x\n")
     large = b"\0\1\0\0" + struct.pack("<I", 1 << 20) + bytes(2 << 20)
     worker = Worker()
     for cls, encoding, data, said in (

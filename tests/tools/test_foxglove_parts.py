@@ -12,15 +12,15 @@ from support import raw_endpoints
 from support.node_fixtures import until
 
 from rosidl_py_gen import get_message, get_service
-from rosidl_py_gen.tools import ToolError, types
-from rosidl_py_gen.tools.foxglove import limits
-from rosidl_py_gen.tools.foxglove.clock import Clock
-from rosidl_py_gen.tools.foxglove.connections import Connections
-from rosidl_py_gen.tools.foxglove.parameters import Parameters
-from rosidl_py_gen.tools.foxglove.protocol import Offer
-from rosidl_py_gen.tools.foxglove.publishing import Publishing
-from rosidl_py_gen.tools.foxglove.services import Services
-from rosidl_py_gen.tools.foxglove.topics import Topics
+from rosidl_py_gen.ros_cli import ToolError, types
+from rosidl_py_gen.ros_cli.foxglove import limits
+from rosidl_py_gen.ros_cli.foxglove.clock import ViewerClock
+from rosidl_py_gen.ros_cli.foxglove.connections import ConnectionGraph
+from rosidl_py_gen.ros_cli.foxglove.parameters import ParameterBridge
+from rosidl_py_gen.ros_cli.foxglove.protocol import ClientAdvertisement
+from rosidl_py_gen.ros_cli.foxglove.publishing import ClientPublishing
+from rosidl_py_gen.ros_cli.foxglove.services import ServiceBridge
+from rosidl_py_gen.ros_cli.foxglove.topics import TopicBridge
 
 if TYPE_CHECKING:
     from support.node_fixtures import World
@@ -39,7 +39,7 @@ class Told:
     """A server without viewers, which keeps what it is told."""
 
     def __init__(self) -> None:
-        self.offers: dict[tuple[int, int], Offer] = {}
+        self.offers: dict[tuple[int, int], ClientAdvertisement] = {}
         self.channels: dict[str, Any] = {}
         self.calls: dict[str, Any] = {}
         self.warnings: list[str] = []
@@ -91,16 +91,16 @@ async def test_names_that_ros_refuses_are_told_those_who_watch_and_harm_nothing_
         write(robot, topic, DDS_STRING)
     write(robot, "rt/plain", "Plain")
     words = robot.create_publisher(String, "words")
-    topics = Topics(session_of(ours), told, Clock(), **SHOWN)
+    topics = TopicBridge(session_of(ours), told, ViewerClock(), **SHOWN)
     await until(lambda: "/words" in dict(ours.get_topic_names_and_types()))
-    topics.look()
+    topics.refresh()
     wanted = ["/2d_scan", "/a//b", "/plain", "/words"]
     await until(lambda: {*wanted} <= {*told.channels})
     for topic in wanted:
         told.watch(topic)
     topics.serve()
     assert await words.wait_for_subscribers(5)
-    topics.look()
+    topics.refresh()
     for topic in ("/2d_scan", "/a//b", "/plain"):
         assert len([text for text in told.warnings if text.startswith(f"{topic} cannot be read: ")]) == 1
     await topics.close()
@@ -112,10 +112,10 @@ async def test_services_and_parameters_with_names_that_ros_refuses_are_left_out(
         write(robot, f"rr/{service}Reply", DDS_TRIGGER)
     robot.create_service(Trigger, "trigger", lambda request: Trigger.Response())
     robot.declare_parameter("gain", 1.0)
-    services = Services(session_of(ours), told, **SHOWN)
-    parameters = Parameters(session_of(ours), told, print, is_read_only=False)
+    services = ServiceBridge(session_of(ours), told, **SHOWN)
+    parameters = ParameterBridge(session_of(ours), told, print, is_read_only=False)
     async with robot:
-        services.look()
+        services.refresh()
         await until(lambda: "/trigger" in told.calls)
         assert (await parameters.get([]))["/alice.gain"] == 1.0
     assert not {"/2d", "/a//b"} & {*told.calls}
@@ -128,19 +128,19 @@ async def test_nodes_in_namespaces_that_ros_refuses_are_left_out(memory: World, 
     robot.create_publisher(String, "words")
     robot._scope.discovery.add_node("odd", "/2d//space")
     await until(lambda: any(one.name == "odd" for one in ours.get_nodes()))
-    Connections(ours, told, hidden=False).look()
+    ConnectionGraph(ours, told, hidden=False).refresh()
     assert told.graph[0]["/words"] == ["/alice"]
 
 
 async def test_topics_of_a_namesake_are_shown_and_our_own_are_not(memory: World, told: Any) -> None:
     ours, namesake = memory.node("same"), memory.node("same")
     ours._scope.discovery._announce_delay_s = 5.0  # our endpoints are of no node yet
-    topics = Topics(session_of(ours), told, Clock(), **SHOWN)
+    topics = TopicBridge(session_of(ours), told, ViewerClock(), **SHOWN)
     await asyncio.sleep(0)
     namesake.create_publisher(String, "theirs")
     ours.create_publisher(String, "ours")
     await until(lambda: {"/ours", "/theirs"} <= {*dict(ours.get_topic_names_and_types())})
-    topics.look()
+    topics.refresh()
     await until(lambda: "/theirs" in told.channels)
     assert "/ours" not in told.channels
     await topics.close()
@@ -152,12 +152,12 @@ async def test_topics_of_a_namesake_are_shown_and_our_own_are_not(memory: World,
 async def test_a_call_of_a_service_that_has_gone_makes_no_client(memory: World, told: Any) -> None:
     robot, ours = memory.pair()
     service = robot.create_service(Trigger, "trigger", lambda request: Trigger.Response())
-    services = Services(session_of(ours), told, **SHOWN)
-    services.look()
+    services = ServiceBridge(session_of(ours), told, **SHOWN)
+    services.refresh()
     await until(lambda: "/trigger" in told.calls)
     service.close()
     await until(lambda: ours.count_services("/trigger") == 0)
-    services.look()
+    services.refresh()
     with pytest.raises(ToolError, match=r"^service /trigger has gone$"):
         await told.calls["/trigger"](Trigger.Request().encode())
     assert ours.count_clients("/trigger") == 0
@@ -167,7 +167,7 @@ async def test_a_call_of_a_service_that_has_gone_makes_no_client(memory: World, 
 async def test_events_of_nodes_that_are_not_there_are_not_kept(memory: World, told: Any) -> None:
     robot, ours = memory.pair()
     robot.declare_parameter("gain", 1.0)
-    parameters = Parameters(session_of(ours), told, print, is_read_only=False)
+    parameters = ParameterBridge(session_of(ours), told, print, is_read_only=False)
     async with robot:
         await parameters.get([])
         events = robot.create_publisher(Event, "/parameter_events")
@@ -187,11 +187,11 @@ async def test_viewers_can_define_so_many_types_and_no_more(
 ) -> None:
     monkeypatch.setattr(limits, "MAX_SCHEMAS", 2)
     node = memory.node()
-    publisher = Publishing(session_of(node), told, paths=())
+    publisher = ClientPublishing(session_of(node), told, paths=())
 
     async def refusal(number: int, name: str, schema: bytes) -> str:
         topic = f"/many{number}"
-        told.offers[1, number] = Offer(topic, "cdr", f"viewers/msg/{name}", "ros2msg", schema)
+        told.offers[1, number] = ClientAdvertisement(topic, "cdr", f"viewers/msg/{name}", "ros2msg", schema)
         publisher.serve()
         await until(lambda: node.count_publishers(topic) > 0 or any(topic in text for text in told.warnings))
         return "".join(text for text in told.warnings if topic in text)
@@ -211,9 +211,9 @@ async def test_the_compiler_is_loaded_ahead_only_when_others_are_waited_for(monk
         loop.call_soon_threadsafe(loaded.set)
 
     monkeypatch.setattr(types, "load_compiler", load)
-    await types.meanwhile(asyncio.sleep(0))
+    await types.preload_while_waiting(asyncio.sleep(0))
     began = loop.time()
-    await asyncio.wait_for(types.meanwhile(loaded.wait()), 10)
+    await asyncio.wait_for(types.preload_while_waiting(loaded.wait()), 10)
     assert [time > began for time in times] == [True]
 
 
@@ -227,7 +227,7 @@ async def test_a_compiler_that_cannot_be_loaded_ahead_is_not_complained_of(monke
     monkeypatch.setattr(types, "load_compiler", fail)
     complaints: list[Any] = []
     loop.set_exception_handler(lambda _, context: complaints.append(context))
-    await asyncio.wait_for(types.meanwhile(failed.wait()), 20)
+    await asyncio.wait_for(types.preload_while_waiting(failed.wait()), 20)
     await loop.run_in_executor(None, print)
     for _ in range(10):
         await asyncio.sleep(0)

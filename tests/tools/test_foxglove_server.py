@@ -13,8 +13,8 @@ from support.foxglove_viewer import served, viewer
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 
+from rosidl_py_gen.ros_cli.foxglove import limits, protocol
 from rosidl_py_gen.runtime import CallTimeoutError
-from rosidl_py_gen.tools.foxglove import limits, protocol
 
 
 @pytest.mark.parametrize(

@@ -15,10 +15,10 @@ from std_srvs.srv import SetBool, Trigger
 from support.node_fixtures import until
 
 from rosidl_py_gen import get_action
+from rosidl_py_gen.ros_cli.graph import svg as graph_svg
+from rosidl_py_gen.ros_cli.graph import text as graph_text
+from rosidl_py_gen.ros_cli.graph.picture import Edge, Picture
 from rosidl_py_gen.runtime.qos import SENSOR_DATA
-from rosidl_py_gen.tools.graph import svg as graph_svg
-from rosidl_py_gen.tools.graph import text as graph_text
-from rosidl_py_gen.tools.graph.picture import Edge, Picture
 
 if TYPE_CHECKING:
     from conftest import Tool

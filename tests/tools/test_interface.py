@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import pytest
 from each_case import each_case
 
-from rosidl_py_gen import from_dict, get_action, get_message, get_service, tools, type_hash
+from rosidl_py_gen import from_dict, get_action, get_message, get_service, ros_cli, type_hash
 from rosidl_py_gen.base.resources import install_command, interfaces_dir
-from rosidl_py_gen.compiler.spec.find import search_path
-from rosidl_py_gen.tools.messages import message_from
+from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+from rosidl_py_gen.ros_cli.message_text import message_from
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 BUNDLED = [
     str(name)
-    for package in search_path([interfaces_dir()], ament="", bundled=False).packages.values()
+    for package in scan_search_path([interfaces_dir()], ament="", bundled=False).packages.values()
     for name in package.files
 ]
 
@@ -34,7 +34,7 @@ def run(capsys: pytest.CaptureFixture[str]) -> Run:
     """Runs a command of the group, which has to end well; gives what it prints."""
 
     def call(*arguments: str) -> str:
-        tools.main(["interface", *arguments])
+        ros_cli.main(["interface", *arguments])
         return capsys.readouterr().out
 
     return call
@@ -43,7 +43,7 @@ def run(capsys: pytest.CaptureFixture[str]) -> Run:
 def failing(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     """What a command that fails says."""
     with pytest.raises(SystemExit) as end:
-        tools.main(["interface", *arguments])
+        ros_cli.main(["interface", *arguments])
     assert end.value.code == 1
     return capsys.readouterr().err
 
@@ -176,7 +176,7 @@ def test_lists_are_those_of_the_search_path(run: Run, tmp_path: Path) -> None:
 
 
 def test_a_type_comes_from_standard_input() -> None:
-    command = [sys.executable, "-m", "rosidl_py_gen.tools", "interface", "show", "-"]
+    command = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "interface", "show", "-"]
     done = subprocess.run(command, input="std_msgs/msg/Bool\n", capture_output=True, text=True)
     assert (done.returncode, done.stdout.splitlines()[-1][:9]) == (0, "bool data")
     done = subprocess.run(command, input="", capture_output=True, text=True)
@@ -189,7 +189,7 @@ def test_without_the_extra_definitions_are_shown_and_the_rest_says_what_to_insta
         "for name in ('cyclonedds', 'zenoh', 'rich', 'yaml'): sys.modules[name] = None\n"
         "from rosidl_py_gen.runtime.transport.cyclone import library\n"
         "library.candidates = lambda environ: iter(())\n"
-        "from rosidl_py_gen.tools import main\n"
+        "from rosidl_py_gen.ros_cli import main\n"
         "main(sys.argv[1:])"
     )
 

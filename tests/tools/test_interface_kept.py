@@ -10,9 +10,9 @@ import pytest
 from support.announced_types import Told, fresh, told_by
 from support.node_fixtures import World
 
-from rosidl_py_gen import tools
+from rosidl_py_gen import ros_cli
 from rosidl_py_gen.cdr.codec import encode
-from rosidl_py_gen.types.cache import VARIABLE, keep_description
+from rosidl_py_gen.type_loading.description_cache import VARIABLE, store_description
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,7 +33,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def run(capsys: pytest.CaptureFixture[str], cache: Path) -> Run:
     def call(*arguments: str) -> tuple[int, str, str]:
         try:
-            tools.main(["interface", *arguments])
+            ros_cli.main(["interface", *arguments])
         except SystemExit as end:
             return int(end.code or 0), *capsys.readouterr()
         return 0, *capsys.readouterr()
@@ -45,7 +45,7 @@ def keep(told: Told, *parts: str, sources: bool = True) -> None:
     """What `resolve_type` leaves on disk of a type, or of parts of it."""
     for part in parts or ("",):
         name = told.name + part
-        keep_description(told.library.type_hash(name), encode(told.answer(name if part else "", sources=sources)))
+        store_description(told.library.type_hash(name), encode(told.answer(name if part else "", sources=sources)))
 
 
 async def test_what_a_node_described_is_shown_later(memory: World, run: Run) -> None:

@@ -8,7 +8,7 @@ import re
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.msgs.lifecycle_msgs.srv import GetState
-from rosidl_py_gen.runtime import LifecycleNode, Outcome, State
+from rosidl_py_gen.runtime import LifecycleNode, State, TransitionCallbackReturn
 
 if TYPE_CHECKING:
     from conftest import Tool
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 class Camera(LifecycleNode):
     """Configures, but never activates."""
 
-    def on_activate(self, state: State) -> Outcome:
-        return Outcome.FAILURE
+    def on_activate(self, state: State) -> TransitionCallbackReturn:
+        return TransitionCallbackReturn.FAILURE
 
 
 async def test_a_node_is_led_through_its_states(network: World, tool: Tool) -> None:

@@ -14,9 +14,9 @@ from std_msgs.msg import String
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagWriter
+from rosidl_py_gen.ros_cli import terminal_output
+from rosidl_py_gen.ros_cli.log.lines import Lines
 from rosidl_py_gen.runtime import QoSProfile
-from rosidl_py_gen.tools import printing
-from rosidl_py_gen.tools.log.lines import Lines
 
 if TYPE_CHECKING:
     from conftest import Tool
@@ -135,7 +135,7 @@ def test_what_is_no_expression_is_told(run_here: Any) -> None:
 
 
 def test_levels_have_their_colours_on_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
-    monkeypatch.setattr(printing, "is_terminal", lambda: True)
+    monkeypatch.setattr(terminal_output, "is_terminal", lambda: True)
     lines = Lines("debug", (), None, times=None, verbose=False, as_json=False)
     for level in (10, 20, 30, 40, 50):
         lines.show(Log(level=level, name="n", msg="m"))

@@ -12,9 +12,9 @@ from std_srvs.srv import Trigger
 
 from rosidl_py_gen.base.names import snake_case
 from rosidl_py_gen.runtime.qos import DEFAULT
-from rosidl_py_gen.runtime.transport.discovered import NodeEntities
-from rosidl_py_gen.runtime.transport.port import EndpointSpec
-from rosidl_py_gen.runtime.transport.service_port import Service
+from rosidl_py_gen.runtime.transport.api import EndpointSpec
+from rosidl_py_gen.runtime.transport.discovery_events import NodeEntities
+from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -72,7 +72,7 @@ async def test_names_that_ros_refuses_hide_no_others(memory: World, tool: Tool, 
     for number, (namespace, name) in enumerate((("/", ""), ("/n s", "a\x1b[31m"), ("/b//c", "1")), 1000):
         robot._scope.discovery._nodes[number] = NodeEntities(namespace, name, frozenset(), frozenset())
         for kind in kinds:
-            told = Service(
+            told = ServiceSpec(
                 f"{namespace}/{name}/{snake_case(kind)}", f"rcl_interfaces/srv/{kind}", "", "", "", False, any
             )
             participant.create_server(told, DEFAULT)

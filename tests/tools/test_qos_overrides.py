@@ -9,10 +9,10 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli.bag.qos_overrides import parse_qos_overrides, read_qos_overrides
 from rosidl_py_gen.runtime import Durability, History, Liveliness, QoSProfile, Reliability
 from rosidl_py_gen.runtime.qos import INFINITE_NS
-from rosidl_py_gen.tools import ToolError
-from rosidl_py_gen.tools.bag.qos_overrides import parse_qos_overrides, read_qos_overrides
 
 ALL = """\
 /scan:

@@ -11,9 +11,9 @@ import pytest
 from support.interface_packages import write
 from support.program_processes import PACKAGE_XML, run
 
+from rosidl_py_gen.ros_cli.program_runner.traceback_filter import refused_arguments
 from rosidl_py_gen.runtime import RosArgumentError
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
-from rosidl_py_gen.tools.run.shown import refused_arguments
 
 pytestmark = pytest.mark.real_time("programs are processes")
 

@@ -14,10 +14,10 @@ from geometry_msgs.msg import Polygon, TransformStamped
 from std_msgs.msg import UInt8MultiArray
 from support.node_fixtures import until
 
-from rosidl_py_gen import tools
+from rosidl_py_gen import ros_cli
+from rosidl_py_gen.ros_cli.message_text import shown
 from rosidl_py_gen.runtime import IntrospectionState
 from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
-from rosidl_py_gen.tools.messages import shown
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -177,5 +177,5 @@ def test_messages_are_shown_as_rclpy_shows_them() -> None:
 
 @pytest.mark.parametrize("words", [["list"], ["call"], ["echo"], ["info"], ["type"], ["find"]])
 def test_each_command_has_help_with_an_example(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    tools.main(["service", *words, "-h"])
+    ros_cli.main(["service", *words, "-h"])
     assert f"rosidl-py service {words[0]}" in capsys.readouterr().out

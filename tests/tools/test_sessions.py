@@ -12,12 +12,13 @@ import pytest
 from std_msgs.msg import String
 from support.node_fixtures import until
 
-from rosidl_py_gen import tools
+from rosidl_py_gen import ros_cli
+from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import command_node as session
+from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, context_opened_early
+from rosidl_py_gen.ros_cli.message_text import type_and_values
 from rosidl_py_gen.runtime import EnvironmentSettingError
-from rosidl_py_gen.runtime.transport.discovered import NodeEntities, ParticipantFound
-from rosidl_py_gen.tools import ToolError, session
-from rosidl_py_gen.tools.messages import type_and_values
-from rosidl_py_gen.tools.session import Network, Session, listening
+from rosidl_py_gen.runtime.transport.discovery_events import NodeEntities, ParticipantDiscovered
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
@@ -26,13 +27,13 @@ if TYPE_CHECKING:
 
 
 async def test_what_is_there_needs_no_time() -> None:
-    async with Session({}) as session:
+    async with CommandNode({}) as session:
         assert await session.wait_for(lambda: True, 0)
         assert not await session.wait_for(lambda: False, 0)
 
 
 async def test_a_command_does_not_count_itself_among_what_is_there() -> None:
-    async with Session({"spin_time_s": 0}) as session:
+    async with CommandNode({"spin_time_s": 0}) as session:
         with pytest.raises(ToolError, match="there is none at all"):
             await session.find("node", "somebody", session.node.get_node_names)
 
@@ -57,7 +58,7 @@ def test_values_that_a_shell_took_apart_are_refused() -> None:
 
 async def test_peers_are_told_of_endpoints_a_moment_later(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     assert dds
-    async with Session({}) as session:
+    async with CommandNode({}) as session:
         discovery = session.context._core.discovery
         publish, told = discovery.publish, []
         monkeypatch.setattr(discovery, "publish", lambda: (publish(), told.append(monotonic())))
@@ -71,12 +72,12 @@ async def test_peers_are_told_of_endpoints_a_moment_later(dds: World, monkeypatc
 
 async def test_names_are_known_when_every_endpoint_is_of_a_node(dds: World) -> None:
     dds.node("base").create_publisher(String, "/speed")
-    async with Session({}) as session:
-        graph, names_are_known = session.node._scope.graph, session.node.names_are_known
+    async with CommandNode({}) as session:
+        graph, names_are_known = session.node._scope.graph, session.node.node_names_complete
         await until(lambda: "/base" in session.node.get_node_names() and session.node.count_publishers("/speed") == 1)
         await until(lambda: names_are_known())
         participant = b"\1\x0f" + bytes(10) + b"\0\0\1\xc1"
-        graph.apply(ParticipantFound(participant, "/"))
+        graph.apply(ParticipantDiscovered(participant, "/"))
         assert not names_are_known()
         graph.set_nodes(participant, [NodeEntities("/", "slow", frozenset(), frozenset())])
         assert names_are_known()
@@ -84,23 +85,23 @@ async def test_names_are_known_when_every_endpoint_is_of_a_node(dds: World) -> N
 
 async def test_endpoints_are_known_when_all_that_nodes_tell_of_are_found(dds: World) -> None:
     dds.node("base").create_publisher(String, "/speed")
-    async with Session({}) as session:
+    async with CommandNode({}) as session:
         graph, node = session.node._scope.graph, session.node
-        await until(lambda: "/base" in node.get_node_names() and node.endpoints_are_known())
+        await until(lambda: "/base" in node.get_node_names() and node.endpoints_complete())
         participant = b"\1\x0f" + bytes(10) + b"\0\0\1\xc1"
         late = participant[:12] + b"\0\0\1\4"
-        graph.apply(ParticipantFound(participant, "/"))
+        graph.apply(ParticipantDiscovered(participant, "/"))
         graph.set_nodes(participant, [NodeEntities("/", "slow", frozenset([late]), frozenset())])
-        assert not node.endpoints_are_known()
+        assert not node.endpoints_complete()
         graph.set_nodes(participant, [NodeEntities("/", "slow", frozenset(), frozenset())])
-        assert node.endpoints_are_known()
+        assert node.endpoints_complete()
 
 
 async def test_a_command_listens_longer_when_it_was_held_up(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     loop, held_up_s = asyncio.get_running_loop(), 0.0
     monkeypatch.setattr(session, "now_s", lambda: loop.time() + held_up_s)
-    async with Session({}) as made:
-        waiting = asyncio.ensure_future(made.wait_until_quiet())
+    async with CommandNode({}) as made:
+        waiting = asyncio.ensure_future(made.wait_for_discovery())
         loop.call_later(0.3, dds.node, "late")
         await asyncio.sleep(0)
         held_up_s = 5.0
@@ -148,16 +149,16 @@ class Told:
 async def test_a_command_listens_while_news_come(
     memory: World, news: list[float], are_known: bool, seen: int, took_s: float
 ) -> None:
-    made, told = object.__new__(Session), Told(news, endpoints_are_known=are_known)
+    made, told = object.__new__(CommandNode), Told(news, endpoints_are_known=are_known)
     made._spin_time_s, made._began = None, session.now_s()
     made.node = made.context = told  # type: ignore[assignment]
-    await made.wait_until_quiet()
+    await made.wait_for_discovery()
     assert told.seen == pytest.approx(seen, abs=1)
     assert session.now_s() - made._began == pytest.approx(took_s, abs=0.001)
 
 
 async def test_what_came_while_a_command_was_held_up_counts(memory: World) -> None:
-    made, looks = object.__new__(Session), list[bool]()
+    made, looks = object.__new__(CommandNode), list[bool]()
     made.node = Told([])  # type: ignore[assignment]
     assert await made.wait_for(lambda: looks.append(True) or len(looks) > 2, 0.1)
 
@@ -169,10 +170,10 @@ def test_a_command_listens_while_it_is_loaded_and_not_any_more_when_it_is_over(
     assert dds
     used: list[Any] = []
 
-    @tools.verb
-    def command(network: Network) -> int:
+    @ros_cli.verb
+    def command(network: NetworkOptions) -> int:
         async def main() -> None:
-            used.append(Session(network).context)
+            used.append(CommandNode(network).context)
 
         used.append(network["context"])
         assert not network["context"].is_closed
@@ -182,7 +183,7 @@ def test_a_command_listens_while_it_is_loaded_and_not_any_more_when_it_is_over(
         return 0
 
     with pytest.raises(ToolError) if error else nullcontext():
-        command(network=Network())
+        command(network=NetworkOptions())
     assert used[0] is used[1] and used[0].is_closed
 
 
@@ -191,21 +192,24 @@ def test_what_keeps_a_command_from_listening_is_told_by_the_command(
 ) -> None:
     assert dds
     monkeypatch.setenv("ROS_DOMAIN_ID", "many")
-    with listening(network := Network()), pytest.raises(EnvironmentSettingError, match="ROS_DOMAIN_ID"):
-        Session(network)
+    with (
+        context_opened_early(network := NetworkOptions()),
+        pytest.raises(EnvironmentSettingError, match="ROS_DOMAIN_ID"),
+    ):
+        CommandNode(network)
 
 
 def test_sigterm_while_a_command_is_loaded_ends_what_listens(dds: World) -> None:
     assert dds
     contexts = list[Any]()
 
-    @tools.verb
-    def command(network: Network) -> None:
+    @ros_cli.verb
+    def command(network: NetworkOptions) -> None:
         contexts.append(network["context"])
         signal.raise_signal(signal.SIGTERM)
 
     before = signal.getsignal(signal.SIGTERM)
     with pytest.raises(SystemExit) as ended:
-        command(network=Network())
+        command(network=NetworkOptions())
     assert ended.value.code == 143
     assert contexts[0].is_closed and signal.getsignal(signal.SIGTERM) == before

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from support.node_fixtures import until
 
-from rosidl_py_gen import compile_text, get_message, type_hash
+from rosidl_py_gen import compile_definition, get_message, type_hash
 from rosidl_py_gen.runtime import QoSProfile
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ async def test_pub_says_why_nobody_listens(dds: World, tool: Any) -> None:
 
 
 async def test_info_shows_what_does_not_fit_together(dds: World, tool: Any) -> None:
-    old, new = (compile_text("silent_msgs/msg/Changed", text) for text in ("int32 x", "int64 x"))
+    old, new = (compile_definition("silent_msgs/msg/Changed", text) for text in ("int32 x", "int64 x"))
     alice, bob = dds.pair()
     alice.create_publisher(old, "/changed", QoSProfile())
     bob.create_subscription(new, "/changed")

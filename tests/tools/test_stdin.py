@@ -1,4 +1,4 @@
-"""``tools/topic/stdin.py`` alone: its thread may still read when nobody asks any more."""
+"""``ros_cli/topic/stdin.py`` alone: its thread may still read when nobody asks any more."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from rosidl_py_gen.tools.topic import stdin
+from rosidl_py_gen.ros_cli.topic import stdin
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -38,7 +38,7 @@ def test_a_thread_that_reads_on_reads_no_other_file(tmp_path: Path, monkeypatch:
         async with aclosing(stdin.documents()) as documents:
             return await anext(documents)
 
-    monkeypatch.setattr(os, "read", late_read)
+    monkeypatch.setattr(os, "drain", late_read)
     with open(tmp_path / "first", "rb") as file:
         monkeypatch.setattr(sys, "stdin", file)
         assert asyncio.run(first_document()) == '{"data": "a"}'

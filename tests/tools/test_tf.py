@@ -17,10 +17,10 @@ from support.transform_frames import LEVEL, QUARTER, S, moved
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagWriter
+from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli.tf import png, text
+from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameStatistics
 from rosidl_py_gen.tf import StaticTransformBroadcaster, Transform, TransformBroadcaster
-from rosidl_py_gen.tools import ToolError
-from rosidl_py_gen.tools.tf import png, text
-from rosidl_py_gen.tools.tf.frames import Frames
 
 if TYPE_CHECKING:
     from conftest import Tool
@@ -210,11 +210,11 @@ def test_the_frames_of_a_bag_need_no_network(tmp_path: Path, run_here: Any) -> N
     assert out == "map\n└─ base      10.0 Hz, 0.250 s late, /tf\n   └─ lidar  static, /tf_static\n"
 
 
-def taken(transforms: list[Any]) -> Frames:
-    frames = Frames()
+def taken(transforms: list[Any]) -> FrameStatistics:
+    frames = FrameStatistics()
     for number in (1, 2):
         message = TFMessage(transforms=[one.to_message() for one in transforms])
-        frames.take(message, number * S, "peer", static=False)
+        frames.add_message(message, number * S, "peer", static=False)
     return frames
 
 

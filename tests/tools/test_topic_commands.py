@@ -14,9 +14,9 @@ from support.node_fixtures import WAITS, take, until
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.output import json_text
+from rosidl_py_gen.ros_cli import types
+from rosidl_py_gen.ros_cli.topic.statistics import RateStatistics
 from rosidl_py_gen.runtime import Node
-from rosidl_py_gen.tools import types
-from rosidl_py_gen.tools.topic.figures import Rate
 
 if TYPE_CHECKING:
     from support.node_fixtures import World
@@ -178,7 +178,7 @@ def test_hz_and_bw_need_no_definition_and_delay_only_the_place_of_the_stamp(
 
 
 def test_messages_received_together_have_no_rate_of_0() -> None:
-    rate = Rate(10)
+    rate = RateStatistics(10)
     for received_ns in (5, 5, 5):
         rate.add(received_ns, 0)
     report = rate.report()

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from support.node_fixtures import WAITS, start_process, until
 
-from rosidl_py_gen import compile_text, get_message
+from rosidl_py_gen import compile_definition, get_message
 from rosidl_py_gen.runtime import QoSProfile
 
 if TYPE_CHECKING:
@@ -236,7 +236,7 @@ async def test_a_topic_that_comes_later_is_waited_for(node: Node, tool: Any) -> 
 
 
 async def test_a_type_that_only_the_publisher_has_is_shown(node: Node, tool: Any, tmp_path: Path) -> None:
-    cls = compile_text("far_msgs/msg/Secret", "int32 number 42\nstring[] names")
+    cls = compile_definition("far_msgs/msg/Secret", "int32 number 42\nstring[] names")
     node.create_publisher(cls, "/secret", LATCHED).publish(cls(names=["x"]))
     shown = await tool("topic", "echo", "/secret", "--once", HOME=str(tmp_path), XDG_CACHE_HOME=str(tmp_path))
     assert (shown.out, shown.err) == ("number: 42\nnames:\n- x\n---\n", "")
@@ -246,7 +246,7 @@ async def test_whoever_has_enough_of_the_output_may_go(node: Node) -> None:
     publisher = node.create_publisher(STRING, "/words")
     reading, writing = os.pipe()
     process = await start_process(
-        *(sys.executable, "-m", "rosidl_py_gen.tools", "topic", "echo", "/words"),
+        *(sys.executable, "-m", "rosidl_py_gen.ros_cli", "topic", "echo", "/words"),
         stdout=writing,
         stderr=asyncio.subprocess.PIPE,
     )

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rosidl_py_gen import compile_text
-from rosidl_py_gen.tools import filters
-from rosidl_py_gen.tools.filters import FUNCTIONS, FilterError, compile_filter, compile_path
+from rosidl_py_gen import compile_definition
+from rosidl_py_gen.ros_cli import message_expressions
+from rosidl_py_gen.ros_cli.message_expressions import FUNCTIONS, FilterError, compile_filter, compile_path
 
-Point = compile_text("filter_msgs/msg/Point", "float64 x\nfloat64 y")
-Scan = compile_text(
+Point = compile_definition("filter_msgs/msg/Point", "float64 x\nfloat64 y")
+Scan = compile_definition(
     "filter_msgs/msg/Scan",
     "int32 level\nstring name\nbool ok\nfloat32[] ranges\nuint8[] data\nPoint at\nPoint[] points\nstring[] names\n"
     "int32 from\n" + "=" * 80 + "\nMSG: filter_msgs/Point\nfloat64 x\nfloat64 y",
@@ -209,19 +209,19 @@ def test_what_has_no_value_for_a_message_is_an_error_of_ours(text: str, reason: 
 def test_the_time_for_one_message_is_limited(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     scan = Scan(data=np.zeros(1_000_000, "u1"), ranges=np.zeros(100_000, "f4"), name="a" * 1_000_000)
     condition = compile_filter(text, Scan)
-    monkeypatch.setattr(filters, "_MAX_S", 0.05)
+    monkeypatch.setattr(message_expressions, "_MAX_DISCOVERY_S", 0.05)
     with pytest.raises(FilterError, match=r"takes more than 0\.05 s of CPU time for one message"):
         condition(scan)
 
 
 def test_time_of_other_threads_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(filters, "_MAX_S", 0.05)
+    monkeypatch.setattr(message_expressions, "_MAX_DISCOVERY_S", 0.05)
 
     def interrupted(value: float) -> bool:
         """Return True after a time in which the thread does not run, as on a busy machine."""
         return not threading.Event().wait(0.004)
 
-    monkeypatch.setitem(filters.FUNCTIONS, "bool", interrupted)
+    monkeypatch.setitem(message_expressions.FUNCTIONS, "bool", interrupted)
     assert compile_filter("all(bool(x) for x in m.ranges)", Scan)(Scan(ranges=[1.0] * 40))
 
 

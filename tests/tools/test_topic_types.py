@@ -5,14 +5,14 @@ from __future__ import annotations
 import click
 import pytest
 
+from rosidl_py_gen.ros_cli import ToolError, types
+from rosidl_py_gen.ros_cli.command_node import CommandNode
+from rosidl_py_gen.ros_cli.completion import complete_names
 from rosidl_py_gen.runtime import Node
-from rosidl_py_gen.tools import ToolError, types
-from rosidl_py_gen.tools.completion import complete_names
-from rosidl_py_gen.tools.session import Session
 
 
 async def test_a_topic_of_two_types_needs_to_be_told_which() -> None:
-    async with Session({}) as session:
+    async with CommandNode({}) as session:
         node = session.node
         node.create_publisher("std_msgs/msg/String", "both")
         node.create_publisher("std_msgs/msg/Bool", "both")
@@ -22,7 +22,7 @@ async def test_a_topic_of_two_types_needs_to_be_told_which() -> None:
 
 
 async def test_an_opaque_class_carries_the_hash_that_is_announced() -> None:
-    async with Session({}) as session:
+    async with CommandNode({}) as session:
         publisher = session.node.create_publisher("std_msgs/msg/String", "words")
         (info,) = session.node.get_publishers_info_by_topic("/words")
         cls = types.opaque_class(session, "/words")
@@ -30,7 +30,7 @@ async def test_an_opaque_class_carries_the_hash_that_is_announced() -> None:
 
 
 async def test_actions_and_services_are_found_by_the_types_of_their_servers() -> None:
-    async with Session({}) as session:
+    async with CommandNode({}) as session:
         node: Node = session.node
         node.create_service("example_interfaces/srv/AddTwoInts", "add")
         node.create_action_server("example_interfaces/action/Fibonacci", "count", lambda goal: {})
@@ -44,7 +44,7 @@ def test_types_are_completed_without_a_network() -> None:
 
 
 async def test_a_type_that_nobody_has_is_refused() -> None:
-    async with Session({}) as session:
+    async with CommandNode({}) as session:
         session.node.create_service("example_interfaces/srv/AddTwoInts", "add")
         with pytest.raises(ToolError, match="has type example_interfaces/srv/AddTwoInts, not std_srvs/srv/Empty"):
             await types.service_class(session, "/add", "std_srvs/Empty")

@@ -8,8 +8,8 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import get_message
+from rosidl_py_gen.ros_cli import exit_on_error
 from rosidl_py_gen.runtime import ParameterDescriptor, QoSProfile
-from rosidl_py_gen.tools import reporting
 
 if TYPE_CHECKING:
     import pytest
@@ -69,7 +69,7 @@ async def test_frames_loggers_and_csv_take_one_line_each(memory: World, tool: To
 def test_an_error_takes_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     for text in (EVIL, "a\n    b", "a\n    b\n    c"):
         try:
-            with reporting():
+            with exit_on_error():
                 raise OSError(text)
         except SystemExit:
             assert capsys.readouterr().err.count("\n") == 1

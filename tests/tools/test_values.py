@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from rosidl_py_gen import compile_text, to_dict, to_json
+from rosidl_py_gen import compile_definition, to_dict, to_json
 from rosidl_py_gen.base.output import printable_lines
 from rosidl_py_gen.cdr import Message
+from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli.message_text import message_from, to_plain, to_yaml
+from rosidl_py_gen.ros_cli.param.set import fit_parameter
+from rosidl_py_gen.ros_cli.values import MAX_TEXT
 from rosidl_py_gen.runtime import ParameterDescriptor, ParameterType
-from rosidl_py_gen.tools import ToolError
-from rosidl_py_gen.tools.messages import message_from, plain, to_yaml
-from rosidl_py_gen.tools.param.set import fit_parameter
-from rosidl_py_gen.tools.values import MAX_TEXT
 
 if TYPE_CHECKING:
     from conftest import Tool
@@ -37,7 +37,7 @@ MSG: test_msgs/Inner
 float64 x
 int8 k
 """
-_CLASS: Any = compile_text("test_msgs/msg/Every", _TEXT.replace("===", "=" * 80))
+_CLASS: Any = compile_definition("test_msgs/msg/Every", _TEXT.replace("===", "=" * 80))
 
 TAKEN: list[tuple[str, Any]] = [
     *((f"{{d: {text}}}", {"d": value}) for text, value in [("1e-3", 0.001), ("1E5", 1e5), ("2.5e-07", 2.5e-07)]),
@@ -98,7 +98,7 @@ def test_what_echo_prints_as_yaml_is_taken_again() -> None:
     strings = ["é\u202e\u200b\u2028", "a\r\nb\x1b", "\x85\x7f\ufeff", "x...", "...", "a\n...", " ", "~"]
     for text in strings:
         message = _CLASS(s=text, t=[text], d=-math.inf)
-        printed = printable_lines(to_yaml(plain(message)))
+        printed = printable_lines(to_yaml(to_plain(message)))
         assert message_from(_CLASS, printed).encode() == message.encode(), printed
         assert printable_lines(to_yaml({"s": text})).endswith("\n")
     assert to_yaml({"s": "x..."}) == "s: x...\n"
@@ -111,7 +111,7 @@ def test_what_echo_prints_as_json_is_taken_again() -> None:
     again = message_from(_CLASS, to_json(message))
     assert again.encode() == message.encode()
     big: Message = _CLASS(bytes=bytes(range(256)) * 8192)  # 2 MiB: far more than YAML may have
-    assert message_from(_CLASS, json.dumps(plain(big, truncate=None))).encode() == big.encode()
+    assert message_from(_CLASS, json.dumps(to_plain(big, truncate=None))).encode() == big.encode()
 
 
 async def test_a_parameter_gets_a_number_of_its_type(memory: World, tool: Tool) -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from rosidl_py_gen.types import cache
-from rosidl_py_gen.types.cache import VARIABLE, cache_folder, keep_description, load_description
+from rosidl_py_gen.type_loading import description_cache
+from rosidl_py_gen.type_loading.description_cache import VARIABLE, cache_folder, load_description, store_description
 
 HASHES = [f"RIHS01_{index:064x}" for index in range(5)]
 
@@ -37,10 +37,10 @@ def test_the_folder_is_the_one_of_the_platform_or_the_chosen_one(
 
 def test_what_is_kept_is_found_and_the_oldest_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, str(tmp_path / "new" / "folder"))
-    monkeypatch.setattr(cache, "MAX_FILES", 3)
+    monkeypatch.setattr(description_cache, "MAX_FILES", 3)
     for age, one in enumerate(HASHES):
         assert load_description(one) is None
-        keep_description(one, one.encode())
+        store_description(one, one.encode())
         os.utime(tmp_path / "new" / "folder" / f"{one}.cdr", (age, age))
     assert [load_description(one) for one in HASHES] == [None, None, *(one.encode() for one in HASHES[2:])]
     assert len(list((tmp_path / "new" / "folder").iterdir())) == 3
@@ -48,17 +48,17 @@ def test_what_is_kept_is_found_and_the_oldest_go(tmp_path: Path, monkeypatch: py
 
 def test_large_ones_and_odd_folders_are_passed_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, str(tmp_path))
-    keep_description(HASHES[0], bytes(cache.MAX_BYTES + 1))
+    store_description(HASHES[0], bytes(description_cache.MAX_BYTES + 1))
     assert list(tmp_path.iterdir()) == []
-    (tmp_path / f"{HASHES[0]}.cdr").write_bytes(bytes(cache.MAX_BYTES + 1))
+    (tmp_path / f"{HASHES[0]}.cdr").write_bytes(bytes(description_cache.MAX_BYTES + 1))
     (tmp_path / f"{HASHES[1]}.cdr").mkdir()
     assert load_description(HASHES[0]) is load_description(HASHES[1]) is None
-    keep_description(HASHES[1], b"x")
+    store_description(HASHES[1], b"x")
     assert sorted(path.name for path in tmp_path.iterdir()) == [f"{HASHES[0]}.cdr", f"{HASHES[1]}.cdr"]
     for odd in ("\0", str(tmp_path / f"{HASHES[0]}.cdr"), "/proc/nowhere"):
         with monkeypatch.context() as patch:
-            patch.setattr(cache, "cache_folder", lambda odd=odd: Path(odd))
-            keep_description(HASHES[2], b"x")
+            patch.setattr(description_cache, "cache_folder", lambda odd=odd: Path(odd))
+            store_description(HASHES[2], b"x")
             assert load_description(HASHES[2]) is None
 
 
@@ -69,5 +69,5 @@ def test_a_write_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.M
         raise OSError("no space left on device")
 
     monkeypatch.setattr(os, "replace", fail)
-    keep_description(HASHES[0], b"x")
+    store_description(HASHES[0], b"x")
     assert list(tmp_path.iterdir()) == []

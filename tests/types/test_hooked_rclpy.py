@@ -10,7 +10,7 @@ import pytest
 from support.interface_packages import write
 
 from rosidl_py_gen import ImportHookWarning, found_packages, install_import_hook
-from rosidl_py_gen.types.import_hook import SHIM
+from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR
 
 NAME = "ament_index_python"
 PACKAGE_XML = "<package><name>{}</name></package>"
@@ -21,7 +21,7 @@ def _modules(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is imported here is forgotten."""
     for name in [name for name in sys.modules if name.split(".")[0] == NAME]:
         monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if not entry.endswith("rosidl_py_gen/rclpy")])
+    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if not entry.endswith("rosidl_py_gen/ros_compat")])
     monkeypatch.setenv("ROSIDL_PY_GEN_CACHE", "off")
     monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
 
@@ -35,8 +35,8 @@ def real(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_ours_are_there_while_the_hook_is() -> None:
-    with install_import_hook(flavour="rclpy"):
-        assert Path(str(import_module(f"{NAME}.packages").__file__)).is_relative_to(SHIM)
+    with install_import_hook(message_api="rclpy"):
+        assert Path(str(import_module(f"{NAME}.packages").__file__)).is_relative_to(RCLPY_COMPAT_DIR)
     assert not [name for name in sys.modules if name.split(".")[0] == NAME]
     with pytest.raises(ModuleNotFoundError):
         import_module(NAME)
@@ -48,8 +48,8 @@ def test_native_messages_bring_none() -> None:
 
 
 def test_a_real_one_stays_with_a_warning(real: Path) -> None:
-    with install_import_hook(flavour="rclpy"):
-        with pytest.warns(ImportHookWarning, match=f"{NAME}: taken is {real}.*, not {SHIM}"):
+    with install_import_hook(message_api="rclpy"):
+        with pytest.warns(ImportHookWarning, match=f"{NAME}: taken is {real}.*, not {RCLPY_COMPAT_DIR}"):
             found = import_module(f"{NAME}.packages")
         assert found.REAL
     assert sys.modules[f"{NAME}.packages"] is found
@@ -57,19 +57,19 @@ def test_a_real_one_stays_with_a_warning(real: Path) -> None:
 
 
 def test_a_real_one_is_shadowed_with_a_warning(real: Path) -> None:
-    with install_import_hook(flavour="rclpy", shadow=True):
-        with pytest.warns(ImportHookWarning, match=f"{NAME}: taken is {SHIM}.*, not {real}"):
+    with install_import_hook(message_api="rclpy", override_installed=True):
+        with pytest.warns(ImportHookWarning, match=f"{NAME}: taken is {RCLPY_COMPAT_DIR}.*, not {real}"):
             found = import_module(f"{NAME}.packages")
-        assert Path(str(found.__file__)).is_relative_to(SHIM)
+        assert Path(str(found.__file__)).is_relative_to(RCLPY_COMPAT_DIR)
 
 
 def test_every_package_of_the_shim_can_be_imported() -> None:
-    names = [path.name for path in SHIM.iterdir() if (path / "__init__.py").is_file()]
+    names = [path.name for path in RCLPY_COMPAT_DIR.iterdir() if (path / "__init__.py").is_file()]
     assert NAME in names and "rclpy" in names
     before = set(sys.modules)
-    with install_import_hook(flavour="rclpy", shadow=True):
+    with install_import_hook(message_api="rclpy", override_installed=True):
         for name in names:
-            assert import_module(name).__spec__.origin == str(SHIM / name / "__init__.py")  # type: ignore[union-attr]
+            assert import_module(name).__spec__.origin == str(RCLPY_COMPAT_DIR / name / "__init__.py")  # type: ignore[union-attr]
     assert not [name for name in set(sys.modules) - before if name.split(".")[0] in names]
 
 
@@ -88,7 +88,9 @@ def test_packages_beside_one_that_is_in_no_src(tmp_path: Path) -> None:
     }
     write(tmp_path, files)
     script, path = tmp_path / "clone/one/one_package/__init__.py", tmp_path / "clone/three"
-    with install_import_hook(flavour="rclpy", around=script, path=[path]):  # which names one that is there anyway
+    with install_import_hook(
+        message_api="rclpy", workspace_of=script, path=[path]
+    ):  # which names one that is there anyway
         assert import_module("one_package").TWO == 2
         assert import_module("three_msgs.msg").A(a=1).a == 1
         with pytest.raises(ModuleNotFoundError):
@@ -109,7 +111,7 @@ def test_packages_of_the_workspace(tmp_path: Path) -> None:
         "src/empty/package.xml": PACKAGE_XML.format("empty_package"),
     }
     write(tmp_path, files)
-    with install_import_hook(flavour="rclpy", around=tmp_path):
+    with install_import_hook(message_api="rclpy", workspace_of=tmp_path):
         assert import_module("one_package").TWO == 2
         for name in ("other_name", "empty_package"):
             with pytest.raises(ModuleNotFoundError):

@@ -16,10 +16,10 @@ from support.interface_packages import write
 from support.rclpy_messages import hooked
 
 from rosidl_py_gen import DefinitionError, ImportHookWarning, get_message, install_import_hook
+from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import generate
-from rosidl_py_gen.compiler.spec.find import search_path
-from rosidl_py_gen.types import code_cache
-from rosidl_py_gen.types.cache import VARIABLE
+from rosidl_py_gen.type_loading import code_cache
+from rosidl_py_gen.type_loading.description_cache import VARIABLE
 
 PACKAGE_XML = "<package><name>{}</name></package>"
 FLAVOURS = pytest.mark.parametrize("flavour", ["native", "rclpy"])
@@ -55,7 +55,7 @@ def python(program: str, *arguments: str | Path, **settings: str) -> subprocess.
 
 @FLAVOURS
 def test_packages_are_made_of_definitions(flavour: Any, definitions: Path) -> None:
-    with hooked(flavour=flavour, path=definitions):
+    with hooked(message_api=flavour, path=definitions):
         msg, srv, action = (import_module(f"hooked_msgs.{kind}") for kind in ("msg", "srv", "action"))
         assert [name for name in dir(msg) if name[0].isupper()] == ["Path", "Point"] == msg.__all__
         assert {"AddTwo", "AddTwo_Request", "AddTwo_Event"} <= set(dir(srv))
@@ -85,7 +85,7 @@ def test_native_classes_are_those_of_everybody(definitions: Path) -> None:
 def test_a_prefix_is_looked_through(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path / "prefix", {"share/ament_hooked_msgs/msg/A.msg": "int32 a"})
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "prefix"))
-    with hooked(flavour="rclpy"):
+    with hooked(message_api="rclpy"):
         assert import_module("ament_hooked_msgs.msg").A(a=5).a == 5
 
 
@@ -99,7 +99,7 @@ def test_the_workspace_around_a_script(tmp_path: Path, src: str) -> None:
         f"{src}group/near_msgs/msg/A.msg": "int32 a",
     }
     write(tmp_path, files)
-    with hooked(flavour="rclpy", around=tmp_path / src / "talker" / "talker" / "node.py"):
+    with hooked(message_api="rclpy", workspace_of=tmp_path / src / "talker" / "talker" / "node.py"):
         assert import_module("talker.msg").Own(a=5).a == 5
         if src == "ws/src/":
             assert import_module("near_msgs.msg").A(a=5).a == 5
@@ -111,7 +111,7 @@ def test_the_workspace_around_a_script(tmp_path: Path, src: str) -> None:
 def test_a_place_without_packages_is_no_error(tmp_path: Path) -> None:
     write(tmp_path, {"src/only_nodes/package.xml": PACKAGE_XML.format("only_nodes"), "src/only_nodes/a.py": ""})
     for around in (tmp_path, tmp_path / "src" / "only_nodes" / "a.py"):
-        with hooked(flavour="rclpy", around=around):
+        with hooked(message_api="rclpy", workspace_of=around):
             assert import_module("std_msgs.msg").String(data="a").data == "a"
 
 
@@ -127,7 +127,7 @@ def test_a_package_with_python_modules_stays_one(tmp_path: Path, built: bool, mo
     if built:
         monkeypatch.syspath_prepend(str(tmp_path / "src" / "both_kinds"))
     try:
-        with hooked(flavour="rclpy", around=tmp_path / "src" / "both_kinds"):
+        with hooked(message_api="rclpy", workspace_of=tmp_path / "src" / "both_kinds"):
             assert import_module("both_kinds.tool").made.a == 3
             package = import_module("both_kinds")
             assert package.value == 1 and [*package.__path__] == [str(tmp_path / "src/both_kinds/both_kinds")]
@@ -141,7 +141,7 @@ def test_a_package_with_python_modules_stays_one(tmp_path: Path, built: bool, mo
 def test_a_folder_that_only_has_the_name_is_no_package(definitions: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """From the folder of definitions, Python finds namespace packages of these names."""
     monkeypatch.syspath_prepend(str(definitions))
-    with hooked(flavour="rclpy", path=definitions):
+    with hooked(message_api="rclpy", path=definitions):
         assert import_module("hooked_msgs.msg").Point(x=1).x == 1
 
 
@@ -152,7 +152,7 @@ def test_without_it_nothing_changes(definitions: Path) -> None:
     program = """
         import sys
         before = [*sys.meta_path]
-        import rosidl_py_gen, rosidl_py_gen.types.import_hook, rosidl_py_gen.types.interface_modules
+        import rosidl_py_gen, rosidl_py_gen.type_loading.import_hook, rosidl_py_gen.type_loading.interface_modules
         rosidl_py_gen.install_import_hook
         assert sys.meta_path == before
         try:
@@ -174,7 +174,7 @@ REAL = {
 def test_real_packages_stay_and_it_says_so(tmp_path: Path, definitions: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path, REAL)
     monkeypatch.syspath_prepend(str(tmp_path / "real"))
-    with _quiet_hook(flavour="rclpy", path=definitions):
+    with _quiet_hook(message_api="rclpy", path=definitions):
         with pytest.warns(
             ImportHookWarning, match=r"std_msgs.msg: taken is .*real.std_msgs.msg.__init__.py, not the def"
         ):
@@ -189,7 +189,7 @@ def test_real_packages_are_shadowed_on_request_and_it_says_so(
 ) -> None:
     write(tmp_path, REAL)
     monkeypatch.syspath_prepend(str(tmp_path / "real"))
-    with _quiet_hook(flavour="rclpy", path=definitions, shadow=True):
+    with _quiet_hook(message_api="rclpy", path=definitions, override_installed=True):
         with pytest.warns(ImportHookWarning, match=r"std_msgs.msg: taken is the definitions in .*std_msgs, not .*real"):
             assert not hasattr(import_module("std_msgs.msg").String, "real")
         assert import_module("hooked_msgs.msg").Path().header.frame_id == ""
@@ -199,9 +199,9 @@ def test_real_packages_are_shadowed_on_request_and_it_says_so(
 def test_packages_that_were_generated(flavour: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """They are the same as what the hook would make, but for the flavour."""
     write(tmp_path, {"defs/made_msgs/msg/A.msg": "int32 a"})
-    generate(search_path([tmp_path / "defs"], ament=""), ["made_msgs"], tmp_path / "out")
+    generate(scan_search_path([tmp_path / "defs"], ament=""), ["made_msgs"], tmp_path / "out")
     monkeypatch.syspath_prepend(str(tmp_path / "out"))
-    with _quiet_hook(flavour=flavour, path=tmp_path / "defs"), warnings.catch_warnings(record=True) as caught:
+    with _quiet_hook(message_api=flavour, path=tmp_path / "defs"), warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         cls = import_module("made_msgs.msg").A
         assert cls.__module__ == "made_msgs.msg._a" and cls(a=1) == cls(1)
@@ -233,8 +233,8 @@ _NAMES = ("std_msgs", "builtin_interfaces", "hooked_msgs", "made_msgs")
 
 def test_one_hook_at_a_time(definitions: Path) -> None:
     before = [*sys.meta_path]
-    first = install_import_hook(flavour="rclpy", path=definitions)
-    again = install_import_hook(flavour="rclpy", path=str(definitions))
+    first = install_import_hook(message_api="rclpy", path=definitions)
+    again = install_import_hook(message_api="rclpy", path=str(definitions))
     assert len(sys.meta_path) == len(before) + 2  # one that comes first, and one for what nobody else has
     with pytest.raises(RuntimeError, match="other settings"):
         install_import_hook()
@@ -246,14 +246,14 @@ def test_one_hook_at_a_time(definitions: Path) -> None:
 
 def test_wrong_settings_change_nothing(tmp_path: Path) -> None:
     before = [*sys.meta_path]
-    with pytest.raises(ValueError, match="flavour"):
-        install_import_hook(flavour="rcl")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="message_api"):
+        install_import_hook(message_api="rcl")  # type: ignore[arg-type]
     with pytest.raises(DefinitionError, match="expected a folder"):
         install_import_hook(path=tmp_path / "nothing")
     wrong: Any
     for wrong, text in (
-        ({"around": 5}, "around: expected a path, found 5"),
-        ({"around": tmp_path / "nothing.py"}, "around: expected a script or a folder, found '.*nothing.py'"),
+        ({"workspace_of": 5}, "workspace_of: expected a path, found 5"),
+        ({"workspace_of": tmp_path / "nothing.py"}, "workspace_of: expected a script or a folder, found '.*nothing.py'"),
         ({"path": 5}, "path: expected a folder or several, found 5"),
         ({"path": [tmp_path, None]}, "path: expected a path, found None"),
     ):
@@ -266,7 +266,7 @@ def test_wrong_settings_change_nothing(tmp_path: Path) -> None:
 @FLAVOURS
 def test_a_wrong_definition_is_an_error_at_its_import(flavour: Any, tmp_path: Path) -> None:
     write(tmp_path, {"odd_hooked_msgs/msg/Bad.msg": "int33 a", "odd_hooked_msgs/msg/Good.msg": "int32 a"})
-    with hooked(flavour=flavour, path=tmp_path):
+    with hooked(message_api=flavour, path=tmp_path):
         module = import_module("odd_hooked_msgs.msg")
         for _ in range(2):
             with pytest.raises(DefinitionError, match=r"Bad.msg:1:1"):
@@ -276,12 +276,12 @@ def test_a_wrong_definition_is_an_error_at_its_import(flavour: Any, tmp_path: Pa
 
 def test_two_interfaces_of_one_module_are_refused(tmp_path: Path) -> None:
     write(tmp_path, {"twin_msgs/msg/FooBar.msg": "int32 a", "twin_msgs/msg/FOOBar.msg": "int32 a"})
-    with hooked(flavour="rclpy", path=tmp_path), pytest.raises(ImportError, match="would both be the module"):
+    with hooked(message_api="rclpy", path=tmp_path), pytest.raises(ImportError, match="would both be the module"):
         import_module("twin_msgs.msg._foo_bar")
 
 
 def test_parts_of_rosidl_parser_are_there_when_it_is_not() -> None:
-    with hooked(flavour="rclpy"):
+    with hooked(message_api="rclpy"):
         definition = import_module("rosidl_parser.definition")
         assert import_module("std_msgs.msg").Header.SLOT_TYPES[1] == definition.UnboundedString()
 
@@ -292,10 +292,10 @@ def test_parts_of_rosidl_parser_are_there_when_it_is_not() -> None:
 def made(definitions: Path) -> bool:
     """Whether importing a message compiled it; else it came from the cache."""
     calls: list[object] = []
-    keep = code_cache.keep
+    keep = code_cache.store
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(code_cache, "keep", lambda *arguments: (calls.append(arguments), keep(*arguments)))
-        with hooked(flavour="rclpy", path=definitions):
+        patch.setattr(code_cache, "store", lambda *arguments: (calls.append(arguments), keep(*arguments)))
+        with hooked(message_api="rclpy", path=definitions):
             point = import_module("hooked_msgs.msg").Point
             assert point.decode(point(x=1.5).encode()).x == 1.5
     return bool(calls)
@@ -316,11 +316,11 @@ def test_another_definition_is_another_module(definitions: Path) -> None:
     assert made(definitions)
     (definitions / "hooked_msgs/msg/Point.msg").write_text("float64 x\nint32 more")
     assert made(definitions)
-    with hooked(flavour="rclpy", path=definitions):
+    with hooked(message_api="rclpy", path=definitions):
         assert import_module("hooked_msgs.msg").Point(more=1).more == 1
         assert import_module("hooked_msgs.msg").Path(points=[import_module("hooked_msgs.msg").Point(more=2)])
     (definitions / "hooked_msgs/msg/Point.msg").write_text("float64 x\nint32 more\nint32 most")
-    with hooked(flavour="rclpy", path=definitions):  # what is inside a message decides, too
+    with hooked(message_api="rclpy", path=definitions):  # what is inside a message decides, too
         msg = import_module("hooked_msgs.msg")
         assert msg.Path.decode(msg.Path(points=[msg.Point(most=2)]).encode()).points[0].most == 2
 
@@ -370,10 +370,10 @@ def test_a_second_start_needs_no_compiler(definitions: Path) -> None:
     program = """
         import sys
         from rosidl_py_gen import install_import_hook
-        install_import_hook(flavour="rclpy", path=sys.argv[1])
+        install_import_hook(message_api="rclpy", path=sys.argv[1])
         from hooked_msgs.msg import Path
         from hooked_msgs.action import Go
-        print([name for name in ("jinja2", "rosidl_py_gen.compiler.codegen.view") if name in sys.modules])
+        print([name for name in ("jinja2", "rosidl_py_gen.compiler.codegen.template_model") if name in sys.modules])
     """
-    loaded = "['jinja2', 'rosidl_py_gen.compiler.codegen.view']\n"
+    loaded = "['jinja2', 'rosidl_py_gen.compiler.codegen.template_model']\n"
     assert [python(program, definitions).stdout for _ in range(2)] == [loaded, "[]\n"]

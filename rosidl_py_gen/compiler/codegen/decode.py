@@ -11,51 +11,51 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.cdr.layout import HEADER_BYTES, HEADER_CODE, HEADER_VALUE, WSTRING_UNIT_BYTES
-from rosidl_py_gen.compiler.codegen.naming import Locals, singular
-from rosidl_py_gen.compiler.codegen.plan import (
-    Block,
-    Call,
-    Count,
-    Dummy,
-    Enter,
+from rosidl_py_gen.compiler.codegen.layout_ir import (
+    AlignmentState,
+    EmptyMessageByte,
+    FixedNumberArray,
+    InlineMessage,
+    LayoutPlan,
+    LayoutStep,
+    LengthPrefix,
     Loop,
     LoopMode,
-    Nul,
-    Numbers,
-    Plan,
+    NestedCall,
+    NumberArray,
+    PackedRun,
     Ref,
-    Run,
     Scalar,
-    Start,
-    Step,
-    Strings,
-    Text,
+    StringArray,
+    StringContent,
+    StringTerminator,
     assert_never,
 )
+from rosidl_py_gen.compiler.codegen.naming import Locals, singular
 from rosidl_py_gen.compiler.codegen.statements import (
     Align,
+    AppendElement,
     Assign,
     CheckHeader,
+    CheckMaxLength,
+    CheckRemaining,
     Create,
-    Either,
     For,
-    Limit,
+    IfElse,
     Move,
     NewList,
     ReadHeavy,
     ReadText,
     Statement,
-    Store,
     Structs,
     Unpack,
-    Within,
     plus,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.compiler.codegen.flavour import Flavour
+    from rosidl_py_gen.compiler.codegen.message_api import Flavour
 
 
 class DecoderView(NamedTuple):
@@ -77,19 +77,19 @@ class DecoderView(NamedTuple):
     records: bool
 
 
-def decoder_view(plan: Plan, flavour: Flavour, structs: Structs, classes: dict[str, str]) -> DecoderView:
+def decoder_view(plan: LayoutPlan, flavour: Flavour, structs: Structs, classes: dict[str, str]) -> DecoderView:
     """The decoder of one message; for a heavy one the body of `_read`."""
-    first = next(step for step in plan.steps if not isinstance(step, Enter))
-    with_header = not plan.heavy and isinstance(first, Run)
-    bulk = not plan.heavy and any(isinstance(step, Numbers) for step in plan.steps)
-    reader = _Reader(flavour, structs, classes, header=with_header, bulk=bulk, records=plan.records)
+    first = next(step for step in plan.steps if not isinstance(step, InlineMessage))
+    with_header = not plan.outlined and isinstance(first, PackedRun)
+    bulk = not plan.outlined and any(isinstance(step, NumberArray) for step in plan.steps)
+    reader = _DecoderEmitter(flavour, structs, classes, header=with_header, bulk=bulk, records=plan.structured_arrays)
     reader.objects[0] = "message"
-    body = reader.scope(plan.steps, keep_pos=plan.heavy)
-    return DecoderView(tuple(body), reader.uses_view or plan.heavy, with_header, bulk, plan.records)
+    body = reader.scope(plan.steps, keep_pos=plan.outlined)
+    return DecoderView(tuple(body), reader.uses_view or plan.outlined, with_header, bulk, plan.structured_arrays)
 
 
 @dataclass(slots=True)
-class _Reader:
+class _DecoderEmitter:
     flavour: Flavour
     structs: Structs
     classes: dict[str, str]
@@ -108,17 +108,22 @@ class _Reader:
     def attribute(self, ref: Ref) -> str:
         return f"{self.objects[ref.owner]}.{self.flavour.attribute(ref.name)}"
 
-    def at(self, start: Start) -> str:
+    def at(self, start: AlignmentState) -> str:
         """Where a step begins, as an expression."""
         return "pos" if start.static is None else str(start.static + HEADER_BYTES)
 
-    def scope(self, steps: Sequence[Step], keep_pos: bool) -> list[Statement]:
+    def scope(self, steps: Sequence[LayoutStep], keep_pos: bool) -> list[Statement]:
         """The statements of some steps; `keep_pos`: `pos` must be right behind the last one."""
         out: list[Statement] = []
-        last = max((index for index, step in enumerate(steps) if not isinstance(step, (Enter, Nul))), default=-1)
+        last = max(
+            (index for index, step in enumerate(steps) if not isinstance(step, (InlineMessage, StringTerminator))),
+            default=-1,
+        )
         for index, step in enumerate(steps):
             needed = keep_pos or index < last
-            if not (isinstance(step, Enter | Nul) or (isinstance(step, Run) and step.align > 1)):
+            if not (
+                isinstance(step, InlineMessage | StringTerminator) or (isinstance(step, PackedRun) and step.align > 1)
+            ):
                 self.catch_up(out)
             self.step(step, needed, out)
         if keep_pos:
@@ -130,19 +135,19 @@ class _Reader:
             self.late = False
             out.append(Move("=", "end + 1"))
 
-    def step(self, step: Step, needed: bool, out: list[Statement]) -> None:
+    def step(self, step: LayoutStep, needed: bool, out: list[Statement]) -> None:
         match step:
-            case Enter():
+            case InlineMessage():
                 self.create(step, out)
-            case Run():
+            case PackedRun():
                 self.run(step, needed, out)
-            case Text():
+            case StringContent():
                 self.text(step, needed, out)
-            case Nul():
+            case StringTerminator():
                 pass  # a reader takes it with the characters
-            case Numbers():
+            case NumberArray():
                 self.numbers(step, needed, out)
-            case Strings():
+            case StringArray():
                 function = self.support("unpack_wstrings" if step.type.base == "wstring" else "unpack_strings")
                 count = self.count(step.ref, step.type, out)
                 pos = "pos" if needed else "_"
@@ -150,14 +155,14 @@ class _Reader:
                 out.append(Assign(f"{self.attribute(step.ref)}, {pos}", call))
             case Loop():
                 self.loop(step, needed, out)
-            case Call():
+            case NestedCall():
                 if step.start.static is not None:
                     out.append(Move("=", self.at(step.start)))
-                self.heavy(self.attribute(step.ref), step, step.type, needed, out)
+                self.outlined(self.attribute(step.ref), step, step.type, needed, out)
             case _:
                 assert_never(step)
 
-    def create(self, step: Enter, out: list[Statement]) -> None:
+    def create(self, step: InlineMessage, out: list[Statement]) -> None:
         self.support("new")
         cls = self.classes[step.type]
         if step.empty:
@@ -166,9 +171,9 @@ class _Reader:
         name = self.objects[step.number] = self.names.name(step.ref.name)
         out.append(Create(self.attribute(step.ref), name, cls))
 
-    def heavy(self, target: str, step: Call | Loop, cls: str, needed: bool, out: list[Statement]) -> None:
+    def outlined(self, target: str, step: NestedCall | Loop, cls: str, needed: bool, out: list[Statement]) -> None:
         self.uses_view = True
-        out.append(ReadHeavy(target, "pos" if needed else "_", self.classes[cls], step.records))
+        out.append(ReadHeavy(target, "pos" if needed else "_", self.classes[cls], step.structured_arrays))
 
     # --- position -------------------------------------------------------------------------------------------------
 
@@ -190,7 +195,7 @@ class _Reader:
 
     # --- steps ----------------------------------------------------------------------------------------------------
 
-    def run(self, run: Run, needed: bool, out: list[Statement]) -> None:
+    def run(self, run: PackedRun, needed: bool, out: list[Statement]) -> None:
         if run.align > 1:
             self.align(run.align, "", out)
         at = self.at(run.start)
@@ -200,12 +205,12 @@ class _Reader:
             match item:
                 case Scalar(ref, _, _):
                     targets.append(self.attribute(ref))
-                case Count(ref, _):
+                case LengthPrefix(ref, _):
                     name = self.counts[ref] = self.names.name(f"{ref.name}_count")
                     targets.append(name)
-                case Block(ref, code, count, offset):
+                case FixedNumberArray(ref, code, count, offset):
                     blocks.append(Assign(self.attribute(ref), self.view(code, str(count), plus(at, offset), True)))
-                case Dummy():
+                case EmptyMessageByte():
                     pass
                 case _:
                     assert_never(item)
@@ -232,11 +237,11 @@ class _Reader:
         if kind.arity is Arity.ARRAY:
             return str(kind.capacity)
         if kind.arity is Arity.BOUNDED:
-            self.support("limit")
-            out.append(Limit(self.counts[ref], kind.capacity))
+            self.support("check_max_length")
+            out.append(CheckMaxLength(self.counts[ref], kind.capacity))
         return self.counts[ref]
 
-    def text(self, step: Text, needed: bool, out: list[Statement]) -> None:
+    def text(self, step: StringContent, needed: bool, out: list[Statement]) -> None:
         at, count, target = self.at(step.start), self.counts[step.ref], self.attribute(step.ref)
         if step.type.base == "wstring":
             out.append(Assign(target, f"{self.support('from_utf16')}(raw, {at}, {count})"))
@@ -247,7 +252,7 @@ class _Reader:
         out.append(ReadText(target, at, nul, self.bulk))
         self.late = needed
 
-    def numbers(self, step: Numbers, needed: bool, out: list[Statement]) -> None:
+    def numbers(self, step: NumberArray, needed: bool, out: list[Statement]) -> None:
         count = self.count(step.ref, step.type, out)
         at = self.padded(step, count, out)
         out.append(Assign(self.attribute(step.ref), self.view(step.code, count, at, step.type.arity is Arity.ARRAY)))
@@ -257,7 +262,7 @@ class _Reader:
                 size = str(step.item_size * int(count))
             self.move(at, size, out)
 
-    def padded(self, step: Numbers | Loop, count: str, out: list[Statement]) -> str:
+    def padded(self, step: NumberArray | Loop, count: str, out: list[Statement]) -> str:
         """Skip the padding that is only there when elements are; returns where the elements begin."""
         at = self.at(step.start)
         certain = step.type.arity is Arity.ARRAY
@@ -285,7 +290,7 @@ class _Reader:
         read = Assign(target, f"{self.support('read_records')}({cls}, view, {at}, {count})")
         otherwise: list[Statement] = []
         self.messages(step, count, needed, otherwise)
-        out.append(Either("arrays", (read,), tuple(otherwise)))
+        out.append(IfElse("arrays", (read,), tuple(otherwise)))
 
     def messages(self, step: Loop, count: str, needed: bool, out: list[Statement]) -> None:
         """The elements as a list of messages."""
@@ -295,7 +300,7 @@ class _Reader:
         cls = self.classes[step.type.base]
         self.support("new")
         new_list = NewList(self.attribute(step.ref), values, cls, "list")
-        first: list[Statement] = [Assign(item, f"new({cls})"), Store(values, item)]
+        first: list[Statement] = [Assign(item, f"new({cls})"), AppendElement(values, item)]
         if step.mode is LoopMode.PACKED:
             self.packed(step, count, new_list, first, needed, out)
             return
@@ -305,22 +310,22 @@ class _Reader:
         out.append(new_list)
         if step.mode is LoopMode.CALL:
             body: list[Statement] = []
-            self.heavy(item, step, step.type.base, True, body)
-            body.append(Store(values, item))
+            self.outlined(item, step, step.type.base, True, body)
+            body.append(AppendElement(values, item))
         else:
             body = first + self.scope(step.body, keep_pos=True)
         out.append(For("_", f"range({count})", tuple(body)))
 
     def within(self, end: str, out: list[Statement]) -> None:
-        self.support("within")
-        out.append(Within(end))
+        self.support("check_remaining")
+        out.append(CheckRemaining(end))
 
     def packed(
         self, step: Loop, count: str, new_list: NewList, first: list[Statement], needed: bool, out: list[Statement]
     ) -> None:
         at = self.padded(step, count, out)
-        run = next(inner for inner in step.body if isinstance(inner, Run))
-        blocks = [item for item in run.items if isinstance(item, Block)]
+        run = next(inner for inner in step.body if isinstance(inner, PackedRun))
+        blocks = [item for item in run.items if isinstance(item, FixedNumberArray)]
         if at != "pos" and blocks:
             out.append(Move("=", at))
             at = "pos"
@@ -329,7 +334,7 @@ class _Reader:
         out.append(new_list)
         body = list(first)
         for inner in step.body:
-            if isinstance(inner, Enter):
+            if isinstance(inner, InlineMessage):
                 self.create(inner, body)
         targets: list[str] = []
         for item in run.items:
@@ -350,6 +355,6 @@ class _Reader:
             out.append(Move("=", "end"))
 
 
-def _ends_known(step: Numbers | Loop) -> bool:
+def _ends_known(step: NumberArray | Loop) -> bool:
     """Whether what follows knows its own place: behind an array of fixed size at a known one."""
     return step.type.arity is Arity.ARRAY and step.start.static is not None

@@ -11,40 +11,40 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.cdr.layout import HEADER, HEADER_CODE, HEADER_VALUE, MAX_ALIGN, NUL
-from rosidl_py_gen.compiler.codegen.naming import Locals, singular
-from rosidl_py_gen.compiler.codegen.plan import (
-    Block,
-    Call,
-    Count,
-    Dummy,
-    Enter,
+from rosidl_py_gen.compiler.codegen.layout_ir import (
+    AlignmentState,
+    EmptyMessageByte,
+    FixedNumberArray,
+    InlineMessage,
+    LayoutPlan,
+    LayoutStep,
+    LengthPrefix,
     Loop,
     LoopMode,
-    Nul,
-    Numbers,
-    Plan,
+    NestedCall,
+    NumberArray,
+    PackedRun,
     Ref,
-    Run,
     Scalar,
-    Start,
-    Step,
-    Strings,
-    Text,
+    StringArray,
+    StringContent,
+    StringTerminator,
     assert_never,
 )
+from rosidl_py_gen.compiler.codegen.naming import Locals, singular
 from rosidl_py_gen.compiler.codegen.statements import (
     Align,
     Assign,
-    Either,
-    Exactly,
+    CheckLength,
+    CheckMaxLength,
+    CheckMaxLengths,
+    EmitBytes,
     For,
-    Limit,
-    LimitEach,
+    IfElse,
     Load,
     LoadList,
     LoadRecords,
     Move,
-    Part,
     Statement,
     Structs,
     Unpack,
@@ -55,7 +55,7 @@ from rosidl_py_gen.compiler.codegen.statements import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.compiler.codegen.flavour import Flavour
+    from rosidl_py_gen.compiler.codegen.message_api import Flavour
 
 
 class EncoderView(NamedTuple):
@@ -70,17 +70,17 @@ class EncoderView(NamedTuple):
     result: str
 
 
-def encoder_view(plan: Plan, flavour: Flavour, structs: Structs, classes: dict[str, str]) -> EncoderView:
+def encoder_view(plan: LayoutPlan, flavour: Flavour, structs: Structs, classes: dict[str, str]) -> EncoderView:
     """The encoder of one message; for a heavy one the body of `_write`."""
-    collect = plan.heavy or any(isinstance(step, (Loop, Call)) for step in plan.steps)
-    writer = _Writer(flavour, structs, classes, collect, header=not plan.heavy)
+    collect = plan.outlined or any(isinstance(step, (Loop, NestedCall)) for step in plan.steps)
+    writer = _EncoderEmitter(flavour, structs, classes, collect, header=not plan.outlined)
     writer.objects[0] = "self"
-    first = next(step for step in plan.steps if not isinstance(step, Enter))
+    first = next(step for step in plan.steps if not isinstance(step, InlineMessage))
     body: list[Statement] = []
-    if writer.header and not isinstance(first, Run):
+    if writer.header and not isinstance(first, PackedRun):
         writer.header = False
         writer.part(_literal(HEADER), body)
-    body += writer.scope(plan.steps, keep_pos=plan.heavy)
+    body += writer.scope(plan.steps, keep_pos=plan.outlined)
     if collect:
         return EncoderView(tuple(body), "")
     parts = writer.parts
@@ -93,27 +93,27 @@ def _literal(data: bytes) -> str:
     return 'b"' + "".join(f"\\{byte:o}" for byte in data) + '"'
 
 
-def _reads_pos(step: Step) -> bool:
+def _reads_pos(step: LayoutStep) -> bool:
     """Whether writing this step looks at `pos`."""
     match step:
-        case Run() | Numbers() | Strings():
+        case PackedRun() | NumberArray() | StringArray():
             return step.align > 1
         case Loop():
             inside = any(_reads_pos(inner) for inner in step.body)
             return step.align > 1 or step.mode is LoopMode.CALL or (step.mode is LoopMode.INLINE and inside)
-        case Call():
+        case NestedCall():
             return True
-        case Enter() | Text() | Nul():
+        case InlineMessage() | StringContent() | StringTerminator():
             return False
         case _:
             assert_never(step)
 
 
-Contents = dict[Ref, Text | Numbers | Strings | Loop]
+Contents = dict[Ref, StringContent | NumberArray | StringArray | Loop]
 
 
 @dataclass(slots=True)
-class _Writer:
+class _EncoderEmitter:
     flavour: Flavour
     structs: Structs
     classes: dict[str, str]
@@ -132,38 +132,40 @@ class _Writer:
     def attribute(self, ref: Ref) -> str:
         return f"{self.objects[ref.owner]}.{self.flavour.attribute(ref.name)}"
 
-    def scope(self, steps: Sequence[Step], keep_pos: bool) -> list[Statement]:
+    def scope(self, steps: Sequence[LayoutStep], keep_pos: bool) -> list[Statement]:
         """The statements of some steps; `keep_pos`: `pos` must be right behind the last one."""
         out: list[Statement] = []
-        contents: Contents = {step.ref: step for step in steps if isinstance(step, (Text, Numbers, Strings, Loop))}
+        contents: Contents = {
+            step.ref: step for step in steps if isinstance(step, (StringContent, NumberArray, StringArray, Loop))
+        }
         last = max((index for index, step in enumerate(steps) if _reads_pos(step)), default=-1)
         for index, step in enumerate(steps):
             needed = keep_pos or index < last
             self.step(step, needed, contents, out)
         return out
 
-    def step(self, step: Step, needed: bool, contents: Contents, out: list[Statement]) -> None:
+    def step(self, step: LayoutStep, needed: bool, contents: Contents, out: list[Statement]) -> None:
         match step:
-            case Enter():
+            case InlineMessage():
                 name = self.names.name(step.ref.name)
                 out.append(self.load(name, self.attribute(step.ref), step.type))
                 self.objects[step.number] = name
-            case Run():
+            case PackedRun():
                 self.run(step, needed, contents, out)
-            case Text():
+            case StringContent():
                 value = self.values[step.ref]
                 self.part(value, out)
                 self.move(step.start, f"len({value})", needed, out)
-            case Nul():
+            case StringTerminator():
                 self.part(_literal(NUL), out)
                 self.move(step.start, str(len(NUL)), needed, out)
-            case Numbers():
+            case NumberArray():
                 self.numbers(step, needed, contents, out)
-            case Strings():
+            case StringArray():
                 self.strings(step, needed, contents, out)
             case Loop():
                 self.loop(step, needed, contents, out)
-            case Call():
+            case NestedCall():
                 name = self.names.name(step.ref.name)
                 out.append(self.load(name, self.attribute(step.ref), step.type))
                 self.materialise(step.start, out)
@@ -172,18 +174,18 @@ class _Writer:
                 assert_never(step)
 
     def load(self, name: str, expression: str, cls: str) -> Load:
-        self.support("expect")
+        self.support("coerce_message")
         return Load(name, expression, self.classes[cls])
 
     def part(self, expression: str, out: list[Statement]) -> None:
         if self.collect:
-            out.append(Part(expression))
+            out.append(EmitBytes(expression))
         else:
             self.parts.append(expression)
 
     # --- position -------------------------------------------------------------------------------------------------
 
-    def move(self, start: Start, distance: str, needed: bool, out: list[Statement]) -> None:
+    def move(self, start: AlignmentState, distance: str, needed: bool, out: list[Statement]) -> None:
         """`pos` grows by a distance; where it was not kept so far, `start` says it."""
         if not needed or (start.static is not None and distance.isdigit()):  # what follows knows its own place
             return
@@ -210,13 +212,13 @@ class _Writer:
             self.position(otherwise, out)
         out.append(Align(self.pos, expression, f"len({value})"))
 
-    def materialise(self, start: Start, out: list[Statement]) -> None:
+    def materialise(self, start: AlignmentState, out: list[Statement]) -> None:
         if start.static is not None:
             self.position(str(start.static), out)
 
     # --- steps ----------------------------------------------------------------------------------------------------
 
-    def run(self, run: Run, needed: bool, contents: Contents, out: list[Statement]) -> None:
+    def run(self, run: PackedRun, needed: bool, contents: Contents, out: list[Statement]) -> None:
         arguments: list[str] = []
         code = run.pack
         if self.header:
@@ -229,11 +231,11 @@ class _Writer:
                     arguments.append(f"{self.support('BOOL')}[{self.attribute(ref)}]")
                 case Scalar(ref, _, _):
                     arguments.append(self.attribute(ref))
-                case Block(ref, kind, count, _):
+                case FixedNumberArray(ref, kind, count, _):
                     arguments.append(f"{self.flavour.fixed(kind)}({self.attribute(ref)}, {count})")
-                case Count(ref, _):
+                case LengthPrefix(ref, _):
                     arguments.append(self.prepare(contents[ref], out))
-                case Dummy():
+                case EmptyMessageByte():
                     pass
                 case _:
                     assert_never(item)
@@ -250,58 +252,64 @@ class _Writer:
         else:
             self.move(run.start, str(run.size + run.nul), needed, out)
 
-    def prepare(self, step: Text | Numbers | Strings | Loop, out: list[Statement]) -> str:
+    def prepare(self, step: StringContent | NumberArray | StringArray | Loop, out: list[Statement]) -> str:
         """Fetch and convert a content before the run that carries its count; returns the count expression."""
         source, kind = self.attribute(step.ref), step.type
         name = self.values[step.ref] = self.names.name(step.ref.name)
-        if isinstance(step, Text):
+        if isinstance(step, StringContent):
             if kind.string_bound:
-                self.support("limit")
-                out.append(Limit(f"len({source})", kind.string_bound))
+                self.support("check_max_length")
+                out.append(CheckMaxLength(f"len({source})", kind.string_bound))
             wide = kind.base == "wstring"
             out.append(Assign(name, f"{self.support('utf16' if wide else 'utf8')}({source})"))
             return f"len({name}) >> 2" if wide else f"len({name}) + 1"
-        if isinstance(step, Numbers):
+        if isinstance(step, NumberArray):
             function = self.flavour.sequence(step.code, is_array=kind.arity is Arity.ARRAY)
             out.append(Assign(name, f"{function}({source})"))
         elif isinstance(step, Loop) and step.fixed:
             self.support("list_or_records")
             out.append(LoadRecords(name, self.flavour.listed(source)))
         elif isinstance(step, Loop):
-            self.support("expect_list")
+            self.support("coerce_message_list")
             out.append(LoadList(name, self.flavour.listed(source)))
         else:
             out.append(Assign(name, self.flavour.listed(source)))
         if kind.arity is Arity.BOUNDED:
-            self.support("limit")
-            out.append(Limit(f"len({name})", kind.capacity))
+            self.support("check_max_length")
+            out.append(CheckMaxLength(f"len({name})", kind.capacity))
         return f"len({name})"
 
-    def fetch(self, step: Numbers | Strings | Loop, contents: Contents, out: list[Statement]) -> str:
+    def fetch(self, step: NumberArray | StringArray | Loop, contents: Contents, out: list[Statement]) -> str:
         """The variable that holds a content; a fixed array has no count, so it is fetched here."""
         if step.ref not in self.values:
             count = self.prepare(contents[step.ref], out)
-            self.support("exactly")
-            out.append(Exactly(count, step.type.capacity))
+            self.support("check_length")
+            out.append(CheckLength(count, step.type.capacity))
         return self.values[step.ref]
 
-    def numbers(self, step: Numbers, needed: bool, contents: Contents, out: list[Statement]) -> None:
+    def numbers(self, step: NumberArray, needed: bool, contents: Contents, out: list[Statement]) -> None:
         value = self.fetch(step, contents, out)
         scaled = f"{step.item_size} * len({value})" if step.item_size > 1 else f"len({value})"
         self.padded(step, value, value, scaled, needed, out)
 
-    def strings(self, step: Strings, needed: bool, contents: Contents, out: list[Statement]) -> None:
+    def strings(self, step: StringArray, needed: bool, contents: Contents, out: list[Statement]) -> None:
         value = self.fetch(step, contents, out)
         if step.type.string_bound:
-            self.support("limit_each")
-            out.append(LimitEach(value, step.type.string_bound))
+            self.support("check_max_lengths")
+            out.append(CheckMaxLengths(value, step.type.string_bound))
         packed = self.names.name(f"{step.ref.name}_packed")
         function = self.support("pack_wstrings" if step.type.base == "wstring" else "pack_strings")
         out.append(Assign(packed, f"{function}({value})"))
         self.padded(step, value, packed, f"len({packed})", needed, out)
 
     def padded(
-        self, step: Numbers | Strings | Loop, value: str, content: str, size: str, needed: bool, out: list[Statement]
+        self,
+        step: NumberArray | StringArray | Loop,
+        value: str,
+        content: str,
+        size: str,
+        needed: bool,
+        out: list[Statement],
     ) -> None:
         """Padding that is only there when elements are, and then the elements (unless `content` is empty)."""
         certain = step.type.arity is Arity.ARRAY
@@ -314,7 +322,7 @@ class _Writer:
             self.part(zeros if certain else f'{zeros} if len({value}) else b""', out)
         if content:
             self.part(content, out)
-        if not needed or (certain and start.static is not None and not isinstance(step, Strings)):
+        if not needed or (certain and start.static is not None and not isinstance(step, StringArray)):
             return  # what follows an array of fixed size knows its own place
         if step.align > 1:
             moved = f"({self.pos} + {step.align - 1} & -{step.align}) + {size}"
@@ -336,7 +344,7 @@ class _Writer:
         write = Assign("pos", call) if needed else Unpack("", call)
         otherwise: list[Statement] = []
         self.messages(step, value, needed, otherwise)
-        out.append(Either(f"type({value}) is ndarray", (write,), tuple(otherwise)))
+        out.append(IfElse(f"type({value}) is ndarray", (write,), tuple(otherwise)))
 
     def known(self, step: Loop, needed: bool) -> str:
         """The position of the elements, or a number that is aligned as it is where nothing keeps the position."""

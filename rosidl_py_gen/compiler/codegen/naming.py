@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from rosidl_py_gen.cdr import support
-from rosidl_py_gen.cdr.rclpy import arrays as rclpy_arrays
+from rosidl_py_gen.cdr.rclpy_messages import arrays as rclpy_arrays
 
 # Names a method body uses as globals or has as parameters and fixed locals; other locals must never hide them.
 _METHOD_NAMES = {
@@ -36,7 +36,7 @@ _METHOD_NAMES = {
         "self",
         "view",
     ),
-    *("recover_decode", "recover_encode"),
+    *("decode_slow", "encode_slow"),
     *(name for name in vars(support) if not name.startswith("_")),
     *(name for name in vars(rclpy_arrays) if "_" in name.strip("_")),
 }

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, NamedTuple
 from rosidl_py_gen.base.descriptions import default_text
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.base.names import py_name
-from rosidl_py_gen.compiler.codegen.literals import py_literal, visible
+from rosidl_py_gen.compiler.codegen.python_literals import py_literal, visible
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.compiler.codegen.naming import Imports
-    from rosidl_py_gen.compiler.spec.model import ConstantDef, FieldDef
+    from rosidl_py_gen.compiler.frontend.model import ConstantDef, FieldDef
 
 SUPPORT = "rosidl_py_gen.cdr.support"
 _ZERO = {"bool": "False", "int": "0", "float": "0.0"}

@@ -10,12 +10,12 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base import resources
-from rosidl_py_gen.compiler.codegen.literals import docstring, py_string
+from rosidl_py_gen.compiler.codegen.python_literals import docstring, py_string
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-    from rosidl_py_gen.compiler.codegen.view import AliasView, KindView, ModuleView
+    from rosidl_py_gen.compiler.codegen.template_model import AliasView, KindView, ModuleView
 
 
 def environment_of_texts() -> Environment:

@@ -35,7 +35,7 @@ class LoadRecords(NamedTuple):
     kind: Literal["load_records"] = "load_records"
 
 
-class Either(NamedTuple):
+class IfElse(NamedTuple):
     """What is done when elements are, or shall be, a structured array, and what else."""
 
     condition: str
@@ -50,29 +50,29 @@ class Assign(NamedTuple):
     kind: Literal["assign"] = "assign"
 
 
-class Limit(NamedTuple):
+class CheckMaxLength(NamedTuple):
     """Refuse more than `most`."""
 
     number: str
     most: int
-    kind: Literal["limit"] = "limit"
+    kind: Literal["check_max_length"] = "check_max_length"
 
 
-class Exactly(NamedTuple):
+class CheckLength(NamedTuple):
     """Refuse another number than `wanted`."""
 
     number: str
     wanted: int
-    kind: Literal["exactly"] = "exactly"
+    kind: Literal["check_length"] = "check_length"
 
 
-class LimitEach(NamedTuple):
+class CheckMaxLengths(NamedTuple):
     values: str
     most: int
-    kind: Literal["limit_each"] = "limit_each"
+    kind: Literal["check_max_lengths"] = "check_max_lengths"
 
 
-class Part(NamedTuple):
+class EmitBytes(NamedTuple):
     """Bytes that are appended now (in a function that collects parts)."""
 
     expression: str
@@ -146,11 +146,11 @@ class CheckHeader(NamedTuple):
     kind: Literal["check_header"] = "check_header"
 
 
-class Within(NamedTuple):
+class CheckRemaining(NamedTuple):
     """Refuse a count that the bytes left cannot hold."""
 
     end: str
-    kind: Literal["within"] = "within"
+    kind: Literal["check_remaining"] = "check_remaining"
 
 
 class NewList(NamedTuple):
@@ -168,7 +168,7 @@ class ReadHeavy(NamedTuple):
     pos: str
     cls: str
     records: bool
-    kind: Literal["read_heavy"] = "read_heavy"
+    kind: Literal["read_outlined"] = "read_outlined"
 
 
 class For(NamedTuple):
@@ -178,7 +178,7 @@ class For(NamedTuple):
     kind: Literal["loop"] = "loop"
 
 
-class Store(NamedTuple):
+class AppendElement(NamedTuple):
     """Append the element to its list."""
 
     values: str
@@ -187,8 +187,8 @@ class Store(NamedTuple):
 
 
 Statement = (
-    Load | LoadList | LoadRecords | Either | Assign | Limit | Exactly | LimitEach | Part | Write | Move | Align
-    | Create | Unpack | ReadText | CheckHeader | Within | NewList | ReadHeavy | For | Store
+    Load | LoadList | LoadRecords | IfElse | Assign | CheckMaxLength | CheckLength | CheckMaxLengths | EmitBytes | Write
+    | Move | Align | Create | Unpack | ReadText | CheckHeader | CheckRemaining | NewList | ReadHeavy | For | AppendElement
 )  # fmt: skip
 
 

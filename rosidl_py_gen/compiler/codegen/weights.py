@@ -13,14 +13,14 @@ from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.cdr.layout import has_fixed_size
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.compiler.spec.model import MessageDef
+    from rosidl_py_gen.compiler.frontend.model import MessageDef
 
 # A nested message of more leaves than this is called, not printed in line. It bounds the generated code to a multiple
 # of the definition; every common message (Odometry has 22 leaves, Marker 43) stays flat.
-INLINE_WEIGHT = 48
+MAX_INLINE_FIELDS = 48
 # So is one with more levels or loops in each other: CPython takes 20 loops, and each is planned up to four times.
-INLINE_LEVELS = 12
-INLINE_LOOPS = 5
+MAX_INLINE_DEPTH = 12
+MAX_INLINE_LOOPS = 5
 # A message of more leaves than this has no generated codec at all, but `cdr.wide.WideMessage`: CPython takes 40 kB to
 # compile what encodes and decodes one string. Messages of public packages have up to 70 fields.
 WIDE_WEIGHT = 500
@@ -48,37 +48,37 @@ class Weights:
         assert found is not None, name  # references were checked before
         return found
 
-    def is_heavy(self, name: str) -> bool:
-        levels, loops = self.height(name)
-        return self.weight(name) > INLINE_WEIGHT or levels > INLINE_LEVELS or loops > INLINE_LOOPS
+    def is_outlined(self, name: str) -> bool:
+        levels, loops = self.nesting_depth(name)
+        return self.inline_size(name) > MAX_INLINE_FIELDS or levels > MAX_INLINE_DEPTH or loops > MAX_INLINE_LOOPS
 
     def is_wide(self, name: str) -> bool:
         """Return True if a codec of its own would be out of proportion to the definition."""
         if name not in self._wide:
-            weight = self.weight(name)
+            weight = self.inline_size(name)
             self._wide[name] = weight > min(WIDE_WEIGHT, self._leaves_left)
             self._leaves_left -= 0 if self._wide[name] else weight
         return self._wide[name]
 
-    def height(self, name: str) -> tuple[int, int]:
+    def nesting_depth(self, name: str) -> tuple[int, int]:
         """Return the levels of nested messages, and of loops over them, that are emitted inline in a message."""
         if name not in self._heights:
             levels = loops = 0
             for item in self.message(name).fields:
                 if item.type.is_message:
-                    below, within = (0, 0) if self.is_heavy(item.type.base) else self.height(item.type.base)
+                    below, within = (0, 0) if self.is_outlined(item.type.base) else self.nesting_depth(item.type.base)
                     levels = max(levels, below + 1)
                     loops = max(loops, within + (item.type.arity is not Arity.SCALAR))
             self._heights[name] = levels, loops
         return self._heights[name]
 
-    def weight(self, name: str) -> int:
+    def inline_size(self, name: str) -> int:
         """Leaves of a message after flattening; a nested message that is called counts as one."""
         if name not in self._weights:
             total = 0
             for item in self.message(name).fields:
-                is_inline = item.type.is_message and not self.is_heavy(item.type.base)
-                total += self.weight(item.type.base) if is_inline else 1
+                is_inline = item.type.is_message and not self.is_outlined(item.type.base)
+                total += self.inline_size(item.type.base) if is_inline else 1
             self._weights[name] = max(1, total)
         return self._weights[name]
 

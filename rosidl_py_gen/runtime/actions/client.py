@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request
-from rosidl_py_gen.runtime.actions.checks import (
+from rosidl_py_gen.runtime.actions.argument_checks import (
     ActionArgumentError,
     require_depth,
     require_goal_id,
@@ -35,18 +35,18 @@ from rosidl_py_gen.runtime.actions.client_goal import (
     GoalProgress,
     GoalRejectedError,
 )
-from rosidl_py_gen.runtime.actions.results import FIRST_RETRY_DELAY_S, REGISTRATION_TIMEOUT_S, ResultClient
+from rosidl_py_gen.runtime.actions.result_requests import FIRST_RETRY_DELAY_S, REGISTRATION_TIMEOUT_S, ResultRequester
 from rosidl_py_gen.runtime.actions.states import ZERO_ID, ActionError, CancelCode, GoalStatus, UnknownGoalError
 from rosidl_py_gen.runtime.actions.status import find_status
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_goal_id
-from rosidl_py_gen.runtime.endpoints.client import Client
-from rosidl_py_gen.runtime.endpoints.scope import Composite, shown
-from rosidl_py_gen.runtime.endpoints.service_parts import CallTimeoutError, ServerLostError, carrier_qos
-from rosidl_py_gen.runtime.endpoints.subscription import Subscription
-from rosidl_py_gen.runtime.endpoints.types import raw_type
+from rosidl_py_gen.runtime.entities.client import Client
+from rosidl_py_gen.runtime.entities.entity_scope import CompositeEntity, entity_repr
+from rosidl_py_gen.runtime.entities.message_types import raw_type
+from rosidl_py_gen.runtime.entities.service_common import CallTimeoutError, ServerLostError, service_endpoint_qos
+from rosidl_py_gen.runtime.entities.subscription import Subscription
 from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError, with_reason
-from rosidl_py_gen.runtime.time.values import Time, limit_to_ns, read_stamp
+from rosidl_py_gen.runtime.time.values import Time, read_stamp, timeout_to_ns
 from rosidl_py_gen.runtime.transport.match_cache import MatchCache
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
 
@@ -56,8 +56,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.base.stamps import SecNanosec
     from rosidl_py_gen.cdr import Action
     from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType, GoalT
-    from rosidl_py_gen.runtime.endpoints.scope import Scope
-    from rosidl_py_gen.runtime.graph.definitions import TypeCheck
+    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
+    from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
 
 T = TypeVar("T")
 
@@ -68,22 +68,22 @@ _CANCEL_ERRORS: dict[int, tuple[type[ActionError], str]] = {
 }
 
 
-class ActionClient(Composite, Generic[ActionT_co]):
+class ActionClient(CompositeEntity, Generic[ActionT_co]):
     """Made by `create_action_client`."""
 
     def __init__(
         self,
-        scope: Scope,
+        scope: EntityScope,
         action_type: ActionType,
         names: ActionNames,
         *,
         feedback_depth: int,
-        server_lost_after_s: float,
-        type_check: TypeCheck | None = None,
+        server_lost_timeout_s: float,
+        type_hash_check: TypeCheck | None = None,
     ) -> None:
-        super().__init__(scope, type_check=type_check)
+        super().__init__(scope, type_hash_check=type_hash_check)
         self._feedback_depth = require_depth("feedback_depth", feedback_depth)
-        lost_after_ns = limit_to_ns("server_lost_after_s", server_lost_after_s)
+        lost_after_ns = timeout_to_ns("server_lost_timeout_s", server_lost_timeout_s)
         self.name = names.action
         """Fully qualified name of the action."""
         self.action_type = action_type.ros_name
@@ -98,15 +98,15 @@ class ActionClient(Composite, Generic[ActionT_co]):
         # its own depth.
         parts = self._parts
         self._feedback: Subscription[Any] = Subscription(
-            parts, action_type.feedback_message, names.feedback, self._on_feedback, carrier_qos(DEFAULT)
+            parts, action_type.feedback_message, names.feedback, self._on_feedback, service_endpoint_qos(DEFAULT)
         )
         self._status: Subscription[bytes] = Subscription(
             parts, raw_type(action_type.status), names.status, self._on_status, ACTION_STATUS
         )
         self._send: Client[Any, Any] = Client(parts, action_type.send_goal, names.send_goal, SERVICES_DEFAULT)
         self._cancel: Client[Any, Any] = Client(parts, action_type.cancel, names.cancel_goal, SERVICES_DEFAULT)
-        self._result = ResultClient(parts, action_type.get_result, names.get_result, lost_after_ns)
-        scope.own(self)
+        self._result = ResultRequester(parts, action_type.get_result, names.get_result, lost_after_ns)
+        scope.register(self)
 
     # ------------------------------------------------------------------------------------------------ availability
 
@@ -114,7 +114,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
         """Whether a server is connected: three services and both topics.
 
         Raises:
-            ForeignServiceError: the only servers are Fast DDS ones.
+            IncompatibleServiceError: the only servers are Fast DDS ones.
             ClosedError: the client is closed.
         """
         self._scope.require_open(self._closed, f"the action client of {self.name}")
@@ -144,7 +144,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
         Raises:
             WaitTimeoutError: none was in time. Others as `server_is_available`.
         """
-        return await self._scope.expect(
+        return await self._scope.wait_or_raise(
             self._is_available.get,
             timeout_s,
             lambda: self._closed,
@@ -174,7 +174,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
             ActionServerLostError: the server went away before it answered; the goal may have been accepted.
             EncodeError, TypeError: the goal does not fit its type.
             ActionArgumentError: no goal id, or one of a goal of this client that has not ended.
-            ForeignServiceError, ClosedError: as their names say.
+            IncompatibleServiceError, ClosedError: as their names say.
         """
         self._scope.require_open(self._closed, f"the action client of {self.name}")
         deadline = Deadline(timeout_s)
@@ -203,13 +203,13 @@ class ActionClient(Composite, Generic[ActionT_co]):
             # A goal that does not fit is refused before anybody is waited for.
             self._type.send_goal.request.encode(request)
             try:
-                await self.wait_for_server(deadline.left_s())
+                await self.wait_for_server(deadline.remaining_s())
             except WaitTimeoutError as error:
                 places = ", ".join(self._missing())
                 text = f"goal not answered by action {self.name}: no server appeared in {timeout_s} s at {places}"
                 raise ActionTimeoutError(with_reason(text, error.reason)) from None
         try:
-            return await self._send.call(request, deadline.left_s())
+            return await self._send.call(request, deadline.remaining_s())
         except CallTimeoutError as error:
             raise ActionTimeoutError(f"goal not answered by action {self.name} in {timeout_s} s") from error
         except ServerLostError as error:
@@ -233,7 +233,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
 
     def _run_sync(self, coroutine: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine of this client from plain code; see `send_goal_sync`."""
-        return self._scope.run(coroutine, f"a waiting call on action {self.name}", "'await'")
+        return self._scope.run_blocking(coroutine, f"a waiting call on action {self.name}", "'await'")
 
     # ------------------------------------------------------------------------------------------------------ result
 
@@ -281,11 +281,11 @@ class ActionClient(Composite, Generic[ActionT_co]):
                 canceled = await self._ask_cancel(goal_id, None, what, left_s)
                 break
             except UnknownGoalError:
-                left_s = deadline.left_s()
+                left_s = deadline.remaining_s()
                 if not self._is_early(goal_id) or (left_s is not None and left_s <= delay_s):
                     raise
             await asyncio.sleep(delay_s)
-            delay_s, left_s = 2 * delay_s, deadline.left_s()
+            delay_s, left_s = 2 * delay_s, deadline.remaining_s()
         if goal_id not in canceled:
             # rclpy servers answer 0 with an empty list when they refuse.
             raise CancelRejectedError(f"action server {self.name} refused to cancel {what}")
@@ -351,7 +351,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
                 progress.on_status(status)
 
     def __repr__(self) -> str:
-        return shown(self, self.name, self.action_type, peers=lambda: len(self._send._servers()), peer="server")
+        return entity_repr(self, self.name, self.action_type, peers=lambda: len(self._send._servers()), peer="server")
 
     def close(self) -> None:
         """Let go of all goals: whoever waits gets `ClosedError`, feedback ends. May be called twice."""

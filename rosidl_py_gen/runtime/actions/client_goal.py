@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Generic
 
-from rosidl_py_gen.base.waiting import Waiters
+from rosidl_py_gen.base.waiters import Waiters
 from rosidl_py_gen.runtime.actions.states import ActionError, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionT_co
-from rosidl_py_gen.runtime.loop.stream import Stream
+from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
 from rosidl_py_gen.runtime.time.deadline import Deadline
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class GoalProgress:
         self.status = GoalStatus.UNKNOWN
         self.accepted_stamp: Time | None = None
         self.accepted_s: float | None = None
-        self.feedback: Stream[Any] = Stream(feedback_depth)
+        self.feedback: AsyncQueue[Any] = AsyncQueue(feedback_depth)
         self.outcome: tuple[GoalStatus, Any] | None = None
         self.error: BaseException | None = None
         self.waiters = Waiters()
@@ -137,7 +137,7 @@ class ClientGoal(Generic[ActionT_co]):
         """How many feedback messages were lost because nobody took them in time: the oldest ones."""
         return self._progress.feedback.dropped
 
-    def feedback(self: ClientGoal[Action[Any, Any, FeedbackT]]) -> Stream[FeedbackT]:
+    def feedback(self: ClientGoal[Action[Any, Any, FeedbackT]]) -> AsyncQueue[FeedbackT]:
         """Iterate over the feedback, from the first one on; ends when the result is in.
 
         Ends with an error when there will be no result: `ActionServerLostError`, `ClosedError`.
@@ -156,7 +156,7 @@ class ClientGoal(Generic[ActionT_co]):
             ClosedError: the client was closed.
         """
         progress = self._progress
-        if not await progress.waiters.wait(lambda: progress.is_done, Deadline(timeout_s).left_s()):
+        if not await progress.waiters.wait(lambda: progress.is_done, Deadline(timeout_s).remaining_s()):
             raise ActionTimeoutError(
                 f"no result of goal {self.goal_id.hex()} in {timeout_s} s; it is {progress.status.name}"
             )

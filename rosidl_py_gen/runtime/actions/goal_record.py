@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.waiting import Waiters, complete_threadsafe
+from rosidl_py_gen.base.waiters import Waiters, complete_threadsafe
 
 if TYPE_CHECKING:
     import asyncio
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class GoalRecord:
-    """One goal; its state is in the server's `GoalBook`, here is what waits for it and what it came to."""
+    """One goal; its state is in the server's `GoalTable`, here is what waits for it and what it came to."""
 
     def __init__(self) -> None:
         self.accepted_stamp: Time | None = None

@@ -13,75 +13,77 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Generic
 
 from rosidl_py_gen.base.stamps import set_stamp, stamp_ns
-from rosidl_py_gen.base.waiting import complete_threadsafe
+from rosidl_py_gen.base.waiters import complete_threadsafe
 from rosidl_py_gen.msgs.action_msgs.msg import GoalInfo as GoalInfoMessage
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request, CancelGoal_Response
-from rosidl_py_gen.runtime.actions.checks import require_server_options
-from rosidl_py_gen.runtime.actions.decisions import CancelRequest, GoalRequest, ask
-from rosidl_py_gen.runtime.actions.execution import FeedbackReadiness, HandlerRunner
+from rosidl_py_gen.runtime.actions.argument_checks import require_server_options
+from rosidl_py_gen.runtime.actions.goal_decisions import CancelRequest, GoalRequest, request_decision
+from rosidl_py_gen.runtime.actions.goal_execution import ExecuteRunner, FeedbackReadiness
 from rosidl_py_gen.runtime.actions.server_goal import ServerGoal, ServerGoals
 from rosidl_py_gen.runtime.actions.states import GoalDecision, GoalInfo, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_goal_id
-from rosidl_py_gen.runtime.endpoints.scope import Composite, counted, shown
-from rosidl_py_gen.runtime.endpoints.server import ServiceServer
-from rosidl_py_gen.runtime.endpoints.types import raw_type
-from rosidl_py_gen.runtime.loop.stream import Stream
-from rosidl_py_gen.runtime.loop.user_function import UserFunction
+from rosidl_py_gen.runtime.entities.entity_scope import CompositeEntity, entity_repr, pluralize
+from rosidl_py_gen.runtime.entities.message_types import raw_type
+from rosidl_py_gen.runtime.entities.server import ServiceServer
+from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
+from rosidl_py_gen.runtime.loop.user_callback import UserCallback
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
-    from rosidl_py_gen.runtime.actions.checks import Policy
+    from rosidl_py_gen.runtime.actions.argument_checks import Policy
     from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType
-    from rosidl_py_gen.runtime.endpoints.scope import Scope
-    from rosidl_py_gen.runtime.graph.definitions import TypeCheck
+    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
+    from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
     from rosidl_py_gen.runtime.time.clock import Clock
 
 
-class ActionServer(Composite, Generic[ActionT_co]):
+class ActionServer(CompositeEntity, Generic[ActionT_co]):
     """Made by `create_action_server`; without `execute` it is an async iterator of `GoalRequest`."""
 
     def __init__(
         self,
-        scope: Scope,
+        scope: EntityScope,
         clock: Clock,
         action_type: ActionType,
         names: ActionNames,
         execute: Callable[[ServerGoal[ActionT_co]], Any] | None,
         *,
-        accept: Callable[[Any], Any] | None,
-        on_cancel: Callable[[ServerGoal[ActionT_co]], Any] | bool,
+        goal_callback: Callable[[Any], Any] | None,
+        cancel_callback: Callable[[ServerGoal[ActionT_co]], Any] | bool,
         result_timeout_s: float,
-        policy: Policy,
-        type_check: TypeCheck | None = None,
+        goal_policy: Policy,
+        type_hash_check: TypeCheck | None = None,
     ) -> None:
-        require_server_options(names.action, execute, accept, on_cancel, policy)
+        require_server_options(names.action, execute, goal_callback, cancel_callback, goal_policy)
         self.name = names.action
         """Fully qualified name of the action."""
         self.action_type = action_type.ros_name
         """``pkg/action/Name``."""
         self.action_class = action_type.cls
         """The generated class, with `Goal`, `Result` and `Feedback`."""
-        super().__init__(scope, type_check=type_check)
+        super().__init__(scope, type_hash_check=type_hash_check)
         self._type = action_type
-        self._policy = policy
+        self._policy = goal_policy
         self._unknown = action_type.encode_result(GoalStatus.UNKNOWN, None)
         self._undecided: dict[bytes, asyncio.Future[GoalInfo | None]] = {}
         parts = self._parts
         self._goals = ServerGoals(
-            parts, clock, action_type, names, self._run, result_timeout_s=result_timeout_s, policy=policy
+            parts, clock, action_type, names, self._run, result_timeout_s=result_timeout_s, policy=goal_policy
         )
-        self._accept = None if accept is None else UserFunction(parts, accept, f"the accept callback of {self.name}")
-        self._on_cancel: UserFunction | bool = (
-            on_cancel
-            if isinstance(on_cancel, bool)
-            else UserFunction(parts, on_cancel, f"the on_cancel callback of {self.name}")
+        self._accept = (
+            None if goal_callback is None else UserCallback(parts, goal_callback, f"the accept callback of {self.name}")
         )
-        self._requests: Stream[GoalRequest[ActionT_co]] = Stream()
-        self._cancels: Stream[CancelRequest[ActionT_co]] | None = None
+        self._on_cancel: UserCallback | bool = (
+            cancel_callback
+            if isinstance(cancel_callback, bool)
+            else UserCallback(parts, cancel_callback, f"the on_cancel callback of {self.name}")
+        )
+        self._requests: AsyncQueue[GoalRequest[ActionT_co]] = AsyncQueue()
+        self._cancels: AsyncQueue[CancelRequest[ActionT_co]] | None = None
         get_result = replace(action_type.get_result, response=raw_type(action_type.get_result.response))
-        parts.own(self._requests)
+        parts.register(self._requests)
         send_goal: ServiceServer[Any, Any] = ServiceServer(
             parts, action_type.send_goal, names.send_goal, self._on_send_goal, SERVICES_DEFAULT
         )
@@ -90,9 +92,9 @@ class ActionServer(Composite, Generic[ActionT_co]):
         self._send_goal = send_goal
         readiness = FeedbackReadiness(parts, send_goal, self._goals.feedback)
         self._runner = (
-            None if execute is None else HandlerRunner(parts, self.name, execute, readiness, self._goals.complete)
+            None if execute is None else ExecuteRunner(parts, self.name, execute, readiness, self._goals.complete)
         )
-        scope.own(self)
+        scope.register(self)
 
     def _run(self, goal: ServerGoal[Any]) -> None:
         if self._runner is not None:
@@ -100,18 +102,18 @@ class ActionServer(Composite, Generic[ActionT_co]):
 
     # ------------------------------------------------------------------------------------------------ stream style
 
-    def __aiter__(self) -> Stream[GoalRequest[ActionT_co]]:
+    def __aiter__(self) -> AsyncQueue[GoalRequest[ActionT_co]]:
         if self._runner is not None:
             raise TypeError(f"action {self.name} has callbacks; its goals cannot be iterated over too")
         return self._requests
 
-    def cancel_requests(self) -> Stream[CancelRequest[ActionT_co]]:
+    def cancel_requests(self) -> AsyncQueue[CancelRequest[ActionT_co]]:
         """Decide about cancels yourself: from now on each one waits until it is accepted or rejected."""
         if self._on_cancel is not True:
             raise TypeError(f"action {self.name} has on_cancel; its cancels cannot be iterated over too")
         if self._cancels is None:
-            self._cancels = Stream()
-            self._parts.own(self._cancels)
+            self._cancels = AsyncQueue()
+            self._parts.register(self._cancels)
         return self._cancels
 
     @property
@@ -137,12 +139,14 @@ class ActionServer(Composite, Generic[ActionT_co]):
             return self._response(None)
         goal: ServerGoal[ActionT_co] = ServerGoal(self._goals, goal_id, self._type.goal.to_value(request.goal))
         if self._runner is not None and self._accept is None:
-            return self._response(self._goals.enter(goal, GoalDecision.ACCEPT))
+            return self._response(self._goals.accept_goal(goal, GoalDecision.ACCEPT))
         answer: asyncio.Future[GoalInfo | None] = self._scope.bridge.running_loop().create_future()
         if self._accept is None:
             self._requests._push(GoalRequest(self._goals, goal, answer))
         else:
-            ask(self._accept, goal.request, answer, lambda decision: self._goals.enter(goal, decision), None)
+            request_decision(
+                self._accept, goal.request, answer, lambda decision: self._goals.accept_goal(goal, decision), None
+            )
         if answer.done():
             return self._response(answer.result())
         self._undecided[goal_id] = answer  # before the next request is looked at
@@ -191,8 +195,8 @@ class ActionServer(Composite, Generic[ActionT_co]):
         answer.add_done_callback(goal._record.cancel_answers.discard)
         if self._cancels is not None:
             self._cancels._push(CancelRequest(goal, answer))
-        elif isinstance(self._on_cancel, UserFunction):
-            ask(self._on_cancel, goal, answer, lambda decision: decision is not GoalDecision.REJECT, False)
+        elif isinstance(self._on_cancel, UserCallback):
+            request_decision(self._on_cancel, goal, answer, lambda decision: decision is not GoalDecision.REJECT, False)
         return await answer
 
     # ------------------------------------------------------------------------------------------------------ result
@@ -204,9 +208,9 @@ class ActionServer(Composite, Generic[ActionT_co]):
         return goal._record.result_bytes() if goal is not None else self._goals.book.result(goal_id) or self._unknown
 
     def __repr__(self) -> str:
-        goals = counted(len(self.goals), "active goal")
+        goals = pluralize(len(self.goals), "active goal")
         peers = lambda: len(self._send_goal.matched_clients())  # noqa: E731
-        return shown(self, self.name, self.action_type, goals, peers=peers, peer="client")
+        return entity_repr(self, self.name, self.action_type, goals, peers=peers, peer="client")
 
     def close(self) -> None:
         """Stop serving. May be called twice.

@@ -16,38 +16,45 @@ from collections import deque
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.base.waiting import complete, current_loop
+from rosidl_py_gen.base.waiters import current_loop, set_result_if_pending
 from rosidl_py_gen.runtime.actions.goal_record import GoalRecord
-from rosidl_py_gen.runtime.actions.states import ENDS, GoalBook, GoalDecision, GoalEvent, GoalInfo, GoalStatus
+from rosidl_py_gen.runtime.actions.states import (
+    TERMINAL_STATUS_OF,
+    GoalDecision,
+    GoalEvent,
+    GoalInfo,
+    GoalStatus,
+    GoalTable,
+)
 from rosidl_py_gen.runtime.actions.status import StatusTopic
 from rosidl_py_gen.runtime.actions.types import ActionT_co, set_goal_id
-from rosidl_py_gen.runtime.endpoints.publisher import Publisher
-from rosidl_py_gen.runtime.time.values import Duration, Time, limit_to_ns
+from rosidl_py_gen.runtime.entities.publisher import Publisher
+from rosidl_py_gen.runtime.time.values import Duration, Time, timeout_to_ns
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
     from rosidl_py_gen.cdr import Action
-    from rosidl_py_gen.runtime.actions.checks import Policy
+    from rosidl_py_gen.runtime.actions.argument_checks import Policy
     from rosidl_py_gen.runtime.actions.states import CancelCode, CancelSelection
     from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType, FeedbackT, GoalT, ResultT
-    from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.time.clock import Clock
 
 T = TypeVar("T")
 
 
-class Finished:
+class GoalResult:
     """What `succeed`, `abort` and `canceled` return, so that a handler can say ``return goal.canceled(...)``."""
 
     __slots__ = ()
 
 
-FINISHED = Finished()
+FINISHED = GoalResult()
 
 
-def caller() -> object:
+def current_task_or_thread() -> object:
     """Who calls: a task of this thread's loop, or else the thread."""
     return threading.get_ident() if current_loop() is None else asyncio.current_task()
 
@@ -86,20 +93,15 @@ class ServerGoal(Generic[ActionT_co]):
         return self.status.is_active
 
     @property
-    def cancel_requested(self) -> bool:
+    def is_cancel_requested(self) -> bool:
         """True once a cancel request was accepted: finish soon, with `canceled`, or otherwise.
 
         Also true when the server closes; then nothing can be told to the client any more, and it is time to return.
         """
         return self._record.cancel_requested
 
-    @property
-    def is_cancel_requested(self) -> bool:
-        """The same as `cancel_requested`; the name in rclpy."""
-        return self.cancel_requested
-
     async def wait_for_cancel(self) -> None:
-        """Return when `cancel_requested` becomes true."""
+        """Return when `is_cancel_requested` becomes true."""
         await self._record.changed.wait(lambda: self._record.cancel_requested)
 
     async def started(self) -> bool:
@@ -127,7 +129,7 @@ class ServerGoal(Generic[ActionT_co]):
         """
         self._goals.on_loop(lambda: self._goals.start_deferred(self))
 
-    def succeed(self: ServerGoal[Action[Any, ResultT, Any]], result: ResultT | None = None) -> Finished:
+    def succeed(self: ServerGoal[Action[Any, ResultT, Any]], result: ResultT | None = None) -> GoalResult:
         """End the goal as SUCCEEDED. The result is sent as it is now: later changes have no effect.
 
         Without one, the handler's own call leaves that to what the handler returns; any other call sends a default
@@ -139,21 +141,21 @@ class ServerGoal(Generic[ActionT_co]):
         """
         return self._finish(GoalEvent.SUCCEED, result)
 
-    def abort(self: ServerGoal[Action[Any, ResultT, Any]], result: ResultT | None = None) -> Finished:
+    def abort(self: ServerGoal[Action[Any, ResultT, Any]], result: ResultT | None = None) -> GoalResult:
         """End the goal as ABORTED; errors as `succeed`."""
         return self._finish(GoalEvent.ABORT, result)
 
-    def canceled(self: ServerGoal[Action[Any, ResultT, Any]], result: ResultT | None = None) -> Finished:
+    def canceled(self: ServerGoal[Action[Any, ResultT, Any]], result: ResultT | None = None) -> GoalResult:
         """End the goal as CANCELED.
 
         Raises:
-            GoalTransitionError: nobody asked for a cancel (see `cancel_requested`), or it has ended already.
+            GoalTransitionError: nobody asked for a cancel (see `is_cancel_requested`), or it has ended already.
         """
         return self._finish(GoalEvent.CANCELED, result)
 
-    def _finish(self, event: GoalEvent, result: object | None) -> Finished:
+    def _finish(self, event: GoalEvent, result: object | None) -> GoalResult:
         handler = self._record.handler
-        awaits_return = result is None and handler is not None and handler == caller()
+        awaits_return = result is None and handler is not None and handler == current_task_or_thread()
         self._goals.on_loop(lambda: self._goals.finish(self.goal_id, event, result, awaits_return=awaits_return))
         return FINISHED
 
@@ -170,7 +172,7 @@ class ServerGoals:
 
     def __init__(
         self,
-        scope: Scope,
+        scope: EntityScope,
         clock: Clock,
         action_type: ActionType,
         names: ActionNames,
@@ -185,7 +187,7 @@ class ServerGoals:
         self._name = names.action
         self._run = run
         self._policy = policy
-        self.book: GoalBook[bytes] = GoalBook(limit_to_ns("result_timeout_s", result_timeout_s))
+        self.book: GoalTable[bytes] = GoalTable(timeout_to_ns("result_timeout_s", result_timeout_s))
         self.active: dict[bytes, ServerGoal[Any]] = {}
         """Goals that have not ended, in the order of acceptance."""
         self.returning: dict[bytes, tuple[ServerGoal[Any], GoalEvent]] = {}
@@ -195,11 +197,11 @@ class ServerGoals:
         self._expiry: asyncio.TimerHandle | None = None
         self.feedback: Publisher[Any] = Publisher(scope, action_type.feedback_message, names.feedback, DEFAULT)
         self._status = StatusTopic(scope, action_type.status, names.status)
-        scope.own(self)
+        scope.register(self)
         jumped = clock.create_jump_callback(
             post=lambda jump: self.expire(), on_clock_change=True, min_forward=Duration(nanoseconds=1)
         )
-        scope.own(jumped)
+        scope.register(jumped)
 
     def on_loop(self, function: Callable[[], T]) -> T:
         """Run `function` on the loop's thread; to other threads it returns when the status is published."""
@@ -216,7 +218,7 @@ class ServerGoals:
 
     # -------------------------------------------------------------------------------------------- start and end
 
-    def enter(self, goal: ServerGoal[Any], decision: GoalDecision) -> GoalInfo | None:
+    def accept_goal(self, goal: ServerGoal[Any], decision: GoalDecision) -> GoalInfo | None:
         """Do with a new goal what was decided; None when it is rejected, by the policy or a closed server too."""
         if decision is GoalDecision.REJECT or self._scope.closed or (self._policy == "reject" and self.active):
             return None
@@ -231,7 +233,7 @@ class ServerGoals:
             self._status.publish()
         return info
 
-    def reject_forgotten(self, answer: asyncio.Future[GoalInfo | None]) -> None:
+    def reject_garbage_collected(self, answer: asyncio.Future[GoalInfo | None]) -> None:
         """The program let go of a request without an answer; called wherever the garbage collector runs."""
 
         def reject() -> None:
@@ -239,7 +241,7 @@ class ServerGoals:
                 self._scope.logger.warning(
                     f"a goal request of action {self._name} was neither accepted nor rejected; it is rejected"
                 )
-                complete(answer, None)
+                set_result_if_pending(answer, None)
 
         self._scope.bridge.call_soon(reject)
 
@@ -276,9 +278,9 @@ class ServerGoals:
             GoalTransitionError, UnknownGoalError, EncodeError, TypeError, ClosedError: as their names say.
         """
         self._scope.require_open(False, f"action server {self._name}")
-        data = self._type.encode_result(ENDS[event], result)
+        data = self._type.encode_result(TERMINAL_STATUS_OF[event], result)
         self.book.finish(goal_id, event, data, self._clock.now_ns())
-        self._status.rows.set_status(goal_id, ENDS[event])
+        self._status.rows.set_status(goal_id, TERMINAL_STATUS_OF[event])
         self._running.discard(goal_id)
         goal = self.active.pop(goal_id)
         if awaits_return:
@@ -301,7 +303,7 @@ class ServerGoals:
             status = self.book.status(goal.goal_id)
             sent = self.book.result(goal.goal_id)
             return result is None or sent is None or sent == self._type.encode_result(status, result)
-        status = GoalStatus.ABORTED if failed else ENDS[event]
+        status = GoalStatus.ABORTED if failed else TERMINAL_STATUS_OF[event]
         data = self._type.encode_result(status, result)
         del self.returning[goal.goal_id]
         self.book.replace_result(goal.goal_id, data, status)
@@ -313,7 +315,7 @@ class ServerGoals:
 
     def publish_feedback(self, goal_id: bytes, feedback: object) -> None:
         """From any thread."""
-        self._status.flush_here()  # it became EXECUTING before
+        self._status.flush_if_in_loop()  # it became EXECUTING before
         message = self._type.cls.FeedbackMessage()
         set_goal_id(message, goal_id)
         message.feedback = self._type.feedback.to_message(feedback)
@@ -324,7 +326,7 @@ class ServerGoals:
     def cancel(
         self, selection: CancelSelection, agreed: Collection[GoalInfo]
     ) -> tuple[CancelCode, tuple[GoalInfo, ...]]:
-        """Cancel those of the selected goals that were agreed to; returns as `GoalBook.answer_cancel`."""
+        """Cancel those of the selected goals that were agreed to; returns as `GoalTable.answer_cancel`."""
         code, canceled = self.book.answer_cancel(selection, agreed)
         for info in canceled:
             self._cancel(self.active[info.goal_id])

@@ -78,7 +78,7 @@ GOAL_TRANSITIONS: Mapping[tuple[GoalStatus, GoalEvent], GoalStatus] = MappingPro
 
 Source: docs/internals/protocol.md 8.2.
 """
-ENDS = {event: status for (_, event), status in GOAL_TRANSITIONS.items() if status.is_terminal}
+TERMINAL_STATUS_OF = {event: status for (_, event), status in GOAL_TRANSITIONS.items() if status.is_terminal}
 """The events that end a goal."""
 
 
@@ -160,7 +160,7 @@ class _Goal(Generic[ResultT]):
     result: ResultT | None = None
 
 
-class GoalBook(Generic[ResultT]):
+class GoalTable(Generic[ResultT]):
     """All goals a server knows, in the order of acceptance.
 
     Args:

@@ -16,14 +16,14 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.stamps import sec_nanosec
 from rosidl_py_gen.cdr.layout import COUNT_BYTES, HEADER, HEADER_BYTES
-from rosidl_py_gen.runtime.endpoints.publisher import Publisher
-from rosidl_py_gen.runtime.endpoints.types import raw_type
-from rosidl_py_gen.runtime.loop.after_answer import AfterAnswer
+from rosidl_py_gen.runtime.entities.message_types import raw_type
+from rosidl_py_gen.runtime.entities.publisher import Publisher
+from rosidl_py_gen.runtime.loop.deferred_send import DeferredSender
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.endpoints.scope import Scope
-    from rosidl_py_gen.runtime.endpoints.types import MessageType
+    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
+    from rosidl_py_gen.runtime.entities.message_types import MessageType
     from rosidl_py_gen.runtime.transport.samples import Payload
 
 _ROW = struct.Struct("<16s3xiIB")
@@ -31,7 +31,7 @@ _FIRST = HEADER_BYTES + COUNT_BYTES
 _ID_BYTES, _PAD_BYTES, _STATUS_OFFSET = 16, 3, 27
 
 
-class StatusRows:
+class StatusArray:
     """The rows of one server in the order of acceptance."""
 
     def __init__(self) -> None:
@@ -79,19 +79,19 @@ def find_status(data: Payload, goal_id: bytes) -> int | None:
 class StatusTopic:
     """One publisher, and the rows it publishes."""
 
-    def __init__(self, scope: Scope, message_type: MessageType[Any], topic: str) -> None:
-        self.rows = StatusRows()
+    def __init__(self, scope: EntityScope, message_type: MessageType[Any], topic: str) -> None:
+        self.rows = StatusArray()
         self._bridge = scope.bridge
         self._publisher: Publisher[bytes] = Publisher(scope, raw_type(message_type), topic, ACTION_STATUS)
-        self._after_answer = AfterAnswer(scope.bridge, self._publisher._publish_without_waiting)
+        self._after_answer = DeferredSender(scope.bridge, self._publisher._publish_without_waiting)
         self.flush = self._after_answer.flush
-        scope.own(self._after_answer)
+        scope.register(self._after_answer)
 
     def publish(self) -> None:
         """Publish the rows as they are now."""
         self._after_answer.add(self.rows.message())
 
-    def flush_here(self) -> None:
+    def flush_if_in_loop(self) -> None:
         """Write what waits, if this is the loop's thread: what its caller publishes next comes behind."""
         if self._bridge.in_loop_thread():
             self.flush()

@@ -20,12 +20,18 @@ from rosidl_py_gen.cdr.message import is_of_type
 from rosidl_py_gen.errors import EncodeError
 from rosidl_py_gen.msgs.action_msgs.msg import GoalStatusArray
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal, CancelGoal_Request, CancelGoal_Response
-from rosidl_py_gen.runtime.endpoints.types import MessageType, ServiceType, Untyped, message_type, service_type
+from rosidl_py_gen.runtime.entities.message_types import (
+    DictMessage,
+    MessageType,
+    ServiceType,
+    message_type,
+    service_type,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.names.remap import NodeNames
+    from rosidl_py_gen.runtime.names.remapping import NodeNames
 
 GoalT = TypeVar("GoalT")
 ResultT = TypeVar("ResultT")
@@ -35,7 +41,7 @@ ActionT_co = TypeVar("ActionT_co", bound=Action[Any, Any, Any], covariant=True)
 """Covariant, so that ``ServerGoal[Fibonacci]`` is a ``ServerGoal[Action[Fibonacci_Goal, ...]]``."""
 
 
-UntypedAction: TypeAlias = Action[Untyped, Untyped, Untyped]
+UntypedAction: TypeAlias = Action[DictMessage, DictMessage, DictMessage]
 """What stands for an action whose type is given as text; its goals, results and feedback are dicts."""
 
 
@@ -52,7 +58,7 @@ class ActionClass(Protocol[ActionT_co, GoalT, ResultT, FeedbackT]):
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class ActionMessageType:
     """One of goal, result and feedback: its class, and how the user's values become messages and back.
 
     Attributes:
@@ -74,9 +80,9 @@ class ActionType:
 
     ros_name: str
     cls: Any
-    goal: Part
-    result: Part
-    feedback: Part
+    goal: ActionMessageType
+    result: ActionMessageType
+    feedback: ActionMessageType
     send_goal: ServiceType[Any, Any]
     get_result: ServiceType[Any, Any]
     feedback_message: MessageType[Any]
@@ -121,19 +127,19 @@ def action_type(source: object, *, arrays: bool = False) -> ActionType:
     )
 
 
-def _typed(cls: type[Message]) -> Part:
+def _typed(cls: type[Message]) -> ActionMessageType:
     def check(value: Any) -> Message:
         if not is_of_type(value, cls):
             raise TypeError(f"expected a {cls.__name__} ({cls._TYPE.name}), got {type(value).__name__}: {value!r:.100}")
         return value  # type: ignore[no-any-return]
 
-    return Part(cls, check, lambda message: message)
+    return ActionMessageType(cls, check, lambda message: message)
 
 
-def _untyped(cls: type[Message]) -> Part:
+def _untyped(cls: type[Message]) -> ActionMessageType:
     from rosidl_py_gen import from_dict, to_dict
 
-    return Part(cls, lambda value: from_dict(cls, value), to_dict)
+    return ActionMessageType(cls, lambda value: from_dict(cls, value), to_dict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,29 +12,29 @@ import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.registration import Registrations
-from rosidl_py_gen.base.waiting import Waiters
-from rosidl_py_gen.runtime.graph.definitions import definitions_differ
-from rosidl_py_gen.runtime.graph.state import Graph, Mismatch
+from rosidl_py_gen.base.registration import RegistrationSet
+from rosidl_py_gen.base.waiters import Waiters
+from rosidl_py_gen.runtime.graph.graph import Graph, Mismatch
+from rosidl_py_gen.runtime.graph.type_hashes import type_hashes_differ
 from rosidl_py_gen.runtime.graph.unmatched import UnmatchedReasons
 from rosidl_py_gen.runtime.logs.loggers import get_logger, logger_name
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
-from rosidl_py_gen.runtime.transport.discovered import EndpointFound, Lost, NodeEntities
+from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, EntityLost, NodeEntities
 from rosidl_py_gen.runtime.transport.incompatibility import Incompatibility, IncompatibilityKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from rosidl_py_gen.runtime.loop.loop_binding import LoopBinding
-    from rosidl_py_gen.runtime.transport.discovered import Channel, DiscoveryEvent
-    from rosidl_py_gen.runtime.transport.port import Participant
+    from rosidl_py_gen.runtime.transport.api import Participant
+    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent, TopicKey
 
-_USED = "; they are used all the same, as type_check says"
+_STILL_DELIVERED = "; they are used all the same, as type_check says"
 _CURE = (
     ". Bring both to one, or take that of the other side: `await node.resolve_type(topic)`, or `rosidl-py`, which "
     "looks it up"
 )
-_NAME_PATIENCE_S = 1.0
+_NODE_NAME_GRACE_PERIOD_S = 1.0
 """A node's name usually arrives some milliseconds after its endpoints; a warning waits this long for it."""
 
 
@@ -59,21 +59,21 @@ class Discovery:
         self._node_numbers = itertools.count(1)
         self.changes = Waiters()
         """Who waits for the graph to change."""
-        self.departures: Registrations[Callable[[], None]] = Registrations()
+        self.on_endpoint_lost: RegistrationSet[Callable[[], None]] = RegistrationSet()
         """Called when participants or endpoints have left the graph, on the loop's thread or where no loop runs."""
         self._announce_delay_s = announce_delay_s
         self._dirty = False
         self._lock = threading.RLock()
         """Held from a change of our own nodes until it is written, so that no older state is written after it."""
         self._closed = False
-        self._warned: set[tuple[bytes, bytes]] = set()
+        self._reported_pairs: set[tuple[bytes, bytes]] = set()
         self._warned_services: set[tuple[str, bytes, bytes]] = set()
         self._mismatches: list[_Warning] = []
-        self.on_mismatch: Callable[[str, str], None] | None = None
+        self.on_incompatible_endpoint: Callable[[str, str], None] | None = None
         """See `Context`."""
-        self.type_checks: dict[bytes, str] = {}
+        self.type_hash_checks: dict[bytes, str] = {}
         """Of our endpoints, what becomes of messages of another definition, where that is not "error"."""
-        self.unmatched = UnmatchedReasons(self.graph, self.apart, participant.middleware)
+        self.unmatched = UnmatchedReasons(self.graph, self.incompatibility, participant.middleware)
         participant.set_discovery_sink(self._on_events)
 
     # ------------------------------------------------------------------------------------------------- own nodes
@@ -112,7 +112,7 @@ class Discovery:
                 return
             gone = {*remove, b""}
             for guid in remove:
-                self.type_checks.pop(guid, None)
+                self.type_hash_checks.pop(guid, None)
             readers, writers = (node.reader_gids | {reader}) - gone, (node.writer_gids | {writer}) - gone
             self._nodes[number] = NodeEntities(node.namespace, node.name, readers, writers)
             if self._bridge.in_loop_thread():
@@ -150,15 +150,15 @@ class Discovery:
     def _on_events(self, events: list[DiscoveryEvent]) -> None:
         someone_left = False
         for event in events:
-            if isinstance(event, Lost):
+            if isinstance(event, EntityLost):
                 someone_left = True
-                self._warned = {pair for pair in self._warned if event.guid not in pair}
+                self._reported_pairs = {pair for pair in self._reported_pairs if event.guid not in pair}
                 self._warned_services = {one for one in self._warned_services if event.guid not in one}
             appeared = self.graph.apply(event)
             if appeared is not None:
-                self._compare(appeared)
+                self._check_new_endpoint(appeared)
         if someone_left:
-            for tell in self.departures:
+            for tell in self.on_endpoint_lost:
                 tell()
         self._changed()
 
@@ -174,43 +174,47 @@ class Discovery:
 
     # ------------------------------------------------------------------------------------------------ mismatches
 
-    def apart(self, writer: EndpointFound, reader: EndpointFound) -> Incompatibility | None:
+    def incompatibility(self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> Incompatibility | None:
         """Return in what a writer and a reader of one channel differ; None when they do not."""
-        kind = IncompatibilityKind.TYPE if writer.type != reader.type else self._participant.mismatch(writer, reader)
-        if kind is None and definitions_differ(writer, reader.type_hash, reader.service_hash):
+        kind = (
+            IncompatibilityKind.TYPE
+            if writer.type != reader.type
+            else self._participant.incompatibility_reason(writer, reader)
+        )
+        if kind is None and type_hashes_differ(writer, reader.type_hash, reader.service_hash):
             kind = IncompatibilityKind.DEFINITION
         return None if kind is None else Incompatibility(kind, writer, reader)
 
-    def mismatches(self, channel: Channel) -> Iterator[Mismatch]:
+    def mismatches(self, channel: TopicKey) -> Iterator[Mismatch]:
         """Who does not understand whom on a channel, as far as both are known."""
-        info = self.graph.info
-        for writer in self.graph.on(channel, writers=True):
-            for reader in self.graph.on(channel, writers=False):
-                if found := self.apart(writer, reader):
+        info = self.graph.endpoint_info
+        for writer in self.graph.endpoints_on(channel, writers=True):
+            for reader in self.graph.endpoints_on(channel, writers=False):
+                if found := self.incompatibility(writer, reader):
                     yield Mismatch(info(writer), info(reader), found.mismatch_kind, found.reason)
 
-    def _compare(self, new: EndpointFound) -> None:
+    def _check_new_endpoint(self, new: DiscoveredEndpoint) -> None:
         """Look for endpoints that `new` should talk to but cannot; one side must be ours."""
         mine = self._participant.guid
-        for other in self.graph.on(new.channel, writers=not new.is_writer):
+        for other in self.graph.endpoints_on(new.channel, writers=not new.is_writer):
             writer, reader = (new, other) if new.is_writer else (other, new)
             ours = [one for one in (writer, reader) if one.participant_guid == mine]
-            if not ours or (writer.guid, reader.guid) in self._warned:
+            if not ours or (writer.guid, reader.guid) in self._reported_pairs:
                 continue
-            found = self.apart(writer, reader)
-            if found is None or not self._is_news(writer, reader):
+            found = self.incompatibility(writer, reader)
+            if found is None or not self._is_first_report(writer, reader):
                 continue
-            self._warned.add((writer.guid, reader.guid))
-            modes = {self.type_checks.get(one.guid, "error") for one in ours}
+            self._reported_pairs.add((writer.guid, reader.guid))
+            modes = {self.type_hash_checks.get(one.guid, "error") for one in ours}
             is_definition = found.kind is IncompatibilityKind.DEFINITION
             if is_definition and modes == {"off"}:
                 continue
             self._mismatches.append(_Warning(found, is_definition and reader in ours and "error" not in modes))
             loop = self._bridge.loop
             if loop is not None:
-                loop.call_later(_NAME_PATIENCE_S, self._warn_mismatches)
+                loop.call_later(_NODE_NAME_GRACE_PERIOD_S, self._warn_mismatches)
 
-    def _is_news(self, writer: EndpointFound, reader: EndpointFound) -> bool:
+    def _is_first_report(self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> bool:
         """Whether it is the first half of a service between two participants; the other says the same."""
         kind, name = writer.channel
         if kind not in ("request", "reply"):
@@ -233,9 +237,9 @@ class Discovery:
             names = f"from {self.graph.describe_node(writer)} to {self.graph.describe_node(reader)}"
             text = f"{what} on {own.channel.name} {names}: {found.reason}"
             if found.kind is IncompatibilityKind.DEFINITION:
-                text += _USED if warning.is_used else _CURE
-            if self.on_mismatch is not None:
-                self.on_mismatch(text, own.channel.name)
+                text += _STILL_DELIVERED if warning.is_used else _CURE
+            if self.on_incompatible_endpoint is not None:
+                self.on_incompatible_endpoint(text, own.channel.name)
                 continue
             namespace, node_name = self.graph.node_of(own)
             get_logger(logger_name(fully_qualified_node_name(node_name, namespace))).warning(text)

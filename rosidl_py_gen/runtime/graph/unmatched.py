@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, NamedTuple
 from rosidl_py_gen.base.names import similar_name
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.transport.incompatibility import IncompatibilityKind
-from rosidl_py_gen.runtime.transport.matching import find_preset
+from rosidl_py_gen.runtime.transport.qos_matching import find_preset
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
-    from rosidl_py_gen.runtime.graph.state import Graph
-    from rosidl_py_gen.runtime.transport.discovered import Channel, EndpointFound
+    from rosidl_py_gen.runtime.graph.graph import Graph
+    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
     from rosidl_py_gen.runtime.transport.incompatibility import Incompatibility
 
 _NOT_YET = "was found, but is not connected (yet)"
@@ -48,7 +48,7 @@ class UnmatchedReasons:
     def __init__(
         self,
         graph: Graph,
-        compare: Callable[[EndpointFound, EndpointFound], Incompatibility | None],
+        compare: Callable[[DiscoveredEndpoint, DiscoveredEndpoint], Incompatibility | None],
         middleware: str,
     ) -> None:
         """`compare` gets a writer and a reader."""
@@ -59,7 +59,7 @@ class UnmatchedReasons:
         self._version = -1
 
     def why(
-        self, own: bytes, channel: Channel, *, is_writer: bool, matched: Collection[bytes] = (), ending: str = ""
+        self, own: bytes, channel: TopicKey, *, is_writer: bool, matched: Collection[bytes] = (), ending: str = ""
     ) -> UnmatchedReason:
         """Return why an endpoint of ours has no peers but `matched`.
 
@@ -76,9 +76,9 @@ class UnmatchedReasons:
         return self._cache[key]
 
     def _why(
-        self, own: bytes, channel: Channel, is_writer: bool, matched: Collection[bytes], ending: str
+        self, own: bytes, channel: TopicKey, is_writer: bool, matched: Collection[bytes], ending: str
     ) -> UnmatchedReason:
-        peers = [one for one in self._graph.on(channel, writers=not is_writer) if one.guid not in matched]
+        peers = [one for one in self._graph.endpoints_on(channel, writers=not is_writer) if one.guid not in matched]
         mine = self._graph.endpoints.get(own)
         if not peers:
             return UnmatchedReason("" if matched else self._nobody(channel, is_writer, ending))
@@ -97,32 +97,32 @@ class UnmatchedReasons:
             return ""
         return f"no other participant was found{_CURES.get(self._middleware, '')}"
 
-    def disagreeing(self, own: bytes, channel: Channel) -> str:
+    def disagreeing(self, own: bytes, channel: TopicKey) -> str:
         """Return which connected publisher has another definition of the type; empty if none has."""
         mine = self._graph.endpoints.get(own)
         if mine is None:
             return ""
-        for writer in self._graph.on(channel, writers=True):
+        for writer in self._graph.endpoints_on(channel, writers=True):
             found = self._compare(writer, mine)
             if found is not None and found.kind is IncompatibilityKind.DEFINITION:
                 return self._reason(writer, found)
         return ""
 
-    def _compare_with(self, mine: EndpointFound, peer: EndpointFound) -> Incompatibility | None:
+    def _compare_with(self, mine: DiscoveredEndpoint, peer: DiscoveredEndpoint) -> Incompatibility | None:
         return self._compare(*((mine, peer) if mine.is_writer else (peer, mine)))
 
-    def _reason(self, peer: EndpointFound, found: Incompatibility | None) -> str:
+    def _reason(self, peer: DiscoveredEndpoint, found: Incompatibility | None) -> str:
         name = printable(self._graph.describe_node(peer), _MAX_NAME)
         return f"{name} {_NOT_YET}" if found is None else found.reason_of(peer, name)
 
-    def _preset(self, mine: EndpointFound) -> str:
-        profiles = [peer.qos for peer in self._graph.on(mine.channel, writers=not mine.is_writer)]
+    def _preset(self, mine: DiscoveredEndpoint) -> str:
+        profiles = [peer.qos for peer in self._graph.endpoints_on(mine.channel, writers=not mine.is_writer)]
         name = find_preset(
             mine.qos, publisher=mine.is_writer, peers=profiles, is_service=mine.channel.kind in ("request", "reply")
         )
         return f"; use the preset {name}" if name else "; no preset fits all peers"
 
-    def _nobody(self, channel: Channel, is_writer: bool, ending: str) -> str:
+    def _nobody(self, channel: TopicKey, is_writer: bool, ending: str) -> str:
         verb = _VERBS.get((is_writer, channel.kind), "serves")
         names = self._graph.names_on(channel.kind, writers=not is_writer)
         name = channel.name.removesuffix(ending)

@@ -5,16 +5,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from rosidl_py_gen.cdr import Message
-from rosidl_py_gen.runtime.endpoints.types import message_type
-from rosidl_py_gen.runtime.lifecycle.machine import LifecycleMachine, LifecyclePublisher
-from rosidl_py_gen.runtime.lifecycle.states import Outcome, State
+from rosidl_py_gen.runtime.entities.message_types import message_type
+from rosidl_py_gen.runtime.lifecycle.state_machine import LifecycleMachine, LifecyclePublisher
+from rosidl_py_gen.runtime.lifecycle.transitions import State, TransitionCallbackReturn
 from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.node.node import Node
 from rosidl_py_gen.runtime.transport.qos import as_profile
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.endpoints.types import Untyped
-    from rosidl_py_gen.runtime.graph.events import PublisherEventCallbacks
+    from rosidl_py_gen.runtime.entities.message_types import DictMessage
+    from rosidl_py_gen.runtime.graph.endpoint_events import PublisherEventCallbacks
     from rosidl_py_gen.runtime.node.arguments import NodeOptions
     from rosidl_py_gen.runtime.transport.qos import QoSLike
 
@@ -60,38 +60,38 @@ class LifecycleNode(Node):
 
     def on_error(self, state: State) -> Any:
         """Recover to unconfigured (SUCCESS), or give up."""
-        return Outcome.FAILURE
+        return TransitionCallbackReturn.FAILURE
 
     @property
     def state(self) -> State:
         """The present state."""
         return self._machine.state
 
-    async def configure(self) -> Outcome:
+    async def configure(self) -> TransitionCallbackReturn:
         """Raises `TransitionError` unless unconfigured."""
         return await self._machine.change(label="configure")
 
     configure_sync = blocking(configure)
 
-    async def cleanup(self) -> Outcome:
+    async def cleanup(self) -> TransitionCallbackReturn:
         """Raises `TransitionError` unless inactive."""
         return await self._machine.change(label="cleanup")
 
     cleanup_sync = blocking(cleanup)
 
-    async def activate(self) -> Outcome:
+    async def activate(self) -> TransitionCallbackReturn:
         """Raises `TransitionError` unless inactive."""
         return await self._machine.change(label="activate")
 
     activate_sync = blocking(activate)
 
-    async def deactivate(self) -> Outcome:
+    async def deactivate(self) -> TransitionCallbackReturn:
         """Raises `TransitionError` unless active."""
         return await self._machine.change(label="deactivate")
 
     deactivate_sync = blocking(deactivate)
 
-    async def shutdown(self) -> Outcome:
+    async def shutdown(self) -> TransitionCallbackReturn:
         """Raises `TransitionError` when finalized already, or in between."""
         return await self._machine.change(label="shutdown")
 
@@ -109,7 +109,7 @@ class LifecycleNode(Node):
     @overload
     def create_lifecycle_publisher(
         self, msg_type: str, topic: str, qos: QoSLike = 10, *, event_callbacks: PublisherEventCallbacks | None = None
-    ) -> LifecyclePublisher[Untyped]: ...
+    ) -> LifecyclePublisher[DictMessage]: ...
     def create_lifecycle_publisher(
         self,
         msg_type: type[Message] | str,

@@ -18,7 +18,7 @@ import time
 import traceback
 from typing import TYPE_CHECKING, TypedDict
 
-from rosidl_py_gen.base.registration import Registrations
+from rosidl_py_gen.base.registration import RegistrationSet
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.names.validation import validate_node_name
 
@@ -247,7 +247,7 @@ def internal_logger() -> RosLogger:
     return get_logger("rosidl_py_gen")
 
 
-failure_listeners: Registrations[Callable[[str, BaseException], None]] = Registrations()
+failure_listeners: RegistrationSet[Callable[[str, BaseException], None]] = RegistrationSet()
 """Called with what failed and its exception, for each failure of any node; the pytest plugin listens."""
 
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.logs.console import install_console, read_console_environment
-from rosidl_py_gen.runtime.logs.file import LogFile, get_logging_directory, log_file_name, program_prefix
+from rosidl_py_gen.runtime.logs.log_file import LogFile, get_logging_directory, log_file_name, program_prefix
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger, set_logger_level
 
 if TYPE_CHECKING:

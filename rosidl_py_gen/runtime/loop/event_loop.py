@@ -51,12 +51,12 @@ def end_tasks(loop: asyncio.AbstractEventLoop) -> set[asyncio.Task[Any]]:
 class EventLoop(asyncio.SelectorEventLoop):
     """asyncio's event loop with one method more; on Linux only."""
 
-    def __init__(self, selector: EarlySelector | None = None) -> None:
-        self._watching = EarlySelector() if selector is None else selector
+    def __init__(self, selector: PriorityReaderSelector | None = None) -> None:
+        self._watching = PriorityReaderSelector() if selector is None else selector
         self._callbacks: dict[int, Callable[[], None]] = {}
         super().__init__(self._watching)
 
-    def watch(self, descriptor: int, early: Callable[[], bool], callback: Callable[[], None]) -> None:
+    def add_priority_reader(self, descriptor: int, early: Callable[[], bool], callback: Callable[[], None]) -> None:
         """Call `early` while `descriptor` is readable, before the callbacks of the same round; it must not raise.
         `callback` is one of them when that answers True.
         """
@@ -64,21 +64,22 @@ class EventLoop(asyncio.SelectorEventLoop):
         self._callbacks[descriptor] = callback
         self.add_reader(descriptor, callback)
 
-    def unwatch(self, descriptor: int) -> None:
-        """Undo `watch`; without effect when the loop is closed."""
+    def remove_priority_reader(self, descriptor: int) -> None:
+        """Undo `add_priority_reader`; without effect when the loop is closed."""
         self._callbacks.pop(descriptor, None)
         self._watching.forget(descriptor)
 
-    def look_early(self, timeout: float | None) -> bool:
-        """Wait, and call the functions of `watch`, without a round of the loop; whether it has to make one now."""
-        descriptors = self._watching.call_early(timeout)
+    def run_priority_readers(self, timeout: float | None) -> bool:
+        """Wait, and call the functions of `add_priority_reader`, without a round of the loop; whether it has to make
+        one now."""
+        descriptors = self._watching.select_priority(timeout)
         for descriptor in descriptors:
             if descriptor in self._callbacks:
                 self.call_soon(self._callbacks[descriptor])
         return bool(descriptors)
 
 
-class EarlySelector(selectors.DefaultSelector):
+class PriorityReaderSelector(selectors.DefaultSelector):
     """Calls functions for some descriptors, and tells asyncio of the others."""
 
     def __init__(self) -> None:
@@ -105,14 +106,14 @@ class EarlySelector(selectors.DefaultSelector):
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         events: list[tuple[selectors.SelectorKey, int]] = []
-        for descriptor in self.call_early(timeout):
+        for descriptor in self.select_priority(timeout):
             if descriptor in self._keys:
                 events.append((self._keys[descriptor], selectors.EVENT_READ))
             elif descriptor not in self.functions:
                 events += super().select(0)
         return events
 
-    def call_early(self, timeout: float | None) -> list[int]:
+    def select_priority(self, timeout: float | None) -> list[int]:
         """Wait, and call functions; the descriptors that asyncio has to be told of."""
         rest: list[int] = []
         for descriptor, _ in self._poll(timeout, _MAX_EVENTS):

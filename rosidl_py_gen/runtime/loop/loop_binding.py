@@ -21,8 +21,8 @@ import time
 from collections import deque
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from rosidl_py_gen.base.registration import Registrations
-from rosidl_py_gen.base.waiting import current_loop
+from rosidl_py_gen.base.registration import RegistrationSet
+from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import ClosedError, RosidlError
 from rosidl_py_gen.runtime.logs.loggers import report_failure
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
     from rosidl_py_gen.base.registration import Registration
-    from rosidl_py_gen.runtime.loop.driver import Driver
-    from rosidl_py_gen.runtime.transport.port import Participant
+    from rosidl_py_gen.runtime.loop.loop_runner import LoopRunner
+    from rosidl_py_gen.runtime.transport.api import Participant
     from rosidl_py_gen.runtime.transport.samples import Sink
 
 T = TypeVar("T")
@@ -68,7 +68,7 @@ class LoopBinding:
         shared: the user's shared loop, or the context's own; None before the first blocking call.
     """
 
-    def __init__(self, participant: Participant, driver: Driver | None = None) -> None:
+    def __init__(self, participant: Participant, driver: LoopRunner | None = None) -> None:
         self._participant = participant
         self.bound_loop: asyncio.AbstractEventLoop | None = None
         self.has_user_runner = driver is not None
@@ -85,7 +85,7 @@ class LoopBinding:
         self._is_scheduled = False
         self._deferred_calls: deque[Callable[[], None]] = deque()
         """Functions of the user that sinks left to be called."""
-        self._on_bind_hooks: Registrations[Callable[[], None]] = Registrations()
+        self._on_bind_hooks: RegistrationSet[Callable[[], None]] = RegistrationSet()
 
     # ----------------------------------------------------------------------------------------------------- the state
 
@@ -174,7 +174,7 @@ class LoopBinding:
         self.detach()
         self.bound_loop = loop
         if not self._watch(loop):
-            self._participant.set_notify(self._on_transport_ready)
+            self._participant.set_wakeup(self._on_transport_ready)
         for start in self._on_bind_hooks:
             start()
 
@@ -187,7 +187,7 @@ class LoopBinding:
         try:
             if isinstance(loop, EventLoop):
                 early = self._dispatch_before_select if self.is_shared(loop) else self._run_sinks
-                loop.watch(watched, early, self._run_deferred)
+                loop.add_priority_reader(watched, early, self._run_deferred)
             else:
                 loop.add_reader(watched, self.dispatch)
         except NotImplementedError:  # Windows' proactor
@@ -200,14 +200,14 @@ class LoopBinding:
         """Stop delivering; samples stay in the transport until another loop is bound."""
         loop, watched = self.bound_loop, self._watched
         self.bound_loop = self._watched = None
-        self._participant.set_notify(None)
+        self._participant.set_wakeup(None)
         self._is_scheduled = False  # the old loop may never run what was scheduled on it
         if watched is None or loop is None:
             return
 
         def unwatch() -> None:
             if isinstance(loop, EventLoop):
-                loop.unwatch(watched)
+                loop.remove_priority_reader(watched)
             else:
                 loop.remove_reader(watched)
             os.close(watched)
@@ -367,7 +367,7 @@ class LoopBinding:
         """Call every sink that has something to do; return True if that left something for `_run_deferred`."""
         sinks: list[Sink] = []
         try:
-            sinks = self._participant.collect()
+            sinks = self._participant.take_ready_sinks()
         except Exception:
             report_failure("taking in what arrived")
         for sink in sinks:

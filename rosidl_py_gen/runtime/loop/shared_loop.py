@@ -27,14 +27,14 @@ from collections import deque
 from contextvars import copy_context
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from rosidl_py_gen.base.waiting import current_loop
+from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import ClosedError, RosidlError
-from rosidl_py_gen.runtime.loop.callbacks import start_task
+from rosidl_py_gen.runtime.loop.callable_checks import start_task
 from rosidl_py_gen.runtime.loop.event_loop import end_tasks
 
 if sys.platform == "linux":
-    from rosidl_py_gen.runtime.loop.event_loop import EarlySelector as _Selector
     from rosidl_py_gen.runtime.loop.event_loop import EventLoop as _Loop
+    from rosidl_py_gen.runtime.loop.event_loop import PriorityReaderSelector as _Selector
 else:
     from asyncio import SelectorEventLoop as _Loop
     from selectors import DefaultSelector as _Selector
@@ -362,7 +362,7 @@ class SharedLoop:
 
     def _poll_outside_loop(self) -> bool:
         """Wait as the loop would, and call the functions of `watch`; return False once asyncio has something to do."""
-        loop, look_early = self.loop, self.loop.look_early
+        loop, run_priority_readers = self.loop, self.loop.run_priority_readers
         self._stops_polling, self.is_polling_outside_loop = False, True
         asyncio._set_running_loop(loop)
         try:
@@ -371,7 +371,7 @@ class SharedLoop:
                 left_s = None if due_s is None else due_s - loop.time()
                 if left_s is not None and left_s <= 0:
                     return False
-                has_more = self.select(look_early, left_s)
+                has_more = self.select(run_priority_readers, left_s)
                 if self._stops_polling:
                     return True
                 if has_more or loop.has_new_callbacks:

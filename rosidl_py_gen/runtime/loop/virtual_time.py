@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.loop.event_loop import end_tasks
-from rosidl_py_gen.runtime.transport.clocks import Clocks
+from rosidl_py_gen.runtime.transport.clock_functions import ClockFunctions
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -29,7 +29,7 @@ _LOOK_S = 0.05
 """How long to wait for other threads before looking whether there still are any."""
 
 
-class NothingHappensError(RosidlError):
+class TestDeadlockError(RosidlError):
     """A test waits for something that cannot happen any more."""
 
 
@@ -46,9 +46,11 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         self._limit_s = limit_s
         self._end_s = float("inf")
         self._others = set(threading.enumerate())
-        super().__init__(_Selector(self))
+        super().__init__(_ConditionSelector(self))
         epoch_ns = time.time_ns()
-        self.clocks = Clocks(lambda: epoch_ns + round(self._now_s * NS_PER_S), lambda: round(self._now_s * NS_PER_S))
+        self.clocks = ClockFunctions(
+            lambda: epoch_ns + round(self._now_s * NS_PER_S), lambda: round(self._now_s * NS_PER_S)
+        )
 
     def time(self) -> float:
         """Seconds since the loop was made."""
@@ -58,7 +60,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         """Run a coroutine as `asyncio.run` does, on this loop, which is closed then.
 
         Raises:
-            NothingHappensError: `main` waits for what cannot happen, or has not ended after `limit_s`.
+            TestDeadlockError: `main` waits for what cannot happen, or has not ended after `limit_s`.
         """
         self._end_s = time.monotonic() + self._limit_s
         asyncio.set_event_loop(self)
@@ -84,7 +86,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     def _done(self, job: asyncio.Future[Any]) -> None:
         self._jobs -= 1
 
-    def others_work(self) -> bool:
+    def other_threads_active(self) -> bool:
         """Whether a thread that began after this loop may have something to say; those of asyncio's pool rest."""
         here = threading.current_thread()
         return self._jobs > 0 or any(
@@ -93,20 +95,20 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
             if thread not in self._others
         )
 
-    def pass_s(self, seconds: float | None, *, waited: bool = False) -> None:
-        """Let time pass; raises `NothingHappensError` when there is nothing to wait for."""
+    def advance_s(self, seconds: float | None, *, waited: bool = False) -> None:
+        """Let time pass; raises `TestDeadlockError` when there is nothing to wait for."""
         if time.monotonic() > self._end_s:
             self._end_s = float("inf")
-            raise NothingHappensError(f"not over after {self._limit_s} s{self._shown_tasks()}")
+            raise TestDeadlockError(f"not over after {self._limit_s} s{self._shown_tasks()}")
         if seconds is None and not waited:
-            raise NothingHappensError(f"nothing will ever wake this test{self._shown_tasks()}")
+            raise TestDeadlockError(f"nothing will ever wake this test{self._shown_tasks()}")
         self._now_s += seconds or 0.0
 
     def _shown_tasks(self) -> str:
         return "".join(f"\n  pending: {task!r:.500}" for task in asyncio.all_tasks(self))
 
 
-class _Selector(selectors.DefaultSelector):
+class _ConditionSelector(selectors.DefaultSelector):
     """Waits only for other threads; otherwise lets the loop's time pass."""
 
     def __init__(self, loop: VirtualTimeLoop) -> None:
@@ -116,14 +118,14 @@ class _Selector(selectors.DefaultSelector):
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         if timeout is not None and timeout <= 0:
             return super().select(0)
-        others_work = self._loop.others_work()  # asked first: what a thread says before it ends is heard below
+        others_work = self._loop.other_threads_active()  # asked first: what a thread says before it ends is heard below
         found = super().select(0)
         if found:
             return found
         if not others_work:
-            self._loop.pass_s(timeout)
+            self._loop.advance_s(timeout)
             return []
         began_s = time.monotonic()
         found = super().select(_LOOK_S if timeout is None else min(timeout, _LOOK_S))
-        self._loop.pass_s(time.monotonic() - began_s, waited=True)
+        self._loop.advance_s(time.monotonic() - began_s, waited=True)
         return found

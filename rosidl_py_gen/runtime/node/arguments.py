@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.runtime.logs.loggers import LogLevelError, parse_level
 from rosidl_py_gen.runtime.logs.outputs import LogSettings
-from rosidl_py_gen.runtime.names.remap import InvalidRemapRuleError, RemapRule, parse_remap_rule
+from rosidl_py_gen.runtime.names.remapping import InvalidRemapRuleError, RemapRule, parse_remap_rule
 from rosidl_py_gen.runtime.names.validation import normalize_namespace
 from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError, ParameterOverrides, overrides_for
 
@@ -243,9 +243,9 @@ class NodeOptions:
     use_global_arguments: bool
 
     enable_rosout: bool
-    overrides: Mapping[str, object] | None
-    allow_undeclared: bool
-    declare_overrides: bool
+    parameter_overrides: Mapping[str, object] | None
+    allow_undeclared_parameters: bool
+    automatically_declare_parameters_from_overrides: bool
     start_services: bool
     parameter_events: bool
     logger_services: bool

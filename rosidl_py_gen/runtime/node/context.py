@@ -10,18 +10,18 @@ import os
 import threading
 from typing import TYPE_CHECKING, ClassVar
 
-from rosidl_py_gen.runtime.loop.driver import Driver
-from rosidl_py_gen.runtime.loop.failures import Guard
-from rosidl_py_gen.runtime.node.core import ContextCore
+from rosidl_py_gen.runtime.loop.callback_failures import FailureGuard
+from rosidl_py_gen.runtime.loop.loop_runner import LoopRunner
+from rosidl_py_gen.runtime.node.context_core import ContextCore
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from typing_extensions import Self
 
-    from rosidl_py_gen.runtime.graph.state import ParticipantInfo
-    from rosidl_py_gen.runtime.loop.failures import OnError
-    from rosidl_py_gen.runtime.transport.port import DomainSettings, Transport
+    from rosidl_py_gen.runtime.graph.graph import ParticipantInfo
+    from rosidl_py_gen.runtime.loop.callback_failures import OnError
+    from rosidl_py_gen.runtime.transport.api import DomainSettings, Transport
 
 
 class Context:
@@ -60,12 +60,12 @@ class Context:
         transport: Transport | str | None = None,
         on_error: OnError = "log",
         announce_delay_s: float = 0.0,
-        driver: Driver | None = None,
+        loop_runner: LoopRunner | None = None,
     ) -> None:
-        if not (driver is None or isinstance(driver, Driver)):
-            raise TypeError(f"driver must be a Driver, got {driver!r:.100}")
-        self._core = core = ContextCore(domain_id, discovery, args, transport, on_error, announce_delay_s, driver)
-        self._guards: list[Guard] = []
+        if not (loop_runner is None or isinstance(loop_runner, LoopRunner)):
+            raise TypeError(f"driver must be a Driver, got {loop_runner!r:.100}")
+        self._core = core = ContextCore(domain_id, discovery, args, transport, on_error, announce_delay_s, loop_runner)
+        self._guards: list[FailureGuard] = []
         self.arguments = list(core.ros_arguments.program)
         """What is left for the program, like `sys.argv`: its name first, without ROS arguments."""
         self.settings: DomainSettings = core.settings
@@ -80,33 +80,33 @@ class Context:
         return self._core.participant.middleware
 
     @property
-    def library(self) -> str:
+    def ddsc_library(self) -> str:
         """The C library that is used, its version and file, as in ``Cyclone DDS 0.10.2, /usr/lib/...``; empty when it
         is not one of several.
         """
         return self._core.participant.library
 
     @property
-    def capabilities(self) -> Mapping[str, str]:
+    def library_capabilities(self) -> Mapping[str, str]:
         """What depends on that library, in words: each ``"yes"`` or why not."""
         return self._core.participant.capabilities
 
     @property
-    def service_refusal(self) -> str | None:
+    def services_unavailable_reason(self) -> str | None:
         """Why services of nodes on Fast DDS cannot be used here; None when they can."""
-        return self._core.participant.identity_refusal
+        return self._core.participant.services_unavailable_reason
 
     @property
-    def on_mismatch(self) -> Callable[[str, str], None] | None:
+    def on_incompatible_endpoint(self) -> Callable[[str, str], None] | None:
         """Function that is called, in place of a log entry, for each of our endpoints that is incompatible with a peer.
 
         It gets the text, and the name of the topic or service.
         """
-        return self._core.discovery.on_mismatch
+        return self._core.discovery.on_incompatible_endpoint
 
-    @on_mismatch.setter
-    def on_mismatch(self, tell: Callable[[str, str], None] | None) -> None:
-        self._core.discovery.on_mismatch = tell
+    @on_incompatible_endpoint.setter
+    def on_incompatible_endpoint(self, tell: Callable[[str, str], None] | None) -> None:
+        self._core.discovery.on_incompatible_endpoint = tell
 
     def participants(self) -> list[ParticipantInfo]:
         """Every member of the domain that was found, this one included; usually each is a process."""
@@ -149,7 +149,7 @@ class Context:
     async def __aenter__(self) -> Self:
         bridge = self._core.bridge
         bridge.running_loop()
-        self._guards.append(guard := Guard(lambda failures: failures.bridge is bridge))
+        self._guards.append(guard := FailureGuard(lambda failures: failures.loop_binding is bridge))
         guard.__enter__()
         return self
 

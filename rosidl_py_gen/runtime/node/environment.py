@@ -12,8 +12,8 @@ from numbers import Integral
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime.transport.api import DiscoveryRange, DomainSettings
 from rosidl_py_gen.runtime.transport.cyclone import library
-from rosidl_py_gen.runtime.transport.port import DiscoveryRange, DomainSettings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -22,7 +22,7 @@ MAX_DOMAIN_ID = 232
 """The highest id whose UDP ports fit: 7400 + 250 * id + 11 + 2 * 32 must stay below 65536."""
 MAX_PEER_LENGTH = 255
 DDS, ZENOH = "dds", "zenoh"
-_MEANT = {
+_RMW_TO_TRANSPORT = {
     "rmw_connextdds": DDS,
     "rmw_cyclonedds_cpp": DDS,
     "rmw_fastrtps_cpp": DDS,
@@ -65,10 +65,13 @@ def read_environment(
 def middleware(environ: Mapping[str, str], warn: Callable[[str], None]) -> str:
     """``"dds"`` or ``"zenoh"``: what RMW_IMPLEMENTATION means, else what is installed."""
     wanted = environ.get("RMW_IMPLEMENTATION", "")
-    if wanted in _MEANT:
-        return _MEANT[wanted]
+    if wanted in _RMW_TO_TRANSPORT:
+        return _RMW_TO_TRANSPORT[wanted]
     if wanted:
-        warn(f"RMW_IMPLEMENTATION={wanted!r:.100} is not known and has no effect; known are {', '.join(_MEANT)}")
+        warn(
+            f"RMW_IMPLEMENTATION={wanted!r:.100} is not known and has no effect; "
+            f"known are {', '.join(_RMW_TO_TRANSPORT)}"
+        )
     return ZENOH if find_spec("zenoh") is not None and not library.is_found() else DDS
 
 

@@ -16,8 +16,8 @@ from rosidl_py_gen.msgs.rcl_interfaces.srv import (
     SetLoggerLevels_Request,
     SetLoggerLevels_Response,
 )
-from rosidl_py_gen.runtime.endpoints.server import ServiceServer
-from rosidl_py_gen.runtime.endpoints.types import service_type
+from rosidl_py_gen.runtime.entities.message_types import service_type
+from rosidl_py_gen.runtime.entities.server import ServiceServer
 from rosidl_py_gen.runtime.logs.loggers import LogLevelError, get_logger_level, set_logger_level
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.cdr import Service
-    from rosidl_py_gen.runtime.endpoints.scope import Scope
-    from rosidl_py_gen.runtime.names.remap import NodeNames
+    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
+    from rosidl_py_gen.runtime.names.remapping import NodeNames
 
 
-def start_logger_services(scope: Scope, names: NodeNames) -> None:
+def start_logger_services(scope: EntityScope, names: NodeNames) -> None:
     """Serve both for a node, until it closes."""
     services: tuple[tuple[type[Service[Any, Any]], str, Callable[[Any], Any]], ...] = (
         (GetLoggerLevels, "~/get_logger_levels", _get),

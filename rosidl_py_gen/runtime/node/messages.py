@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar, overload
 
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.endpoints.types import Untyped, message_type
+from rosidl_py_gen.runtime.entities.message_types import DictMessage, message_type
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.transport.qos import SENSOR_DATA, Durability, Reliability
 
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-    from rosidl_py_gen.runtime.endpoints.scope import Scope
-    from rosidl_py_gen.runtime.endpoints.subscription import MessageInfo, Subscription
-    from rosidl_py_gen.runtime.graph.state import TopicEndpointInfo
+    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
+    from rosidl_py_gen.runtime.entities.subscription import MessageInfo, Subscription
+    from rosidl_py_gen.runtime.graph.graph import TopicEndpointInfo
     from rosidl_py_gen.runtime.transport.qos import QoSLike, QoSProfile
 
 T = TypeVar("T")
@@ -148,7 +148,7 @@ class AdaptiveSubscription(Generic[T]):
         while not self._rest:
             subscription = self._subscription
             try:
-                found = await subscription.receive_with_info(deadline.left_s())
+                found = await subscription.receive_with_info(deadline.remaining_s())
             except ClosedError:
                 if subscription is self._subscription:  # it was not made again
                     self._raise_failure()
@@ -211,7 +211,7 @@ def _is_too_much(profile: QoSProfile, publishers: Sequence[TopicEndpointInfo]) -
 class MessageMethods:
     """Methods of `Node` that receive one message."""
 
-    _scope: Scope
+    _scope: EntityScope
 
     @overload
     async def wait_for_message(
@@ -227,7 +227,7 @@ class MessageMethods:
     async def wait_for_message(
         self, msg_type: str, topic: str, timeout_s: float | None = ..., *, qos: QoSLike | None = ...,
         raw: Literal[False] = ...,
-    ) -> Untyped: ...  # fmt: skip
+    ) -> DictMessage: ...  # fmt: skip
     async def wait_for_message(
         self,
         msg_type: type[Message] | str,
@@ -269,7 +269,7 @@ class MessageMethods:
     def wait_for_message_sync(
         self, msg_type: str, topic: str, timeout_s: float | None = ..., *, qos: QoSLike | None = ...,
         raw: Literal[False] = ...,
-    ) -> Untyped: ...  # fmt: skip
+    ) -> DictMessage: ...  # fmt: skip
     def wait_for_message_sync(
         self,
         msg_type: type[Message] | str,
@@ -283,4 +283,6 @@ class MessageMethods:
         """`wait_for_message` for plain code; raises `WouldDeadlockError` on the event loop's thread."""
         options: Any = {"qos": qos, "raw": raw, "arrays": arrays}
         waiting: Coroutine[Any, Any, Any] = self.wait_for_message(msg_type, topic, timeout_s, **options)
-        return self._scope.run(waiting, f"wait_for_message_sync of {self!r}", "'await ...wait_for_message(...)'")
+        return self._scope.run_blocking(
+            waiting, f"wait_for_message_sync of {self!r}", "'await ...wait_for_message(...)'"
+        )

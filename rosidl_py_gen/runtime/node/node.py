@@ -10,31 +10,31 @@ import asyncio
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
 from rosidl_py_gen.base.stamps import sec_nanosec
-from rosidl_py_gen.base.waiting import current_loop
+from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Log
-from rosidl_py_gen.runtime.endpoints.publisher import Publisher
-from rosidl_py_gen.runtime.endpoints.scope import counted
-from rosidl_py_gen.runtime.endpoints.subscription import Subscription
-from rosidl_py_gen.runtime.endpoints.types import Untyped, message_type, raw_type
-from rosidl_py_gen.runtime.graph.definitions import checked_mode
+from rosidl_py_gen.runtime.entities.entity_scope import pluralize
+from rosidl_py_gen.runtime.entities.message_types import DictMessage, message_type, raw_type
+from rosidl_py_gen.runtime.entities.publisher import Publisher
+from rosidl_py_gen.runtime.entities.subscription import Subscription
+from rosidl_py_gen.runtime.graph.type_hashes import checked_mode
 from rosidl_py_gen.runtime.logs.loggers import failure_listeners
 from rosidl_py_gen.runtime.logs.rosout import shared_router
-from rosidl_py_gen.runtime.loop.failures import Guard
+from rosidl_py_gen.runtime.loop.callback_failures import FailureGuard
 from rosidl_py_gen.runtime.names.rclpy_hints import HINTS, unknown_attribute
-from rosidl_py_gen.runtime.names.remap import NodeNames
+from rosidl_py_gen.runtime.names.remapping import NodeNames
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, validate_node_name
-from rosidl_py_gen.runtime.node.actions import ActionMethods
+from rosidl_py_gen.runtime.node.action_methods import ActionMethods
 from rosidl_py_gen.runtime.node.arguments import NodeOptions, parse_node_arguments
 from rosidl_py_gen.runtime.node.context import Context
-from rosidl_py_gen.runtime.node.graph import GraphMethods
+from rosidl_py_gen.runtime.node.graph_methods import GraphMethods
 from rosidl_py_gen.runtime.node.messages import MessageMethods
-from rosidl_py_gen.runtime.node.parameters import ParameterMethods
-from rosidl_py_gen.runtime.node.services import ServiceMethods
-from rosidl_py_gen.runtime.node.time import TimeMethods
-from rosidl_py_gen.runtime.node.types import TypeMethods
+from rosidl_py_gen.runtime.node.parameter_methods import ParameterMethods
+from rosidl_py_gen.runtime.node.service_methods import ServiceMethods
+from rosidl_py_gen.runtime.node.time_methods import TimeMethods
+from rosidl_py_gen.runtime.node.type_methods import TypeMethods
 from rosidl_py_gen.runtime.transport.qos import ROSOUT, as_profile
 
 if TYPE_CHECKING:
@@ -42,15 +42,15 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-    from rosidl_py_gen.runtime.endpoints.client import Client
-    from rosidl_py_gen.runtime.endpoints.scope import Scope
-    from rosidl_py_gen.runtime.endpoints.server import ServiceServer
-    from rosidl_py_gen.runtime.endpoints.timer import Timer
-    from rosidl_py_gen.runtime.graph.definitions import TypeCheck
-    from rosidl_py_gen.runtime.graph.events import PublisherEventCallbacks, SubscriptionEventCallbacks
+    from rosidl_py_gen.runtime.entities.client import Client
+    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
+    from rosidl_py_gen.runtime.entities.server import ServiceServer
+    from rosidl_py_gen.runtime.entities.timer import Timer
+    from rosidl_py_gen.runtime.graph.endpoint_events import PublisherEventCallbacks, SubscriptionEventCallbacks
+    from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
     from rosidl_py_gen.runtime.logs.loggers import RosLogger
     from rosidl_py_gen.runtime.logs.rosout import LogFields
-    from rosidl_py_gen.runtime.loop.failures import OnError
+    from rosidl_py_gen.runtime.loop.callback_failures import OnError
     from rosidl_py_gen.runtime.time.clock import Clock
     from rosidl_py_gen.runtime.transport.qos import QoSLike
 
@@ -106,14 +106,14 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         *,
         context: Context | None = None,
         enable_rosout: bool = True,
-        overrides: Mapping[str, object] | None = None,
-        allow_undeclared: bool = False,
-        declare_overrides: bool = False,
+        parameter_overrides: Mapping[str, object] | None = None,
+        allow_undeclared_parameters: bool = False,
+        automatically_declare_parameters_from_overrides: bool = False,
         start_services: bool = True,
         parameter_events: bool = True,
         logger_services: bool = False,
         time_source: bool = True,
-        type_check: TypeCheck = "error",
+        type_hash_check: TypeCheck = "error",
         on_error: OnError | None = None,
         cli_args: Sequence[str] | None = None,
         use_global_arguments: bool = True,
@@ -122,15 +122,15 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             raise TypeError(f"context must be a Context, such as Context(transport=...), got {context!r:.100}")
         validate_node_name(name)  # before a context is opened for it
         normalize_namespace(namespace)
-        mode = checked_mode(type_check)
+        mode = checked_mode(type_hash_check)
         own = parse_node_arguments(cli_args)
         options = NodeOptions(
             arguments=own,
             use_global_arguments=use_global_arguments,
             enable_rosout=enable_rosout,
-            overrides=overrides,
-            allow_undeclared=allow_undeclared,
-            declare_overrides=declare_overrides,
+            parameter_overrides=parameter_overrides,
+            allow_undeclared_parameters=allow_undeclared_parameters,
+            automatically_declare_parameters_from_overrides=automatically_declare_parameters_from_overrides,
             start_services=start_services,
             parameter_events=parameter_events,
             logger_services=logger_services,
@@ -142,12 +142,12 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             rules = own.remap_rules + (core.ros_arguments.remap_rules if use_global_arguments else ())
             self._names = NodeNames.create(name, namespace, rules)
             self._scope = core.open_scope(self._names, on_error)
-            self._scope.type_check = mode
+            self._scope.type_hash_check = mode
         except BaseException:
             core.close_if_unused()
             raise
         self._made_on = id(current_loop())
-        self._guards: list[Guard] = []
+        self._guards: list[FailureGuard] = []
         self.clock = self._scope.make_clock()
         """ROS time; system time until simulated time is switched on."""
         core.adopt(self)
@@ -225,7 +225,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         topic: str,
         qos: QoSLike = _DEFAULT_DEPTH,
         *,
-        type_check: TypeCheck | None = None,
+        type_hash_check: TypeCheck | None = None,
         event_callbacks: PublisherEventCallbacks | None = None,
     ) -> Publisher[MessageT]: ...
     @overload
@@ -235,16 +235,16 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         topic: str,
         qos: QoSLike = _DEFAULT_DEPTH,
         *,
-        type_check: TypeCheck | None = None,
+        type_hash_check: TypeCheck | None = None,
         event_callbacks: PublisherEventCallbacks | None = None,
-    ) -> Publisher[Untyped]: ...
+    ) -> Publisher[DictMessage]: ...
     def create_publisher(
         self,
         msg_type: type[Message] | str,
         topic: str,
         qos: QoSLike = _DEFAULT_DEPTH,
         *,
-        type_check: TypeCheck | None = None,
+        type_hash_check: TypeCheck | None = None,
         event_callbacks: PublisherEventCallbacks | None = None,
     ) -> Publisher[Any]:
         """Publish on `topic`. A type given as text makes the messages dicts.
@@ -259,7 +259,9 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         self._require_open()
         name = self._names.resolve_topic(topic)
         known, profile = message_type(msg_type), as_profile(qos)
-        return Publisher(self._scope, known, name, profile, type_check=type_check, event_callbacks=event_callbacks)
+        return Publisher(
+            self._scope, known, name, profile, type_hash_check=type_hash_check, event_callbacks=event_callbacks
+        )
 
     @overload
     def create_subscription(
@@ -272,7 +274,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         raw: Literal[False] = False,
         arrays: bool = False,
         ignore_local: bool = False,
-        type_check: TypeCheck | None = None,
+        type_hash_check: TypeCheck | None = None,
         event_callbacks: SubscriptionEventCallbacks | None = None,
         concurrency: int = 1,
     ) -> Subscription[MessageT]: ...
@@ -286,7 +288,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         *,
         raw: Literal[True],
         ignore_local: bool = False,
-        type_check: TypeCheck | None = None,
+        type_hash_check: TypeCheck | None = None,
         event_callbacks: SubscriptionEventCallbacks | None = None,
         concurrency: int = 1,
     ) -> Subscription[bytes]: ...
@@ -295,15 +297,15 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         self,
         msg_type: str,
         topic: str,
-        callback: Callable[[Untyped], object] | None = None,
+        callback: Callable[[DictMessage], object] | None = None,
         qos: QoSLike = _DEFAULT_DEPTH,
         *,
         raw: Literal[False] = False,
         ignore_local: bool = False,
-        type_check: TypeCheck | None = None,
+        type_hash_check: TypeCheck | None = None,
         event_callbacks: SubscriptionEventCallbacks | None = None,
         concurrency: int = 1,
-    ) -> Subscription[Untyped]: ...
+    ) -> Subscription[DictMessage]: ...
     def create_subscription(
         self,
         msg_type: type[Message] | str,
@@ -314,7 +316,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         raw: bool = False,
         arrays: bool = False,
         ignore_local: bool = False,
-        type_check: TypeCheck | None = None,
+        type_hash_check: TypeCheck | None = None,
         event_callbacks: SubscriptionEventCallbacks | None = None,
         concurrency: int = 1,
     ) -> Subscription[Any]:
@@ -342,7 +344,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             callback,
             as_profile(qos),
             ignore_local=ignore_local,
-            type_check=type_check,
+            type_hash_check=type_hash_check,
             event_callbacks=event_callbacks,
             concurrency=concurrency,
         )
@@ -379,7 +381,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             if self._made_on == id(asyncio.get_running_loop()):  # else it may be in use elsewhere
                 self.close()
             raise
-        self._guards.append(guard := Guard(lambda failures: failures is self._scope.failures))
+        self._guards.append(guard := FailureGuard(lambda failures: failures is self._scope.failures))
         guard.__enter__()
         return self
 
@@ -438,12 +440,12 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             return object.__getattribute__(self, name)
 
     def __repr__(self) -> str:
-        others = counted(max(0, len(self._scope.graph.nodes()) - 1), "other node")
+        others = pluralize(max(0, len(self._scope.graph.nodes()) - 1), "other node")
         state = "closed" if self.is_closed else f"domain {self.context.domain_id}, {others}"
         return f"{type(self).__name__}({self.fully_qualified_name}, {state})"
 
 
-def _start_rosout(scope: Scope) -> None:
+def _start_rosout(scope: EntityScope) -> None:
     """Publish what is logged as this node on ``/rosout`` until it closes.
 
     Source: docs/internals/protocol.md 9.7.
@@ -464,4 +466,4 @@ def _start_rosout(scope: Scope) -> None:
             )
         )
 
-    scope.own(shared_router().register(scope.logger.name, publish))
+    scope.register(shared_router().register(scope.logger.name, publish))

@@ -9,20 +9,20 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal
 
 from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock as ClockMessage
-from rosidl_py_gen.runtime.endpoints.publisher import Publisher
-from rosidl_py_gen.runtime.endpoints.scope import Composite
-from rosidl_py_gen.runtime.endpoints.subscription import Subscription
-from rosidl_py_gen.runtime.endpoints.timer import Timer
-from rosidl_py_gen.runtime.endpoints.types import message_type
+from rosidl_py_gen.runtime.entities.entity_scope import CompositeEntity
+from rosidl_py_gen.runtime.entities.message_types import message_type
+from rosidl_py_gen.runtime.entities.publisher import Publisher
+from rosidl_py_gen.runtime.entities.subscription import Subscription
+from rosidl_py_gen.runtime.entities.timer import Timer
 from rosidl_py_gen.runtime.parameters.values import ParameterDescriptor, ParameterType, SetResult, parameter_value
 from rosidl_py_gen.runtime.time.clock import Clock
-from rosidl_py_gen.runtime.time.schedule import period_to_ns
+from rosidl_py_gen.runtime.time.timer_schedule import period_to_ns
 from rosidl_py_gen.runtime.time.values import ClockType, Duration, Time, TimeRangeError, finite_number, seconds_to_ns
 from rosidl_py_gen.runtime.transport.qos import CLOCK, DEFAULT
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.endpoints.scope import Scope
-    from rosidl_py_gen.runtime.names.remap import NodeNames
+    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
+    from rosidl_py_gen.runtime.names.remapping import NodeNames
     from rosidl_py_gen.runtime.parameters.store import ParameterStore
     from rosidl_py_gen.runtime.parameters.values import Parameter
 
@@ -33,7 +33,7 @@ NOT_BOOL_REASON = "use_sim_time parameter set to something besides a bool"
 class TimeSource:
     """Ties the ROS clock of one node to its parameter `use_sim_time` and, when that is true, to ``/clock``."""
 
-    def __init__(self, scope: Scope, names: NodeNames, store: ParameterStore, clock: Clock) -> None:
+    def __init__(self, scope: EntityScope, names: NodeNames, store: ParameterStore, clock: Clock) -> None:
         self._scope = scope
         self._topic = names.resolve_topic("/clock")
         self._clock = clock
@@ -74,14 +74,14 @@ class TimeSource:
         self._clock.set_ros_time_override(Time.from_msg(message.clock))
 
 
-class SimTimePublisher(Composite):
+class SimTimePublisher(CompositeEntity):
     """Publishes ``/clock``; made by `create_sim_time_publisher`.
 
     Time moves with `advance` and `set_time`, and while `rate` is not 0 by itself: `rate` simulated seconds pass in one
     second, in steps of `period_s`.
     """
 
-    def __init__(self, scope: Scope, topic: str, start: Time, rate: float, period_s: float) -> None:
+    def __init__(self, scope: EntityScope, topic: str, start: Time, rate: float, period_s: float) -> None:
         """Raises `TypeError` and `TimeRangeError` that name the argument."""
         _require_time("start", start)
         self._rate = _checked_rate(rate)
@@ -96,7 +96,7 @@ class SimTimePublisher(Composite):
         self._timer = Timer(self._parts, period_ns, self._tick, self._wall)
         if not self._rate:
             self._timer.cancel()
-        scope.own(self)
+        scope.register(self)
 
     @property
     def rate(self) -> float:

@@ -10,13 +10,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters_Request, GetParameterTypes_Request
-from rosidl_py_gen.runtime.endpoints.service_parts import CallTimeoutError
+from rosidl_py_gen.runtime.entities.service_common import CallTimeoutError
 from rosidl_py_gen.runtime.parameters.messages import value_from_message
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Sequence
 
-    from rosidl_py_gen.runtime.endpoints.client import Client
+    from rosidl_py_gen.runtime.entities.client import Client
     from rosidl_py_gen.runtime.parameters.values import ParameterValue
     from rosidl_py_gen.runtime.time.deadline import Deadline
 
@@ -35,10 +35,10 @@ async def read_all(
     """
 
     async def values_of(batch: list[str]) -> list[Any]:
-        return list((await get.call(GetParameters_Request(names=batch), deadline.left_s())).values)
+        return list((await get.call(GetParameters_Request(names=batch), deadline.remaining_s())).values)
 
     async def types_of(batch: list[str]) -> list[int]:
-        return list((await types.call(GetParameterTypes_Request(names=batch), deadline.left_s())).types)
+        return list((await types.call(GetParameterTypes_Request(names=batch), deadline.remaining_s())).types)
 
     found: dict[str, ParameterValue] = {}
     size, at = _FIRST_BATCH, 0

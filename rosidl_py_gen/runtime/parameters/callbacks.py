@@ -13,9 +13,9 @@ import inspect
 from contextvars import copy_context
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
-from rosidl_py_gen.base.registration import Registrations
+from rosidl_py_gen.base.registration import RegistrationSet
 from rosidl_py_gen.base.signatures import require_signature
-from rosidl_py_gen.runtime.loop.callbacks import is_async
+from rosidl_py_gen.runtime.loop.callable_checks import is_async
 from rosidl_py_gen.runtime.parameters.validation import EMPTY_LIST_REASON
 from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterValueError,
@@ -61,7 +61,7 @@ def require_plain(function: object, what: str, gets: str) -> None:
 
 def validate(what: str, validator: Callable[[Any], str | None], value: Any) -> None:
     """Raises `RefusedError` with the validator's text, or because it raised, and `CallbackAnswerError`."""
-    answer = called(what, validator, value)
+    answer = call_checked(what, validator, value)
     if answer is None:
         return
     if not isinstance(answer, str):
@@ -70,7 +70,7 @@ def validate(what: str, validator: Callable[[Any], str | None], value: Any) -> N
         raise RefusedError(answer)
 
 
-def called(what: str, function: Callable[..., Any], *arguments: object) -> Any:
+def call_checked(what: str, function: Callable[..., Any], *arguments: object) -> Any:
     """What the function answers; raises `RefusedError` when it raises."""
     try:
         return copy_context().run(function, *arguments)
@@ -93,8 +93,8 @@ class SetCallbacks:
 
     def __init__(self, on_failure: Callable[[str], None]) -> None:
         self._on_failure = on_failure
-        self._added: dict[str, Registrations[_Added]] = {
-            kind: Registrations() for kind in ("pre-set", "on-set", "post-set", "mirror")
+        self._added: dict[str, RegistrationSet[_Added]] = {
+            kind: RegistrationSet() for kind in ("pre-set", "on-set", "post-set", "mirror")
         }
         self.preparing = False
         """True while mirrors check a set; another set would then be overtaken by the one that is checked."""
@@ -114,7 +114,7 @@ class SetCallbacks:
             require_plain(callback, f"the {kind} callback", "the list of parameters")
         return self._added[kind].add(_Added(callback, raises))
 
-    def before(self, parameters: list[Parameter]) -> list[Parameter]:
+    def run_pre_set(self, parameters: list[Parameter]) -> list[Parameter]:
         """What pre-set callbacks make of the list. Raises `RefusedError`, `CallbackAnswerError`."""
         if not self._added["pre-set"]:
             return parameters
@@ -124,7 +124,7 @@ class SetCallbacks:
             if raises:
                 answer = copy_context().run(callback, list(parameters))
             else:
-                answer = called(what, callback, list(parameters))
+                answer = call_checked(what, callback, list(parameters))
             if not isinstance(answer, (list, tuple)) or not all(isinstance(item, Parameter) for item in answer):
                 raise _wrong_answer(what, answer, "a list of Parameter objects")
             try:
@@ -135,7 +135,7 @@ class SetCallbacks:
             raise RefusedError(EMPTY_LIST_REASON)
         return wanted
 
-    def ask(self, parameters: Sequence[Parameter]) -> tuple[SetResult, list[Commit]]:
+    def run_on_set(self, parameters: Sequence[Parameter]) -> tuple[SetResult, list[Commit]]:
         """Ask the on-set callbacks, the newest first, then the mirrors.
 
         Returns:
@@ -167,7 +167,7 @@ class SetCallbacks:
             self.preparing = False
         return [commit for commit in found if commit is not None]
 
-    def after(self, parameters: Sequence[Parameter]) -> None:
+    def run_post_set(self, parameters: Sequence[Parameter]) -> None:
         """Call the post-set callbacks, the newest first; one that raises is logged and the others still hear.
 
         Raises:

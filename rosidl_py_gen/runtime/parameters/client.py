@@ -28,12 +28,12 @@ from rosidl_py_gen.msgs.rcl_interfaces.srv import (
     SetParametersAtomically,
     SetParametersAtomically_Request,
 )
-from rosidl_py_gen.runtime.endpoints.client import Client
-from rosidl_py_gen.runtime.endpoints.scope import Composite
-from rosidl_py_gen.runtime.endpoints.subscription import Subscription
-from rosidl_py_gen.runtime.endpoints.types import message_type, service_type
+from rosidl_py_gen.runtime.entities.client import Client
+from rosidl_py_gen.runtime.entities.entity_scope import CompositeEntity
+from rosidl_py_gen.runtime.entities.message_types import message_type, service_type
+from rosidl_py_gen.runtime.entities.subscription import Subscription
+from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
 from rosidl_py_gen.runtime.loop.blocking import blocking
-from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.parameters.batches import read_all
 from rosidl_py_gen.runtime.parameters.files import read_parameter_file
 from rosidl_py_gen.runtime.parameters.messages import (
@@ -45,7 +45,7 @@ from rosidl_py_gen.runtime.parameters.messages import (
     value_from_message,
 )
 from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError, overrides_for
-from rosidl_py_gen.runtime.parameters.validation import Listing
+from rosidl_py_gen.runtime.parameters.validation import ListParametersResult
 from rosidl_py_gen.runtime.parameters.values import (
     Parameter,
     ParameterDescriptor,
@@ -69,8 +69,8 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Sequence
 
-    from rosidl_py_gen.runtime.endpoints.scope import Scope
-    from rosidl_py_gen.runtime.names.remap import NodeNames
+    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
+    from rosidl_py_gen.runtime.names.remapping import NodeNames
     from rosidl_py_gen.runtime.parameters.store import ParameterEvent
     from rosidl_py_gen.runtime.parameters.values import ParametersToSet
 
@@ -89,10 +89,10 @@ class RemoteParameterEvent(NamedTuple):
     event: ParameterEvent
 
 
-class ParameterEvents(Stream[RemoteParameterEvent]):
+class ParameterEvents(AsyncQueue[RemoteParameterEvent]):
     """An async iterator of parameter events; close it when it is no longer needed."""
 
-    def __init__(self, scope: Scope, names: NodeNames, node: str | None) -> None:
+    def __init__(self, scope: EntityScope, names: NodeNames, node: str | None) -> None:
         """`node` None means all nodes."""
         super().__init__()
         self._scope = scope
@@ -101,7 +101,7 @@ class ParameterEvents(Stream[RemoteParameterEvent]):
         self._subscription: Subscription[EventMessage] = Subscription(
             scope, message_type(EventMessage), topic, self._arrived, PARAMETER_EVENTS
         )
-        scope.own(self)
+        scope.register(self)
 
     def _arrived(self, message: EventMessage) -> None:
         if self._node is None or message.node == self._node:
@@ -116,11 +116,11 @@ class ParameterEvents(Stream[RemoteParameterEvent]):
     def close(self, error: BaseException | None = None) -> None:
         """Stop listening; the iterator ends. May be called twice."""
         super().close(error)
-        self._scope.disown(self)
+        self._scope.unregister(self)
         self._subscription.close()
 
 
-class _Asked:
+class _NameQuery:
     """One name or several, and the answer that belongs to them."""
 
     def __init__(self, node: str, names: str | Sequence[str]) -> None:
@@ -137,13 +137,13 @@ class _Asked:
         raise MalformedAnswerError(f"{self._node} answered {len(found)} values for {len(self.names)} parameters")
 
 
-class ParameterClient(Composite):
+class ParameterClient(CompositeEntity):
     """Made by `create_parameter_client`.
 
     Calls raise `CallTimeoutError` when no answer comes in `timeout_s` seconds, `ServerLostError` when the node leaves.
     """
 
-    def __init__(self, scope: Scope, names: NodeNames, node: str) -> None:
+    def __init__(self, scope: EntityScope, names: NodeNames, node: str) -> None:
         self.node = names.resolve_topic(node)
         """Fully qualified name of the remote node."""
         super().__init__(scope)
@@ -161,7 +161,7 @@ class ParameterClient(Composite):
         self._set_atomically = client(SetParametersAtomically, "set_parameters_atomically")
         self._describe = client(DescribeParameters, "describe_parameters")
         self._list = client(ListParameters, "list_parameters")
-        scope.own(self)
+        scope.register(self)
 
     async def wait_for_services(self, timeout_s: float | None = None) -> Literal[True]:
         """Wait until the remote node serves its parameters; raises `WaitTimeoutError` when the time passed."""
@@ -176,7 +176,9 @@ class ParameterClient(Composite):
         def why() -> str:
             return next((one._why_missing(one.name.removeprefix(self.node)) for one in unserved()), "")
 
-        return await self._scope.expect(lambda: not unserved(), timeout_s, lambda: self._closed, missing, why=why)
+        return await self._scope.wait_or_raise(
+            lambda: not unserved(), timeout_s, lambda: self._closed, missing, why=why
+        )
 
     wait_for_services_sync = blocking(wait_for_services)
 
@@ -192,7 +194,7 @@ class ParameterClient(Composite):
         Raises:
             ParameterNotDeclaredError: at least one of them is not declared, or has no value.
         """
-        asked = _Asked(self.node, names)
+        asked = _NameQuery(self.node, names)
         response = await self._get.call(GetParameters_Request(names=asked.names), timeout_s)
         return asked.answer([value_from_message(item).value for item in response.values])
 
@@ -204,31 +206,33 @@ class ParameterClient(Composite):
     def get_sync(self, names: Sequence[str], timeout_s: float | None = None) -> list[PythonValue]: ...
     def get_sync(self, names: Any, timeout_s: float | None = None) -> Any:
         """`get` for plain code; raises `WouldDeadlockError` on the event loop's thread."""
-        return self._scope.run(self.get(names, timeout_s), f"get_sync of {self!r}", "'await ...get(...)'")
+        return self._scope.run_blocking(self.get(names, timeout_s), f"get_sync of {self!r}", "'await ...get(...)'")
 
     @overload
-    async def types(  # type: ignore[overload-overlap]  # a text is a sequence of texts
+    async def get_types(  # type: ignore[overload-overlap]  # a text is a sequence of texts
         self, names: str, timeout_s: float | None = None
     ) -> ParameterType: ...
     @overload
-    async def types(self, names: Sequence[str], timeout_s: float | None = None) -> list[ParameterType]: ...
-    async def types(
+    async def get_types(self, names: Sequence[str], timeout_s: float | None = None) -> list[ParameterType]: ...
+    async def get_types(
         self, names: str | Sequence[str], timeout_s: float | None = None
     ) -> ParameterType | list[ParameterType]:
         """One type for one name, a list for several; raises `ParameterNotDeclaredError` as `get`."""
-        asked = _Asked(self.node, names)
+        asked = _NameQuery(self.node, names)
         response = await self._types.call(GetParameterTypes_Request(names=asked.names), timeout_s)
         return asked.answer([parameter_type(int(item)) for item in response.types])
 
     @overload
-    def types_sync(  # type: ignore[overload-overlap]  # a text is a sequence of texts
+    def get_types_sync(  # type: ignore[overload-overlap]  # a text is a sequence of texts
         self, names: str, timeout_s: float | None = None
     ) -> ParameterType: ...
     @overload
-    def types_sync(self, names: Sequence[str], timeout_s: float | None = None) -> list[ParameterType]: ...
-    def types_sync(self, names: Any, timeout_s: float | None = None) -> Any:
-        """`types` for plain code; raises `WouldDeadlockError` on the event loop's thread."""
-        return self._scope.run(self.types(names, timeout_s), f"types_sync of {self!r}", "'await ...types(...)'")
+    def get_types_sync(self, names: Sequence[str], timeout_s: float | None = None) -> list[ParameterType]: ...
+    def get_types_sync(self, names: Any, timeout_s: float | None = None) -> Any:
+        """`get_types` for plain code; raises `WouldDeadlockError` on the event loop's thread."""
+        return self._scope.run_blocking(
+            self.get_types(names, timeout_s), f"get_types_sync of {self!r}", "'await ...types(...)'"
+        )
 
     @overload
     async def describe(  # type: ignore[overload-overlap]  # a text is a sequence of texts
@@ -240,7 +244,7 @@ class ParameterClient(Composite):
         self, names: str | Sequence[str], timeout_s: float | None = None
     ) -> ParameterDescriptor | list[ParameterDescriptor]:
         """One for one name, a list for several; raises `ParameterNotDeclaredError` when one is not declared there."""
-        asked = _Asked(self.node, names)
+        asked = _NameQuery(self.node, names)
         response = await self._describe.call(DescribeParameters_Request(names=asked.names), timeout_s)
         return asked.answer([descriptor_from_message(item) for item in response.descriptors])
 
@@ -252,7 +256,7 @@ class ParameterClient(Composite):
     def describe_sync(self, names: Sequence[str], timeout_s: float | None = None) -> list[ParameterDescriptor]: ...
     def describe_sync(self, names: Any, timeout_s: float | None = None) -> Any:
         """`describe` for plain code; raises `WouldDeadlockError` on the event loop's thread."""
-        return self._scope.run(
+        return self._scope.run_blocking(
             self.describe(names, timeout_s), f"describe_sync of {self!r}", "'await ...describe(...)'"
         )
 
@@ -281,11 +285,13 @@ class ParameterClient(Composite):
 
     async def _read_all(self, timeout_s: float | None) -> dict[str, ParameterValue]:
         deadline = Deadline(timeout_s)
-        return await read_all((await self.list(timeout_s=deadline.left_s())).names, self._get, self._types, deadline)
+        return await read_all(
+            (await self.list(timeout_s=deadline.remaining_s())).names, self._get, self._types, deadline
+        )
 
     async def _set_once(self, wanted: Sequence[Parameter], deadline: Deadline) -> list[SetResult]:
         request = SetParameters_Request(parameters=[to_message(item) for item in wanted])
-        return [result_from_message(item) for item in (await self._set.call(request, deadline.left_s())).results]
+        return [result_from_message(item) for item in (await self._set.call(request, deadline.remaining_s())).results]
 
     async def set_atomically(self, values: ParametersToSet, timeout_s: float | None = None) -> SetResult:
         """Set all or nothing; otherwise as `set`."""
@@ -301,7 +307,7 @@ class ParameterClient(Composite):
 
     async def _set_all(self, wanted: Sequence[Parameter], deadline: Deadline) -> SetResult:
         request = SetParametersAtomically_Request(parameters=[to_message(item) for item in wanted])
-        return result_from_message((await self._set_atomically.call(request, deadline.left_s())).result)
+        return result_from_message((await self._set_atomically.call(request, deadline.remaining_s())).result)
 
     async def _as_double(self, parameter: Parameter, deadline: Deadline) -> Parameter:
         """The parameter itself, unless it is of whole numbers and the remote one of doubles."""
@@ -322,19 +328,21 @@ class ParameterClient(Composite):
 
     async def _declared_type(self, name: str, deadline: Deadline) -> ParameterType:
         """NOT_SET when the parameter is not declared."""
-        typed = await self._types.call(GetParameterTypes_Request(names=[name]), deadline.left_s())
+        typed = await self._types.call(GetParameterTypes_Request(names=[name]), deadline.remaining_s())
         kind = parameter_type(int(typed.types[0])) if len(typed.types) == 1 else ParameterType.NOT_SET
         if kind is ParameterType.NOT_SET and len(typed.types) == 1:
             # Declared but unset: the descriptor may know.
-            described = await self._describe.call(DescribeParameters_Request(names=[name]), deadline.left_s())
+            described = await self._describe.call(DescribeParameters_Request(names=[name]), deadline.remaining_s())
             kind = parameter_type(described.descriptors[0].type) if len(described.descriptors) == 1 else kind
         return kind
 
-    async def list(self, prefixes: str | Sequence[str] = (), depth: int = 0, timeout_s: float | None = None) -> Listing:
+    async def list(
+        self, prefixes: str | Sequence[str] = (), depth: int = 0, timeout_s: float | None = None
+    ) -> ListParametersResult:
         """Names and groups, all or those below one or several prefixes; depth 0 has no limit."""
         request = ListParameters_Request(prefixes=as_prefixes(prefixes), depth=depth)
         result = (await self._list.call(request, timeout_s)).result
-        return Listing(tuple(result.names), tuple(result.prefixes))
+        return ListParametersResult(tuple(result.names), tuple(result.prefixes))
 
     list_sync = blocking(list)
 
@@ -354,26 +362,28 @@ class ParameterClient(Composite):
             raise ParameterFileError(f"{path}: nothing for {self.node}; the file has parameters of {named}")
         found = overrides_for(entries, self.node)
         deadline = Deadline(timeout_s)
-        results = await self.set([Parameter(name, value) for name, value in found.items()], deadline.left_s())
+        results = await self.set([Parameter(name, value) for name, value in found.items()], deadline.remaining_s())
         return {
-            name: result if result.successful else await self._unless_read_only(name, found[name], result, deadline)
+            name: result
+            if result.successful
+            else await self._ignore_unchanged_read_only(name, found[name], result, deadline)
             for name, result in zip(found, results, strict=False)
         }
 
     load_yaml_sync = blocking(load_yaml)
 
-    async def _unless_read_only(
+    async def _ignore_unchanged_read_only(
         self, name: str, wanted: ParameterValue, refused: SetResult, deadline: Deadline
     ) -> SetResult:
         """What a file wants of a parameter that nobody may set is fine if that is its value."""
-        described = await self._describe.call(DescribeParameters_Request(names=[name]), deadline.left_s())
+        described = await self._describe.call(DescribeParameters_Request(names=[name]), deadline.remaining_s())
         if len(described.descriptors) != 1 or not described.descriptors[0].read_only:
             return refused
-        response = await self._get.call(GetParameters_Request(names=[name]), deadline.left_s())
+        response = await self._get.call(GetParameters_Request(names=[name]), deadline.remaining_s())
         if len(response.values) != 1:
             return refused
         has = value_from_message(response.values[0])
-        if repr(has.value) == repr(_like(wanted, has.type).value):  # NaN is itself, True is not 1
+        if repr(has.value) == repr(_as_type_of(wanted, has.type).value):  # NaN is itself, True is not 1
             return SetResult(True, "it is read-only and has this value")
         return SetResult(False, f"it is read-only and stays {has.value!r:.100}, the file says {wanted.value!r:.100}")
 
@@ -395,6 +405,6 @@ class ParameterClient(Composite):
         return ParameterEvents(self._parts, self._names, self.node)
 
 
-def _like(value: ParameterValue, kind: ParameterType) -> ParameterValue:
+def _as_type_of(value: ParameterValue, kind: ParameterType) -> ParameterValue:
     """What a file means where a parameter of this type is: see `ParameterClient.set`."""
     return parameter_value((), kind) if value.value == b"" and kind.is_array else widened(value, kind)

@@ -41,7 +41,7 @@ def declared_descriptor(name: str, default: ParameterValue, given: ParameterDesc
             typing. TypeError.
     """
     descriptor = checked_descriptor(name, ParameterDescriptor() if given is None else given)
-    default = fitted(default, descriptor)
+    default = coerce_empty_list(default, descriptor)
     if descriptor.dynamic_typing:
         return descriptor
     kind = default.type if descriptor.type is ParameterType.NOT_SET else descriptor.type
@@ -55,7 +55,7 @@ def declared_descriptor(name: str, default: ParameterValue, given: ParameterDesc
     return replace(descriptor, type=kind)
 
 
-def described_anew(
+def redescribed(
     before: ParameterDescriptor, value: ParameterValue, given: ParameterDescriptor, alternative: ParameterValue
 ) -> tuple[ParameterDescriptor, Parameter, str]:
     """A parameter under another descriptor: what is declared then, with which value, and why that cannot be.
@@ -66,10 +66,10 @@ def described_anew(
     descriptor = checked_descriptor(before.name, given)
     if descriptor.type is ParameterType.NOT_SET and not descriptor.dynamic_typing:
         descriptor = replace(descriptor, type=before.type)
-    parameter = Parameter(before.name, fitted(value, descriptor))
+    parameter = Parameter(before.name, coerce_empty_list(value, descriptor))
     reason = refusal_reason(parameter, descriptor, declaring=True)
     if reason and alternative.is_set:
-        value = fitted(alternative, descriptor)
+        value = coerce_empty_list(alternative, descriptor)
         value = value if descriptor.dynamic_typing else widened(value, descriptor.type)
         parameter = Parameter(before.name, value)
         reason = refusal_reason(parameter, descriptor, declaring=True)
@@ -78,7 +78,7 @@ def described_anew(
     return descriptor, parameter, reason
 
 
-def fitted(value: ParameterValue, described: ParameterDescriptor) -> ParameterValue:
+def coerce_empty_list(value: ParameterValue, described: ParameterDescriptor) -> ParameterValue:
     """An empty list from YAML or Python says nothing about its type; let it be what was declared."""
     if described.type.is_array and value.type.is_array and not value.value:
         return parameter_value((), described.type)

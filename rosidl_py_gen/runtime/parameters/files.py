@@ -15,7 +15,7 @@ import re
 import sys
 from typing import TYPE_CHECKING, NoReturn
 
-from rosidl_py_gen.base.resources import extra_missing
+from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.yaml_text import STRING, YamlError, compose_yaml
 from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError, ParameterOverrides
 from rosidl_py_gen.runtime.parameters.values import (
@@ -30,7 +30,7 @@ from rosidl_py_gen.runtime.parameters.values import (
 try:
     import yaml
 except ModuleNotFoundError as missing:
-    raise extra_missing(missing) or missing from None
+    raise missing_extra_message(missing) or missing from None
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -74,7 +74,7 @@ def to_message(parameter: Parameter) -> msg.Parameter:
     return msg.Parameter(parameter.name, value_to_message(parameter.value))
 
 
-def asked_from_message(message: msg.Parameter) -> Parameter:
+def requested_parameter(message: msg.Parameter) -> Parameter:
     """What a peer wants to set; raises `InvalidParameterValueError` for a type number that does not exist.
 
     rclpy and rclcpp raise an error for one, which ends the server; nor can it mean NOT_SET, which would undeclare.

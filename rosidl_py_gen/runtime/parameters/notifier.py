@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 
 @dataclass(slots=True)
-class Batch:
+class ChangeBatch:
     """What one thread does until nobody has to wait for it any more."""
 
     events: list[ParameterEvent] = field(default_factory=list)
     sets: list[list[Parameter]] = field(default_factory=list)
 
-    def withdraw(self, names: Collection[str]) -> None:
+    def discard(self, names: Collection[str]) -> None:
         """Nobody shall hear of these."""
         if names:
             self.events = [left for event in self.events if (left := event.without(names))]
@@ -67,9 +67,9 @@ class Notifier:
             self._after_set(parameters)
 
     @contextlib.contextmanager
-    def batch(self, lock: contextlib.AbstractContextManager[object]) -> Iterator[Batch]:
+    def batch(self, lock: contextlib.AbstractContextManager[object]) -> Iterator[ChangeBatch]:
         """Keep everything back until the block, which runs under `lock`, ends."""
-        batch, outer = Batch(), getattr(self._here, "batch", None)
+        batch, outer = ChangeBatch(), getattr(self._here, "batch", None)
         try:
             with lock:
                 self._here.batch = batch

@@ -10,14 +10,14 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen.msgs.rcl_interfaces import msg, srv
-from rosidl_py_gen.runtime.endpoints.late_types import late_message_type, late_service_type
-from rosidl_py_gen.runtime.endpoints.publisher import Publisher
-from rosidl_py_gen.runtime.endpoints.server import ServiceServer
-from rosidl_py_gen.runtime.loop.after_answer import AfterAnswer
+from rosidl_py_gen.runtime.entities.lazy_types import late_service_type, lazy_message_type
+from rosidl_py_gen.runtime.entities.publisher import Publisher
+from rosidl_py_gen.runtime.entities.server import ServiceServer
+from rosidl_py_gen.runtime.loop.deferred_send import DeferredSender
 from rosidl_py_gen.runtime.parameters.messages import (
-    asked_from_message,
     descriptor_to_message,
     event_to_message,
+    requested_parameter,
     result_to_message,
     value_to_message,
 )
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from rosidl_py_gen.cdr import Service
-    from rosidl_py_gen.runtime.endpoints.scope import Scope
-    from rosidl_py_gen.runtime.names.remap import NodeNames
+    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
+    from rosidl_py_gen.runtime.names.remapping import NodeNames
     from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore
     from rosidl_py_gen.runtime.time.clock import Clock
 
@@ -42,15 +42,15 @@ class ParameterEventPublisher(Publisher[msg.ParameterEvent]):
     fifth of the time that the client waits.
     """
 
-    def __init__(self, scope: Scope, names: NodeNames, clock: Clock) -> None:
+    def __init__(self, scope: EntityScope, names: NodeNames, clock: Clock) -> None:
         self._node = names.fully_qualified_name
         self._clock = clock
-        self._after_answer = AfterAnswer(scope.bridge, self._send)
-        message_type = late_message_type("rcl_interfaces/msg/ParameterEvent")
+        self._after_answer = DeferredSender(scope.bridge, self._send)
+        message_type = lazy_message_type("rcl_interfaces/msg/ParameterEvent")
         super().__init__(scope, message_type, names.resolve_topic("/parameter_events"), PARAMETER_EVENTS)
-        scope.own(self._after_answer)
+        scope.register(self._after_answer)
 
-    def tell(self, event: ParameterEvent) -> None:
+    def publish_event(self, event: ParameterEvent) -> None:
         """Tell the world, unless nobody listens: who comes later does not get it (the topic is volatile)."""
         if event and self.has_subscriptions:
             self._after_answer.add((event, self._clock.now_ns()))
@@ -81,7 +81,7 @@ class ParameterService(NamedTuple):
 class ParameterServices:
     """What answers the six services of one node."""
 
-    def __init__(self, scope: Scope, store: ParameterStore, on_listed: Callable[[ParameterStore], None]) -> None:
+    def __init__(self, scope: EntityScope, store: ParameterStore, on_listed: Callable[[ParameterStore], None]) -> None:
         """`on_listed` is called on the loop's thread when a peer has asked for the list of parameters."""
         self._on_listed = on_listed
         self._scope = scope
@@ -101,7 +101,7 @@ class ParameterServices:
             service_type = late_service_type(f"rcl_interfaces/srv/{title}")
             ServiceServer(self._scope, service_type, names.resolve_service(f"~/{name}"), handler, PARAMETERS)
 
-    def listed(self) -> list[ParameterService]:
+    def handlers(self) -> list[ParameterService]:
         """Them, for whoever serves them otherwise."""
         return [
             ParameterService(name, getattr(srv, title), self._while_open(handler))
@@ -142,7 +142,7 @@ class ParameterServices:
     def _answer(self, asked: Sequence[msg.Parameter]) -> msg.SetParametersResult:
         """Always an answer: whoever asks must not wait for a callback's mistake."""
         try:
-            return result_to_message(self._store.set_atomically([asked_from_message(item) for item in asked]))
+            return result_to_message(self._store.set_atomically([requested_parameter(item) for item in asked]))
         except InvalidParameterValueError as error:
             return result_to_message(SetResult(False, str(error)))
         except Exception as error:

@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.logs.loggers import report_failure
 from rosidl_py_gen.runtime.parameters.callbacks import CallbackAnswerError, RefusedError, SetCallbacks
-from rosidl_py_gen.runtime.parameters.declaration import declared_descriptor, described_anew, fitted
+from rosidl_py_gen.runtime.parameters.declaration import coerce_empty_list, declared_descriptor, redescribed
 from rosidl_py_gen.runtime.parameters.notifier import Notifier
 from rosidl_py_gen.runtime.parameters.overrides import InitialSources
-from rosidl_py_gen.runtime.parameters.validation import Listing, list_names, name_reason, refusal_reason
+from rosidl_py_gen.runtime.parameters.validation import ListParametersResult, list_names, name_reason, refusal_reason
 from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterNameError,
     InvalidParameterValueError,
@@ -81,7 +81,7 @@ class ParameterStore:
         self._on_failure = on_failure
         self.callbacks = SetCallbacks(on_failure)
         """Functions to call around each set."""
-        self._notifier = Notifier(on_event, self.callbacks.after, on_failure)
+        self._notifier = Notifier(on_event, self.callbacks.run_post_set, on_failure)
         self._values: dict[str, ParameterValue] = {}
         self._descriptors: dict[str, ParameterDescriptor] = {}
         self._optional: set[str] = set()
@@ -115,14 +115,14 @@ class ParameterStore:
                 raise ParameterAlreadyDeclaredError(f"parameter {name!r} is already declared")
             described = declared_descriptor(name, default, descriptor)
             is_overridden = name in self.overrides and not ignore_override
-            value = fitted(self.overrides[name] if is_overridden else default, described)
+            value = coerce_empty_list(self.overrides[name] if is_overridden else default, described)
             if is_overridden and not described.dynamic_typing:
                 value = widened(value, described.type)
             if value.is_set and not described.dynamic_typing and value.type is not described.type:
                 raise WrongParameterTypeError(name, described.type.name, value.type.name)
             parameter = Parameter(name, value)
             try:
-                _, commits = self._agreed([parameter], refusal_reason(parameter, described, declaring=True))
+                _, commits = self._run_validation([parameter], refusal_reason(parameter, described, declaring=True))
             except RefusedError as refusal:
                 reason = f"parameter {name!r} cannot be declared as {value.value!r}: {refusal}"
                 raise InvalidParameterValueError(reason) from refusal.__cause__
@@ -139,7 +139,7 @@ class ParameterStore:
         return value
 
     @contextlib.contextmanager
-    def together(self) -> Iterator[list[str]]:
+    def declare_batch(self) -> Iterator[list[str]]:
         """Several declarations as one, whose names the caller adds to the list; nobody hears before all are made.
 
         When the block raises they are forgotten, and nobody ever hears of them.
@@ -149,18 +149,18 @@ class ParameterStore:
             try:
                 yield declared
             except BaseException:
-                batch.withdraw(declared)
+                batch.discard(declared)
                 for name in declared:
                     self.forget(name)
                 raise
 
-    def _agreed(self, parameters: Sequence[Parameter], reason: str) -> tuple[SetResult, list[Commit]]:
+    def _run_validation(self, parameters: Sequence[Parameter], reason: str) -> tuple[SetResult, list[Commit]]:
         """Consent, and what to call once the values are stored; raises `RefusedError`, for `reason` or theirs."""
         if reason:
             raise RefusedError(reason)
         if self.callbacks.preparing:
             raise RefusedError(_NESTED_REASON)
-        return self.callbacks.ask(parameters)
+        return self.callbacks.run_on_set(parameters)
 
     def declare_overrides(self) -> None:
         """Declare every override that is not declared yet, statically typed by its value."""
@@ -212,7 +212,7 @@ class ParameterStore:
         except (ParameterNotDeclaredError, ParameterUninitializedError):
             return []
 
-    def peek(self, name: str) -> ParameterValue:
+    def get_or_unset(self, name: str) -> ParameterValue:
         """The value, NOT_SET for one that is unset; raises `ParameterNotDeclaredError` unless that is allowed."""
         self._require(name)
         return self._values.get(name, NOT_SET)
@@ -235,7 +235,7 @@ class ParameterStore:
         asked = list(names)
         return [] if self._missing(asked) else [self.describe(name) for name in asked]
 
-    def listing(self, prefixes: Sequence[str] = (), depth: int = 0) -> Listing:
+    def listing(self, prefixes: Sequence[str] = (), depth: int = 0) -> ListParametersResult:
         """Names and groups; depth 0 has no limit."""
         return list_names(self._values, prefixes, depth)
 
@@ -245,7 +245,7 @@ class ParameterStore:
 
     # --------------------------------------------------------------------------------------------------- setting
 
-    def set_each(self, parameters: Iterable[Parameter], *, require_declared: bool = False) -> list[SetResult]:
+    def set_individually(self, parameters: Iterable[Parameter], *, require_declared: bool = False) -> list[SetResult]:
         """Set one by one; a failure does not stop the next."""
         return [self.set_atomically([one], require_declared=require_declared) for one in parameters]
 
@@ -259,10 +259,10 @@ class ParameterStore:
         """
         try:
             with self.lock:
-                wanted = [self._widened(one) for one in self.callbacks.before(list(parameters))]
+                wanted = [self._widened(one) for one in self.callbacks.run_pre_set(list(parameters))]
                 if require_declared and (missing := self._missing([one.name for one in wanted])):
                     raise ParameterNotDeclaredError(missing)
-                result, commits = self._agreed(wanted, self._reason(wanted))
+                result, commits = self._run_validation(wanted, self._reason(wanted))
                 event = self._apply(wanted)
                 for commit in commits:
                     commit()
@@ -295,14 +295,12 @@ class ParameterStore:
                 return NOT_SET
             if self._descriptors[name].read_only:
                 raise ParameterImmutableError(f"parameter {name!r} is read-only and cannot be described anew")
-            described, now, reason = described_anew(
-                self._descriptors[name], self._values[name], descriptor, alternative
-            )
+            described, now, reason = redescribed(self._descriptors[name], self._values[name], descriptor, alternative)
             is_new = now.value != self._values[name]
             try:
                 if reason:
                     raise RefusedError(reason)
-                commits = self._agreed([now], "")[1] if is_new else []
+                commits = self._run_validation([now], "")[1] if is_new else []
             except RefusedError as refusal:
                 text = f"parameter {name!r} cannot be described so while it is {now.value.value!r}: {refusal}"
                 raise InvalidParameterValueError(text) from refusal.__cause__

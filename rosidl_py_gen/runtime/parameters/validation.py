@@ -170,21 +170,21 @@ def _fits_float(number: float) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Listing:
+class ListParametersResult:
     """Names in the order of declaration, and the groups they are in."""
 
     names: tuple[str, ...]
     prefixes: tuple[str, ...]
 
 
-def list_names(names: Iterable[str], prefixes: Sequence[str], depth: int) -> Listing:
+def list_names(names: Iterable[str], prefixes: Sequence[str], depth: int) -> ListParametersResult:
     """Which names a listing with these prefixes and this depth shows; depth 0 has no limit.
 
     Source: docs/internals/protocol.md 9.3.
     """
     chosen = tuple(name for name in names if _is_listed(name, prefixes, depth))
     groups = dict.fromkeys(name.rpartition(SEPARATOR)[0] for name in chosen if SEPARATOR in name)
-    return Listing(chosen, tuple(groups))
+    return ListParametersResult(chosen, tuple(groups))
 
 
 def _is_listed(name: str, prefixes: Sequence[str], depth: int) -> bool:

@@ -15,11 +15,11 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.registration import Registrations
+from rosidl_py_gen.base.registration import RegistrationSet
 from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.runtime.logs.loggers import report_failure
-from rosidl_py_gen.runtime.time.due import wait_until_due
-from rosidl_py_gen.runtime.time.schedule import Schedule
+from rosidl_py_gen.runtime.time.clock_timer import sleep_until_due
+from rosidl_py_gen.runtime.time.timer_schedule import TimerSchedule
 from rosidl_py_gen.runtime.time.values import (
     ClockChange,
     ClockType,
@@ -66,7 +66,7 @@ class Clock:
         self._override_ns = 0
         self._active = False
         self._on_failure = on_failure
-        self._jump_callbacks: Registrations[_JumpCallbacks] = Registrations()
+        self._jump_callbacks: RegistrationSet[_JumpCallbacks] = RegistrationSet()
 
     def __repr__(self) -> str:
         state = ", overridden" if self._active else ""
@@ -141,7 +141,7 @@ class Clock:
 
         return self._jump_callbacks.add(_JumpCallbacks(matches, pre, post))
 
-    def _on_every_jump(self, pre: Callable[[TimeJump], None], post: Callable[[TimeJump], None]) -> Registration:
+    def _on_any_jump(self, pre: Callable[[TimeJump], None], post: Callable[[TimeJump], None]) -> Registration:
         """`create_jump_callback` for all jumps."""
         chosen = _JumpCallbacks(lambda jump: jump.source_changed or jump.delta.nanoseconds != 0, pre, post)
         return self._jump_callbacks.add(chosen)
@@ -181,11 +181,11 @@ class Clock:
 
     async def _sleep(self, length_ns: int, start_ns: int) -> bool:
         schedule = self._schedule(length_ns, start_ns)
-        return await wait_until_due(self, schedule, ends_with_source=True)
+        return await sleep_until_due(self, schedule, ends_with_source=True)
 
-    def _schedule(self, period_ns: int, start_ns: int) -> Schedule:
+    def _schedule(self, period_ns: int, start_ns: int) -> TimerSchedule:
         """A schedule by this clock whose first period begins at `start_ns`."""
-        return Schedule(period_ns, start_ns, waits_at_zero=self.clock_type is ClockType.ROS_TIME)
+        return TimerSchedule(period_ns, start_ns, waits_at_zero=self.clock_type is ClockType.ROS_TIME)
 
     def _require_ros_time(self) -> None:
         if self.clock_type is not ClockType.ROS_TIME:

@@ -10,7 +10,7 @@ import asyncio
 
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime.time.values import limit_to_ns
+from rosidl_py_gen.runtime.time.values import timeout_to_ns
 
 
 class WaitTimeoutError(RosidlError, TimeoutError):
@@ -37,17 +37,17 @@ class Deadline:
 
     def __init__(self, timeout_s: float | None) -> None:
         """Raises `TypeError` for no number, `TimeRangeError` for a negative one or NaN."""
-        limit_ns = None if timeout_s is None else limit_to_ns("timeout_s", timeout_s)
+        limit_ns = None if timeout_s is None else timeout_to_ns("timeout_s", timeout_s)
         self._time = asyncio.get_running_loop().time
         self._end_s = None if limit_ns is None else self._time() + limit_ns / NS_PER_S
 
-    def left_s(self, at_most_s: float | None = None) -> float | None:
+    def remaining_s(self, at_most_s: float | None = None) -> float | None:
         """Seconds, 0 when it is over; without an end `at_most_s`, which may be None."""
         if self._end_s is None:
             return at_most_s
         left_s = max(0.0, self._end_s - self._time())
         return left_s if at_most_s is None else min(left_s, at_most_s)
 
-    def is_over(self) -> bool:
+    def is_expired(self) -> bool:
         """Whether the time has passed."""
         return self._end_s is not None and self._time() >= self._end_s

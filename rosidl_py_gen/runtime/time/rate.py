@@ -8,12 +8,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.runtime.time.due import wait_until_due
+from rosidl_py_gen.runtime.time.clock_timer import sleep_until_due
 from rosidl_py_gen.runtime.time.values import TimeRangeError, finite_number, seconds_to_ns
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.time.clock import Clock
-    from rosidl_py_gen.runtime.time.schedule import Schedule
+    from rosidl_py_gen.runtime.time.timer_schedule import TimerSchedule
 
 
 class Rate:
@@ -27,7 +27,7 @@ class Rate:
         """Raises `TypeError` for no number, `TimeRangeError` unless positive, finite and at most 1e9."""
         self._clock = clock
         self._period_ns = _period_ns(frequency_hz)
-        self._schedule: Schedule | None = None
+        self._schedule: TimerSchedule | None = None
         self._was_active = clock.ros_time_is_active
 
     async def sleep(self) -> None:
@@ -36,7 +36,7 @@ class Rate:
         if schedule is None or active != self._was_active:  # the first round, or the source changed between two
             self._schedule = schedule = self._clock._schedule(self._period_ns, self._clock.now_ns())
         schedule.after_jump(self._clock.now_ns())  # time may have gone back between two rounds
-        await wait_until_due(self._clock, schedule, ends_with_source=False)
+        await sleep_until_due(self._clock, schedule, ends_with_source=False)
         self._was_active = self._clock.ros_time_is_active
 
 

@@ -70,7 +70,7 @@ def seconds_to_ns(what: str, seconds: object) -> int:
     return int(whole) * NS_PER_S + round(fraction * NS_PER_S)
 
 
-def limit_to_ns(what: str, seconds: object) -> int | None:
+def timeout_to_ns(what: str, seconds: object) -> int | None:
     """How long somebody is willing to wait, as nanoseconds: 0 or more, None for `math.inf`, which means for ever.
 
     Raises:

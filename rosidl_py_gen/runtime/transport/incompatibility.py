@@ -10,10 +10,10 @@ from enum import Enum, auto
 from typing import TYPE_CHECKING, Literal
 
 from rosidl_py_gen.errors import printable
-from rosidl_py_gen.runtime.transport.matching import check_compatible, describe_policies
+from rosidl_py_gen.runtime.transport.qos_matching import check_compatible, describe_policies
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.discovered import EndpointFound
+    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
     from rosidl_py_gen.runtime.transport.qos import QoSPolicyKind
 
 _MAX_TEXT = 600
@@ -38,8 +38,8 @@ class Incompatibility:
     """A writer and a reader that do not exchange messages, or misread them."""
 
     kind: IncompatibilityKind
-    writer: EndpointFound
-    reader: EndpointFound
+    writer: DiscoveredEndpoint
+    reader: DiscoveredEndpoint
 
     @property
     def mismatch_kind(self) -> Literal["type", "definition", "qos"]:
@@ -72,7 +72,7 @@ class Incompatibility:
             )
         return f"their quality of service is incompatible. {check_compatible(self.writer.qos, self.reader.qos).reason}"
 
-    def reason_of(self, peer: EndpointFound, name: str) -> str:
+    def reason_of(self, peer: DiscoveredEndpoint, name: str) -> str:
         """Return the text about `peer`, one of the two, by the name of its node."""
         own = self.reader if peer.is_writer else self.writer
         if self.kind is IncompatibilityKind.TYPE:
@@ -87,11 +87,11 @@ class Incompatibility:
         return f"{name} does not match: {self.reason}"
 
 
-def _type_text(endpoint: EndpointFound, max_chars: int = _MAX_TEXT) -> str:
+def _type_text(endpoint: DiscoveredEndpoint, max_chars: int = _MAX_TEXT) -> str:
     return printable(endpoint.service_type or endpoint.type, max_chars)
 
 
-def _hashes(one: EndpointFound, other: EndpointFound) -> tuple[str, str]:
+def _hashes(one: DiscoveredEndpoint, other: DiscoveredEndpoint) -> tuple[str, str]:
     """Return the hashes that both announce: of the message, or else of the service."""
     if one.type_hash and other.type_hash:
         return one.type_hash, other.type_hash

@@ -15,28 +15,33 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.transport.clocks import SYSTEM_CLOCKS
-from rosidl_py_gen.runtime.transport.discovered import EndpointFound, Lost, NodesFound, ParticipantFound
+from rosidl_py_gen.runtime.transport.clock_functions import SYSTEM_CLOCKS
+from rosidl_py_gen.runtime.transport.discovery_events import (
+    DiscoveredEndpoint,
+    EntityLost,
+    NodesAnnounced,
+    ParticipantDiscovered,
+)
 from rosidl_py_gen.runtime.transport.incompatibility import IncompatibilityKind
-from rosidl_py_gen.runtime.transport.matching import check_compatible
 from rosidl_py_gen.runtime.transport.memory_services import MemoryClient, MemoryServer
 from rosidl_py_gen.runtime.transport.qos import Durability, History, effective
-from rosidl_py_gen.runtime.transport.samples import ReceiveQueue, in_fours
-from rosidl_py_gen.runtime.transport.service_ends import ServicePeers
+from rosidl_py_gen.runtime.transport.qos_matching import check_compatible
+from rosidl_py_gen.runtime.transport.samples import ReceiveQueue, pad_to_4_bytes
+from rosidl_py_gen.runtime.transport.service_endpoints import ServicePeers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from rosidl_py_gen.runtime.transport.clocks import Clocks
-    from rosidl_py_gen.runtime.transport.discovered import Channel, DiscoveryEvent, NodeEntities
-    from rosidl_py_gen.runtime.transport.port import DomainSettings, EndpointSpec, Writer
+    from rosidl_py_gen.runtime.transport.api import DomainSettings, EndpointSpec, Writer
+    from rosidl_py_gen.runtime.transport.clock_functions import ClockFunctions
+    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent, NodeEntities, TopicKey
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
     from rosidl_py_gen.runtime.transport.samples import Payload, Sample, Sink
-    from rosidl_py_gen.runtime.transport.service_port import Service
+    from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 _VENDOR = b"\x01\x10"
 """Cyclone's vendor id, so that nothing treats our endpoints as foreign ones."""
-_WORLDS = itertools.count(1)
+_DOMAIN_NUMBERS = itertools.count(1)
 
 
 class MemoryTransport:
@@ -50,10 +55,10 @@ class MemoryTransport:
         >>> talker = Node("talker", context=Context(transport=world))  # doctest: +SKIP
     """
 
-    def __init__(self, clocks: Clocks = SYSTEM_CLOCKS) -> None:
+    def __init__(self, clocks: ClockFunctions = SYSTEM_CLOCKS) -> None:
         self.clocks = clocks
         self._lock = threading.RLock()
-        self._number = next(_WORLDS)
+        self._number = next(_DOMAIN_NUMBERS)
         self._counter = itertools.count(1)
         self._domains: dict[int, list[MemoryParticipant]] = {}
 
@@ -65,7 +70,7 @@ class MemoryTransport:
             participant = MemoryParticipant(self._lock, peers, prefix, enclave, self._counter, self.clocks)
             peers.append(participant)
             for peer in peers:
-                peer.tell(ParticipantFound(participant.guid, enclave))
+                peer.report(ParticipantDiscovered(participant.guid, enclave))
             return participant
 
 
@@ -75,7 +80,7 @@ class MemoryParticipant:
     middleware = "memory"
     library = ""
     capabilities: Mapping[str, str] = MappingProxyType({})
-    identity_refusal: str | None = None
+    services_unavailable_reason: str | None = None
 
     def __init__(
         self,
@@ -84,7 +89,7 @@ class MemoryParticipant:
         prefix: bytes,
         enclave: str,
         counter: itertools.count[int],
-        clocks: Clocks,
+        clocks: ClockFunctions,
     ) -> None:
         self.time_ns = clocks.system_ns
         self.lock = lock
@@ -112,16 +117,16 @@ class MemoryParticipant:
     def create_reader(self, spec: EndpointSpec) -> MemoryReader:
         return self.make_reader(spec.channel, spec.type, spec.type_hash, qos=spec.qos, ignore_local=spec.ignore_local)
 
-    def create_client(self, service: Service, qos: QoSProfile, *, node: int = 0) -> MemoryClient:
-        (requests, asks), (replies, answers) = _halves(service)
+    def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> MemoryClient:
+        (requests, asks), (replies, answers) = _request_and_reply_topics(service)
         with self.lock:
             gid = self._next_guid(b"\xc5")
             reader = self.make_reader(replies, *answers, qos=qos, service_id=gid.hex())
             writer = self.make_writer(requests, *asks, qos=qos, service_id=gid.hex())
         return MemoryClient(service, self.service_peers, reader, writer, gid)
 
-    def create_server(self, service: Service, qos: QoSProfile, *, node: int = 0) -> MemoryServer:
-        (requests, asks), (replies, answers) = _halves(service)
+    def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> MemoryServer:
+        (requests, asks), (replies, answers) = _request_and_reply_topics(service)
         with self.lock:
             gid = self._next_guid(b"\xc4")
             writer = self.make_writer(replies, *answers, qos=qos, service_id=gid.hex())
@@ -129,7 +134,7 @@ class MemoryParticipant:
         return MemoryServer(reader, writer, gid)
 
     def make_writer(
-        self, channel: Channel, type: str, type_hash: str = "", *, qos: QoSProfile, service_id: str = ""
+        self, channel: TopicKey, type: str, type_hash: str = "", *, qos: QoSProfile, service_id: str = ""
     ) -> MemoryWriter:
         """What sends samples."""
         with self.lock:
@@ -140,7 +145,7 @@ class MemoryParticipant:
 
     def make_reader(
         self,
-        channel: Channel,
+        channel: TopicKey,
         type: str,
         type_hash: str = "",
         *,
@@ -161,11 +166,11 @@ class MemoryParticipant:
             return reader
 
     def _info(
-        self, channel: Channel, type: str, qos: QoSProfile, type_hash: str, service_id: str, *, is_writer: bool
-    ) -> EndpointFound:
+        self, channel: TopicKey, type: str, qos: QoSProfile, type_hash: str, service_id: str, *, is_writer: bool
+    ) -> DiscoveredEndpoint:
         guid, profile = self._next_guid(b"\x03" if is_writer else b"\x04"), effective(qos, is_writer=is_writer)
         wire = channel.name, type
-        return EndpointFound(guid, self.guid, is_writer, channel, type, profile, type_hash, service_id, "", *wire)
+        return DiscoveredEndpoint(guid, self.guid, is_writer, channel, type, profile, type_hash, service_id, "", *wire)
 
     def _next_guid(self, kind: bytes) -> bytes:
         if self.closed:
@@ -179,26 +184,28 @@ class MemoryParticipant:
             self._discovery_sink = sink
             self._events.clear()
             for peer in self.peers:
-                self._events.append(ParticipantFound(peer.guid, peer.enclave))
+                self._events.append(ParticipantDiscovered(peer.guid, peer.enclave))
                 self._events += [endpoint.info for endpoint in (*peer.writers, *peer.readers)]
                 if peer.nodes:
-                    self._events.append(NodesFound(peer.guid, peer.nodes))
-            self.ready(self._report)
+                    self._events.append(NodesAnnounced(peer.guid, peer.nodes))
+            self.mark_ready(self._report)
 
-    def tell(self, event: DiscoveryEvent) -> None:
+    def report(self, event: DiscoveryEvent) -> None:
         """Report one event; nothing is kept while nobody listens."""
         if self._discovery_sink is not None:
             self._events.append(event)
-            self.ready(self._report)
+            self.mark_ready(self._report)
 
     def announce(self, nodes: Mapping[int, NodeEntities]) -> None:
         with self.lock:
             self.nodes = tuple(nodes.values())
             for peer in self.peers:
                 if peer is not self:
-                    peer.tell(NodesFound(self.guid, self.nodes))
+                    peer.report(NodesAnnounced(self.guid, self.nodes))
 
-    def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> IncompatibilityKind | None:
+    def incompatibility_reason(
+        self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint
+    ) -> IncompatibilityKind | None:
         """Return why two endpoints do not match, by the rules of DDS; None when they do."""
         return None if check_compatible(writer.qos, reader.qos).matches else IncompatibilityKind.QOS
 
@@ -214,25 +221,25 @@ class MemoryParticipant:
 
     def _announce(self, event: DiscoveryEvent) -> None:
         for peer in self.peers:
-            peer.tell(event)
+            peer.report(event)
 
-    def forget(self, endpoint: MemoryWriter | MemoryReader) -> None:
+    def unregister(self, endpoint: MemoryWriter | MemoryReader) -> None:
         """Remove an endpoint that was closed."""
         with self.lock:
             if isinstance(endpoint, MemoryWriter):
                 self.writers.remove(endpoint)
             else:
                 self.readers.remove(endpoint)
-            self._announce(Lost(endpoint.guid))
+            self._announce(EntityLost(endpoint.guid))
 
     # -------------------------------------------------------------------------------------------------- waiting
 
-    def set_notify(self, notify: Callable[[], None] | None) -> None:
+    def set_wakeup(self, notify: Callable[[], None] | None) -> None:
         self._notify = notify
         if notify is not None and self._ready:
             notify()
 
-    def ready(self, sink: Sink) -> None:
+    def mark_ready(self, sink: Sink) -> None:
         """Note that `sink` has something to do."""
         self._ready[sink] = None
         if self._notify is not None:
@@ -241,13 +248,13 @@ class MemoryParticipant:
     def fileno(self) -> None:
         """Nothing to watch: whoever writes, notifies."""
 
-    def collect(self) -> list[Sink]:
+    def take_ready_sinks(self) -> list[Sink]:
         with self.lock:
             ready = list(self._ready)
             self._ready.clear()
             return ready
 
-    def abandon(self) -> None:
+    def detach_after_fork(self) -> None:
         """See `port.Participant`; a copy of memory harms nobody."""
 
     def close(self) -> None:
@@ -260,11 +267,11 @@ class MemoryParticipant:
             self._discovery_sink = None
             self._ready.clear()
             self.peers.remove(self)
-            self._announce(Lost(self.guid))
+            self._announce(EntityLost(self.guid))
 
 
-class _Endpoint:
-    def __init__(self, owner: MemoryParticipant, info: EndpointFound) -> None:
+class _MemoryEndpoint:
+    def __init__(self, owner: MemoryParticipant, info: DiscoveredEndpoint) -> None:
         self.owner = owner
         self.guid = info.guid
         self.qos = info.qos
@@ -275,13 +282,13 @@ class _Endpoint:
         """Delete it; may be called twice."""
         if not self.closed:
             self.closed = True
-            self.owner.forget(self)  # type: ignore[arg-type]  # only the two subclasses exist
+            self.owner.unregister(self)  # type: ignore[arg-type]  # only the two subclasses exist
 
 
-class MemoryWriter(_Endpoint):
+class MemoryWriter(_MemoryEndpoint):
     """See `port.Writer`."""
 
-    def __init__(self, owner: MemoryParticipant, info: EndpointFound) -> None:
+    def __init__(self, owner: MemoryParticipant, info: DiscoveredEndpoint) -> None:
         super().__init__(owner, info)
         qos = info.qos
         self.handle = int.from_bytes(info.guid[8:], "big")  # `MemoryReader.writer_guid` is the way back
@@ -291,9 +298,9 @@ class MemoryWriter(_Endpoint):
         self._numbers = itertools.count(1)
 
     def write(self, data: Payload) -> bool:
-        return self.put(in_fours(data))
+        return self.deliver(pad_to_4_bytes(data))
 
-    def put(self, thing: Any) -> bool:
+    def deliver(self, thing: Any) -> bool:
         """Give a sample, or something else, to all that are connected."""
         if self.closed:
             raise ClosedError("this writer is closed")
@@ -334,10 +341,10 @@ class MemoryWriter(_Endpoint):
         """Nobody can die here."""
 
 
-class MemoryReader(_Endpoint):
+class MemoryReader(_MemoryEndpoint):
     """See `port.Reader`."""
 
-    def __init__(self, owner: MemoryParticipant, info: EndpointFound, ignore_local: bool) -> None:
+    def __init__(self, owner: MemoryParticipant, info: DiscoveredEndpoint, ignore_local: bool) -> None:
         super().__init__(owner, info)
         self.queue = ReceiveQueue(info.qos)
         self.ignore_local = ignore_local
@@ -347,9 +354,9 @@ class MemoryReader(_Endpoint):
         """Take a sample into the queue."""
         self.queue.push(sample)
         if self._sink is not None:
-            self.owner.ready(self._sink)
+            self.owner.mark_ready(self._sink)
 
-    def accept(self, thing: Any, sender: Writer) -> None:
+    def enqueue(self, thing: Any, sender: Writer) -> None:
         """Take something that is for this reader alone."""
         with self.owner.lock:
             now = self.owner.time_ns()
@@ -359,7 +366,7 @@ class MemoryReader(_Endpoint):
         with self.owner.lock:
             self._sink = sink
             if sink is not None and self.queue.items:
-                self.owner.ready(sink)
+                self.owner.mark_ready(sink)
 
     def fetch(self) -> bool:
         """Everything is in the queue already."""
@@ -385,7 +392,9 @@ def matches(writer: MemoryWriter, reader: MemoryReader) -> bool:
     return same and check_compatible(writer.qos, reader.qos).matches
 
 
-def _halves(service: Service) -> tuple[tuple[Channel, tuple[str, str]], tuple[Channel, tuple[str, str]]]:
+def _request_and_reply_topics(
+    service: ServiceSpec,
+) -> tuple[tuple[TopicKey, tuple[str, str]], tuple[TopicKey, tuple[str, str]]]:
     """Where requests meet, and responses, each with type and hash."""
     requests, replies = service.channels
     asks, answers = f"{service.type}_Request", f"{service.type}_Response"

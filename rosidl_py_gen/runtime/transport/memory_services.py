@@ -7,31 +7,31 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from rosidl_py_gen.runtime.transport.service_ends import ClientEnd, ServerEnd, kept_by
-from rosidl_py_gen.runtime.transport.service_port import Servers
+from rosidl_py_gen.runtime.transport.service_api import ServerAvailability
+from rosidl_py_gen.runtime.transport.service_endpoints import EndpointPairClient, EndpointPairServer, fair_queue_share
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.memory import MemoryReader, MemoryWriter
-    from rosidl_py_gen.runtime.transport.service_ends import ServicePeers
-    from rosidl_py_gen.runtime.transport.service_port import Reply, Request, RequestId, Service
+    from rosidl_py_gen.runtime.transport.service_api import Reply, Request, RequestId, ServiceSpec
+    from rosidl_py_gen.runtime.transport.service_endpoints import ServicePeers
 
 
-class MemoryClient(ClientEnd):
-    """See `service_port.ClientPort`."""
+class MemoryClient(EndpointPairClient):
+    """See `service_port.ServiceClientTransport`."""
 
     def __init__(
-        self, service: Service, peers: ServicePeers, reader: MemoryReader, writer: MemoryWriter, gid: bytes
+        self, service: ServiceSpec, peers: ServicePeers, reader: MemoryReader, writer: MemoryWriter, gid: bytes
     ) -> None:
         super().__init__(peers, *service.channels, reader, writer, gid)
-        self._counts = service.counts
+        self._counts = service.is_compatible
         self._outbox = writer
         self.inbox = reader
         self._sent = 0
 
     def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
-        self._outbox.put((self, self._sent + 1, data))
+        self._outbox.deliver((self, self._sent + 1, data))
         self._sent += 1
-        self._asked[self._sent] = self.present()
+        self._asked[self._sent] = self.server_endpoints()
         return self._sent
 
     def take(self) -> Reply | None:
@@ -41,19 +41,21 @@ class MemoryClient(ClientEnd):
         (number, data), _, handle, _, _ = items.popleft()
         return number, data, self._reader.writer_guid(handle)
 
-    def _find(self, _: object) -> Servers:
+    def _find(self, _: object) -> ServerAvailability:
         reading = self._peers.known(self._writer.matched_readers())
         answering = self._peers.known(self._reader.matched_writers())
         ids = [{one.service_id for one in ends if self._counts(one)} for ends in (reading, answering)]
         clients = self._peers.on(self._requests, writers=True)
-        return Servers(not ids[0].isdisjoint(ids[1]), kept_by((one.qos for one in reading), clients))
+        return ServerAvailability(
+            not ids[0].isdisjoint(ids[1]), fair_queue_share((one.qos for one in reading), clients)
+        )
 
 
-_Asker: TypeAlias = "tuple[MemoryClient, int]"
+_RequestOrigin: TypeAlias = "tuple[MemoryClient, int]"
 
 
-class MemoryServer(ServerEnd):
-    """See `service_port.ServerPort`."""
+class MemoryServer(EndpointPairServer):
+    """See `service_port.ServiceServerTransport`."""
 
     def take(self) -> Request | None:
         items: Any = self._reader.queue.items
@@ -63,19 +65,19 @@ class MemoryServer(ServerEnd):
         return (client, number), data, self._reader.writer_guid(handle), source_ns, received_ns
 
     def send(self, to: RequestId, data: bytes) -> bool:
-        asker: _Asker = to
+        asker: _RequestOrigin = to
         client, number = asker
         if self._is_connected(client):
-            client.inbox.accept((number, data), self._writer)
+            client.inbox.enqueue((number, data), self._writer)
         return True
 
-    def hears(self, to: RequestId) -> bool:
-        asker: _Asker = to
+    def can_reach_client(self, to: RequestId) -> bool:
+        asker: _RequestOrigin = to
         return asker[0].inbox.closed or self._is_connected(asker[0])
 
     def _is_connected(self, client: MemoryClient) -> bool:
         return client.inbox.guid in self._writer.matched_readers()
 
-    def asked_by(self, to: RequestId) -> tuple[bytes, int]:
-        asker: _Asker = to
+    def request_origin(self, to: RequestId) -> tuple[bytes, int]:
+        asker: _RequestOrigin = to
         return asker[0].gid, asker[1]

@@ -17,13 +17,13 @@ import threading
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.runtime.transport.clocks import SYSTEM_CLOCKS
+from rosidl_py_gen.runtime.transport.clock_functions import SYSTEM_CLOCKS
 from rosidl_py_gen.runtime.transport.qos import History
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable
 
-    from rosidl_py_gen.runtime.transport.clocks import Clocks
+    from rosidl_py_gen.runtime.transport.clock_functions import ClockFunctions
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 MAX_REPLIES = 8
@@ -71,7 +71,7 @@ class ReplyWindow:
         have_arrived: returns True if every client has acknowledged all replies; None if the transport cannot tell.
     """
 
-    def __init__(self, have_arrived: Callable[[], bool] | None, clocks: Clocks = SYSTEM_CLOCKS) -> None:
+    def __init__(self, have_arrived: Callable[[], bool] | None, clocks: ClockFunctions = SYSTEM_CLOCKS) -> None:
         self.limit = 0
         """Number of replies that may be in flight; 0 if the clients retain any number."""
         self._max_unanswered = 0

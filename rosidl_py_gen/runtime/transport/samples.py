@@ -26,12 +26,12 @@ A plain tuple: this is made once per message, and a named one costs ten times as
 Sink: TypeAlias = "Callable[[], Callable[[], None] | None]"
 """Takes in what arrived. It calls no function of the user: what does that it answers, to be called a moment later."""
 
-_FILL = PADDING[NETWORK_ALIGN]
+_PADDING = PADDING[NETWORK_ALIGN]
 
 
-def in_fours(data: Payload) -> bytes:
+def pad_to_4_bytes(data: Payload) -> bytes:
     """The sample as it is on the wire, in multiples of four bytes: DDS would add what lies behind it in memory."""
-    return bytes(data) + _FILL[len(data) % NETWORK_ALIGN]
+    return bytes(data) + _PADDING[len(data) % NETWORK_ALIGN]
 
 
 class ReceiveQueue:

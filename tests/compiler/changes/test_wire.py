@@ -13,10 +13,10 @@ from support.example_counts import examples
 from support.interface_packages import texts
 from support.reference_cdr import Reference
 
-from rosidl_py_gen import DecodeError, compile_text, to_dict
+from rosidl_py_gen import DecodeError, compile_definition, to_dict
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.compiler.changes.facts import Facts, facts_of
-from rosidl_py_gen.compiler.changes.wire import Reading, Verdict, Wire
+from rosidl_py_gen.compiler.compatibility.definition_set import DefinitionSet, collect
+from rosidl_py_gen.compiler.compatibility.wire_compatibility import ReadResult, ReadVerdict, WireCompatibility
 from rosidl_py_gen.errors import DefinitionError
 
 if TYPE_CHECKING:
@@ -26,15 +26,15 @@ NAME = "a_msgs/msg/Sample"
 POINT = f"\n{'=' * 80}\nMSG: a_msgs/Point\n"
 
 
-def facts(definitions: Mapping[str, str]) -> Facts:
-    return facts_of(texts(definitions), [split_ros_name(name) for name in definitions])
+def facts(definitions: Mapping[str, str]) -> DefinitionSet:
+    return collect(texts(definitions), [split_ros_name(name) for name in definitions])
 
 
-def verdict(old: str, new: str, points: tuple[str, str] = ("float64 x", "float64 x")) -> Verdict:
+def verdict(old: str, new: str, points: tuple[str, str] = ("float64 x", "float64 x")) -> ReadVerdict:
     sides = [
         facts({NAME: text, "a_msgs/msg/Point": point}).messages for text, point in zip((old, new), points, strict=True)
     ]
-    return Wire(*sides).verdict(NAME, NAME)
+    return WireCompatibility(*sides).verdict(NAME, NAME)
 
 
 CASES = [
@@ -120,18 +120,18 @@ def test_what_is_claimed_is_what_decoding_gives(case: tuple[World, World, Refere
     except DefinitionError:  # two fields of one name
         assume(False)
     sides = [facts(dict(world.texts)).messages for world in (old, new)]
-    found = Wire(*sides).verdict(old.top, old.top)
+    found = WireCompatibility(*sides).verdict(old.top, old.top)
     event(found.reading.value)
     message = reference.build(old.compile(), value)
     then = to_dict(message)
-    if found.reading is Reading.FAILS:
+    if found.reading is ReadResult.FAILS:
         with pytest.raises(DecodeError):
             now.decode(message.encode())
         return
-    if found.reading in (Reading.SOMETIMES, Reading.OTHER):  # nothing is claimed of this one
+    if found.reading in (ReadResult.DEPENDS_ON_VALUES, ReadResult.MISREAD):  # nothing is claimed of this one
         return
     read = to_dict(now.decode(message.encode()))
-    if found.reading is Reading.SAME:
+    if found.reading is ReadResult.SAME:
         assert same(leaves(read), leaves(then)) and names(read) == names(then)
     else:  # under new names, or without the last ones
         assert same(leaves(read), leaves(then)[: len(leaves(read))])
@@ -160,10 +160,10 @@ def names(value: Any, path: str = "") -> list[str]:
 def test_what_depends_on_values_or_is_wrong_is_so_for_some_message(
     old: str, new: str, value: dict[str, Any], read: Any
 ) -> None:
-    assert verdict(old, new).reading in (Reading.SOMETIMES, Reading.OTHER)
-    data = compile_text(NAME, old)(**value).encode()
+    assert verdict(old, new).reading in (ReadResult.DEPENDS_ON_VALUES, ReadResult.MISREAD)
+    data = compile_definition(NAME, old)(**value).encode()
     if read is DecodeError:
         with pytest.raises(DecodeError):
-            compile_text(NAME, new).decode(data)
+            compile_definition(NAME, new).decode(data)
     else:
-        assert to_dict(compile_text(NAME, new).decode(data)) == read
+        assert to_dict(compile_definition(NAME, new).decode(data)) == read

@@ -24,8 +24,8 @@ from support.interface_packages import assert_clean, importable, message, parse,
 
 from rosidl_py_gen import decode, encode, from_dict, to_dict
 from rosidl_py_gen.base.names import py_name
+from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import load
-from rosidl_py_gen.compiler.spec.find import search_path
 from rosidl_py_gen.errors import DefinitionError
 
 MARK = "ROSIDL_PAYLOAD_RAN"
@@ -96,7 +96,7 @@ WORDS = [
     *("pos", "end", "parts", "append", "error", "new", "readable", "typing", "annotations", "property", "staticmethod"),
     *("print", "exec", "eval", "open", "tuple", "dict", "set", "memoryview", "bytearray", "slots", "builtins", "numpy"),
     *("from", "in", "is", "class", "def", "lambda", "yield", "async", "await", "match", "case", "none", "true", "import"),
-    *("recover_encode", "recover_decode", "packers", "limit", "exactly", "within", "expect", "limit_each", "fault", "getattr"),
+    *("encode_slow", "decode_slow", "packers", "limit", "exactly", "within", "expect", "check_max_lengths", "fault", "getattr"),
 ]  # fmt: skip
 
 CASES |= {
@@ -384,7 +384,7 @@ def test_line_ends_of_all_systems_are_the_same() -> None:
     wanted = source_of({"a_msgs/msg/A": text})
     for end in ("\r\n", "\r"):
         assert parse(text) is not None
-        search_path([], ament="")
+        scan_search_path([], ament="")
         assert source_from_file(text.replace("\n", end)) == wanted
 
 
@@ -409,7 +409,7 @@ def load_idl(text: str) -> Any:
 
     with tempfile.TemporaryDirectory() as folder:
         write(Path(folder), {"a_msgs/msg/A.idl": text})
-        return load(search_path([folder], ament=""), ["a_msgs"])
+        return load(scan_search_path([folder], ament=""), ["a_msgs"])
 
 
 def test_the_recursion_limit_is_not_touched() -> None:

@@ -7,23 +7,23 @@ import struct
 import pytest
 from support.interface_packages import texts
 
-from rosidl_py_gen.compiler.codegen.plan import (
-    Block,
-    Call,
-    Count,
-    Dummy,
-    Enter,
+from rosidl_py_gen.compiler.codegen.layout_ir import (
+    EmptyMessageByte,
+    FixedNumberArray,
+    InlineMessage,
+    LayoutPlan,
+    LayoutStep,
+    LengthPrefix,
     Loop,
-    Nul,
-    Numbers,
-    Plan,
-    Run,
+    NestedCall,
+    NumberArray,
+    PackedRun,
     Scalar,
-    Step,
-    Strings,
-    Text,
+    StringArray,
+    StringContent,
+    StringTerminator,
 )
-from rosidl_py_gen.compiler.codegen.sources import Layouts
+from rosidl_py_gen.compiler.codegen.module_sources import LayoutPlanner
 
 WORLD = {
     "a_msgs/msg/Point": "float64 x\nfloat64 y",
@@ -34,34 +34,34 @@ WORLD = {
 }
 
 
-def plan(text: str) -> Plan:
+def plan(text: str) -> LayoutPlan:
     library = texts({"a_msgs/msg/Sample": text, **WORLD})
-    return Layouts(library.message).plan("a_msgs/msg/Sample")
+    return LayoutPlanner(library.message).plan("a_msgs/msg/Sample")
 
 
-def show(steps: tuple[Step, ...]) -> list[str]:
+def show(steps: tuple[LayoutStep, ...]) -> list[str]:
     return [_show(step) for step in steps]
 
 
-def _show(step: Step) -> str:
+def _show(step: LayoutStep) -> str:
     match step:
-        case Run(items, pack, unpack, size, align, nul, _):
+        case PackedRun(items, pack, unpack, size, align, nul, _):
             inside = " ".join(_item(item) for item in items)
             extra = f" align{align}" * (align > 1) + " nul" * nul
             return f"run {pack} {unpack} {size}{extra}: {inside}"
-        case Enter(ref, kind, _, empty):
+        case InlineMessage(ref, kind, _, empty):
             return f"enter {ref.path} {kind}" + " empty" * empty
-        case Text(ref, kind, _):
+        case StringContent(ref, kind, _):
             return f"text {ref.path}"
-        case Nul():
+        case StringTerminator():
             return "nul"
-        case Numbers(ref, kind, code, _, pad, align, _):
+        case NumberArray(ref, kind, code, _, pad, align, _):
             return f"numbers {ref.path} {code} pad{pad} align{align}"
-        case Strings(ref, _, pad, align, _):
+        case StringArray(ref, _, pad, align, _):
             return f"strings {ref.path} pad{pad} align{align}"
         case Loop(ref, _, _, mode, body, stride, _, pad, align, _):
             return f"loop {ref.path} {mode.value} stride{stride} pad{pad} align{align} [{'; '.join(show(body))}]"
-        case Call(ref, kind, _):
+        case NestedCall(ref, kind, _):
             return f"call {ref.path} {kind}"
 
 
@@ -69,11 +69,11 @@ def _item(item: object) -> str:
     match item:
         case Scalar(ref, _, offset):
             return f"{ref.path}@{offset}"
-        case Block(ref, _, count, offset):
+        case FixedNumberArray(ref, _, count, offset):
             return f"{ref.path}[{count}]@{offset}"
-        case Count(ref, offset):
+        case LengthPrefix(ref, offset):
             return f"#{ref.path}@{offset}"
-        case Dummy(offset):
+        case EmptyMessageByte(offset):
             return f"dummy@{offset}"
     raise AssertionError(item)
 
@@ -122,5 +122,5 @@ def test_sequences_of_varying_messages_are_written_in_line() -> None:
 def test_struct_codes_have_the_size_the_plan_says() -> None:
     for text, _ in PLANS:
         for step in plan(text).steps:
-            if isinstance(step, Run):
+            if isinstance(step, PackedRun):
                 assert struct.calcsize("<" + step.pack) == struct.calcsize("<" + step.unpack) == step.size

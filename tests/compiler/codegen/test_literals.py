@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from support.example_counts import examples
 from support.interface_packages import assert_clean, write
 
-from rosidl_py_gen.compiler.codegen.literals import docstring, py_literal, py_string, visible
 from rosidl_py_gen.compiler.codegen.naming import Imports, Locals, singular, sort_key
+from rosidl_py_gen.compiler.codegen.python_literals import docstring, py_literal, py_string, visible
 
 NASTY = st.text(st.sampled_from("ab \"'\\\n\r\t\0\x1b{}%#é ハ😀\u2028\u202e\ufeff\x85nxuN01"), max_size=30)
 TEXT = st.one_of(st.text(max_size=40), NASTY)

@@ -16,15 +16,15 @@ from support.interface_packages import REPOSITORY, TEST_INTERFACES, assert_clean
 
 from rosidl_py_gen import type_hash
 from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import RUNTIME_PACKAGES, generate, regenerate_msgs
-from rosidl_py_gen.compiler.spec.find import search_path
 
 
 @pytest.fixture(scope="module")
 def everything(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """All bundled packages and the test interfaces."""
     out = tmp_path_factory.mktemp("everything") / "out"
-    generate(search_path([TEST_INTERFACES], ament=""), [], out)
+    generate(scan_search_path([TEST_INTERFACES], ament=""), [], out)
     with importable(out):
         yield out
 
@@ -41,7 +41,7 @@ def digest(folder: Path) -> str:
 
 
 def test_a_second_run_in_one_process_writes_the_same_bytes(everything: Path, tmp_path: Path) -> None:
-    generate(search_path([TEST_INTERFACES], ament=""), [], tmp_path / "again")
+    generate(scan_search_path([TEST_INTERFACES], ament=""), [], tmp_path / "again")
     assert digest(tmp_path / "again") == digest(everything)
 
 
@@ -51,7 +51,7 @@ def test_the_bytes_do_not_depend_on_hash_order_place_or_environment(
 ) -> None:
     code = (
         "import sys; from pathlib import Path; from rosidl_py_gen.compiler.generate import generate;"
-        "from rosidl_py_gen.compiler.spec.find import search_path;"
+        "from rosidl_py_gen.compiler.frontend.search_path import search_path;"
         f"generate(search_path([{str(TEST_INTERFACES)!r}], ament=''), [], Path('out'))"
     )
     python(code, cwd=tmp_path, PYTHONHASHSEED=seed, LC_ALL="C", TZ="Pacific/Kiritimati")
@@ -170,7 +170,7 @@ def test_using_a_message_loads_it_and_what_it_needs(everything: Path) -> None:
 
 
 def test_jinja2_is_loaded_when_there_is_something_to_print() -> None:
-    modules = "rosidl_py_gen.compiler.generate, rosidl_py_gen.types.by_name"
+    modules = "rosidl_py_gen.compiler.generate, rosidl_py_gen.type_loading.class_lookup"
     found = python(f"import sys, {modules}; print('jinja2' in sys.modules)")
     assert found == "False\n"
 
@@ -178,7 +178,7 @@ def test_jinja2_is_loaded_when_there_is_something_to_print() -> None:
 def test_what_is_loaded_ahead_is_all_that_making_a_class_needs() -> None:
     program = """
 import sys
-from rosidl_py_gen.types.by_name import get_message, load_compiler
+from rosidl_py_gen.type_loading.class_lookup import get_message, load_compiler
 load_compiler()
 ahead = set(sys.modules)
 get_message("sensor_msgs/msg/Imu")

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from support.interface_packages import run, write
 
+from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import generate
-from rosidl_py_gen.compiler.spec.find import search_path
 from rosidl_py_gen.errors import DefinitionError, OutputError
 
 WORLD = {"a_msgs/msg/Point.msg": "float64 x", "a_msgs/msg/Line.msg": "Point[2] ends", "a_msgs/srv/Ask.srv": "---"}
@@ -111,7 +111,7 @@ def test_more_interfaces_are_added_one_by_one(world: Path, out: Path) -> None:
 
 
 def test_a_dry_run_writes_nothing_and_tells_the_same(world: Path, out: Path) -> None:
-    search = search_path([world], ament="")
+    search = scan_search_path([world], ament="")
     dry = generate(search, ["a_msgs"], out, dry=True).changes
     assert not out.exists()
     assert generate(search, ["a_msgs"], out).changes == dry

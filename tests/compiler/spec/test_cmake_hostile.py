@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from support.example_counts import examples
 from support.interface_packages import write
 
-from rosidl_py_gen.compiler.spec.find import Package, search_path
-from rosidl_py_gen.compiler.spec.listed import Listing
+from rosidl_py_gen.compiler.frontend.cmake_interfaces import CMakeInterfaceList
+from rosidl_py_gen.compiler.frontend.search_path import Package, scan_search_path
 
 MANIFEST = "<package><name>a_msgs</name></package>"
 CALL = "rosidl_generate_interfaces(a_msgs ${x} msg/A.msg)\n"
@@ -28,7 +28,7 @@ MAX_BYTES = 100 << 20
 
 def package(folder: Path, cmake: str | bytes) -> Package:
     write(folder / "a_msgs", {"package.xml": MANIFEST, "msg/A.msg": "", "CMakeLists.txt": cmake})
-    return search_path([folder], ament="", bundled=False).packages["a_msgs"]
+    return scan_search_path([folder], ament="", bundled=False).packages["a_msgs"]
 
 
 nested = "if(a)\n" * 30 + "endif()\n" * 30
@@ -148,7 +148,7 @@ BLOCKS = st.recursive(
 def test_any_text_gives_files_of_the_package_or_a_note(text: str, tmp_path_factory: pytest.TempPathFactory) -> None:
     folder = tmp_path_factory.getbasetemp() / "any"
     write(folder, {"msg/A.msg": "", "CMakeLists.txt": f"{text}\n{CALL}".encode(errors="replace")})
-    listing = Listing("a_msgs", folder)
+    listing = CMakeInterfaceList("a_msgs", folder)
     assert all(path.is_relative_to(folder) and path.is_file() for path in listing.files.values())
     assert all(os.path.normpath(path) == str(path) for path in listing.files.values())
     assert all("\1" not in note.text and "\0" not in note.text for note in (*listing.notes, *listing.problems))
@@ -176,7 +176,7 @@ def test_a_list_that_is_a_link_out_of_the_package_is_not_read(tmp_path: Path) ->
     found = package(tmp_path / "in", "")
     (found.folder / "CMakeLists.txt").unlink()
     (found.folder / "CMakeLists.txt").symlink_to(secret / "CMakeLists.txt")
-    listing = Listing("a_msgs", found.folder)
+    listing = CMakeInterfaceList("a_msgs", found.folder)
     assert [note.text for note in listing.notes] == [
         "the file lies outside the package folder; all interface files below the package folder are used"
     ]

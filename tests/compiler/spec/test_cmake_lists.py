@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from support.interface_packages import problems_of, run, write
 
-from rosidl_py_gen.compiler.spec.find import Package, search_path
+from rosidl_py_gen.compiler.frontend.search_path import Package, scan_search_path
 
 FILES = (
     *("msg/A.msg", "msg/B.msg", "msg/C.msg", "msg/Stray.msg", "msg/ros1/A.msg", "msg/ros2/A.msg", "msg/ros2/D.msg"),
@@ -25,7 +25,7 @@ MANIFEST = {"package.xml": "<package><name>a_msgs</name></package>"}
 def package(folder: Path, cmake: str, more: dict[str, str] | None = None) -> Package:
     content = {name: CONTENT[Path(name).suffix] for name in FILES}
     write(folder / "a_msgs", {**content, **MANIFEST, "CMakeLists.txt": cmake, **(more or {})})
-    return search_path([folder], ament="", bundled=False).packages["a_msgs"]
+    return scan_search_path([folder], ament="", bundled=False).packages["a_msgs"]
 
 
 def taken(found: Package) -> set[str]:
@@ -453,7 +453,7 @@ def test_links_in_msg_lead_elsewhere_as_they_do_without_a_list(tmp_path: Path) -
 def test_a_package_may_have_its_files_in_other_folders_only(tmp_path: Path) -> None:
     cmake = "rosidl_generate_interfaces(b_msgs topics/msg/T.msg)"
     files = {"package.xml": "<package><name>b_msgs</name></package>", "CMakeLists.txt": cmake, "topics/msg/T.msg": ""}
-    found = search_path([write(tmp_path / "b", files)], ament="", bundled=False)
+    found = scan_search_path([write(tmp_path / "b", files)], ament="", bundled=False)
     assert [str(name) for name in found.packages["b_msgs"].files] == ["b_msgs/msg/T"]
 
 
@@ -467,6 +467,6 @@ def test_installed_packages_and_folders_without_a_manifest_have_no_list(tmp_path
     cmake = "rosidl_generate_interfaces(a_msgs msg/A.msg)"
     installed = write(tmp_path / "prefix/share/a_msgs", {A: "", B: "", **MANIFEST, "CMakeLists.txt": cmake})
     plain = write(tmp_path / "plain/b_msgs", {A: "", B: "", "CMakeLists.txt": cmake})
-    found = search_path([plain], ament=str(tmp_path / "prefix"), bundled=False)
+    found = scan_search_path([plain], ament=str(tmp_path / "prefix"), bundled=False)
     assert {name: len(one.files) for name, one in found.packages.items()} == {"a_msgs": 2, "b_msgs": 2}
     assert installed != plain

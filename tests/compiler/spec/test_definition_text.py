@@ -6,9 +6,9 @@ import pytest
 from each_case import each_case
 from support.bundled_interfaces import message, message_names
 
-from rosidl_py_gen import compile_text, get_service, type_description, type_hash
+from rosidl_py_gen import compile_definition, get_service, type_description, type_hash
 from rosidl_py_gen.errors import TypeNotFoundError
-from rosidl_py_gen.types.from_description import definition_text
+from rosidl_py_gen.type_loading.from_description import definition_text
 
 ELSEWHERE = ("test_msgs/", "test_interface_files/", "ros2cli_test_interfaces/")  # not on the search path
 BUNDLED = [name for name in message_names() if not name.startswith(ELSEWHERE)]
@@ -18,13 +18,13 @@ OTHERS = [name for name in message_names() if name.startswith(ELSEWHERE) and "/m
 @each_case("name", BUNDLED[::4])
 def test_a_bundled_type_comes_back_as_itself(name: str) -> None:
     cls = message(name)
-    assert compile_text(name, definition_text(cls)) is cls
+    assert compile_definition(name, definition_text(cls)) is cls
 
 
 @each_case("name", OTHERS)
 def test_a_type_from_elsewhere_comes_back_with_its_fields_and_defaults(name: str) -> None:
     cls = message(name)
-    again = compile_text(name, definition_text(cls))
+    again = compile_definition(name, definition_text(cls))
     assert type_hash(again) == type_hash(cls)
     assert type_description(again) == type_description(cls)
 
@@ -32,17 +32,17 @@ def test_a_type_from_elsewhere_comes_back_with_its_fields_and_defaults(name: str
 def test_a_class_that_no_file_defines_is_written_anew() -> None:
     text = "uint8 ONE=1\nint32[3] fixed [1, 2, 3]\nstring<=5[<=4] few\nlocal/Inner inner\nwstring wide\n"
     inner = f"{'=' * 80}\nMSG: local/Inner\nstd_msgs/Header[] headers\nbool ok true\n"
-    cls = compile_text("local/msg/Outer", text + inner)
+    cls = compile_definition("local/msg/Outer", text + inner)
     written = definition_text(cls)
     assert "string<=5[<=4] few" in written and "MSG: std_msgs/Header" in written
-    again = compile_text("local/msg/Outer", written)
+    again = compile_definition("local/msg/Outer", written)
     assert type_hash(again) == type_hash(cls)
     assert type_description(again) == type_description(cls)
 
 
 def test_messages_that_ros_derives_are_written_anew() -> None:
     event = get_service("std_srvs/srv/SetBool").Event
-    again = compile_text("std_srvs/srv/SetBool_Event", definition_text(event))
+    again = compile_definition("std_srvs/srv/SetBool_Event", definition_text(event))
     assert type_hash(again) == type_hash(event)
 
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 from support.interface_packages import problems_of, write
 
+from rosidl_py_gen.base.generated_files import GENERATED_HEADER
 from rosidl_py_gen.base.names import RosName, split_ros_name
-from rosidl_py_gen.base.ownership import MARK
+from rosidl_py_gen.compiler.frontend.definition_text import read_checked
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, select, split_filter
+from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
 from rosidl_py_gen.compiler.generate import load
-from rosidl_py_gen.compiler.spec.definition import read_checked
-from rosidl_py_gen.compiler.spec.find import SearchPath, search_path
-from rosidl_py_gen.compiler.spec.resolve import Library, select, split_filter
-from rosidl_py_gen.errors import DefinitionError, InvalidNameError, Problem, TypeNotFoundError
+from rosidl_py_gen.errors import DefinitionError, Diagnostic, InvalidNameError, TypeNotFoundError
 
 POINT = {"a_msgs/msg/Point.msg": "float64 x"}
 
@@ -25,7 +25,7 @@ def packages(search: SearchPath) -> dict[str, str]:
 
 
 def only(folder: Path) -> SearchPath:
-    return search_path([folder], ament="", bundled=False)
+    return scan_search_path([folder], ament="", bundled=False)
 
 
 # --- what a --path may be -----------------------------------------------------------------------------------------------
@@ -179,7 +179,7 @@ def test_first_hit_wins_paths_then_ament_then_bundled(tmp_path: Path, monkeypatc
         write(share, {"not_interfaces/package.xml": "<name>x</name>", "Not-A-Package/msg/A.msg": ""})
     prefixes = [str(tmp_path / prefix) for prefix in ("first", "second")]
     monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join([*prefixes, "", "/does/not/exist"]))
-    found = search_path([tmp_path / "one", tmp_path / "two"])
+    found = scan_search_path([tmp_path / "one", tmp_path / "two"])
     origins = packages(found)
     assert origins["std_msgs"] == str(tmp_path / "one")
     assert origins["b_msgs"] == str(tmp_path / "two")
@@ -207,7 +207,7 @@ WORLD = {
 
 
 def chosen(folder: Path, *wanted: str) -> set[str]:
-    library = Library(search_path([write(folder, WORLD)], ament=""))
+    library = InterfaceRegistry(scan_search_path([write(folder, WORLD)], ament=""))
     return {str(name) for name in select(library, list(wanted))}
 
 
@@ -361,7 +361,7 @@ def test_what_is_broken_is_said_located_and_nothing_is_written(
 def test_a_file_that_cannot_be_read_is_reported(tmp_path: Path) -> None:
     write(tmp_path / "in", POINT)
     (tmp_path / "in" / "a_msgs" / "msg" / "Gone.msg").symlink_to(tmp_path / "nowhere")
-    search = search_path([tmp_path / "in"], ament="")
+    search = scan_search_path([tmp_path / "in"], ament="")
     assert [str(name) for name in search.packages["a_msgs"].files] == ["a_msgs/msg/Point"]
 
 
@@ -377,7 +377,7 @@ def test_types_nested_deeper_than_a_hundred_levels_are_refused(tmp_path: Path) -
 
 
 def test_types_nested_ninety_levels_are_fine(tmp_path: Path) -> None:
-    search = search_path([write(tmp_path, chain(90))], ament="", bundled=False)
+    search = scan_search_path([write(tmp_path, chain(90))], ament="", bundled=False)
     _, names = load(search, ["a_msgs"])
     assert len(names) == 91
 
@@ -398,12 +398,12 @@ def test_errors_say_why_a_package_is_missing(tmp_path: Path, monkeypatch: pytest
         "prefix/share/plain_msgs/package.xml": manifest("plain_msgs"),
         "other/x/package.xml": manifest("x_msgs"),
         "other/x/msg/Here.msg": "",
-        "generated/made_msgs/msg/__init__.py": f"{MARK}. Do not edit.\n",
-        "generated/made_msgs/__init__.py": f"{MARK}. Do not edit.\n",
+        "generated/made_msgs/msg/__init__.py": f"{GENERATED_HEADER}. Do not edit.\n",
+        "generated/made_msgs/__init__.py": f"{GENERATED_HEADER}. Do not edit.\n",
     }
     monkeypatch.chdir(write(tmp_path, files))
     monkeypatch.syspath_prepend(tmp_path / "generated")
-    search = search_path(["src"], ament="prefix", bundled=False)
+    search = scan_search_path(["src"], ament="prefix", bundled=False)
     where = "(searched: src, prefix)"
     reasons = {
         "nowhere_msgs": f"no package {where}",
@@ -420,7 +420,7 @@ def test_errors_say_why_a_package_is_missing(tmp_path: Path, monkeypatch: pytest
             load(search, [package])
         assert str(caught.value) == f"{package}: {reason}"
         with pytest.raises(TypeNotFoundError) as missing:
-            read_checked(Library(search), RosName(package, "msg", "A"))
+            read_checked(InterfaceRegistry(search), RosName(package, "msg", "A"))
         subject = f'no package "{package}" for {package}/msg/A'
         if package == "made_msgs":
             reason = f"no package: the importable package generated/made_msgs has no made_msgs/msg/A; generate it again {where}"
@@ -435,7 +435,7 @@ def test_an_explanation_takes_no_longer_in_a_large_folder(tmp_path: Path, monkey
     for number in range(60):
         (tmp_path / f"d{number}" / "e" / "f").mkdir(parents=True)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("rosidl_py_gen.compiler.spec.missing._MAX_FOLDERS", 20)
+    monkeypatch.setattr("rosidl_py_gen.compiler.frontend.missing._MAX_FOLDERS", 20)
     visited: list[str] = []
     scan = os.scandir
     monkeypatch.setattr(os, "scandir", lambda place: visited.append(str(place)) or scan(place))
@@ -467,7 +467,7 @@ def test_habits_of_ros_1_and_other_languages_get_the_ros_2_spelling(tmp_path: Pa
         (problem,) = problems_of(folder.parent)
         assert expected.replace("S.msg", "Sample.msg") in problem, line
         assert "a_msgs/Sample" not in problem.partition(": ")[2], line
-    error = Problem("a.msg", 1, 8, "wrong", "uint8\u200b x\u200b y").with_caret()
+    error = Diagnostic("a.msg", 1, 8, "wrong", "uint8\u200b x\u200b y").with_caret()
     assert error.splitlines()[1:] == ["    uint8<U+200B> x<U+200B> y", "    " + " " * 14 + "^"]
 
 

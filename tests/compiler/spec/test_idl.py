@@ -9,7 +9,7 @@ import pytest
 from support.interface_packages import message, parse, read
 from support.rosidl_oracle import OTHERS, accepted, compare, ours
 
-from rosidl_py_gen.compiler.spec.model import ActionDef, ServiceDef
+from rosidl_py_gen.compiler.frontend.model import ActionDef, ServiceDef
 
 if TYPE_CHECKING:
     from support.rosidl_oracle import Rosidl

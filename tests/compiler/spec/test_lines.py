@@ -16,7 +16,7 @@ from rosidl_py_gen.base.names import (
     py_name,
     snake_case,
 )
-from rosidl_py_gen.compiler.spec.model import ActionDef, ConstantDef, FieldDef, ServiceDef, messages_of
+from rosidl_py_gen.compiler.frontend.model import ActionDef, ConstantDef, FieldDef, ServiceDef, messages_of
 
 PRIMITIVE = [
     "bool",

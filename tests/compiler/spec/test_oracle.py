@@ -17,7 +17,7 @@ from support.rosidl_deviations import compare_or_explain
 from support.rosidl_oracle import compare
 
 from rosidl_py_gen.base.fieldtype import Arity
-from rosidl_py_gen.compiler.spec.model import MessageDef
+from rosidl_py_gen.compiler.frontend.model import MessageDef
 
 if TYPE_CHECKING:
     from support.rosidl_oracle import Rosidl

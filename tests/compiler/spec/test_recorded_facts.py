@@ -11,17 +11,17 @@ from support.interface_packages import TEST_INTERFACES, VECTORS
 
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.resources import interfaces_dir
-from rosidl_py_gen.compiler.spec.find import search_path
-from rosidl_py_gen.compiler.spec.model import ActionDef, Interface, MessageDef, ServiceDef
-from rosidl_py_gen.compiler.spec.resolve import Library, check
+from rosidl_py_gen.compiler.frontend.model import ActionDef, Interface, MessageDef, ServiceDef
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check
+from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 
 FACTS: dict[str, dict[str, Any]] = json.loads((VECTORS / "interfaces.json").read_text(encoding="utf-8"))
 HASHES: dict[str, str] = json.loads((VECTORS / "type_hashes.json").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")
-def library() -> Library:
-    return Library(search_path([TEST_INTERFACES, interfaces_dir()], ament="", bundled=False))
+def library() -> InterfaceRegistry:
+    return InterfaceRegistry(scan_search_path([TEST_INTERFACES, interfaces_dir()], ament="", bundled=False))
 
 
 def sections(interface: Interface) -> dict[str, MessageDef]:
@@ -60,7 +60,7 @@ def qualified(kind: str, package: str) -> str:
 
 
 @each_case("name", FACTS)
-def test_a_definition_says_what_is_recorded(library: Library, name: str) -> None:
+def test_a_definition_says_what_is_recorded(library: InterfaceRegistry, name: str) -> None:
     interface = library.interface(split_ros_name(name))
     assert interface is not None, library.findings.problems
     recorded = FACTS[name]
@@ -73,7 +73,7 @@ def test_all_of_256_definitions_are_recorded() -> None:
     assert len(FACTS) == 256
 
 
-def test_every_file_is_sound(library: Library) -> None:
+def test_every_file_is_sound(library: InterfaceRegistry) -> None:
     names = [name for package in library.search.packages.values() for name in package.files]
     check(library, names)
     assert library.findings.problems == []
@@ -81,7 +81,7 @@ def test_every_file_is_sound(library: Library) -> None:
 
 
 @each_case("name", HASHES)
-def test_a_type_has_its_recorded_hash(library: Library, name: str) -> None:
+def test_a_type_has_its_recorded_hash(library: InterfaceRegistry, name: str) -> None:
     assert library.type_hash(name) == HASHES[name]
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from rosidl_py_gen.base.resources import interfaces_dir
-from rosidl_py_gen.compiler.spec.find import search_path
-from rosidl_py_gen.compiler.spec.resolve import Library
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
+from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 
 HASHES = {
     "turtlesim/action/RotateAbsolute": "RIHS01_08ba6dd83d976f1cb548edd1f75f16cf30cca624ce1410b6ce77f44b8a3c2895",
@@ -23,14 +23,14 @@ service or action covers all types that are derived of it."""
 
 
 @pytest.fixture(scope="module")
-def library() -> Library:
-    return Library(search_path([interfaces_dir()], ament="", bundled=False))
+def library() -> InterfaceRegistry:
+    return InterfaceRegistry(scan_search_path([interfaces_dir()], ament="", bundled=False))
 
 
 @pytest.mark.parametrize("name", HASHES)
-def test_a_type_has_rosidl_s_hash(library: Library, name: str) -> None:
+def test_a_type_has_rosidl_s_hash(library: InterfaceRegistry, name: str) -> None:
     assert library.type_hash(name) == HASHES[name]
 
 
-def test_these_are_all_files(library: Library) -> None:
+def test_these_are_all_files(library: InterfaceRegistry) -> None:
     assert {str(name) for name in library.search.packages["turtlesim"].files} == set(HASHES)

@@ -48,7 +48,7 @@ async def until_canceled(handle: Any) -> Any:
 async def pair(world: World, execute: Any = fibonacci, *, lost_after_s: float = 0.3, **options: Any) -> Any:
     """A server and a connected client."""
     server = world.node("server").create_action_server(Fibonacci, "fib", execute, **options)
-    client = world.node("client").create_action_client(Fibonacci, "fib", server_lost_after_s=lost_after_s)
+    client = world.node("client").create_action_client(Fibonacci, "fib", server_lost_timeout_s=lost_after_s)
     assert await client.wait_for_server(timeout_s=5)
     return server, client
 

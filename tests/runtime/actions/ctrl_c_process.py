@@ -46,7 +46,7 @@ def main_with_callbacks(execute: Any) -> None:
     node = open_node("server")
     node.create_action_server(Fibonacci, "fib", execute)
     client = node.create_action_client(Fibonacci, "fib")
-    timer: Any = node.create_wall_timer(0.05, lambda: (timer.close(), node._scope.start(send(client))))
+    timer: Any = node.create_wall_timer(0.05, lambda: (timer.close(), node._scope.create_task(send(client))))
     spin(node)
 
 

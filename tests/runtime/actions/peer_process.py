@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from rosidl_py_gen import get_action
 from rosidl_py_gen.runtime import Context, Node
-from rosidl_py_gen.runtime.parameters.fields import Range
+from rosidl_py_gen.runtime.parameters.dataclass_fields import Range
 from rosidl_py_gen.runtime.transport.cyclone.config import cyclone_xml
 
 Fibonacci: Any = get_action("example_interfaces/action/Fibonacci")

@@ -9,11 +9,11 @@ from action_worlds import Fibonacci
 from support import raw_endpoints
 from support.node_fixtures import World, until
 
-from rosidl_py_gen.runtime.endpoints.types import service_type
-from rosidl_py_gen.runtime.node.actions import ActionMethods
+from rosidl_py_gen.runtime.entities.message_types import service_type
+from rosidl_py_gen.runtime.node.action_methods import ActionMethods
 from rosidl_py_gen.runtime.time.values import ClockType, Time
 from rosidl_py_gen.runtime.transport.dds.names import reply_name, request_name
-from rosidl_py_gen.runtime.transport.discovered import Channel
+from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 GOAL_ID = bytes.fromhex("00112233445566778899aabbccddeeff")
@@ -113,10 +113,10 @@ def test_names_types_and_qos_are_those_of_ros(world: World) -> None:
     }
     names = {topic for topic, _, _ in found}
     services = [f"/fib/_action/{one}" for one in ("send_goal", "cancel_goal", "get_result")]
-    feedback, status = Channel("topic", "/fib/_action/feedback"), Channel("topic", "/fib/_action/status")
-    assert names == {feedback, status, *(Channel(half, one) for one in services for half in ("request", "reply"))}
+    feedback, status = TopicKey("topic", "/fib/_action/feedback"), TopicKey("topic", "/fib/_action/status")
+    assert names == {feedback, status, *(TopicKey(half, one) for one in services for half in ("request", "reply"))}
     send = service_type(Fibonacci.SendGoal).request.ros_name
-    assert found[Channel("request", services[0]), send, False][:2] == ("RELIABLE", "VOLATILE")
+    assert found[TopicKey("request", services[0]), send, False][:2] == ("RELIABLE", "VOLATILE")
     assert found[status, "action_msgs/msg/GoalStatusArray", True] == ("RELIABLE", "TRANSIENT_LOCAL", 1)
     feedback_type = "example_interfaces/action/Fibonacci_FeedbackMessage"
     assert found[feedback, feedback_type, True] == ("RELIABLE", "VOLATILE", 10)

@@ -31,8 +31,8 @@ from rosidl_py_gen.runtime import (
     Time,
     UnknownGoalError,
 )
-from rosidl_py_gen.runtime.actions.execution import FeedbackReadiness
-from rosidl_py_gen.runtime.graph.state import Graph
+from rosidl_py_gen.runtime.actions.goal_execution import FeedbackReadiness
+from rosidl_py_gen.runtime.graph.graph import Graph
 from rosidl_py_gen.runtime.time.values import TimeRangeError
 
 S = GoalStatus
@@ -64,7 +64,7 @@ async def test_handlers_wait_for_feedback_subscriptions_longer_while_a_client_is
     memory: World, monkeypatch: pytest.MonkeyPatch, is_known: bool, after_s: float
 ) -> None:
     """Of a client that has none."""
-    monkeypatch.setattr(Graph, "endpoints_are_known", lambda self, of: is_known)
+    monkeypatch.setattr(Graph, "endpoints_complete", lambda self, of: is_known)
     time, began = asyncio.get_running_loop().time, list[float]()
 
     async def execute(handle: Any) -> Any:
@@ -82,7 +82,7 @@ async def test_handlers_wait_for_feedback_subscriptions_longer_while_a_client_is
 async def test_a_client_that_comes_while_another_is_waited_for_has_its_own_time(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Graph, "endpoints_are_known", lambda self, of: False)
+    monkeypatch.setattr(Graph, "endpoints_complete", lambda self, of: False)
     monkeypatch.setattr(Graph, "participant_of", lambda self, guid: guid)
     loop, clients, hears = asyncio.get_running_loop(), [b"a"], list[bytes]()
     goals = SimpleNamespace(matched_clients=lambda: [*clients])
@@ -92,10 +92,10 @@ async def test_a_client_that_comes_while_another_is_waited_for_has_its_own_time(
     loop.call_later(1.2, hears.append, b"a")
     loop.call_later(2.5, hears.append, b"b")
     for connected_s in (1.2, 2.5):
-        assert not readiness.is_given()
+        assert not readiness.is_satisfied()
         await readiness.wait()
         assert loop.time() - began == pytest.approx(connected_s, abs=0.05)
-    assert readiness.is_given()
+    assert readiness.is_satisfied()
 
 
 async def test_feedback_that_nobody_takes_is_dropped_oldest_first_and_counted(world: World) -> None:
@@ -258,9 +258,9 @@ CLIENT_ARGUMENTS: list[tuple[dict[str, Any], type[Exception], str]] = [
     ({"feedback_depth": 0}, ActionArgumentError, "feedback_depth must be 1 or more"),
     ({"feedback_depth": "a"}, TypeError, "feedback_depth must be an int"),
     ({"feedback_depth": 1.5}, TypeError, "feedback_depth must be an int"),
-    ({"server_lost_after_s": math.nan}, TimeRangeError, "server_lost_after_s must be finite"),
-    ({"server_lost_after_s": -0.1}, TimeRangeError, "server_lost_after_s must be 0 or more seconds"),
-    ({"server_lost_after_s": "x"}, TypeError, "server_lost_after_s must be a number of seconds"),
+    ({"server_lost_timeout_s": math.nan}, TimeRangeError, "server_lost_timeout_s must be finite"),
+    ({"server_lost_timeout_s": -0.1}, TimeRangeError, "server_lost_timeout_s must be 0 or more seconds"),
+    ({"server_lost_timeout_s": "x"}, TypeError, "server_lost_timeout_s must be a number of seconds"),
 ]
 
 
@@ -315,7 +315,7 @@ async def test_infinite_times_are_for_ever(world: World) -> None:
     handle = await client.send_goal(goal(1), timeout_s=math.inf)
     assert (await handle.result(timeout_s=math.inf))[0] is S.SUCCEEDED
     assert server._goals._expiry is None and len(server._goals.book) == 1
-    patient = world.node().create_action_client(Fibonacci, "fib", server_lost_after_s=math.inf)
+    patient = world.node().create_action_client(Fibonacci, "fib", server_lost_timeout_s=math.inf)
     assert await patient.wait_for_server(timeout_s=math.inf)
 
 
@@ -437,7 +437,7 @@ async def test_servers_that_keep_few_requests_get_the_questions_in_turn(
     _, client = await pair(world, until_canceled)
     questions = client._result.client
     servers = questions._port.servers
-    monkeypatch.setattr(questions._port, "servers", lambda: replace(servers(), keeps=3))
+    monkeypatch.setattr(questions._port, "candidate_servers", lambda: replace(servers(), keeps=3))
     handles = []
     for _ in range(10):
         handles.append(await client.send_goal(goal()))

@@ -62,7 +62,7 @@ async def test_a_callback_that_raises_cancelled_error_refuses(world: World) -> N
     with pytest.raises(CancelRejectedError):
         await handle.cancel(timeout_s=5)
     server.close()
-    world.node().create_action_server(Fibonacci, "other", fibonacci, accept=refuse)
+    world.node().create_action_server(Fibonacci, "other", fibonacci, goal_callback=refuse)
     other = world.node().create_action_client(Fibonacci, "other")
     with pytest.raises(GoalRejectedError):
         await other.send_goal(goal(), timeout_s=5)
@@ -156,7 +156,7 @@ async def test_a_deferred_goal_that_is_never_executed_does_not_hold_up_the_line(
     def accept(request: Any) -> GoalDecision:
         return GoalDecision.DEFER if request.order == 13 else GoalDecision.ACCEPT
 
-    server, client = await pair(world, accept=accept, policy="queue")
+    server, client = await pair(world, accept=accept, goal_policy="queue")
     await client.send_goal(goal(13))
     handles = [await client.send_goal(goal(n)) for n in (1, 2)]
     assert [(await one.result(timeout_s=5))[0] for one in handles] == [S.SUCCEEDED] * 2
@@ -164,7 +164,7 @@ async def test_a_deferred_goal_that_is_never_executed_does_not_hold_up_the_line(
 
 
 async def test_a_stream_learns_when_its_goals_start(world: World) -> None:
-    server, client = await pair(world, None, policy="queue")
+    server, client = await pair(world, None, goal_policy="queue")
     requests = aiter_of(server)
     sent = [asyncio.ensure_future(client.send_goal(goal(n))) for n in range(3)]
     first, second, third = [(await take(requests)).accept() for _ in sent]
@@ -185,7 +185,7 @@ async def test_a_stream_learns_when_its_goals_start(world: World) -> None:
 
 
 async def test_whoever_waits_for_a_start_is_told_when_the_server_closes(world: World) -> None:
-    server, client = await pair(world, None, policy="queue")
+    server, client = await pair(world, None, goal_policy="queue")
     requests = aiter_of(server)
     sent = [asyncio.ensure_future(client.send_goal(goal(n))) for n in range(2)]
     first, second = [(await take(requests)).accept() for _ in sent]

@@ -101,7 +101,7 @@ def test_a_server_that_is_killed_is_noticed(peer: subprocess.Popen[bytes]) -> No
     async def main() -> None:
         with open_context(domain_id()) as context:
             node = Node("here", context=context)
-            client = node.create_action_client(Fibonacci, "fib", server_lost_after_s=1.0)
+            client = node.create_action_client(Fibonacci, "fib", server_lost_timeout_s=1.0)
             handle = await client.send_goal(Fibonacci.Goal(order=100_000), timeout_s=10)
             peer.kill()
             with pytest.raises(ActionServerLostError):

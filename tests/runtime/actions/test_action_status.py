@@ -14,7 +14,7 @@ from support.node_fixtures import World, take, until
 
 from rosidl_py_gen.msgs.action_msgs.msg import GoalStatus, GoalStatusArray
 from rosidl_py_gen.runtime.actions.states import GoalStatus as S
-from rosidl_py_gen.runtime.actions.status import StatusRows, find_status
+from rosidl_py_gen.runtime.actions.status import StatusArray, find_status
 
 
 def record(monkeypatch: pytest.MonkeyPatch, server: Any) -> list[str]:
@@ -122,7 +122,7 @@ def expected(rows: list[tuple[bytes, int, int]]) -> bytes:
 
 @given(IDS, st.data())
 def test_rows_are_the_generated_bytes_after_every_change(ids: list[bytes], data: st.DataObject) -> None:
-    rows = StatusRows()
+    rows = StatusArray()
     model: dict[bytes, tuple[int, int]] = {}
     assert rows.message() == expected([])
     for goal_id in ids:
@@ -145,7 +145,7 @@ def test_rows_are_the_generated_bytes_after_every_change(ids: list[bytes], data:
 
 
 def test_an_id_is_only_found_where_a_row_begins() -> None:
-    rows = StatusRows()
+    rows = StatusArray()
     rows.add(bytes(16), 0, 3)
     rows.add(bytes(15) + b"\x01", 0, 2)
     assert find_status(rows.message(), bytes(15) + b"\x01") == 2

@@ -11,8 +11,8 @@ import pytest
 from support.node_fixtures import ROOT
 
 from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import generate
-from rosidl_py_gen.compiler.spec.find import search_path
 
 HEAD = """
 from collections.abc import Callable
@@ -138,7 +138,7 @@ WRONG = {
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Generated packages."""
     made = tmp_path_factory.mktemp("typing")
-    generate(search_path([interfaces_dir()], ament="", bundled=False), ["example_interfaces"], made)
+    generate(scan_search_path([interfaces_dir()], ament="", bundled=False), ["example_interfaces"], made)
     return made
 
 

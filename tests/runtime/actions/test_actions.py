@@ -422,7 +422,7 @@ async def test_a_deferred_goal_can_be_cancelled_before_it_starts(world: World) -
 
 
 async def test_policy_reject_refuses_while_one_runs(world: World) -> None:
-    _, client = await pair(world, until_canceled, policy="reject")
+    _, client = await pair(world, until_canceled, goal_policy="reject")
     first = await client.send_goal(goal())
     with pytest.raises(GoalRejectedError):
         await client.send_goal(goal())
@@ -445,7 +445,7 @@ async def test_policy_queue_runs_one_after_the_other(world: World) -> None:
         running.pop()
         return result(handle.request.order)
 
-    _, client = await pair(world, execute, policy="queue", on_cancel=lambda handle: True)
+    _, client = await pair(world, execute, goal_policy="queue", on_cancel=lambda handle: True)
     handles = [await client.send_goal(goal(n)) for n in range(4)]
     await handles[2].cancel()
     cancelled.set()
@@ -466,7 +466,7 @@ async def test_policy_preempt_cancels_the_running_goal_for_the_newest(world: Wor
         await release.wait()
         return handle.canceled()
 
-    _, client = await pair(world, execute, policy="preempt")
+    _, client = await pair(world, execute, goal_policy="preempt")
     first = await client.send_goal(goal(1))
     await until(lambda: started == [1])
     second = await client.send_goal(goal(2))
@@ -481,7 +481,7 @@ async def test_policy_preempt_cancels_the_running_goal_for_the_newest(world: Wor
 def test_an_unknown_policy_is_refused(world: World) -> None:
     nonsense: Any = "random"
     with pytest.raises(ValueError, match="policy must be one of parallel, reject, preempt, queue"):
-        world.node().create_action_server(Fibonacci, "fib", fibonacci, policy=nonsense)
+        world.node().create_action_server(Fibonacci, "fib", fibonacci, goal_policy=nonsense)
 
 
 async def test_stream_style(world: World) -> None:
@@ -513,7 +513,7 @@ def test_a_request_the_program_drops_is_rejected_with_a_warning(world: World, ca
     """In r2r nothing is sent, and its client waits for ever."""
 
     async def main() -> None:
-        server, client = await pair(world, None, policy="reject")
+        server, client = await pair(world, None, goal_policy="reject")
 
         held: list[Any] = []
 
@@ -605,7 +605,7 @@ async def test_untyped_client_and_server(world: World) -> None:
         handle.publish_feedback({"sequence": [0]})
         return {"sequence": list(range(handle.request["order"]))}
 
-    world.node().create_action_server(name, "fib", execute, accept=lambda g: g["order"] < 9)
+    world.node().create_action_server(name, "fib", execute, goal_callback=lambda g: g["order"] < 9)
     client = world.node().create_action_client(name, "fib")
     handle = await client.send_goal({"order": 3}, timeout_s=5)
     assert [item async for item in handle.feedback()] == [{"sequence": [0]}]

@@ -17,10 +17,10 @@ from rosidl_py_gen.runtime.actions.states import (
     ZERO_ID,
     CancelCode,
     CancelSelection,
-    GoalBook,
     GoalEvent,
     GoalInfo,
     GoalStatus,
+    GoalTable,
     GoalTransitionError,
     UnknownGoalError,
     next_goal_status,
@@ -75,7 +75,7 @@ def gid(number: int) -> bytes:
     return number.to_bytes(16, "big")
 
 
-Book = GoalBook[str]
+Book = GoalTable[str]
 
 
 def book(*stamps: int, timeout_ns: int = 100) -> Book:
@@ -229,7 +229,7 @@ class BookAgainstModel(RuleBasedStateMachine):
     @initialize(timeout=st.sampled_from([0, 10, 50]))
     def create(self, timeout: int) -> None:
         self.timeout, self.now = timeout, 100
-        self.book: GoalBook[int] = GoalBook(timeout)
+        self.book: GoalTable[int] = GoalTable(timeout)
         self.model: dict[int, GoalStatus] = {}
         self.stamps: dict[int, int] = {}
         self.ended: dict[int, int] = {}

@@ -56,8 +56,8 @@ async def test_a_lost_result_is_asked_for_again_once_its_goal_has_ended(
 
 
 async def test_it_is_asked_for_until_it_comes(memory: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.results._AGAIN_S", 0.01)
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.results._LOOK_S", 0.005)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._RETRY_DELAY_S", 0.01)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._LOOK_S", 0.005)
     lost = lose(monkeypatch, 6)
     _, client = await pair(memory)
     handle = await client.send_goal(goal(2), timeout_s=5)
@@ -68,8 +68,8 @@ async def test_it_is_asked_for_until_it_comes(memory: World, monkeypatch: pytest
 async def test_the_result_of_a_goal_that_goes_on_is_asked_for_once(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.results._AGAIN_S", 0.001)
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.results._LOOK_S", 0.001)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._RETRY_DELAY_S", 0.001)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._LOOK_S", 0.001)
     lost = lose(monkeypatch, 100)
     _, client = await pair(memory, until_canceled)
     handle = await client.send_goal(goal(), timeout_s=5)
@@ -112,8 +112,8 @@ async def test_a_server_that_forgot_an_ended_goal_is_asked_again(world: World, m
 async def test_a_server_that_always_denies_an_ended_goal_ends_it(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.results._AGAIN_S", 0.001)
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.results._LOOK_S", 0.001)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._RETRY_DELAY_S", 0.001)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._LOOK_S", 0.001)
     lose(monkeypatch, 1000, deny=True)
     _, client = await pair(memory)
     handle = await client.send_goal(goal(0), timeout_s=5)
@@ -197,8 +197,8 @@ async def test_a_goal_ends_when_its_killed_server_was_started_again(monkeypatch:
 
 
 async def test_a_second_node_of_the_name_ends_no_goal_of_the_first(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.results._SILENT_S", 0.05)
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.results._LOOK_S", 0.02)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._ACK_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._LOOK_S", 0.02)
     _, client = await pair(dds, until_canceled)
     handle = await client.send_goal(goal(), timeout_s=5)
     dds.node("server").create_action_server(Fibonacci, "fib", fibonacci)

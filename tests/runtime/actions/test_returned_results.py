@@ -82,7 +82,7 @@ async def test_the_returned_result_of_an_ended_goal_is_sent(
 
 async def test_a_canceled_goal_takes_its_result_from_the_handler_too(world: World) -> None:
     def execute(handle: ServerGoal[Fibonacci]) -> Any:
-        while not handle.cancel_requested:
+        while not handle.is_cancel_requested:
             threading.Event().wait(0.001)
         handle.canceled()
         return result(8)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from support.node_fixtures import World
 
-from rosidl_py_gen import compile_text, dtype, get_message
+from rosidl_py_gen import compile_definition, dtype, get_message
 from rosidl_py_gen.runtime import ServerGoal
 
 Point: Any = get_message("geometry_msgs/msg/Point")
-Turn: Any = compile_text("local/srv/Turn", "geometry_msgs/Point[] points\n---\ngeometry_msgs/Point[] turned\n")
+Turn: Any = compile_definition("local/srv/Turn", "geometry_msgs/Point[] points\n---\ngeometry_msgs/Point[] turned\n")
 POINTS = "geometry_msgs/Point[] points\n"
-Sweep: Any = compile_text("local/action/Sweep", f"{POINTS}---\n{POINTS}---\n{POINTS}")
+Sweep: Any = compile_definition("local/action/Sweep", f"{POINTS}---\n{POINTS}---\n{POINTS}")
 
 
 def three() -> np.ndarray[Any, Any]:

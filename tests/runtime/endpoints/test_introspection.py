@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from support.node_fixtures import World, until
 
-from rosidl_py_gen import compile_text, get_service
-from rosidl_py_gen.runtime.endpoints.service_parts import IntrospectionState
+from rosidl_py_gen import compile_definition, get_service
+from rosidl_py_gen.runtime.entities.service_common import IntrospectionState
 from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.time.values import ClockType, Time
 from rosidl_py_gen.runtime.transport.qos import SYSTEM_DEFAULT, InvalidQoSError
@@ -129,7 +129,7 @@ async def test_another_clock_counts_from_the_next_event_on(world: World) -> None
 
 
 async def test_services_compiled_from_text_can_be_watched(world: World) -> None:
-    ask: Any = compile_text("my_pkg/srv/Ask", "string question\n---\nint8 answer")
+    ask: Any = compile_definition("my_pkg/srv/Ask", "string question\n---\nint8 answer")
     events: list[Any] = []
     node = world.node("n")
     node.create_subscription(ask.Event, "/ask/_service_event", events.append, 10)

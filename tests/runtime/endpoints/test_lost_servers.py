@@ -133,7 +133,7 @@ async def test_requests_that_wait_for_their_turn_go_to_the_server_that_comes_nex
 ) -> None:
     server, client, (call,) = await asked(memory)
     servers = client._port.servers
-    monkeypatch.setattr(client._port, "servers", lambda: replace(servers(), keeps=1))
+    monkeypatch.setattr(client._port, "candidate_servers", lambda: replace(servers(), keeps=1))
     second = asyncio.ensure_future(client.call(Request(a=1, b=2), timeout_s=5))
     third = asyncio.ensure_future(client.call(Request(a=2, b=2), timeout_s=5))
     await until(lambda: client.pending_count == 3)
@@ -170,7 +170,7 @@ async def test_a_goal_whose_server_leaves_before_it_accepts_ends_at_once(world: 
 
     entered = asyncio.Event()
     node = world.node("server")
-    server = node.create_action_server(Fibonacci, "fib", execute, accept=on_goal)
+    server = node.create_action_server(Fibonacci, "fib", execute, goal_callback=on_goal)
     client = world.node("caller").create_action_client(Fibonacci, "fib")
     sending = asyncio.ensure_future(client.send_goal(Fibonacci.Goal(order=1)))
     await asyncio.wait_for(entered.wait(), 5)

@@ -106,7 +106,7 @@ async def test_callbacks_of_an_action_server_that_wait_end_with_it(world: World)
             ended.set()
         return True
 
-    server = world.node("server").create_action_server(Fibonacci, "fib", lambda goal: None, accept=decide)
+    server = world.node("server").create_action_server(Fibonacci, "fib", lambda goal: None, goal_callback=decide)
     client = world.node("client").create_action_client(Fibonacci, "fib")
     asked = asyncio.ensure_future(client.send_goal(Fibonacci.Goal()))
     await asyncio.wait_for(began.wait(), 5)
@@ -185,7 +185,7 @@ async def test_whoever_waits_for_another_thread_to_close_is_told(memory: World) 
     cancelling = asyncio.ensure_future((await asked[0]).cancel())
     cancel = await anext(cancels)
     await asyncio.to_thread(server.close)
-    assert taken.cancel_requested
+    assert taken.is_cancel_requested
     assert [goal async for goal in goals] == [one async for one in cancels] == []
     for request in (undecided, cancel):
         await until(request._answer.done)

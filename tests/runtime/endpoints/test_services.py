@@ -15,8 +15,8 @@ from support.node_fixtures import until
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import CallTimeoutError, WaitTimeoutError, WouldDeadlockError
-from rosidl_py_gen.runtime.endpoints.server import AlreadyRespondedError, ServiceRequest
-from rosidl_py_gen.runtime.transport.dds.correlation import with_header
+from rosidl_py_gen.runtime.entities.server import AlreadyRespondedError, ServiceRequest
+from rosidl_py_gen.runtime.transport.dds.correlation import add_request_header
 
 if TYPE_CHECKING:
     from support.node_fixtures import World
@@ -44,7 +44,7 @@ async def test_a_reply_to_the_same_number_of_another_client_is_nobody_elses(dds:
     request = await asyncio.wait_for(anext(server), 5)
     (number,) = client._by_number
     replies: Any = server._port
-    replies._writer.write(with_header(Response(sum=100).encode(), 12345, number))  # arrives before the response
+    replies._writer.write(add_request_header(Response(sum=100).encode(), 12345, number))  # arrives before the response
     request.respond(Response(sum=3))
     assert (await call).sum == 3
 
@@ -59,7 +59,7 @@ async def test_a_response_waits_for_the_reader_of_its_client(
     client = bob.create_client(AddTwoInts, "add")
     time_s = asyncio.get_running_loop().time
     there_s = time_s() + late_s
-    monkeypatch.setattr(server._port, "hears", lambda _: time_s() >= there_s)
+    monkeypatch.setattr(server._port, "can_reach_client", lambda _: time_s() >= there_s)
     call = client.call(Request(a=1, b=2), timeout_s=10)
     if late_s < 5:
         assert (await call).sum == 3 and time_s() >= there_s and not caplog.records
@@ -87,7 +87,7 @@ async def test_many_calls_at_once_find_their_own_responses(world: World) -> None
     clients = [bob.create_client(AddTwoInts, "add") for _ in range(3)]
     calls = [clients[i % 3].call(Request(a=i % 50, b=1000 * i), timeout_s=10) for i in range(300)]
     assert [response.sum for response in await asyncio.gather(*calls)] == [i % 50 + 1000 * i for i in range(300)]
-    assert [client.pending_count for client in clients] == [0, 0, 0]
+    assert [client.in_flight_count for client in clients] == [0, 0, 0]
 
 
 @pytest.mark.every_transport
@@ -158,15 +158,15 @@ def test_a_time_limit_holds_on_the_loop_on_which_it_began(world: World, monkeypa
         await asyncio.wait((call,), timeout=5)
 
     call = loop.run_until_complete(begin())
-    loop.run_until_complete(until(lambda: client.pending_count == 1))
+    loop.run_until_complete(until(lambda: client.in_flight_count == 1))
     with pytest.raises(CallTimeoutError, match=r"/silent .*in 0\.05 s"):  # on a loop of its own
         client.call_sync(Request(), timeout_s=0.05)
-    assert client.pending_count == 1
+    assert client.in_flight_count == 1
     now = loop.time
     monkeypatch.setattr(loop, "time", lambda: now() + 60)
     loop.run_until_complete(end(call))
     assert isinstance(call.exception(), CallTimeoutError)
-    assert client.pending_count == 0
+    assert client.in_flight_count == 0
     loop.close()
 
 
@@ -206,17 +206,17 @@ async def test_pending_calls_are_freed_by_timeout_cancellation_and_close(world: 
     assert await client.wait_for_service(timeout_s=5)
     with pytest.raises(TimeoutError):
         await client.call(Request(), timeout_s=0.05)
-    assert client.pending_count == 0
+    assert client.in_flight_count == 0
     cancelled = asyncio.create_task(client.call(Request()))
     closed = asyncio.create_task(client.call(Request()))
-    await until(lambda: client.pending_count == 2)
+    await until(lambda: client.in_flight_count == 2)
     cancelled.cancel()
     await asyncio.gather(cancelled, return_exceptions=True)
-    assert client.pending_count == 1
+    assert client.in_flight_count == 1
     client.close()
     with pytest.raises(ClosedError, match="/silent"):
         await closed
-    assert client.pending_count == 0
+    assert client.in_flight_count == 0
     with pytest.raises(ClosedError):
         await client.call(Request())
 
@@ -234,7 +234,7 @@ async def test_late_and_foreign_replies_are_ignored(dds: World) -> None:
         await client.call(Request(a=1), timeout_s=0.2)
     (await task).respond(Response(sum=1))  # late
     replies: Any = server._port
-    replies._writer.write(with_header(Response(sum=2).encode(), 12345, 1))  # of another client
+    replies._writer.write(add_request_header(Response(sum=2).encode(), 12345, 1))  # of another client
     replies._writer.write(b"\0\1\0\0\7\7\7\7")  # nonsense
     task = asyncio.create_task(anext(aiter(server)))
     call = asyncio.create_task(client.call(Request(a=3), timeout_s=5))

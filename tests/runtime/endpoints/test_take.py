@@ -17,7 +17,7 @@ from rosidl_py_gen.errors import ClosedError, EncodeError
 from rosidl_py_gen.runtime import (
     AlreadyRespondedError,
     CallbackInUseError,
-    Driver,
+    LoopRunner,
     MessageInfo,
     RequestInfo,
     ServerLostError,
@@ -33,8 +33,8 @@ Server = ServiceServer[AddTwoInts.Request, AddTwoInts.Response]
 
 
 @pytest.fixture
-def driver() -> Iterator[Driver]:
-    with Driver() as made:
+def driver() -> Iterator[LoopRunner]:
+    with LoopRunner() as made:
         yield made
 
 
@@ -128,7 +128,7 @@ def test_what_has_a_callback_is_not_taken_from(memory: World) -> None:
 
 @pytest.mark.every_transport
 @pytest.mark.parametrize("ends", ["endpoint", "node", "context"])
-def test_closing_while_another_thread_takes_is_safe(world: World, ends: str, driver: Driver) -> None:
+def test_closing_while_another_thread_takes_is_safe(world: World, ends: str, driver: LoopRunner) -> None:
     context = world.context(driver=driver)
     node = world.node("n", context=context)
     publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t")
@@ -160,7 +160,7 @@ def test_closing_while_another_thread_takes_is_safe(world: World, ends: str, dri
 
 
 @pytest.mark.every_transport
-def test_requests_are_sent_taken_and_answered_without_asyncio(world: World, driver: Driver) -> None:
+def test_requests_are_sent_taken_and_answered_without_asyncio(world: World, driver: LoopRunner) -> None:
     nodes = [world.node(name, context=world.context(driver=driver)) for name in ("server", "caller")]
     server, client = nodes[0].create_service(AddTwoInts, "add"), nodes[1].create_client(AddTwoInts, "add")
     assert server.take() is None
@@ -174,7 +174,7 @@ def test_requests_are_sent_taken_and_answered_without_asyncio(world: World, driv
     for info in infos:
         assert isinstance(info, RequestInfo)
         assert before_ns <= info.source_timestamp_ns <= info.received_timestamp_ns <= time.time_ns()
-    assert client.pending_count == 2
+    assert client.in_flight_count == 2
     threads: list[int] = []
     futures[0].add_done_callback(lambda _: threads.append(threading.get_ident()))
     for request in requests:
@@ -186,7 +186,7 @@ def test_requests_are_sent_taken_and_answered_without_asyncio(world: World, driv
     driver.wait(lambda: all(future.done() for future in futures), timeout_s=10)
     assert [future.result().sum for future in futures] == [1, 2]
     assert threads == [threading.get_ident()]
-    assert client.pending_count == 0
+    assert client.in_flight_count == 0
 
 
 @pytest.mark.every_transport
@@ -209,14 +209,14 @@ def test_a_script_without_loop_sends_a_request_and_gets_the_response_while_it_wa
 
 
 @pytest.mark.every_transport
-def test_nobody_waits_for_a_server(world: World, driver: Driver) -> None:
+def test_nobody_waits_for_a_server(world: World, driver: LoopRunner) -> None:
     node = world.node("n", context=world.context(driver=driver))
     client = node.create_client(AddTwoInts, "add")
     lost = client.send_request(AddTwoInts.Request(a=1))
     given_up = client.send_request(AddTwoInts.Request(a=2))
-    assert client.pending_count == 2
+    assert client.in_flight_count == 2
     assert given_up.cancel()
-    driver.wait(lambda: client.pending_count == 1, timeout_s=10)
+    driver.wait(lambda: client.in_flight_count == 1, timeout_s=10)
     server: Server = node.create_service(AddTwoInts, "add")
     assert driver.wait(client.service_is_available, timeout_s=10)
     last = client.send_request(AddTwoInts.Request(a=3))
@@ -238,7 +238,7 @@ def test_nobody_waits_for_a_server(world: World, driver: Driver) -> None:
 
 
 @pytest.mark.every_transport
-def test_the_future_of_a_request_tells_what_went_wrong(world: World, driver: Driver) -> None:
+def test_the_future_of_a_request_tells_what_went_wrong(world: World, driver: LoopRunner) -> None:
     nodes = [world.node(name, context=world.context(driver=driver)) for name in ("server", "caller")]
     server: Server = nodes[0].create_service(AddTwoInts, "add")
     client = nodes[1].create_client(AddTwoInts, "add")
@@ -247,7 +247,7 @@ def test_the_future_of_a_request_tells_what_went_wrong(world: World, driver: Dri
         client.send_request(String())  # type: ignore[arg-type]
     with pytest.raises(EncodeError):
         client.send_request(AddTwoInts.Request(a=2**70))
-    assert client.pending_count == 0
+    assert client.in_flight_count == 0
     future = client.send_request(AddTwoInts.Request(a=1))
     request = driver.wait(server.take, timeout_s=10)
     assert request is not None
@@ -322,7 +322,7 @@ def _note(timer: Any, ticks: list[int]) -> bool:
 
 
 @pytest.mark.every_transport
-def test_who_asks_is_told_when_something_can_be_taken(world: World, driver: Driver) -> None:
+def test_who_asks_is_told_when_something_can_be_taken(world: World, driver: LoopRunner) -> None:
     node = world.node("n", context=world.context(driver=driver))
     publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t")
     server, client = node.create_service(AddTwoInts, "add"), node.create_client(AddTwoInts, "add")
@@ -372,7 +372,7 @@ def test_who_asks_is_told_when_something_can_be_taken(world: World, driver: Driv
 
 
 @pytest.mark.every_transport
-def test_it_is_ready_until_all_was_taken(world: World, driver: Driver) -> None:
+def test_it_is_ready_until_all_was_taken(world: World, driver: LoopRunner) -> None:
     node = world.node("n", context=world.context(driver=driver))
     publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t")
     server, client = node.create_service(AddTwoInts, "add"), node.create_client(AddTwoInts, "add")

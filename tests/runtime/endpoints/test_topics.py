@@ -16,10 +16,10 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Int32, String
 from support.node_fixtures import until, while_the_loop_sleeps
 
-from rosidl_py_gen import compile_text, dtype
+from rosidl_py_gen import compile_definition, dtype
 from rosidl_py_gen.errors import ClosedError, EncodeError, InvalidNameError, TypeNotFoundError
 from rosidl_py_gen.runtime import History, QoSProfile, WaitTimeoutError
-from rosidl_py_gen.runtime.endpoints.subscription import CallbackInUseError
+from rosidl_py_gen.runtime.entities.subscription import CallbackInUseError
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 
 if TYPE_CHECKING:
@@ -170,7 +170,7 @@ async def test_raw_bytes_go_in_and_out_with_their_header(world: World) -> None:
 
 
 async def test_sequences_of_fixed_size_messages_come_and_go_as_arrays(world: World) -> None:
-    cloud = compile_text(
+    cloud = compile_definition(
         "arrays_msgs/msg/Cloud", f"string frame\nXyz[] points\n{'=' * 80}\nMSG: arrays_msgs/Xyz\nfloat32 x\nuint8 y"
     )
     xyz = cloud._TYPE.fields[1].cls

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from support.node_fixtures import until
 
-from rosidl_py_gen import compile_text, get_message, type_hash
+from rosidl_py_gen import compile_definition, get_message, type_hash
 from rosidl_py_gen.runtime import CallTimeoutError, Context, GoalRejectedError, Node, WaitTimeoutError
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ _numbers = itertools.count()
 def two(kind: str, old: str, new: str) -> tuple[Any, Any]:
     """Two classes of one name, which no other test has."""
     name = f"check_msgs/{kind}/Changed{next(_numbers)}"
-    return compile_text(name, old), compile_text(name, new)
+    return compile_definition(name, old), compile_definition(name, new)
 
 
 def two_messages() -> tuple[Any, Any]:
@@ -41,7 +41,7 @@ async def test_values_do_not_come_out_swapped(world: World, caplog: pytest.LogCa
         right.publish(old(x=3, y=number))
     assert [(await subscription.receive(5)).y for _ in range(3)] == [0, 1, 2]
     if world.kind != "zenoh":  # there the hash is a part of the key, and such messages do not arrive
-        await until(lambda: subscription.latest() is None or subscription.withheld == 3)
+        await until(lambda: subscription.latest() is None or subscription.incompatible_dropped == 3)
     assert subscription.latest() == old(x=3, y=2)
     await until(lambda: "by different definitions" in caplog.text)
     said = caplog.text
@@ -59,7 +59,7 @@ async def test_one_warning_for_each_topic_and_peer(memory: World, caplog: pytest
         publisher.publish(new())
     with pytest.raises(WaitTimeoutError):
         await subscription.receive(0.05)
-    assert subscription.withheld == 10  # as many as its queue keeps
+    assert subscription.incompatible_dropped == 10  # as many as its queue keeps
     assert caplog.text.count("by different definitions") == 2  # each of the two nodes says it
 
 
@@ -69,12 +69,12 @@ async def test_who_wants_them_gets_them(world: World, mode: Any, caplog: pytest.
         pytest.skip("they do not arrive on Zenoh")
     old, new = two_messages()
     alice, bob = world.node("alice", type_check="off"), world.node("bob")
-    subscription = bob.create_subscription(old, "t", type_check=mode)
+    subscription = bob.create_subscription(old, "t", type_hash_check=mode)
     publisher = alice.create_publisher(new, "t")
     assert await publisher.wait_for_subscribers(5)
     publisher.publish(new(x=1, y=2))
     assert (await subscription.receive(5)).x == 2
-    assert subscription.withheld == 0
+    assert subscription.incompatible_dropped == 0
     if mode == "warn":
         await until(lambda: "messages that may be read wrong on /t" in caplog.text)
     assert caplog.text.count("by different definitions") == (mode == "warn")
@@ -107,7 +107,7 @@ async def test_calls_to_a_server_of_another_definition_end_with_the_reason(world
         with pytest.raises(CallTimeoutError, match="node /alice has another definition of its type, RIHS01_"):
             await client.call(old.Request(a=1), 0.3)
     assert not client.service_is_available()
-    loose = bob.create_client(old, "s", type_check="off")
+    loose = bob.create_client(old, "s", type_hash_check="off")
     if world.kind != "zenoh":
         assert await loose.wait_for_service(5)
         with pytest.raises(CallTimeoutError):
@@ -134,7 +134,7 @@ def test_modes_that_do_not_exist_are_refused(memory: World) -> None:
         memory.node("n", type_check=strict)
     node = memory.node("n")
     with pytest.raises(ValueError, match="type_check must be"):
-        node.create_subscription(old, "t", type_check=strict)
+        node.create_subscription(old, "t", type_hash_check=strict)
     assert isinstance(node, Node) and isinstance(node.context, Context)
 
 

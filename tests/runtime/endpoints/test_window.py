@@ -14,9 +14,9 @@ import pytest
 from example_interfaces.srv import AddTwoInts
 from support.node_fixtures import until
 
-from rosidl_py_gen.runtime.endpoints import service
-from rosidl_py_gen.runtime.endpoints import window as windows
-from rosidl_py_gen.runtime.endpoints.window import RequestWindow
+from rosidl_py_gen.runtime.entities import flow_control as windows
+from rosidl_py_gen.runtime.entities import service
+from rosidl_py_gen.runtime.entities.flow_control import RequestFlowControl
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from support.node_fixtures import World
 
 
-def enter(window: RequestWindow, numbers: Iterable[int], kept: int, sent: list[int]) -> None:
+def enter(window: RequestFlowControl, numbers: Iterable[int], kept: int, sent: list[int]) -> None:
     """Let requests enter; `sent` gets the numbers of those that are sent."""
 
     def send(number: int, turn: int) -> bool:
@@ -34,26 +34,26 @@ def enter(window: RequestWindow, numbers: Iterable[int], kept: int, sent: list[i
         return True
 
     for number in numbers:
-        window.enter(partial(send, number), kept)
+        window.acquire(partial(send, number), kept)
 
 
 async def test_an_answer_makes_room_for_as_many_as_were_sent_before_it() -> None:
-    window, sent = RequestWindow("/add"), list[int]()
+    window, sent = RequestFlowControl("/add"), list[int]()
     enter(window, range(10), 3, sent)
     assert sent == [0, 1, 2]
-    window.taken(1)
+    window.on_response(1)
     assert sent == [0, 1, 2, 3]
-    window.taken(3)  # so the one between them has been taken, too
+    window.on_response(3)  # so the one between them has been taken, too
     assert sent == [0, 1, 2, 3, 4, 5]
-    window.taken(2)
+    window.on_response(2)
     assert sent == [0, 1, 2, 3, 4, 5]
-    window.taken(6)
+    window.on_response(6)
     assert sent == list(range(9))
 
 
 async def test_an_answer_says_nothing_of_what_others_sent() -> None:
     """Their requests may come to the server later, though they were sent before."""
-    window, sent = RequestWindow("/add"), list[str]()
+    window, sent = RequestFlowControl("/add"), list[str]()
     for client in ("a", "b"):
         for number in range(3):
 
@@ -61,36 +61,36 @@ async def test_an_answer_says_nothing_of_what_others_sent() -> None:
                 sent.append(name)
                 return True
 
-            window.enter(send, 3, client)
+            window.acquire(send, 3, client)
     assert sent == ["a0", "a1", "a2"]
-    window.taken(2, "a")
+    window.on_response(2, "a")
     assert sent[3:] == ["b0", "b1"]
-    window.taken(5, "b")  # b1, and b0 before it, but not a2
+    window.on_response(5, "b")  # b1, and b0 before it, but not a2
     assert sent[5:] == ["b2"]
-    window.enter(lambda turn: sent.append("b3") is None, 3, "b")
-    window.enter(lambda turn: sent.append("b4") is None, 3, "b")
+    window.acquire(lambda turn: sent.append("b3") is None, 3, "b")
+    window.acquire(lambda turn: sent.append("b4") is None, 3, "b")
     assert sent[6:] == ["b3"]
-    window.taken(3, "a")
+    window.on_response(3, "a")
     assert sent[7:] == ["b4"]
 
 
 async def test_what_is_given_up_makes_room_for_one() -> None:
-    window, sent = RequestWindow("/add"), list[int]()
+    window, sent = RequestFlowControl("/add"), list[int]()
     enter(window, range(6), 3, sent)
-    window.leave(2)
+    window.release(2)
     assert sent == [0, 1, 2, 3]
-    window.leave(2)
-    window.taken(2)
+    window.release(2)
+    window.on_response(2)
     assert sent == [0, 1, 2, 3, 4]
 
 
 async def test_requests_are_sent_in_the_order_in_which_they_came() -> None:
-    window, sent = RequestWindow("/add"), list[int]()
+    window, sent = RequestFlowControl("/add"), list[int]()
     enter(window, range(4), 2, sent)
-    window.leave(1)
+    window.release(1)
     enter(window, range(4, 6), 2, sent)
     for number in (2, 3, 4):
-        window.taken(number)
+        window.on_response(number)
     assert sent == list(range(6))
 
 
@@ -98,7 +98,7 @@ async def test_without_any_answer_one_more_is_sent_after_long_and_a_warning(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(windows, "_PATIENCE_S", 0.2)
-    window, sent = RequestWindow("/add"), list[int]()
+    window, sent = RequestFlowControl("/add"), list[int]()
     enter(window, range(6), 3, sent)
     loop = asyncio.get_running_loop()
     began_s = loop.time()
@@ -106,25 +106,25 @@ async def test_without_any_answer_one_more_is_sent_after_long_and_a_warning(
         await until(lambda: len(sent) == 5)
     assert loop.time() - began_s >= 0.6 and sent == list(range(5)), "each takes twice as long as the last"
     assert "no server of /add answered for 0.2 s; 3 calls wait until one does" in caplog.text
-    window.taken(5)
+    window.on_response(5)
     assert sent == list(range(6)) and window._patience_s == 0.2
 
 
 async def test_answers_make_a_slow_server_one_that_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    window, sent = RequestWindow("/add"), list[int]()
+    window, sent = RequestFlowControl("/add"), list[int]()
     enter(window, range(9), 3, sent)
     loop, passed_s = asyncio.get_running_loop(), 0.0
     now = loop.time
     monkeypatch.setattr(loop, "time", lambda: now() + passed_s)
     for number in (1, 2, 3):
         passed_s += 9
-        window.taken(number)
+        window.on_response(number)
         await asyncio.sleep(0)
         assert len(sent) == 3 + number
 
 
 async def test_servers_that_only_note_requests_get_them_after_a_pause() -> None:
-    window, sent = RequestWindow("/result", 0.02), list[int]()
+    window, sent = RequestFlowControl("/result", 0.02), list[int]()
     enter(window, range(5), 2, sent)
     loop = asyncio.get_running_loop()
     began_s = loop.time()
@@ -134,22 +134,22 @@ async def test_servers_that_only_note_requests_get_them_after_a_pause() -> None:
 
 
 async def test_a_request_that_nobody_wants_any_more_takes_nobodys_place() -> None:
-    window, sent = RequestWindow("/add"), list[int]()
+    window, sent = RequestFlowControl("/add"), list[int]()
 
     def send(number: int, turn: int) -> bool:
         sent.append(turn)
         return number != 1
 
     for number in range(4):
-        window.enter(partial(send, number), 1)
-    window.taken(sent[-1])
+        window.acquire(partial(send, number), 1)
+    window.on_response(sent[-1])
     assert sent == [1, 2, 3]
-    window.taken(sent[-1])
+    window.on_response(sent[-1])
     assert sent == [1, 2, 3, 4]
 
 
 def test_what_waited_on_a_loop_that_ended_stands_in_nobodys_way() -> None:
-    window, sent = RequestWindow("/add"), list[int]()
+    window, sent = RequestFlowControl("/add"), list[int]()
 
     async def two(number: int) -> None:
         enter(window, [number] * 2, 1, sent)
@@ -164,39 +164,45 @@ async def test_what_a_server_keeps_is_shared_by_all_who_have_clients(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patched:
-        patched.setattr(service, "carrier_qos", lambda qos: SERVICES_DEFAULT.keep_last(10))
+        patched.setattr(service, "service_endpoint_qos", lambda qos: SERVICES_DEFAULT.keep_last(10))
         server = world.node("server").create_service(AddTwoInts, "add")
     nodes = [world.node() for _ in range(3)]
     clients = [node.create_client(AddTwoInts, "add") for node in (*nodes, nodes[0])]
     for client in clients:
         assert await client.wait_for_service(timeout_s=5)
     await until(
-        lambda: [client.service_is_available() and client._port.servers().keeps for client in clients] == [3] * 4
+        lambda: (
+            [client.service_is_available() and client._port.servers().request_queue_depth for client in clients]
+            == [3] * 4
+        )
     )
     nodes[2].close()
     await until(
-        lambda: [client.service_is_available() and client._port.servers().keeps for client in clients[:2]] == [5] * 2
+        lambda: (
+            [client.service_is_available() and client._port.servers().request_queue_depth for client in clients[:2]]
+            == [5] * 2
+        )
     )
     server.close()
 
 
 async def test_room_grows_with_answers_once_others_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
-    window, sent = RequestWindow("/add"), list[int]()
+    window, sent = RequestFlowControl("/add"), list[int]()
     enter(window, range(40), 10, sent)
     assert len(sent) == 3
-    window.taken(1)
+    window.on_response(1)
     assert len(sent) - 1 == 3
-    monkeypatch.setattr(windows, "SETTLED_S", 0.0)
+    monkeypatch.setattr(windows, "DISCOVERY_SETTLE_S", 0.0)
     for number in range(2, 6):
-        window.taken(number)
+        window.on_response(number)
     assert len(sent) - 5 == 7
     for number in range(6, 21):
-        window.taken(number)
+        window.on_response(number)
     assert len(sent) - 20 == 10
-    window.kept = 4
-    window.taken(23)
+    window.server_queue_depth = 4
+    window.on_response(23)
     assert len(sent) == 30
-    window.taken(27)
+    window.on_response(27)
     assert len(sent) == 31
 
 
@@ -224,7 +230,7 @@ def slow_server(world: World, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
     async def serve() -> None:
         node = world.node("server")
         with monkeypatch.context() as patched:
-            patched.setattr(service, "carrier_qos", lambda qos: SERVICES_DEFAULT.keep_last(10))
+            patched.setattr(service, "service_endpoint_qos", lambda qos: SERVICES_DEFAULT.keep_last(10))
             node.create_service(AddTwoInts, "add", handler)
         ready.set()
         await asyncio.to_thread(stop.wait)

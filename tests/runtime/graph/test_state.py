@@ -9,17 +9,17 @@ from typing import Any
 import pytest
 
 from rosidl_py_gen.runtime import QoSProfile
-from rosidl_py_gen.runtime.graph.state import Graph
-from rosidl_py_gen.runtime.transport.discovered import Channel, EndpointFound
+from rosidl_py_gen.runtime.graph.graph import Graph
+from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
 
-CHANNEL = Channel("topic", "/t")
+CHANNEL = TopicKey("topic", "/t")
 
 
 @dataclass(frozen=True)
 class Meanwhile:
     """An endpoint; whoever looks at it sees another one come first, as when threads take turns there."""
 
-    of: EndpointFound
+    of: DiscoveredEndpoint
     come: Callable[[], None]
 
     def __getattr__(self, name: str) -> Any:
@@ -38,9 +38,9 @@ def test_others_may_come_while_it_is_asked(ask: Callable[[Graph], int]) -> None:
     graph = Graph()
     numbers = iter(range(1, 100))
 
-    def endpoint() -> EndpointFound:
+    def endpoint() -> DiscoveredEndpoint:
         guid = next(numbers).to_bytes(16, "big")
-        return EndpointFound(guid, bytes(16), True, CHANNEL, "std_msgs/msg/String", QoSProfile())
+        return DiscoveredEndpoint(guid, bytes(16), True, CHANNEL, "std_msgs/msg/String", QoSProfile())
 
     first = endpoint()
     graph.apply(first)

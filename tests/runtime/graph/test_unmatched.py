@@ -11,12 +11,12 @@ from std_msgs.msg import Int32, String
 from std_srvs.srv import Trigger
 from support.node_fixtures import until
 
-from rosidl_py_gen import compile_text, get_action
+from rosidl_py_gen import compile_definition, get_action
 from rosidl_py_gen.base.names import similar_name
 from rosidl_py_gen.runtime import ActionTimeoutError, CallTimeoutError, QoSProfile, WaitTimeoutError
 from rosidl_py_gen.runtime.qos import BEST_AVAILABLE, DEFAULT, SENSOR_DATA
-from rosidl_py_gen.runtime.transport.matching import check_compatible, find_preset, resolve_best_available
-from rosidl_py_gen.runtime.transport.port import EndpointSpec
+from rosidl_py_gen.runtime.transport.api import EndpointSpec
+from rosidl_py_gen.runtime.transport.qos_matching import check_compatible, find_preset, resolve_best_available
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable
@@ -89,7 +89,7 @@ async def test_a_wait_that_ends_says_which_quality_of_service_does_not_match(wor
 
 @pytest.mark.every_transport
 async def test_a_wait_for_a_message_says_what_was_withheld_or_that_nothing_was_sent(world: World) -> None:
-    old, new = (compile_text("pkg/msg/X", text) for text in ("int32 a", "int32 a\nint32 b"))
+    old, new = (compile_definition("pkg/msg/X", text) for text in ("int32 a", "int32 a\nint32 b"))
     alice, bob = world.pair()
     publisher, quiet = alice.create_publisher(new, "x"), alice.create_publisher(Int32, "quiet")
     await until(lambda: bob.count_publishers("x") == bob.count_publishers("quiet") == 1)

@@ -8,10 +8,10 @@ from support.raw_endpoints import found
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.msgs.rmw_dds_common.msg import Gid, NodeEntitiesInfo, ParticipantEntitiesInfo
-from rosidl_py_gen.runtime.graph.state import BARE_DDS_NODE, UNKNOWN_NODE, Graph
+from rosidl_py_gen.runtime.graph.graph import BARE_DDS_NODE, UNKNOWN_NODE, Graph
+from rosidl_py_gen.runtime.transport.dds import discovery_info_message
 from rosidl_py_gen.runtime.transport.dds import names as ddsnames
-from rosidl_py_gen.runtime.transport.dds import nodes_message
-from rosidl_py_gen.runtime.transport.discovered import Lost, NodeEntities, ParticipantFound
+from rosidl_py_gen.runtime.transport.discovery_events import EntityLost, NodeEntities, ParticipantDiscovered
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 from rosidl_py_gen.runtime.transport.type_names import ros_type, wire_type
 
@@ -96,7 +96,7 @@ def test_user_data_is_read_up_to_what_is_malformed(data: bytes, pairs: dict[str,
 
 def test_the_nodes_message_is_what_the_generated_class_writes() -> None:
     reader, writer = PREFIX + b"\0\0\5\4", PREFIX + b"\0\0\6\3"
-    data = nodes_message.encode(GUID, [NodeEntities("/ns", "n", frozenset([reader]), frozenset([writer]))])
+    data = discovery_info_message.encode(GUID, [NodeEntities("/ns", "n", frozenset([reader]), frozenset([writer]))])
     expected = ParticipantEntitiesInfo(
         gid=Gid(data=GUID),
         node_entities_info_seq=[
@@ -105,7 +105,7 @@ def test_the_nodes_message_is_what_the_generated_class_writes() -> None:
     )
     assert data == expected.encode()
     assert ParticipantEntitiesInfo._TYPE.hash == HASHES["rmw_dds_common/msg/ParticipantEntitiesInfo"]
-    assert nodes_message.decode(data, PREFIX).nodes[0].writer_gids == {writer}
+    assert discovery_info_message.decode(data, PREFIX).nodes[0].writer_gids == {writer}
 
 
 @pytest.mark.parametrize("pad", [b"", b"\0\0"])
@@ -122,7 +122,7 @@ def test_both_gid_sizes_are_understood(gid_bytes: int, pad: bytes) -> None:
         + (number(1) + reader + tail)
         + number(0)
     ) + pad
-    message = nodes_message.decode(data, PREFIX)
+    message = discovery_info_message.decode(data, PREFIX)
     assert message.participant_guid == GUID
     assert message.nodes == [NodeEntities("/", "ab", frozenset([reader]), frozenset())]
 
@@ -131,14 +131,14 @@ def test_an_invalid_name_or_guid_hides_no_other_node_of_the_participant() -> Non
     good = NodeEntities("/", "good", frozenset(), frozenset())
     for name in ("", "a b", "a\0b", "\n\x1b[31m", "x" * 2_000_000):
         sent = [good, NodeEntities("no//ns", name, frozenset(), frozenset()), good]
-        message = nodes_message.decode(nodes_message.encode(PREFIX + b"\0\0\0\7", sent), PREFIX)
+        message = discovery_info_message.decode(discovery_info_message.encode(PREFIX + b"\0\0\0\7", sent), PREFIX)
         assert message == (GUID, sent)
 
 
 @pytest.mark.parametrize("data", [b"", b"\0\1\0\0", b"\0\1\0\0" + GUID, b"\0\1\0\0" + GUID + b"\xff" * 30])
 def test_other_bytes_are_refused(data: bytes) -> None:
     with pytest.raises(DecodeError):
-        nodes_message.decode(data, PREFIX)
+        discovery_info_message.decode(data, PREFIX)
 
 
 def test_endpoints_find_their_node_or_a_placeholder() -> None:
@@ -146,15 +146,15 @@ def test_endpoints_find_their_node_or_a_placeholder() -> None:
     writer = found(PREFIX + b"\0\0\6\3", GUID, "rt/t", "std_msgs::msg::dds_::String_", DEFAULT)
     graph.apply(writer)
     assert graph.node_of(writer) == BARE_DDS_NODE
-    graph.apply(ParticipantFound(GUID, "/"))
+    graph.apply(ParticipantDiscovered(GUID, "/"))
     assert graph.node_of(writer) == UNKNOWN_NODE
     stale = PREFIX + b"\0\0\7\3"
     graph.set_nodes(GUID, [NodeEntities("/ns", "n", frozenset(), frozenset([writer.guid, stale]))])
     assert graph.node_of(writer) == ("/ns", "n")
     assert graph.of_node("n", "/ns", writers=True) == [("/t", ["std_msgs/msg/String"])]
-    graph.apply(Lost(writer.guid))
+    graph.apply(EntityLost(writer.guid))
     assert graph.of_node("n", "/ns", writers=True) == []
-    graph.apply(Lost(GUID))
+    graph.apply(EntityLost(GUID))
     assert graph.nodes() == []
 
 
@@ -164,10 +164,10 @@ def test_a_participant_is_wholly_known_whatever_others_lack() -> None:
     late = found(other[:12] + b"\0\0\7\3", other, "rt/t", "std_msgs::msg::dds_::String_", DEFAULT)
 
     def known(of: bytes | None = None) -> tuple[bool, bool]:
-        return graph.names_are_known(of), graph.endpoints_are_known(of)
+        return graph.node_names_complete(of), graph.endpoints_complete(of)
 
     assert known(GUID) == (True, False)  # who that is is not known
-    for one in (writer, ParticipantFound(GUID, "/"), ParticipantFound(other, "/")):
+    for one in (writer, ParticipantDiscovered(GUID, "/"), ParticipantDiscovered(other, "/")):
         graph.apply(one)
     assert (known(GUID), known(other)) == ((False, True), (False, True))
     graph.set_nodes(GUID, [NodeEntities("/", "n", frozenset(), frozenset([writer.guid]))])

@@ -19,7 +19,7 @@ from rosidl_py_gen.msgs.lifecycle_msgs.srv import (
     GetState,
 )
 from rosidl_py_gen.runtime import Context, LifecycleNode
-from rosidl_py_gen.runtime.lifecycle.states import Outcome, State, TransitionError
+from rosidl_py_gen.runtime.lifecycle.transitions import State, TransitionCallbackReturn, TransitionError
 
 
 class Managed(LifecycleNode):
@@ -82,7 +82,7 @@ async def test_the_round_trip_with_its_events(world: World) -> None:
     await until(lambda: node._machine._event.has_subscriptions)
     assert node.state == State.UNCONFIGURED
     for step in (node.configure, node.activate, node.deactivate, node.cleanup, node.shutdown):
-        assert await step() is Outcome.SUCCESS
+        assert await step() is TransitionCallbackReturn.SUCCESS
     assert node.state.label == "finalized"
     assert node.calls == [
         ("configure", State.UNCONFIGURED),
@@ -99,15 +99,15 @@ async def test_the_round_trip_with_its_events(world: World) -> None:
 @pytest.mark.parametrize(
     ("answer", "outcome", "state"),
     [
-        (False, Outcome.FAILURE, State.UNCONFIGURED),
-        (Outcome.FAILURE, Outcome.FAILURE, State.UNCONFIGURED),
-        (True, Outcome.SUCCESS, State.INACTIVE),
-        (RuntimeError("no motor"), Outcome.ERROR, State.FINALIZED),
-        (Outcome.ERROR, Outcome.ERROR, State.FINALIZED),
+        (False, TransitionCallbackReturn.FAILURE, State.UNCONFIGURED),
+        (TransitionCallbackReturn.FAILURE, TransitionCallbackReturn.FAILURE, State.UNCONFIGURED),
+        (True, TransitionCallbackReturn.SUCCESS, State.INACTIVE),
+        (RuntimeError("no motor"), TransitionCallbackReturn.ERROR, State.FINALIZED),
+        (TransitionCallbackReturn.ERROR, TransitionCallbackReturn.ERROR, State.FINALIZED),
     ],
 )
 async def test_what_a_callback_answers_decides(
-    world: World, answer: Any, outcome: Outcome, state: State, caplog: pytest.LogCaptureFixture
+    world: World, answer: Any, outcome: TransitionCallbackReturn, state: State, caplog: pytest.LogCaptureFixture
 ) -> None:
     node = managed(world)
     node.answers["configure"] = answer
@@ -117,13 +117,13 @@ async def test_what_a_callback_answers_decides(
 
 @pytest.mark.parametrize(
     ("answer", "state"),
-    [(True, State.UNCONFIGURED), (False, State.FINALIZED), (Outcome.ERROR, State.FINALIZED)],
+    [(True, State.UNCONFIGURED), (False, State.FINALIZED), (TransitionCallbackReturn.ERROR, State.FINALIZED)],
 )
 async def test_error_processing_may_recover(world: World, answer: Any, state: State) -> None:
     node = managed(world, Recovering)
     node.answers.update(activate=RuntimeError("x"), error=answer)
     await node.configure()
-    assert await node.activate() is Outcome.ERROR and node.state is state
+    assert await node.activate() is TransitionCallbackReturn.ERROR and node.state is state
     assert node.calls[-1] == ("error", State.INACTIVE)
 
 
@@ -175,7 +175,7 @@ async def test_only_one_transition_at_a_time(world: World) -> None:
     with pytest.raises(TransitionError, match="in state configuring; possible: nothing"):
         await node.shutdown()
     node.hold.set()
-    assert await first is Outcome.SUCCESS
+    assert await first is TransitionCallbackReturn.SUCCESS
 
 
 async def test_managed_publishers_are_silent_while_inactive(world: World, caplog: pytest.LogCaptureFixture) -> None:

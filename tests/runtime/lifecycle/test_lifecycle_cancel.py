@@ -14,7 +14,7 @@ from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.msgs.lifecycle_msgs.msg import Transition, TransitionEvent
 from rosidl_py_gen.msgs.lifecycle_msgs.srv import ChangeState
 from rosidl_py_gen.runtime import Context, LifecycleNode, Node
-from rosidl_py_gen.runtime.lifecycle.states import Outcome, State
+from rosidl_py_gen.runtime.lifecycle.transitions import State, TransitionCallbackReturn
 
 
 class Slow(LifecycleNode):
@@ -66,7 +66,10 @@ async def test_a_cancelled_transition_goes_through_error_processing(world: World
     assert events == [(1, 10), (10, 15), (15, int(state))]
     if recovers:
         node.release.set()
-        assert await node.configure() is Outcome.SUCCESS and await node.shutdown() is Outcome.SUCCESS
+        assert (
+            await node.configure() is TransitionCallbackReturn.SUCCESS
+            and await node.shutdown() is TransitionCallbackReturn.SUCCESS
+        )
 
 
 async def test_cancelling_a_second_time_ends_error_processing_too(world: World) -> None:
@@ -106,7 +109,7 @@ class Cancels(Slow):
 async def test_a_callback_that_is_cancelled_by_itself_is_an_error_of_the_transition(world: World) -> None:
     node = Cancels("n", world.context())
     world.nodes.append(node)
-    assert await node.configure() is Outcome.ERROR and node.state is State.UNCONFIGURED
+    assert await node.configure() is TransitionCallbackReturn.ERROR and node.state is State.UNCONFIGURED
     client = world.node("other").create_client(ChangeState, "/n/change_state")
     assert not (await client.call(ChangeState.Request(transition=Transition(id=1)), 5)).success
     assert node.state is State.UNCONFIGURED and node.log == ["error from unconfigured"] * 2
@@ -134,7 +137,7 @@ class ClosesItself(LifecycleNode):
 
 async def test_a_callback_may_close_the_node(world: World) -> None:
     node = ClosesItself("n", context=world.context())
-    assert await node.shutdown() is Outcome.SUCCESS and node.state is State.FINALIZED
+    assert await node.shutdown() is TransitionCallbackReturn.SUCCESS and node.state is State.FINALIZED
 
 
 class Answers(LifecycleNode):
@@ -152,15 +155,15 @@ class Answers(LifecycleNode):
 @pytest.mark.parametrize(
     ("answer", "outcome", "state"),
     [
-        (np.bool_(False), Outcome.FAILURE, State.UNCONFIGURED),
-        (0, Outcome.FAILURE, State.UNCONFIGURED),
-        ("", Outcome.FAILURE, State.UNCONFIGURED),
-        (np.bool_(True), Outcome.SUCCESS, State.INACTIVE),
-        (Transition.TRANSITION_CALLBACK_FAILURE, Outcome.FAILURE, State.UNCONFIGURED),
-        (np.array([1, 2]), Outcome.ERROR, State.UNCONFIGURED),  # has no truth
+        (np.bool_(False), TransitionCallbackReturn.FAILURE, State.UNCONFIGURED),
+        (0, TransitionCallbackReturn.FAILURE, State.UNCONFIGURED),
+        ("", TransitionCallbackReturn.FAILURE, State.UNCONFIGURED),
+        (np.bool_(True), TransitionCallbackReturn.SUCCESS, State.INACTIVE),
+        (Transition.TRANSITION_CALLBACK_FAILURE, TransitionCallbackReturn.FAILURE, State.UNCONFIGURED),
+        (np.array([1, 2]), TransitionCallbackReturn.ERROR, State.UNCONFIGURED),  # has no truth
     ],
 )
-async def test_odd_answers(world: World, answer: Any, outcome: Outcome, state: State) -> None:
+async def test_odd_answers(world: World, answer: Any, outcome: TransitionCallbackReturn, state: State) -> None:
     node = Answers("n", context=world.context())
     world.nodes.append(node)
     node.answer = answer
@@ -169,7 +172,13 @@ async def test_odd_answers(world: World, answer: Any, outcome: Outcome, state: S
 
 def test_the_constructor_takes_what_a_node_takes(world: World) -> None:
     assert inspect.signature(LifecycleNode) == inspect.signature(Node)
-    node = LifecycleNode("n", "/ns", context=world.context(), overrides={"a": 5}, declare_overrides=True)
+    node = LifecycleNode(
+        "n",
+        "/ns",
+        context=world.context(),
+        parameter_overrides={"a": 5},
+        automatically_declare_parameters_from_overrides=True,
+    )
     world.nodes.append(node)
     assert node.get_parameter("a") == 5 and node.fully_qualified_name == "/ns/n"
     with pytest.raises(TypeError, match="unexpected keyword argument 'typo'"):

@@ -13,10 +13,10 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from support.example_counts import examples
 
 from rosidl_py_gen import runtime
-from rosidl_py_gen.runtime.lifecycle.states import (
+from rosidl_py_gen.runtime.lifecycle.transitions import (
     LIFECYCLE_TRANSITIONS,
-    Outcome,
     State,
+    TransitionCallbackReturn,
     TransitionError,
     available_transitions,
     finished_transition,
@@ -67,7 +67,7 @@ def test_a_label_wins_over_the_id_and_outcomes_cannot_be_requested() -> None:
 
 
 def test_every_outcome_in_every_state() -> None:
-    for state, (index, outcome) in itertools.product(State, enumerate(Outcome)):
+    for state, (index, outcome) in itertools.product(State, enumerate(TransitionCallbackReturn)):
         if state in ENDS:
             first, *goals = ENDS[state]
             row = finished_transition(state, outcome)
@@ -93,9 +93,9 @@ class Walk(RuleBasedStateMachine):
         self.state = row.goal if row else self.state
 
     @precondition(lambda self: self.state in ENDS)
-    @rule(outcome=st.sampled_from(Outcome))
-    def finish(self, outcome: Outcome) -> None:
-        expected = ENDS[self.state][1 + list(Outcome).index(outcome)]
+    @rule(outcome=st.sampled_from(TransitionCallbackReturn))
+    def finish(self, outcome: TransitionCallbackReturn) -> None:
+        expected = ENDS[self.state][1 + list(TransitionCallbackReturn).index(outcome)]
         self.state = finished_transition(self.state, outcome).goal
         assert self.state is expected
 
@@ -112,7 +112,9 @@ TestWalk = Walk.TestCase
 TestWalk.settings = settings(max_examples=examples(50), stateful_step_count=30, deadline=None)
 
 
-@pytest.mark.parametrize(("state", "outcome"), [(10, Outcome.SUCCESS), (State.CONFIGURING, "transition_success")])
+@pytest.mark.parametrize(
+    ("state", "outcome"), [(10, TransitionCallbackReturn.SUCCESS), (State.CONFIGURING, "transition_success")]
+)
 def test_numbers_and_texts_are_no_state_and_no_outcome(state: Any, outcome: Any) -> None:
     with pytest.raises(TypeError, match="expected a State and an Outcome, got "):
         finished_transition(state, outcome)
@@ -123,7 +125,7 @@ def test_the_table_is_public() -> None:
     row = runtime.requested_transition(runtime.State.UNCONFIGURED, label="configure")
     assert row == runtime.Transition(1, "configure", State.UNCONFIGURED, State.CONFIGURING)
     assert row in runtime.available_transitions(State.UNCONFIGURED)
-    assert runtime.finished_transition(row.goal, Outcome.SUCCESS).goal is State.INACTIVE
+    assert runtime.finished_transition(row.goal, TransitionCallbackReturn.SUCCESS).goal is State.INACTIVE
 
 
 def test_the_table_has_25_rows_and_available_ones_leave_the_state() -> None:
@@ -135,23 +137,23 @@ def test_the_table_has_25_rows_and_available_ones_leave_the_state() -> None:
 @pytest.mark.parametrize(
     ("answer", "outcome"),
     [
-        (None, Outcome.SUCCESS),
-        (True, Outcome.SUCCESS),
-        (np.bool_(True), Outcome.SUCCESS),
-        (1, Outcome.SUCCESS),
-        (Outcome.SUCCESS, Outcome.SUCCESS),
-        (False, Outcome.FAILURE),
-        (np.bool_(False), Outcome.FAILURE),
-        (0, Outcome.FAILURE),
-        ("", Outcome.FAILURE),
-        ([], Outcome.FAILURE),
-        (Outcome.FAILURE, Outcome.FAILURE),
-        (Outcome.ERROR, Outcome.ERROR),
+        (None, TransitionCallbackReturn.SUCCESS),
+        (True, TransitionCallbackReturn.SUCCESS),
+        (np.bool_(True), TransitionCallbackReturn.SUCCESS),
+        (1, TransitionCallbackReturn.SUCCESS),
+        (TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.SUCCESS),
+        (False, TransitionCallbackReturn.FAILURE),
+        (np.bool_(False), TransitionCallbackReturn.FAILURE),
+        (0, TransitionCallbackReturn.FAILURE),
+        ("", TransitionCallbackReturn.FAILURE),
+        ([], TransitionCallbackReturn.FAILURE),
+        (TransitionCallbackReturn.FAILURE, TransitionCallbackReturn.FAILURE),
+        (TransitionCallbackReturn.ERROR, TransitionCallbackReturn.ERROR),
         # lifecycle_msgs/Transition TRANSITION_CALLBACK_SUCCESS, _FAILURE, _ERROR
-        (97, Outcome.SUCCESS),
-        (98, Outcome.FAILURE),
-        (99, Outcome.ERROR),
+        (97, TransitionCallbackReturn.SUCCESS),
+        (98, TransitionCallbackReturn.FAILURE),
+        (99, TransitionCallbackReturn.ERROR),
     ],
 )
-def test_what_the_answer_of_a_callback_means(answer: object, outcome: Outcome) -> None:
+def test_what_the_answer_of_a_callback_means(answer: object, outcome: TransitionCallbackReturn) -> None:
     assert outcome_of(answer) is outcome

@@ -13,7 +13,7 @@ import pytest
 
 from rosidl_py_gen import runtime
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
-from rosidl_py_gen.runtime.logs.file import (
+from rosidl_py_gen.runtime.logs.log_file import (
     LogFile,
     LogFileError,
     get_logging_directory,

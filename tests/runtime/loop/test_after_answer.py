@@ -6,7 +6,7 @@ import asyncio
 import threading
 
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
-from rosidl_py_gen.runtime.loop.after_answer import AfterAnswer
+from rosidl_py_gen.runtime.loop.deferred_send import DeferredSender
 
 
 def test_it_is_sent_when_the_loop_comes_round_and_at_once_elsewhere() -> None:
@@ -16,7 +16,7 @@ def test_it_is_sent_when_the_loop_comes_round_and_at_once_elsewhere() -> None:
         with Context(transport=MemoryTransport(), args=["p"]) as context:
             Node("n", context=context)
             context._core.bridge.running_loop()
-            later = AfterAnswer(context._core.bridge, sent.append)
+            later = DeferredSender(context._core.bridge, sent.append)
             later.add("first")
             assert sent == []
             await asyncio.sleep(0)
@@ -34,7 +34,7 @@ def test_it_is_sent_when_the_loop_comes_round_and_at_once_elsewhere() -> None:
 def test_threads_send_one_after_the_other_each_in_its_order() -> None:
     sent: list[tuple[int, int]] = []
     with Context(transport=MemoryTransport(), args=["p"]) as context:
-        later = AfterAnswer(context._core.bridge, sent.append)
+        later = DeferredSender(context._core.bridge, sent.append)
         threads = [
             threading.Thread(target=lambda n=number: [later.add((n, count)) for count in range(500)])
             for number in range(4)

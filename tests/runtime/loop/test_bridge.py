@@ -24,9 +24,9 @@ from support.node_fixtures import ROOT, rests, until
 
 from rosidl_py_gen.runtime import CallTimeoutError
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop, end_tasks
-from rosidl_py_gen.runtime.node import open_contexts
+from rosidl_py_gen.runtime.node import context_registry
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
-from rosidl_py_gen.runtime.transport.cyclone import pipe
+from rosidl_py_gen.runtime.transport.cyclone import wakeup_pipe
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -48,7 +48,7 @@ def run_on(kind: str, main: Coroutine[Any, Any, None]) -> None:
     """`asyncio.run` on a kind of loop, which serves all contexts; 20 seconds are more than any test needs."""
 
     async def served() -> None:
-        open_contexts.attach_all()
+        context_registry.attach_all()
         await main
 
     makers: dict[str, Callable[[], asyncio.AbstractEventLoop]] = {
@@ -164,7 +164,7 @@ def test_another_thread_may_close_a_context_of_a_running_loop(dds: World, kind: 
 def test_where_pipes_cannot_be_watched_a_thread_reads_from_the_start(
     dds: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pipe, "_LOOPS_CAN_WATCH", False)  # as on Windows
+    monkeypatch.setattr(wakeup_pipe, "_LOOPS_CAN_WATCH", False)  # as on Windows
     alice, bob = dds.pair()
     assert threads() == ["rosidl-py-gen receiver"] * 2
     heard = numbers(bob, qos=1)
@@ -220,11 +220,11 @@ def test_what_does_not_fit_the_pipe_is_found_all_the_same(dds: World) -> None:
     for _ in range(2):  # the second time the stream had its error
         for number in range(17_000):  # 16384 handles fill 64 KiB
             to_crowd.publish(Int32(data=number))
-        assert pipe._ferror(participant.pipe.stream)
+        assert wakeup_pipe._ferror(participant.pipe.stream)
         to_single.publish(Int32(data=1))
         run_on("asyncio", main())
         assert (crowd, single) == ([16_999], [1])
-        assert not pipe._ferror(participant.pipe.stream)
+        assert not wakeup_pipe._ferror(participant.pipe.stream)
         crowd.clear()
         single.clear()
 

@@ -137,12 +137,12 @@ async def async_execute(alice: Node, bob: Node, calls: Calls) -> None:
     async def execute(handle: object) -> Any:
         return await calls.note_later(Fibonacci.Result())
 
-    await _goals(alice, bob, calls, execute, policy="queue")  # the end of one goal begins the next
+    await _goals(alice, bob, calls, execute, goal_policy="queue")  # the end of one goal begins the next
     await calls.all_made()
 
 
 async def plain_execute(alice: Node, bob: Node, calls: Calls) -> None:
-    await _goals(alice, bob, calls, lambda handle: calls.note(Fibonacci.Result()), policy="queue")
+    await _goals(alice, bob, calls, lambda handle: calls.note(Fibonacci.Result()), goal_policy="queue")
     await calls.all_made()
 
 

@@ -20,8 +20,8 @@ from support.node_fixtures import wait_until
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import (
     Context,
-    Driver,
     LoopMismatchError,
+    LoopRunner,
     MemoryTransport,
     Node,
     Publisher,
@@ -40,18 +40,18 @@ if TYPE_CHECKING:
 
 
 @pytest.fixture
-def driver() -> Iterator[Driver]:
-    with Driver() as made:
+def driver() -> Iterator[LoopRunner]:
+    with LoopRunner() as made:
         yield made
 
 
 @pytest.fixture
-def node(driver: Driver) -> Iterator[Node]:
-    with Context(transport=MemoryTransport(), args=["test"], driver=driver) as context:
+def node(driver: LoopRunner) -> Iterator[Node]:
+    with Context(transport=MemoryTransport(), args=["test"], loop_runner=driver) as context:
         yield Node("polled", context=context)
 
 
-def connected(driver: Driver, node: Node) -> tuple[Publisher[String], Subscription[String]]:
+def connected(driver: LoopRunner, node: Node) -> tuple[Publisher[String], Subscription[String]]:
     publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t")
     driver.wait(lambda: publisher.subscription_count and subscription.publisher_count, timeout_s=10)
     return publisher, subscription
@@ -72,7 +72,7 @@ def started(function: Callable[[], object]) -> tuple[threading.Thread, list[Any]
     return thread, outcomes
 
 
-def is_driven(driver: Driver, waiting: int = 1) -> bool:
+def is_driven(driver: LoopRunner, waiting: int = 1) -> bool:
     return driver.loop.is_running() and len(driver._shared_loop.waits) == waiting
 
 
@@ -80,7 +80,7 @@ def is_driven(driver: Driver, waiting: int = 1) -> bool:
 
 
 @pytest.mark.every_transport
-def test_what_arrives_is_taken_in_while_somebody_waits(world: World, driver: Driver) -> None:
+def test_what_arrives_is_taken_in_while_somebody_waits(world: World, driver: LoopRunner) -> None:
     context = world.context(driver=driver)
     polled, talker = world.node("polled", context=context), world.node("talker", context=context)
     heard: list[tuple[str, int]] = []
@@ -94,7 +94,7 @@ def test_what_arrives_is_taken_in_while_somebody_waits(world: World, driver: Dri
 
 
 @pytest.mark.every_transport
-def test_contexts_that_are_served_by_one_driver_talk_to_each_other(world: World, driver: Driver) -> None:
+def test_contexts_that_are_served_by_one_driver_talk_to_each_other(world: World, driver: LoopRunner) -> None:
     one, other = (world.node(name, context=world.context(driver=driver)) for name in ("one", "other"))
     publisher, subscription = one.create_publisher(String, "t"), other.create_subscription(String, "t")
     driver.wait(lambda: publisher.subscription_count and subscription.publisher_count, timeout_s=10)
@@ -109,7 +109,7 @@ def test_contexts_that_are_served_by_one_driver_talk_to_each_other(world: World,
 
 
 @pytest.mark.every_transport
-def test_blocking_methods_and_coroutines_run_in_it(world: World, driver: Driver) -> None:
+def test_blocking_methods_and_coroutines_run_in_it(world: World, driver: LoopRunner) -> None:
     context = world.context(driver=driver)
     node = world.node("both", context=context)
     node.create_service(AddTwoInts, "add", lambda request: AddTwoInts.Response(sum=request.a + request.b))
@@ -126,7 +126,7 @@ def test_blocking_methods_and_coroutines_run_in_it(world: World, driver: Driver)
     assert driver.run(main()) == 11
 
 
-def test_timers_and_async_callbacks_go_on_with_each_wait(driver: Driver, node: Node) -> None:
+def test_timers_and_async_callbacks_go_on_with_each_wait(driver: LoopRunner, node: Node) -> None:
     steps: list[str] = []
 
     ticked = asyncio.Event()
@@ -151,7 +151,7 @@ def test_timers_and_async_callbacks_go_on_with_each_wait(driver: Driver, node: N
     assert steps.count("tick") >= 3
 
 
-def test_a_time_limit_of_0_does_what_there_is_to_do_and_no_more(driver: Driver) -> None:
+def test_a_time_limit_of_0_does_what_there_is_to_do_and_no_more(driver: LoopRunner) -> None:
     steps: list[int] = []
 
     async def some() -> None:
@@ -175,7 +175,7 @@ def test_a_time_limit_of_0_does_what_there_is_to_do_and_no_more(driver: Driver) 
 # --------------------------------------------------------------------------------------------------- what ends a wait
 
 
-def test_the_answer_is_that_of_the_condition(driver: Driver) -> None:
+def test_the_answer_is_that_of_the_condition(driver: LoopRunner) -> None:
     assert driver.wait(lambda: "at once") == "at once"
     assert driver.wait(lambda: 0, timeout_s=0) == 0
     before_s = time.monotonic()
@@ -191,7 +191,7 @@ def test_the_answer_is_that_of_the_condition(driver: Driver) -> None:
     assert list(answers) == []
 
 
-def test_a_wake_up_is_not_left_to_the_periodic_check(driver: Driver, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wake_up_is_not_left_to_the_periodic_check(driver: LoopRunner, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shared_loop, "_MAX_BLOCKING_S", 60.0)  # the check that would find the condition true, too
     done: list[int] = []
     waits = [started(lambda: driver.wait(lambda: done)) for _ in range(3)]
@@ -203,7 +203,7 @@ def test_a_wake_up_is_not_left_to_the_periodic_check(driver: Driver, monkeypatch
         assert outcomes == [[1]]
 
 
-def test_a_time_limit_may_be_for_ever_in_effect(driver: Driver) -> None:
+def test_a_time_limit_may_be_for_ever_in_effect(driver: LoopRunner) -> None:
     for limit_s in (1e9, float("inf")):
         done: list[int] = []
         waits = [started(lambda done=done, limit_s=limit_s: driver.wait(lambda: done, limit_s)) for _ in range(2)]
@@ -215,7 +215,7 @@ def test_a_time_limit_may_be_for_ever_in_effect(driver: Driver) -> None:
             assert outcomes == [[1]]
 
 
-def test_wrong_arguments_are_refused(driver: Driver) -> None:
+def test_wrong_arguments_are_refused(driver: LoopRunner) -> None:
     with pytest.raises(TypeError, match=r"until must be a function, got 3 without arguments"):
         driver.wait(3)  # type: ignore[call-overload]
     with pytest.raises(TypeError, match="timeout_s"):
@@ -223,13 +223,13 @@ def test_wrong_arguments_are_refused(driver: Driver) -> None:
     with pytest.raises(TimeRangeError, match="timeout_s must be 0 or more seconds, got -1"):
         driver.wait(timeout_s=-1)
     with pytest.raises(TypeError, match="driver must be a Driver, got 'x'"):
-        Context(transport=MemoryTransport(), driver="x")  # type: ignore[arg-type]
+        Context(transport=MemoryTransport(), loop_runner="x")  # type: ignore[arg-type]
     function: Any = asyncio.sleep
     with pytest.raises(TypeError, match="coroutine must be a coroutine, such as main"):
         driver.run(function)
 
 
-def test_what_a_condition_takes_is_not_lost_between_threads(driver: Driver, node: Node) -> None:
+def test_what_a_condition_takes_is_not_lost_between_threads(driver: LoopRunner, node: Node) -> None:
     publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t", qos=1000)
     found: list[str] = []
 
@@ -250,7 +250,7 @@ def test_what_a_condition_takes_is_not_lost_between_threads(driver: Driver, node
     assert sorted(map(int, found)) == list(range(300))
 
 
-def test_a_wait_inside_the_loop_is_refused(driver: Driver, node: Node) -> None:
+def test_a_wait_inside_the_loop_is_refused(driver: LoopRunner, node: Node) -> None:
     refused: list[str] = []
 
     def callback(_: String) -> None:
@@ -269,11 +269,11 @@ def test_a_wait_inside_the_loop_is_refused(driver: Driver, node: Node) -> None:
     assert "from inside its own event loop" in refused[0]
 
 
-def test_a_callback_that_fails_ends_the_wait_where_that_is_asked_for(driver: Driver) -> None:
+def test_a_callback_that_fails_ends_the_wait_where_that_is_asked_for(driver: LoopRunner) -> None:
     def fail(_: String) -> None:
         raise OSError("mine")
 
-    with Context(transport=MemoryTransport(), args=["test"], driver=driver, on_error="raise") as context:
+    with Context(transport=MemoryTransport(), args=["test"], loop_runner=driver, on_error="raise") as context:
         node = Node("n", context=context)
         node.create_subscription(String, "t", fail)
         node.create_publisher(String, "t").publish(String())
@@ -285,7 +285,7 @@ def test_a_callback_that_fails_ends_the_wait_where_that_is_asked_for(driver: Dri
 # ------------------------------------------------------------------------------------------------------------ threads
 
 
-def test_one_drives_the_others_wait_and_one_takes_over(driver: Driver, node: Node) -> None:
+def test_one_drives_the_others_wait_and_one_takes_over(driver: LoopRunner, node: Node) -> None:
     publisher, heard = node.create_publisher(String, "t"), list[str]()
     node.create_subscription(String, "t", lambda message: heard.append(message.data))
     first, first_found = started(lambda: driver.wait(lambda: "1" in heard))
@@ -309,7 +309,7 @@ def test_one_drives_the_others_wait_and_one_takes_over(driver: Driver, node: Nod
     assert not driver.loop.is_running()
 
 
-def test_a_condition_that_fails_concerns_its_own_wait_only(driver: Driver) -> None:
+def test_a_condition_that_fails_concerns_its_own_wait_only(driver: LoopRunner) -> None:
     done: list[int] = []
     looks: list[int] = []
 
@@ -332,7 +332,7 @@ def test_a_condition_that_fails_concerns_its_own_wait_only(driver: Driver) -> No
     assert outcomes == [[1]]
 
 
-def test_a_function_is_called_in_the_loop_by_whoever_runs_it(driver: Driver) -> None:
+def test_a_function_is_called_in_the_loop_by_whoever_runs_it(driver: LoopRunner) -> None:
     mark: contextvars.ContextVar[str] = contextvars.ContextVar("mark", default="none")
     mark.set("mine")
 
@@ -367,7 +367,7 @@ def test_a_function_is_called_in_the_loop_by_whoever_runs_it(driver: Driver) -> 
         driver.run(fail())
 
 
-def test_a_thread_whose_own_loop_runs_is_served_too(driver: Driver, node: Node) -> None:
+def test_a_thread_whose_own_loop_runs_is_served_too(driver: LoopRunner, node: Node) -> None:
     publisher, subscription = connected(driver, node)
 
     async def main() -> None:
@@ -386,7 +386,7 @@ def test_a_thread_whose_own_loop_runs_is_served_too(driver: Driver, node: Node) 
     assert subscription.take() is None
 
 
-def test_no_other_loop_takes_the_context(driver: Driver, node: Node) -> None:
+def test_no_other_loop_takes_the_context(driver: LoopRunner, node: Node) -> None:
     publisher, subscription = connected(driver, node)
 
     async def main() -> None:
@@ -428,7 +428,7 @@ def send_when(is_so: Callable[[], object], number: int) -> threading.Thread:
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 @pytest.mark.every_transport
 @pytest.mark.parametrize("role", ["drives", "waits"])
-def test_ctrl_c_ends_the_wait_of_the_main_thread_and_others_go_on(world: World, driver: Driver, role: str) -> None:
+def test_ctrl_c_ends_the_wait_of_the_main_thread_and_others_go_on(world: World, driver: LoopRunner, role: str) -> None:
     node = world.node("polled", context=world.context(driver=driver))
     publisher, subscription = connected(driver, node)
     if role == "waits":
@@ -452,7 +452,7 @@ def test_ctrl_c_ends_the_wait_of_the_main_thread_and_others_go_on(world: World, 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 @pytest.mark.parametrize("role", ["drives", "waits"])
-def test_a_signal_that_interrupts_no_wait_is_not_overheard(driver: Driver, role: str) -> None:
+def test_a_signal_that_interrupts_no_wait_is_not_overheard(driver: LoopRunner, role: str) -> None:
     turns = 1
     if role == "waits":
         turns, (beside, _) = 2, started(lambda: driver.wait(timeout_s=60))
@@ -474,7 +474,7 @@ def test_a_signal_that_interrupts_no_wait_is_not_overheard(driver: Driver, role:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-def test_a_signal_handler_may_wake(driver: Driver) -> None:
+def test_a_signal_handler_may_wake(driver: LoopRunner) -> None:
     came: list[int] = []
 
     def on_signal(number: int, _: object) -> None:
@@ -488,7 +488,7 @@ def test_a_signal_handler_may_wake(driver: Driver) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-def test_ctrl_c_ends_a_wait_in_a_coroutine(driver: Driver) -> None:
+def test_ctrl_c_ends_a_wait_in_a_coroutine(driver: LoopRunner) -> None:
     sender = send_when(lambda: is_driven(driver), signal.SIGINT)
 
     async def main() -> None:
@@ -503,7 +503,7 @@ def test_ctrl_c_ends_a_wait_in_a_coroutine(driver: Driver) -> None:
 
 
 def test_an_interrupt_while_the_thread_of_a_wait_begins_ends_it(
-    driver: Driver, monkeypatch: pytest.MonkeyPatch
+    driver: LoopRunner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     start = threading.Thread.start
 
@@ -514,7 +514,7 @@ def test_an_interrupt_while_the_thread_of_a_wait_begins_ends_it(
 
     async def main() -> None:
         with monkeypatch.context() as patch:
-            patch.setattr(threading.Thread, "start", interrupted)
+            patch.setattr(threading.Thread, "create_task", interrupted)
             with pytest.raises(KeyboardInterrupt):
                 driver.wait(timeout_s=20)
 
@@ -525,7 +525,7 @@ def test_an_interrupt_while_the_thread_of_a_wait_begins_ends_it(
 
 @pytest.mark.every_transport
 def test_what_a_callback_raises_to_end_the_program_comes_out_and_the_rest_is_not_lost(
-    world: World, driver: Driver
+    world: World, driver: LoopRunner
 ) -> None:
     node = world.node("polled", context=world.context(driver=driver))
     publisher, subscription = connected(driver, node)
@@ -552,7 +552,7 @@ def test_what_a_callback_raises_to_end_the_program_comes_out_and_the_rest_is_not
 # ---------------------------------------------------------------------------------------------------------------- end
 
 
-def test_closing_ends_all_waits(node: Node, driver: Driver) -> None:
+def test_closing_ends_all_waits(node: Node, driver: LoopRunner) -> None:
     waits = [started(lambda: driver.wait(lambda: False)) for _ in range(3)]
     wait_until(lambda: is_driven(driver, 3))
     task = driver.call(lambda: driver.loop.create_task(asyncio.Event().wait()))
@@ -571,19 +571,19 @@ def test_closing_ends_all_waits(node: Node, driver: Driver) -> None:
         lambda: driver.wait(timeout_s=0),
         lambda: driver.call(list),
         lambda: driver.run(asyncio.sleep(0)),
-        lambda: Context(transport=MemoryTransport(), args=["test"], driver=driver),
+        lambda: Context(transport=MemoryTransport(), args=["test"], loop_runner=driver),
     ):
         with pytest.raises(ClosedError, match="this driver is closed"):
             use()
 
 
-def test_closing_inside_the_loop_takes_place_when_it_is_left(driver: Driver) -> None:
+def test_closing_inside_the_loop_takes_place_when_it_is_left(driver: LoopRunner) -> None:
     with pytest.raises(ClosedError):
         driver.run(asyncio.sleep(0, driver.call(driver.close)))
     assert driver.loop.is_closed()
 
 
-def test_a_driver_may_be_closed_before_its_contexts(driver: Driver, node: Node) -> None:
+def test_a_driver_may_be_closed_before_its_contexts(driver: LoopRunner, node: Node) -> None:
     publisher, subscription = connected(driver, node)
 
     async def close() -> None:
@@ -599,7 +599,7 @@ def test_a_driver_may_be_closed_before_its_contexts(driver: Driver, node: Node) 
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
-def test_a_forked_child_cannot_use_it(driver: Driver) -> None:
+def test_a_forked_child_cannot_use_it(driver: LoopRunner) -> None:
     child = os.fork()
     if child == 0:
         try:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from rosidl_py_gen.runtime import Driver
+from rosidl_py_gen.runtime import LoopRunner
 from rosidl_py_gen.runtime.loop.shared_loop import SharedEventLoop
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="there the loop 
 class Arrivals:
     """A driver that watches a pipe as it does that of DDS, and how often asyncio's loop was entered."""
 
-    def __init__(self, driver: Driver) -> None:
+    def __init__(self, driver: LoopRunner) -> None:
         self.driver, self.loop = driver, driver.loop
         self.read_end, self.write_end = os.pipe()
         self.entered = 0
@@ -51,7 +51,7 @@ class Arrivals:
 
 @pytest.fixture
 def arrivals(monkeypatch: pytest.MonkeyPatch) -> Iterator[Arrivals]:
-    with Driver() as driver:
+    with LoopRunner() as driver:
         made = Arrivals(driver)
         enter = SharedEventLoop.run_forever
 

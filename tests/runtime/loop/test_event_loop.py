@@ -17,7 +17,7 @@ from support.node_fixtures import rests, until, while_the_loop_sleeps
 from rosidl_py_gen.runtime import new_event_loop, run
 from rosidl_py_gen.runtime.loop import event_loop
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop
-from rosidl_py_gen.runtime.node import open_contexts
+from rosidl_py_gen.runtime.node import context_registry
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -73,13 +73,13 @@ def pipes() -> Iterator[list[Pipe]]:
 def rounds(monkeypatch: pytest.MonkeyPatch) -> list[float | None]:
     """The times that selectors of ours were told to wait, one for each round."""
     waits: list[float | None] = []
-    select = event_loop.EarlySelector.select
+    select = event_loop.PriorityReaderSelector.select
 
     def note(self: Any, timeout: float | None = None) -> Any:
         waits.append(timeout)
         return select(self, timeout)
 
-    monkeypatch.setattr(event_loop.EarlySelector, "select", note)
+    monkeypatch.setattr(event_loop.PriorityReaderSelector, "select", note)
     return waits
 
 
@@ -96,7 +96,7 @@ def test_a_task_goes_on_in_the_round_in_which_its_data_came(
             future.set_result(len(rounds))
             return pipe.read()
 
-        loop.watch(pipe.read_end, arrived, pipe.on_read)
+        loop.add_priority_reader(pipe.read_end, arrived, pipe.on_read)
         pipe.write()
         return await future, len(rounds)
 
@@ -141,7 +141,7 @@ def test_what_is_left_to_do_is_an_ordinary_callback_of_the_same_round(
             seen.append(("callback", len(rounds)))
             done.set()
 
-        loop.watch(pipe.read_end, early, callback)
+        loop.add_priority_reader(pipe.read_end, early, callback)
         await asyncio.wait_for(done.wait(), 10)
         for _ in range(3):  # in which it would be called again
             await asyncio.sleep(0)
@@ -156,7 +156,7 @@ def test_however_many_descriptors_are_ready_all_are_seen(loop: EventLoop, pipes:
         ours.setblocking(False)
         theirs.send(b"x")
         for pipe in pipes:
-            loop.watch(pipe.read_end, pipe.read, pipe.on_read)
+            loop.add_priority_reader(pipe.read_end, pipe.read, pipe.on_read)
 
         async def main() -> bytes:
             return await loop.sock_recv(ours, 1)
@@ -176,7 +176,7 @@ def test_those_that_stay_ready_keep_neither_each_other_nor_timers_nor_sockets_wa
             calls[number] += 1
             return False
 
-        loop.watch(pipe.read_end, look, pipe.on_read)
+        loop.add_priority_reader(pipe.read_end, look, pipe.on_read)
 
     async def main() -> None:
         ours, theirs = socket.socketpair()
@@ -201,11 +201,11 @@ def test_a_function_may_end_the_watching_of_its_own_and_of_another_descriptor(
 
         def call(number: int = number) -> bool:
             calls.append(number)
-            loop.unwatch(pipes[0].read_end)
-            loop.unwatch(pipes[1].read_end)
+            loop.remove_priority_reader(pipes[0].read_end)
+            loop.remove_priority_reader(pipes[1].read_end)
             return True
 
-        loop.watch(pipes[number].read_end, call, pipes[number].on_read)
+        loop.add_priority_reader(pipes[number].read_end, call, pipes[number].on_read)
 
     async def rounds() -> None:
         await until(lambda: calls)
@@ -226,9 +226,9 @@ def test_waiting_takes_the_time_of_the_next_timer_and_no_cpu(loop: EventLoop) ->
 def test_a_closed_loop_has_no_descriptors_left_and_may_be_told_to_end_watching(pipes: list[Pipe]) -> None:
     before = len(os.listdir("/proc/self/fd"))
     loop = EventLoop()
-    loop.watch(pipes[0].read_end, pipes[0].read, pipes[0].on_read)
+    loop.add_priority_reader(pipes[0].read_end, pipes[0].read, pipes[0].on_read)
     loop.close()
-    loop.unwatch(pipes[0].read_end)
+    loop.remove_priority_reader(pipes[0].read_end)
     assert len(os.listdir("/proc/self/fd")) <= before  # less where a connection of an earlier test ends just now
 
 
@@ -243,7 +243,7 @@ def test_a_loop_may_be_closed_before_its_contexts(dds: World) -> None:
         loop = EventLoop()
 
         async def main(number: int = number) -> None:
-            open_contexts.attach_all()
+            context_registry.attach_all()
             publisher.publish(Int32(data=number))
             while len(heard) <= number:
                 await asyncio.sleep(0.01)

@@ -6,9 +6,9 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from rosidl_py_gen.runtime.loop.outbox import Outbox
+from rosidl_py_gen.runtime.loop.send_queue import SendQueue
 from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
-from rosidl_py_gen.runtime.transport.port import TransportError
+from rosidl_py_gen.runtime.transport.api import TransportError
 
 
 class Line:
@@ -37,11 +37,11 @@ class Line:
         return write
 
 
-def outbox_of(line: Line, depth: int | None = None) -> tuple[Outbox, list[str]]:
+def outbox_of(line: Line, depth: int | None = None) -> tuple[SendQueue, list[str]]:
     """An outbox and what it reports."""
     reports: list[str] = []
     bridge: Any = line
-    return Outbox(bridge, depth, reports.append), reports
+    return SendQueue(bridge, depth, reports.append), reports
 
 
 def test_what_waits_is_sent_in_order_by_the_loop() -> None:

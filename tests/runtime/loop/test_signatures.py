@@ -56,11 +56,11 @@ PLACES: dict[str, tuple[Callable[[Node, Any], object], tuple[Any, ...]]] = {
     "a timer's callback": (lambda node, f: node.create_timer(1.0, f), (one, two, later)),
     "execute of action /a": (lambda node, f: node.create_action_server(Fibonacci, "a", f), (none, two, later)),
     "accept of action /a": (
-        lambda node, f: node.create_action_server(Fibonacci, "a", result, accept=f),
+        lambda node, f: node.create_action_server(Fibonacci, "a", result, goal_callback=f),
         (none, two, later),
     ),
     "on_cancel of action /a": (
-        lambda node, f: node.create_action_server(Fibonacci, "a", result, on_cancel=f),
+        lambda node, f: node.create_action_server(Fibonacci, "a", result, cancel_callback=f),
         (none, two, later),
     ),
     "the pre-set callback": (lambda node, f: node.add_pre_set_callback(f), (none, two)),

@@ -116,17 +116,17 @@ def test_what_was_published_between_two_loops_does_not_stop_delivery(world: Worl
 @pytest.mark.every_transport
 def test_a_client_may_be_used_on_one_loop_after_the_other(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     # A server that keeps few requests, as on rmw_cyclonedds.
-    from rosidl_py_gen.runtime.endpoints import service
+    from rosidl_py_gen.runtime.entities import service
 
     server, caller = world.pair()
     client = caller.create_client(AddTwoInts, "add")
-    monkeypatch.setattr(service, "carrier_qos", lambda qos: SERVICES_DEFAULT.keep_last(5))
+    monkeypatch.setattr(service, "service_endpoint_qos", lambda qos: SERVICES_DEFAULT.keep_last(5))
 
     async def burst() -> None:
         made = server.create_service(AddTwoInts, "add", lambda request: AddTwoInts.Response(sum=request.a))
         calls = (client.call(AddTwoInts.Request(a=number), timeout_s=5) for number in range(40))
         assert [answer.sum for answer in await asyncio.gather(*calls)] == list(range(40))
-        assert client.pending_count == 0
+        assert client.in_flight_count == 0
         made.close()
         await until(lambda: not client.service_is_available())
 
@@ -296,7 +296,7 @@ def test_a_waiting_call_between_two_runs_of_a_loop_gives_the_context_back(world:
 async def test_three_clients_of_a_slow_server_that_keeps_little_lose_nothing(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from rosidl_py_gen.runtime.endpoints import service
+    from rosidl_py_gen.runtime.entities import service
 
     server, caller = world.pair()
 
@@ -305,7 +305,7 @@ async def test_three_clients_of_a_slow_server_that_keeps_little_lose_nothing(
         return AddTwoInts.Response(sum=request.a)
 
     with monkeypatch.context() as patched:
-        patched.setattr(service, "carrier_qos", lambda qos: SERVICES_DEFAULT.keep_last(10))
+        patched.setattr(service, "service_endpoint_qos", lambda qos: SERVICES_DEFAULT.keep_last(10))
         server.create_service(AddTwoInts, "add", handler)
     clients = [caller.create_client(AddTwoInts, "add") for _ in range(3)]
     assert await clients[0].wait_for_service(timeout_s=5)
@@ -313,7 +313,7 @@ async def test_three_clients_of_a_slow_server_that_keeps_little_lose_nothing(
     answers = await asyncio.gather(*calls)
     assert [answer.sum for answer in answers] == [number for number in range(50) for _ in clients]
     assert clients[0]._window is clients[2]._window
-    assert not clients[0]._window._waiting and not clients[0]._window._held
+    assert not clients[0]._window._waiting and not clients[0]._window._in_flight
 
 
 @pytest.mark.every_transport

@@ -6,7 +6,7 @@ import asyncio
 import selectors
 from typing import Any
 
-from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
+from rosidl_py_gen.runtime.loop.timeout_table import TimeoutTable
 
 
 class JumpingSelector(selectors.SelectSelector):
@@ -39,7 +39,7 @@ class CountingLoop(asyncio.SelectorEventLoop):
 def watched(seconds: float, limits_s: dict[int, float], remove: tuple[int, ...] = ()) -> tuple[list[int], int]:
     """What expires in that time, and how many timers it took."""
     loop, expired = CountingLoop(), list[int]()
-    limits = TimeLimits(loop, expired.append)
+    limits = TimeoutTable(loop, expired.append)
     for number, left_s in limits_s.items():
         limits.add(number, left_s)
     for number in remove:
@@ -76,7 +76,7 @@ def test_expiring_may_add_and_remove() -> None:
         if number < 5:
             limits.add(number + 4, 0.01)
 
-    limits = TimeLimits(loop, expire)
+    limits = TimeoutTable(loop, expire)
     limits.add(1, 0.01)
     limits.add(2, 0.0105)  # seen in the same look
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from rosidl_py_gen.runtime.loop.callbacks import start_task
-from rosidl_py_gen.runtime.loop.user_function import UserFunction
+from rosidl_py_gen.runtime.loop.callable_checks import start_task
+from rosidl_py_gen.runtime.loop.user_callback import UserCallback
 
 
 class Owner:
@@ -44,8 +44,8 @@ async def slow(number: int) -> int:
 def test_its_answer_goes_on_and_its_failure_goes_into_the_log_once(function: Callable[[int], Any]) -> None:
     async def main() -> None:
         owner, answers = Owner(), []
-        user = UserFunction(owner, function, "the callback")
-        tasks = [user.call(number, then=answers.append) for number in (1, 0, 2)]
+        user = UserCallback(owner, function, "the callback")
+        tasks = [user.call(number, on_result=answers.append) for number in (1, 0, 2)]
         assert all(task is None for task in tasks) == (function is plain)
         await asyncio.gather(*(task for task in tasks if task is not None))
         assert answers == [6, 3] and owner.reports == ["the callback: ZeroDivisionError"]
@@ -56,8 +56,8 @@ def test_its_answer_goes_on_and_its_failure_goes_into_the_log_once(function: Cal
 def test_what_makes_use_of_the_answer_may_fail_too() -> None:
     async def main() -> None:
         owner = Owner()
-        user = UserFunction(owner, lambda: "x", "the callback")
-        assert user.call(then=int) is None
+        user = UserCallback(owner, lambda: "x", "the callback")
+        assert user.call(on_result=int) is None
         assert owner.reports == ["the callback: ValueError"]
 
     asyncio.run(main())
@@ -66,14 +66,14 @@ def test_what_makes_use_of_the_answer_may_fail_too() -> None:
 def test_a_cancellation_from_elsewhere_is_a_failure_and_an_own_one_an_end() -> None:
     async def main() -> None:
         owner, foreign = Owner(), asyncio.get_running_loop().create_future()
-        user = UserFunction(owner, lambda: asyncio.wait_for(foreign, 5), "the callback")
+        user = UserCallback(owner, lambda: asyncio.wait_for(foreign, 5), "the callback")
         task = user.call()
         assert task is not None
         await asyncio.sleep(0)
         foreign.cancel()
         await task
         assert owner.reports == ["the callback: CancelledError"]
-        task = UserFunction(owner, lambda: asyncio.Event().wait(), "the callback").call()
+        task = UserCallback(owner, lambda: asyncio.Event().wait(), "the callback").call()
         assert task is not None
         task.cancel()  # before it has begun
         with pytest.raises(asyncio.CancelledError):

@@ -9,7 +9,7 @@ import time
 import pytest
 from support.node_fixtures import until
 
-from rosidl_py_gen.base.waiting import Waiters
+from rosidl_py_gen.base.waiters import Waiters
 
 
 def test_a_wake_lets_all_look_and_those_go_on_for_whom_it_is_so() -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from rosidl_py_gen import runtime
 from rosidl_py_gen.errors import InvalidNameError
-from rosidl_py_gen.runtime.names.remap import (
+from rosidl_py_gen.runtime.names.remapping import (
     InvalidRemapRuleError,
     NodeNames,
     RemapKind,

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rosidl_py_gen.runtime import Context, MemoryTransport
-from rosidl_py_gen.runtime.names.remap import RemapKind
+from rosidl_py_gen.runtime.names.remapping import RemapKind
 from rosidl_py_gen.runtime.node.arguments import RosArgumentError, RosArguments, parse_arguments
 from rosidl_py_gen.runtime.parameters.values import parameter_value
 

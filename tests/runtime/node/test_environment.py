@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from rosidl_py_gen.runtime import Context, MemoryTransport
-from rosidl_py_gen.runtime.node.core import chosen_transport
+from rosidl_py_gen.runtime.node.context_core import resolve_transport
 from rosidl_py_gen.runtime.node.environment import EnvironmentSettingError, read_environment
-from rosidl_py_gen.runtime.transport.port import DiscoveryRange
+from rosidl_py_gen.runtime.transport.api import DiscoveryRange
 
 
 @pytest.mark.parametrize(
@@ -102,6 +102,6 @@ def test_a_node_that_should_be_secured_does_not_start_unsecured(
                 with pytest.raises(EnvironmentSettingError, match="not supported, and ROS_SECURITY_STRATEGY=Enforce"):
                     Context(0, transport=middleware, args=[])
             else:
-                chosen_transport(middleware)
+                resolve_transport(middleware)
             assert ("communicates unencrypted" in caplog.text) is (expected == "warning"), (enable, strategy)
         Context(0, transport=MemoryTransport(), args=[]).close()  # stays in this process

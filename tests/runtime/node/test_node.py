@@ -26,14 +26,14 @@ from rosidl_py_gen.runtime import (
     LifecycleNode,
     MemoryTransport,
     Node,
-    Outcome,
     QoSProfile,
     State,
     TopicEndpointInfo,
+    TransitionCallbackReturn,
     WaitTimeoutError,
 )
-from rosidl_py_gen.runtime.endpoints.late_types import late_message_type, late_service_type
-from rosidl_py_gen.runtime.endpoints.types import message_type, service_type
+from rosidl_py_gen.runtime.entities.lazy_types import late_service_type, lazy_message_type
+from rosidl_py_gen.runtime.entities.message_types import message_type, service_type
 from rosidl_py_gen.runtime.loop.loop_binding import LoopMismatchError
 from rosidl_py_gen.runtime.parameters.values import ParameterError
 from rosidl_py_gen.runtime.transport.qos import ROSOUT, Durability, History, Reliability
@@ -204,8 +204,8 @@ def test_types_that_are_imported_late_are_the_bundled_ones() -> None:
         message = get_service(name).Request()
         assert late.request.decode(late.request.encode(message)) == message
     name = "rcl_interfaces/msg/ParameterEvent"
-    assert late_message_type(name).type_hash == message_type(name).type_hash
-    assert late_message_type(name).encode(get_message(name)()) == get_message(name)()._encode()
+    assert lazy_message_type(name).type_hash == message_type(name).type_hash
+    assert lazy_message_type(name).encode(get_message(name)()) == get_message(name)()._encode()
 
 
 def test_a_node_starts_without_what_it_may_never_need() -> None:
@@ -240,9 +240,9 @@ def test_every_exported_name_exists() -> None:
 
 
 async def test_a_lifecycle_node_is_a_node_with_all_options(world: World) -> None:
-    async with LifecycleNode("n", "/ns", context=world.context(), overrides={"a": 2}) as node:
+    async with LifecycleNode("n", "/ns", context=world.context(), parameter_overrides={"a": 2}) as node:
         assert (node.fully_qualified_name, node.declare_parameter("a", 1)) == ("/ns/n", 2)
-        assert await node.configure() is Outcome.SUCCESS
+        assert await node.configure() is TransitionCallbackReturn.SUCCESS
         assert node.state is State.INACTIVE
     assert node.is_closed
 
@@ -259,8 +259,8 @@ async def test_options_of_a_node(memory: World) -> None:
     node = Node(
         "n",
         context=memory.context(),
-        overrides={"a": 1},
-        declare_overrides=True,
+        parameter_overrides={"a": 1},
+        automatically_declare_parameters_from_overrides=True,
         start_services=False,
         logger_services=True,
     )
@@ -411,13 +411,19 @@ async def test_who_does_not_understand_whom_is_listed_with_the_reason(world: Wor
     bob.create_subscription(Int32, "t")
     alice.create_service(AddTwoInts, "s")
     bob.create_client(SetBool, "s")
-    await until(lambda: asker.topic_mismatches("t") and asker.service_mismatches("/s") and asker.names_are_known())
-    (topic,), (service,) = asker.topic_mismatches("t"), asker.service_mismatches("/s")
-    assert (topic.writer.node, topic.reader.node, topic.kind) == ("/alice", "/bob", "type")
+    await until(
+        lambda: (
+            asker.incompatible_endpoints_of_topic("t")
+            and asker.incompatible_endpoints_of_service("/s")
+            and asker.node_names_complete()
+        )
+    )
+    (topic,), (service,) = asker.incompatible_endpoints_of_topic("t"), asker.incompatible_endpoints_of_service("/s")
+    assert (topic.writer.node_text, topic.reader.node_text, topic.kind) == ("/alice", "/bob", "type")
     assert topic.reason == "types differ, std_msgs/msg/String and std_msgs/msg/Int32"
-    assert (service.writer.node, service.reader.node, service.kind) == ("/bob", "/alice", "type")
+    assert (service.writer.node_text, service.reader.node_text, service.kind) == ("/bob", "/alice", "type")
     assert service.reason == "types differ, std_srvs/srv/SetBool and example_interfaces/srv/AddTwoInts"
-    assert asker.topic_mismatches("/rosout") == asker.service_mismatches("nobody") == []
+    assert asker.incompatible_endpoints_of_topic("/rosout") == asker.incompatible_endpoints_of_service("nobody") == []
 
 
 @pytest.mark.every_transport
@@ -429,9 +435,9 @@ async def test_the_ends_of_a_service_and_the_participants_are_told(world: World)
     def ends() -> list[TopicEndpointInfo]:
         return [*bob.get_servers_info_by_service("add"), *bob.get_clients_info_by_service("/add")]
 
-    await until(lambda: [one.is_named for one in ends()] == [True, True])
+    await until(lambda: [one.has_node_name for one in ends()] == [True, True])
     server, client = ends()
-    assert (server.node, client.node) == ("/alice", "/bob")
+    assert (server.node_text, client.node_text) == ("/alice", "/bob")
     found = {one.guid: one for one in bob.context.participants()}
     assert [one.guid for one in found.values() if one.is_own] == [client.participant_guid]
     assert [node.fully_qualified_name for node in found[server.participant_guid].nodes] == ["/alice"]
@@ -444,6 +450,6 @@ async def test_names_that_ros_refuses_are_found_where_there_are_some(world: Worl
     raw_endpoints.announce(other, "rt/2d_scan", "std_msgs::msg::dds_::String_", "")
     await until(lambda: "/2d_scan" in dict(asker.get_topic_names_and_types()))
     assert [one.topic_type for one in asker.get_publishers_info_by_topic("/2d_scan")] == ["std_msgs/msg/String"]
-    assert (asker.count_publishers("/2d_scan"), asker.topic_mismatches("/2d_scan")) == (1, [])
+    assert (asker.count_publishers("/2d_scan"), asker.incompatible_endpoints_of_topic("/2d_scan")) == (1, [])
     with pytest.raises(InvalidNameError):
         asker.get_publishers_info_by_topic("/3d_scan")

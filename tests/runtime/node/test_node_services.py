@@ -9,8 +9,8 @@ from rosidl_py_gen import get_action, get_message, type_description, type_hash
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Log, LoggerLevel
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetLoggerLevels, SetLoggerLevels
 from rosidl_py_gen.runtime.logs.loggers import get_logger
-from rosidl_py_gen.runtime.types.ask import TypeDescriptionError
-from rosidl_py_gen.runtime.types.describe import type_source
+from rosidl_py_gen.runtime.type_resolution.description_client import TypeDescriptionError
+from rosidl_py_gen.runtime.type_resolution.description_service import type_source
 
 
 @pytest.mark.every_transport

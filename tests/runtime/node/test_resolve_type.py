@@ -11,12 +11,12 @@ import pytest
 from support.announced_types import SERVICE_OFF, Told, fresh, teller, told_by
 from support.node_fixtures import World, until
 
-from rosidl_py_gen import compile_text, get_message, get_service, type_description, type_hash
-from rosidl_py_gen.base.descriptions import describe
+from rosidl_py_gen import compile_definition, get_message, get_service, type_description, type_hash
+from rosidl_py_gen.base.descriptions import build_type_description
 from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
 from rosidl_py_gen.runtime import CallTimeoutError, TypeDescriptionError, TypeNotFoundError
 from rosidl_py_gen.runtime.transport.dds.names import reply_name, request_name, topic_name
-from rosidl_py_gen.runtime.types import announced
+from rosidl_py_gen.runtime.type_resolution import announcements
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -38,7 +38,7 @@ async def test_a_type_that_only_another_node_has_becomes_a_class(world: World) -
     cls: Any = await world.node("asker").resolve_type("t", timeout_s=10)
     assert (cls._TYPE.name, type_hash(cls), cls.LABEL, cls().x) == (told.name, told.hash, "deep", 5)
     assert cls.decode(b"\0\1\0\0\7\0\0\0").x == 7
-    assert compile_text(told.name, told.text) is cls
+    assert compile_definition(told.name, told.text) is cls
 
 
 @pytest.mark.every_transport
@@ -62,7 +62,7 @@ async def test_the_description_is_enough_when_there_is_no_source(world: World) -
     cls: Any = await world.node("asker").resolve_type("t", timeout_s=10)
     made = cls()
     assert (made.x, made.word, list(made.pair), made.words, made.on) == (5, "a'b", [1.5, -2.0], ["p", "q"], True)
-    assert type_description(cls) == describe(told.name, told.library.rows)
+    assert type_description(cls) == build_type_description(told.name, told.library.field_rows)
 
 
 async def test_a_source_that_says_something_else_is_not_used(world: World) -> None:
@@ -132,7 +132,7 @@ async def test_names_that_come_late_are_waited_for_also_where_this_node_announce
     robot, asker = told_by(world, told), world.node("asker", overrides=SERVICE_OFF)
     told.announce(asker, topic_name("/t"))
     await until(lambda: asker.count_publishers("t") == 2)
-    node_of, late = announced._node_of, ["/robot"]
+    node_of, late = announcements._node_of, ["/robot"]
 
     def known(graph: Any, endpoint: Any) -> str:
         name = node_of(graph, endpoint)
@@ -142,7 +142,7 @@ async def test_names_that_come_late_are_waited_for_also_where_this_node_announce
         late.clear()
         told.announce(robot, topic_name("/other"))
 
-    monkeypatch.setattr(announced, "_node_of", known)
+    monkeypatch.setattr(announcements, "_node_of", known)
     asyncio.get_running_loop().call_later(0.5, comes)
     assert type_hash(await asker.resolve_type("t", timeout_s=10)) == told.hash
     assert not late
@@ -151,7 +151,7 @@ async def test_names_that_come_late_are_waited_for_also_where_this_node_announce
 async def test_an_honest_node_is_believed_beside_a_liar_and_a_silent_one(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    patience = "rosidl_py_gen.runtime.types.from_peers._PATIENCE_S"
+    patience = "rosidl_py_gen.runtime.type_resolution.type_resolver._PATIENCE_S"
     monkeypatch.setattr(patience, 0.5)
     told, lie = fresh(), fresh("int32 y")
 
@@ -181,7 +181,7 @@ async def test_a_node_whose_answer_is_lost_is_asked_again(world: World) -> None:
 
 
 async def test_a_node_that_never_answers_is_an_error_in_time(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rosidl_py_gen.runtime.types.from_peers._PATIENCE_S", 30.0)
+    monkeypatch.setattr("rosidl_py_gen.runtime.type_resolution.type_resolver._PATIENCE_S", 30.0)
 
     async def never(request: Any) -> Any:
         await asyncio.sleep(60)
@@ -270,7 +270,7 @@ async def test_the_definition_of_those_who_publish_counts_more(world: World) -> 
     one = fresh()
     told_by(world, one)
     asker = world.node("asker")
-    cls = compile_text(one.name, "int32 y")
+    cls = compile_definition(one.name, "int32 y")
     asker.create_subscription(cls, "t")
     world.node("other").create_subscription(cls, "t")
     await until(lambda: (asker.count_publishers("t"), asker.count_subscribers("t")) == (1, 2))

@@ -12,7 +12,7 @@ import pytest
 from support import raw_endpoints
 from support.node_fixtures import World, until
 
-from rosidl_py_gen import compile_text, get_message, type_hash
+from rosidl_py_gen import compile_definition, get_message, type_hash
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.cdr.message import TypeInfo
 from rosidl_py_gen.errors import InvalidNameError
@@ -20,13 +20,13 @@ from rosidl_py_gen.msgs.rcl_interfaces.msg import Log, ParameterEvent
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters
 from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock
 from rosidl_py_gen.runtime import CallTimeoutError
-from rosidl_py_gen.runtime.types import ask, describe
-from rosidl_py_gen.runtime.types.ask import TypeDescriptionError
+from rosidl_py_gen.runtime.type_resolution import description_client, description_service
+from rosidl_py_gen.runtime.type_resolution.description_client import TypeDescriptionError
 
-Foo: Any = compile_text("my_pkg/msg/Foo", "int32 x")
-Ask: Any = compile_text("my_pkg/srv/Ask", "string question\n---\nint8 answer")
-Walk: Any = compile_text("my_pkg/action/Walk", "float32 metres\n---\nfloat32 walked\n---\nfloat32 left")
-OddString: Any = compile_text("std_msgs/msg/String", "int32 not_a_string")
+Foo: Any = compile_definition("my_pkg/msg/Foo", "int32 x")
+Ask: Any = compile_definition("my_pkg/srv/Ask", "string question\n---\nint8 answer")
+Walk: Any = compile_definition("my_pkg/action/Walk", "float32 metres\n---\nfloat32 walked\n---\nfloat32 left")
+OddString: Any = compile_definition("std_msgs/msg/String", "int32 not_a_string")
 NOT_IN_USE = "Type not currently in use by this node"
 
 
@@ -126,7 +126,7 @@ async def test_a_node_name_is_not_remapped_like_a_topic(world: World) -> None:
 
 @pytest.mark.every_transport
 async def test_a_node_that_comes_later_is_waited_for(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ask, "_ENDPOINTS_PATIENCE_S", 10.0)  # its endpoint comes later still
+    monkeypatch.setattr(description_client, "_ENDPOINTS_PATIENCE_S", 10.0)  # its endpoint comes later still
     asker = world.node("asker")
     asking = asyncio.ensure_future(asker.get_type_description("/n", "my_pkg/msg/Foo", timeout_s=10))
     await asyncio.sleep(0)  # it waits by now
@@ -200,7 +200,7 @@ async def test_a_failure_is_answered_and_logged(
         raise RuntimeError("disk on fire")
 
     world.node("n").create_publisher(Foo, "foo")
-    monkeypatch.setattr(describe, broken, fail)
+    monkeypatch.setattr(description_service, broken, fail)
     with caplog.at_level(logging.ERROR), pytest.raises(TypeDescriptionError, match=reason):
         await world.node("asker").get_type_description("/n", "", type_hash(Foo), timeout_s=5)
     assert "disk on fire" in caplog.text
@@ -208,7 +208,7 @@ async def test_a_failure_is_answered_and_logged(
 
 async def test_a_description_that_fits_no_message_is_answered_too(world: World) -> None:
     long = f"my_pkg/Long{'g' * 250}"  # type_name and nested_type_name are string<=255
-    outer: Any = compile_text("my_pkg/msg/Outer", f"{long} inner\n{'=' * 80}\nMSG: {long}\nint32 x")
+    outer: Any = compile_definition("my_pkg/msg/Outer", f"{long} inner\n{'=' * 80}\nMSG: {long}\nint32 x")
     world.node("n").create_publisher(outer, "outer")
     with pytest.raises(TypeDescriptionError, match="Failed to populate TypeDescription to response"):
         await world.node("asker").get_type_description("/n", "", type_hash(outer), timeout_s=5)
@@ -217,7 +217,7 @@ async def test_a_description_that_fits_no_message_is_answered_too(world: World) 
 async def test_the_first_question_does_not_import_the_compiler(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     world.node("n").create_publisher(Foo, "foo")
     asker = world.node("asker")
-    monkeypatch.setitem(sys.modules, "rosidl_py_gen.types.by_name", None)  # importing it fails from here on
+    monkeypatch.setitem(sys.modules, "rosidl_py_gen.type_loading.class_lookup", None)  # importing it fails from here on
     for cls in (Foo, Log, GetParameters):
         await asker.get_type_description("/n", "", type_hash(cls), timeout_s=5)
 

@@ -10,8 +10,8 @@ from typing import Annotated, Any
 
 import pytest
 
-from rosidl_py_gen.runtime.parameters.classes import bind_class
-from rosidl_py_gen.runtime.parameters.live import update_parameters
+from rosidl_py_gen.runtime.parameters.dataclass_binding import bind_class
+from rosidl_py_gen.runtime.parameters.proxy import update_parameters
 from rosidl_py_gen.runtime.parameters.store import CallbackAnswerError, ParameterEvent, ParameterStore, SetResult
 from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterValueError,
@@ -55,7 +55,7 @@ def test_a_callback_that_raises_refuses_with_a_reason(kind: str) -> None:
     what = f"the {kind} callback 'broken'"
     refused = SetResult(False, f"{what} raised KeyError: 'gone'")
     assert world.store.set_atomically([p("a", 2)]) == refused
-    assert world.store.set_each([p("a", 2), p("b", 2)]) == [refused, refused]
+    assert world.store.set_individually([p("a", 2), p("b", 2)]) == [refused, refused]
     assert world.values() == {"a": 1, "b": 1} and world.events == [] and world.failures == [what] * 3
     added.close()
     assert world.store.set_atomically([p("a", 2)]) == OK
@@ -88,7 +88,7 @@ def test_a_post_set_callback_that_raises_changes_nothing_and_the_others_still_he
 def test_what_a_callback_raises_goes_on_to_whoever_sets(kind: str) -> None:
     world = World("a")
     with world.store.callbacks.add(kind, broken, raises=True):
-        for use in (world.store.set_atomically, world.store.set_each):
+        for use in (world.store.set_atomically, world.store.set_individually):
             with pytest.raises(KeyError, match="gone"):
                 use([p("a", 2)])
     assert world.values() == {"a": 1} and world.events == [] and world.failures == []
@@ -123,7 +123,7 @@ def test_of_declarations_that_are_made_together_all_are_heard_of() -> None:
         broken()
 
     world.store.callbacks.add("post-set", hear, raises=True)
-    with pytest.raises(KeyError, match="gone"), world.store.together() as declared:
+    with pytest.raises(KeyError, match="gone"), world.store.declare_batch() as declared:
         for name in ("a", "b"):
             world.store.declare(name, parameter_value(1))
             declared.append(name)
@@ -221,7 +221,7 @@ def test_a_validator_that_raises_refuses_its_own_field_only() -> None:
     checked = bind_class(world.store, Checked)
     world.events.clear()
     reason = "the validator of 'v' raised ZeroDivisionError: division by zero"
-    assert world.store.set_each([p("t", 2), p("v", 0), p("v", 5)]) == [OK, SetResult(False, reason), OK]
+    assert world.store.set_individually([p("t", 2), p("v", 0), p("v", 5)]) == [OK, SetResult(False, reason), OK]
     assert world.failures == ["the validator of 'v'"] and len(world.events) == 2
     with pytest.raises(InvalidParameterValueError, match=reason):
         checked.v = 0

@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal
 
 import pytest
 
-from rosidl_py_gen.runtime.parameters.classes import bind_class
-from rosidl_py_gen.runtime.parameters.fields import (
+from rosidl_py_gen.runtime.parameters.dataclass_binding import bind_class
+from rosidl_py_gen.runtime.parameters.dataclass_fields import (
     Int8,
     ParameterClassError,
     Range,
@@ -21,7 +21,7 @@ from rosidl_py_gen.runtime.parameters.fields import (
     UInt64,
     plan_class,
 )
-from rosidl_py_gen.runtime.parameters.live import snapshot, update_parameters
+from rosidl_py_gen.runtime.parameters.proxy import snapshot, update_parameters
 from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore, SetResult
 from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,

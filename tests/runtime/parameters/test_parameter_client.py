@@ -167,12 +167,14 @@ async def test_one_name_gives_one_answer(world: World) -> None:
     node.declare_parameters(Lists)
     remote = world.node("other").create_parameter_client("/n")
     assert await remote.get("left.pwm", 5) == 10 and await remote.get(["left.pwm"], 5) == [10]
-    assert await remote.types("tags", 5) is T.STRING_ARRAY and await remote.types(("tags",), 5) == [T.STRING_ARRAY]
+    assert await remote.get_types("tags", 5) is T.STRING_ARRAY and await remote.get_types(("tags",), 5) == [
+        T.STRING_ARRAY
+    ]
     assert (await remote.describe("tags", 5)).name == "tags"
     assert [item.name for item in await remote.describe(["tags", "blob"], 5)] == ["tags", "blob"]
     assert (await remote.list("left", timeout_s=5)).names == ("left.pwm",)
     assert (await remote.list(["left"], timeout_s=5)).names == ("left.pwm",)
-    for ask in (remote.get, remote.types, remote.describe):
+    for ask in (remote.get, remote.get_types, remote.describe):
         with pytest.raises(ParameterNotDeclaredError, match=r"\['nope'\]"):
             await ask("nope", 5)
     assert node.list_parameters("left") == node.list_parameters(["left"])

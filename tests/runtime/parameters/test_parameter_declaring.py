@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from rosidl_py_gen.runtime.parameters.classes import bind_class
+from rosidl_py_gen.runtime.parameters.dataclass_binding import bind_class
 from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore, SetResult
 from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterValueError,

@@ -80,7 +80,7 @@ async def test_get_parameter_types(dds: World) -> None:
     tap = Wiretap(dds, "get_parameter_types", "GetParameterTypes")
     tap.node.declare_parameter("ab", 3)
     tap.node.declare_parameter("c", ["x"])
-    request, reply, found = await tap.exchange(lambda: tap.remote.types(["ab", "c"], 5))
+    request, reply, found = await tap.exchange(lambda: tap.remote.get_types(["ab", "c"], 5))
     assert request == wire("02 00 00 00", AB, "00", "02 00 00 00  63 00")
     assert reply == wire("02 00 00 00", "02 09")
     assert found == [ParameterType.INTEGER, ParameterType.STRING_ARRAY]

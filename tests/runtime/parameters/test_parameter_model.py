@@ -159,7 +159,7 @@ class StoreAgainstModel(RuleBasedStateMachine):
     @rule(items=st.lists(st.tuples(NAMES, VALUES), max_size=4))
     def set_each(self, items: list[tuple[str, object]]) -> None:
         asked = [Parameter(name, parameter_value(value)) for name, value in items]
-        for one, result in zip(asked, self.store.set_each(asked), strict=True):
+        for one, result in zip(asked, self.store.set_individually(asked), strict=True):
             parameter = self.meant(one)
             assert result.successful == self.may_set(parameter)
             if result.successful:

@@ -56,7 +56,7 @@ async def test_an_empty_answer_says_that_one_is_missing_but_not_which(world: Wor
         await remote.get(["a", "unset"], 5)
     assert caught.value.names == ("a", "unset")
     text = r"^at least one of \['a', 'nope'\] is undeclared or has no value on /ns/n$"
-    for ask in (remote.types, remote.describe):
+    for ask in (remote.get_types, remote.describe):
         with pytest.raises(ParameterNotDeclaredError, match=text):
             await ask(["a", "nope"], 5)
 

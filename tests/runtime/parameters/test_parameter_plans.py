@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import pytest
 
-from rosidl_py_gen.runtime.parameters.fields import Int8, ParameterClassError, Range, plan_class
+from rosidl_py_gen.runtime.parameters.dataclass_fields import Int8, ParameterClassError, Range, plan_class
 
 
 async def later(value: int) -> str | None:

@@ -6,7 +6,7 @@ import pytest
 from support.node_fixtures import World, run, until
 
 from rosidl_py_gen.runtime import Durability, History, QoSProfile, Reliability
-from rosidl_py_gen.runtime.transport.discovered import Channel
+from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS, PARAMETERS
 
 SERVICES = [
@@ -53,7 +53,7 @@ def test_the_services_are_reliable_volatile_and_drop_nothing(world: World, servi
         world.node("n")
         other = world.node("other")
         remote = other.create_parameter_client("/n")
-        channels = Channel("request", f"/n/{service}"), Channel("reply", f"/n/{service}")
+        channels = TopicKey("request", f"/n/{service}"), TopicKey("reply", f"/n/{service}")
 
         def endpoints() -> list[QoSProfile]:
             other._scope.discovery.refresh()

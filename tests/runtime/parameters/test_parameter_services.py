@@ -15,7 +15,7 @@ from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterValue as ValueMessage
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters, GetParameterTypes, ListParameters, SetParameters
 from rosidl_py_gen.runtime import CallTimeoutError, WaitTimeoutError
-from rosidl_py_gen.runtime.parameters.fields import Range
+from rosidl_py_gen.runtime.parameters.dataclass_fields import Range
 from rosidl_py_gen.runtime.parameters.messages import (
     descriptor_from_message,
     descriptor_to_message,
@@ -202,14 +202,14 @@ async def test_a_remote_client_drives_a_dataclass(world: World) -> None:
     assert drive.name == "y"
     drive.speed = 0.5
     assert await remote.get(["speed", "name"]) == [0.5, "y"]
-    assert await remote.types(["speed", "name"]) == [ParameterType.DOUBLE, ParameterType.STRING]
+    assert await remote.get_types(["speed", "name"]) == [ParameterType.DOUBLE, ParameterType.STRING]
     (described,) = await remote.describe(["speed"])
     assert (described.description, described.floating_point_range) == ("in m/s", FloatRange(0.0, 2.0))
     assert "speed" in (await remote.list()).names
     with pytest.raises(ParameterNotDeclaredError, match="'nope'"):
         await remote.get("nope")
     with pytest.raises(ParameterNotDeclaredError):
-        await remote.types(["nope"])
+        await remote.get_types(["nope"])
 
 
 @pytest.mark.parametrize("value", ALL_TYPES[1:])

@@ -10,8 +10,8 @@ import pytest
 from support.node_fixtures import World, take, until
 
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
-from rosidl_py_gen.runtime.loop.stream import Stream
-from rosidl_py_gen.runtime.parameters.live import snapshot, update_parameters
+from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
+from rosidl_py_gen.runtime.parameters.proxy import snapshot, update_parameters
 
 
 @dataclass
@@ -39,7 +39,7 @@ async def test_a_stream_of_changes_is_woken_by_a_thread(world: World) -> None:
     assert await asyncio.wait_for(waiting, 10) == "end"
 
 
-async def anext_or_end(stream: Stream[object]) -> object:
+async def anext_or_end(stream: AsyncQueue[object]) -> object:
     try:
         return await stream.__anext__()
     except StopAsyncIteration:
@@ -144,7 +144,7 @@ async def test_sim_time_can_be_switched_on_by_a_thread(world: World) -> None:
 
 
 def test_a_stream_works_without_any_loop_and_across_loops() -> None:
-    stream: Stream[int] = Stream(2)
+    stream: AsyncQueue[int] = AsyncQueue(2)
     for number in range(3):
         stream._push(number)
     assert stream.dropped == 1
@@ -168,7 +168,7 @@ def test_a_stream_works_without_any_loop_and_across_loops() -> None:
 
 
 def test_nothing_pushed_by_threads_is_lost() -> None:
-    stream: Stream[int] = Stream()
+    stream: AsyncQueue[int] = AsyncQueue()
 
     async def main() -> None:
         threads = [threading.Thread(target=lambda: [stream._push(n) for n in range(2000)]) for _ in range(3)]

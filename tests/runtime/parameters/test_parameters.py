@@ -187,7 +187,7 @@ def test_an_atomic_set_is_all_or_nothing_and_single_sets_go_on() -> None:
     reason = "Wrong parameter type, expected 'Type.INTEGER' got 'Type.STRING'"
     assert world.store.set_atomically(wanted) == SetResult(False, reason)
     assert [world.get(n) for n in "abc"] == [1, 1, 1] and len(world.events) == events
-    assert world.store.set_each(wanted) == [OK, SetResult(False, reason), OK]
+    assert world.store.set_individually(wanted) == [OK, SetResult(False, reason), OK]
     assert [world.get(n) for n in "abc"] == [2, 1, 2] and len(world.events) == events + 2
 
 

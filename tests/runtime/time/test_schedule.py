@@ -10,53 +10,53 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
-from rosidl_py_gen.runtime.time.schedule import Schedule, period_to_ns
+from rosidl_py_gen.runtime.time.timer_schedule import TimerSchedule, period_to_ns
 from rosidl_py_gen.runtime.time.values import Duration, TimeRangeError
 
 
 def test_due_times_stay_on_the_grid_although_calls_are_late() -> None:
-    schedule = Schedule(10, 100)
+    schedule = TimerSchedule(10, 100)
     assert not schedule.is_ready(109) and schedule.is_ready(110)
-    call = schedule.call(113)
+    call = schedule.mark_called(113)
     assert (call.since_last_ns, call.missed, schedule.next_ns) == (13, 0, 120)
-    assert schedule.call(121).since_last_ns == 8
+    assert schedule.mark_called(121).since_last_ns == 8
 
 
 @pytest.mark.parametrize(
     ("now", "missed", "next_ns"), [(110, 0, 120), (119, 0, 120), (120, 1, 130), (129, 1, 130), (155, 4, 160)]
 )
 def test_missed_periods_are_skipped_and_counted(now: int, missed: int, next_ns: int) -> None:
-    schedule = Schedule(10, 100)
-    assert (schedule.call(now).missed, schedule.next_ns) == (missed, next_ns)
+    schedule = TimerSchedule(10, 100)
+    assert (schedule.mark_called(now).missed, schedule.next_ns) == (missed, next_ns)
 
 
 @given(st.integers(1, 50), st.lists(st.integers(0, 300), max_size=30))
 def test_the_next_call_is_always_the_first_grid_point_after_now(period: int, steps: list[int]) -> None:
     start = now = 1000
-    schedule = Schedule(period, start)
+    schedule = TimerSchedule(period, start)
     skipped = calls = 0
     for step in steps:
         now += step
         if schedule.is_ready(now):
-            skipped += schedule.call(now).missed
+            skipped += schedule.mark_called(now).missed
             calls += 1
             assert now < schedule.next_ns <= now + period and (schedule.next_ns - start) % period == 0
     assert calls + skipped == (schedule.next_ns - start) // period - 1
 
 
 def test_period_zero_is_always_ready() -> None:
-    schedule = Schedule(0, 100)
+    schedule = TimerSchedule(0, 100)
     assert schedule.is_ready(100)
-    schedule.call(105)
+    schedule.mark_called(105)
     assert schedule.next_ns == 105 and schedule.is_ready(105)
 
 
 @pytest.mark.parametrize("bad", [-1, True, 1.5])
 def test_bad_periods_are_refused(bad: int) -> None:
     with pytest.raises(TimeRangeError, match="period must be an int"):
-        Schedule(bad, 0)
+        TimerSchedule(bad, 0)
     with pytest.raises(TimeRangeError, match="period must be an int"):
-        Schedule(1, 0).change_period(bad)
+        TimerSchedule(1, 0).change_period(bad)
 
 
 @pytest.mark.parametrize(
@@ -92,59 +92,59 @@ def test_a_timer_needs_a_function_and_a_clock() -> None:
 
 
 def test_cancel_and_reset() -> None:
-    schedule = Schedule(10, 100)
+    schedule = TimerSchedule(10, 100)
     schedule.cancel()
     assert schedule.time_until_ns(1000) is None and not schedule.is_ready(1000)
     schedule.reset(1000)
     assert schedule.time_until_ns(1000) == 10
-    assert schedule.call(1010).since_last_ns == 910
+    assert schedule.mark_called(1010).since_last_ns == 910
 
 
 def test_a_changed_period_counts_from_the_next_call() -> None:
-    schedule = Schedule(10, 100)
+    schedule = TimerSchedule(10, 100)
     schedule.change_period(3)
     assert schedule.time_until_ns(100) == 10
-    schedule.call(110)
+    schedule.mark_called(110)
     assert schedule.next_ns == 113
 
 
 def test_a_ros_clock_that_reads_zero_makes_the_timer_wait() -> None:
-    schedule = Schedule(0, 0, waits_at_zero=True)
+    schedule = TimerSchedule(0, 0, waits_at_zero=True)
     assert schedule.time_until_ns(0) is None and not schedule.is_ready(0)
     assert schedule.is_ready(1)
 
 
 def test_a_change_of_source_keeps_the_elapsed_part_of_the_period() -> None:
-    schedule = Schedule(100, 1_000_000)
+    schedule = TimerSchedule(100, 1_000_000)
     schedule.before_source_change(1_000_030)
     schedule.after_source_change(500)
     assert (schedule.time_until_ns(500), schedule.last_ns) == (70, 470)
 
 
 def test_an_overdue_timer_is_due_at_once_in_the_new_time() -> None:
-    schedule = Schedule(100, 1_000_000)
+    schedule = TimerSchedule(100, 1_000_000)
     schedule.before_source_change(1_005_000)
     schedule.after_source_change(500)
     assert schedule.time_until_ns(500) == 0
 
 
 def test_nothing_is_credited_while_the_clock_reads_zero() -> None:
-    schedule = Schedule(100, 1_000_000, waits_at_zero=True)
+    schedule = TimerSchedule(100, 1_000_000, waits_at_zero=True)
     schedule.before_source_change(1_000_030)
     schedule.after_source_change(0)
     assert schedule.next_ns == 1_000_100
     schedule.after_jump(5_000)  # the first /clock: earlier than the last call, so a new period starts
     assert schedule.time_until_ns(5_000) == 100
-    fresh = Schedule(100, 0, waits_at_zero=True)
+    fresh = TimerSchedule(100, 0, waits_at_zero=True)
     fresh.before_source_change(0)
     fresh.after_source_change(1_000_000)
     assert fresh.time_until_ns(1_000_000) == 100
 
 
 def test_a_forward_jump_makes_it_due_and_a_backward_jump_starts_a_period() -> None:
-    schedule = Schedule(100, 1_000)
+    schedule = TimerSchedule(100, 1_000)
     schedule.after_jump(5_000)
-    assert schedule.is_ready(5_000) and schedule.call(5_000).missed == 39
+    assert schedule.is_ready(5_000) and schedule.mark_called(5_000).missed == 39
     schedule.after_jump(4_950)  # before the last call
     assert (schedule.time_until_ns(4_950), schedule.last_ns) == (100, 4_950)
     schedule.after_jump(4_960)  # not before the last call: unchanged

@@ -7,8 +7,8 @@ from xml.etree import ElementTree
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rosidl_py_gen.runtime.transport.cyclone.config import ELEMENTS, TUNING, cyclone_xml
-from rosidl_py_gen.runtime.transport.port import DiscoveryRange, DomainSettings
+from rosidl_py_gen.runtime.transport.api import DiscoveryRange, DomainSettings
+from rosidl_py_gen.runtime.transport.cyclone.config import DEFAULT_CONFIG, ELEMENTS, cyclone_xml
 
 
 def test_subnet_sets_what_ros_peers_expect() -> None:
@@ -68,11 +68,11 @@ def test_extra_elements_are_placed_in_the_domain() -> None:
 def test_what_a_library_does_not_know_is_left_out() -> None:
     local = DomainSettings(discovery_range=DiscoveryRange.LOCALHOST)
     last = "<SharedMemory><Enable>false</Enable></SharedMemory>"
-    text = cyclone_xml(local, process_id=1, extra=TUNING + last, lacks=ELEMENTS)
+    text = cyclone_xml(local, process_id=1, extra=DEFAULT_CONFIG + last, lacks=ELEMENTS)
     found = {element.tag for element in ElementTree.fromstring(text).iter()}
     assert not found & ELEMENTS and "ParticipantIndex" in found
     assert {
-        one.tag for one in ElementTree.fromstring(cyclone_xml(local, process_id=1, extra=TUNING + last)).iter()
+        one.tag for one in ElementTree.fromstring(cyclone_xml(local, process_id=1, extra=DEFAULT_CONFIG + last)).iter()
     } >= ELEMENTS
 
 

@@ -14,19 +14,19 @@ from rosidl_py_gen import DecodeError
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.transport.dds import correlation
 from rosidl_py_gen.runtime.transport.dds.correlation import (
-    Answered,
+    AnsweredServers,
     ClientCorrelation,
+    add_request_header,
     client_gid,
+    embed_identity,
+    extract_identity,
     find_servers,
-    header_of,
-    identified,
-    identity_of,
-    listens,
-    message_of,
-    with_header,
+    is_reply_reader_matched,
+    parse_request_header,
+    strip_request_header,
 )
-from rosidl_py_gen.runtime.transport.discovered import EndpointFound, Lost
-from rosidl_py_gen.runtime.transport.service_ends import ServicePeers
+from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, EntityLost
+from rosidl_py_gen.runtime.transport.service_endpoints import ServicePeers
 
 HANDLE = 0x1122334455667788
 READER, WRITER = b"\1\x10" + bytes(10) + b"\0\0\1\4", b"\1\x10" + bytes(10) + b"\0\0\2\3"
@@ -34,7 +34,9 @@ MESSAGE = AddTwoInts.Request(a=1, b=2).encode()
 KEEP_10 = QoSProfile().keep_last(10)
 
 
-def end(who: bytes, number: int, *, is_writer: bool, service_id: str = "", qos: QoSProfile = KEEP_10) -> EndpointFound:
+def end(
+    who: bytes, number: int, *, is_writer: bool, service_id: str = "", qos: QoSProfile = KEEP_10
+) -> DiscoveredEndpoint:
     """A reader of requests or writer of replies; the two bytes of the vendor and a number tell the participant."""
     prefix = who + bytes(12 - len(who))
     topic, kind = ("rr/addReply", "Response") if is_writer else ("rq/addRequest", "Request")
@@ -43,7 +45,9 @@ def end(who: bytes, number: int, *, is_writer: bool, service_id: str = "", qos: 
     return raw_endpoints.found(guid, prefix + b"\0\0\1\xc1", topic, type, qos, service_id=service_id)
 
 
-def server(who: bytes, service_id: str = "", qos: QoSProfile = KEEP_10) -> tuple[EndpointFound, EndpointFound]:
+def server(
+    who: bytes, service_id: str = "", qos: QoSProfile = KEEP_10
+) -> tuple[DiscoveredEndpoint, DiscoveredEndpoint]:
     """What it reads, and what it writes."""
     return end(who, 1, is_writer=False, service_id=service_id, qos=qos), end(
         who, 2, is_writer=True, service_id=service_id
@@ -54,13 +58,13 @@ CYCLONE, OTHER, FAST = server(b"\1\x10\1", "a"), server(b"\1\x10\2", "b"), serve
 
 
 def found(
-    *servers: tuple[EndpointFound, EndpointFound],
-    announced: tuple[EndpointFound, ...] | None = None,
-    clients: tuple[EndpointFound, ...] = (),
+    *servers: tuple[DiscoveredEndpoint, DiscoveredEndpoint],
+    announced: tuple[DiscoveredEndpoint, ...] | None = None,
+    clients: tuple[DiscoveredEndpoint, ...] = (),
     refusal: str | None = None,
-    replying: tuple[EndpointFound, ...] | None = None,
-    without: tuple[EndpointFound, ...] = (),
-) -> correlation.Found:
+    replying: tuple[DiscoveredEndpoint, ...] | None = None,
+    without: tuple[DiscoveredEndpoint, ...] = (),
+) -> correlation.ServerMatch:
     readers = tuple(one for one, _ in servers)
     writers = tuple(one for _, one in servers) if replying is None else replying
     everybody = readers if announced is None else announced
@@ -71,7 +75,7 @@ def found(
 
 
 def test_the_header_sits_between_encapsulation_and_message() -> None:
-    wire = with_header(MESSAGE, HANDLE, 1)
+    wire = add_request_header(MESSAGE, HANDLE, 1)
     assert wire == bytes.fromhex(
         "00010000"  # XCDR1, little endian
         "8877665544332211"  # the client's number
@@ -79,10 +83,12 @@ def test_the_header_sits_between_encapsulation_and_message() -> None:
         "0100000000000000"  # a
         "0200000000000000"  # b
     )
-    assert header_of(wire) == (HANDLE, 1, 20) and message_of(wire, 20) == MESSAGE
+    assert parse_request_header(wire) == (HANDLE, 1, 20) and strip_request_header(wire, 20) == MESSAGE
     big = bytes.fromhex("00000000 1122334455667788 0000000000000001 07")
-    assert header_of(big) == (HANDLE, 1, 20) and message_of(big, 20) == b"\0\0\0\0\7"
-    assert len(with_header(b"\0\1\0\0\7", 1, 1)) == 24, "filled up with zeros, so that nobody has to copy it again"
+    assert parse_request_header(big) == (HANDLE, 1, 20) and strip_request_header(big, 20) == b"\0\0\0\0\7"
+    assert len(add_request_header(b"\0\1\0\0\7", 1, 1)) == 24, (
+        "filled up with zeros, so that nobody has to copy it again"
+    )
 
 
 @given(
@@ -90,18 +96,18 @@ def test_the_header_sits_between_encapsulation_and_message() -> None:
 )
 def test_what_is_put_in_comes_out(content: bytes, client: int, number: int, guid: bytes) -> None:
     message = b"\0\1\0\0" + content
-    wire = with_header(message, client, number)
-    assert header_of(wire) == (client, number, 20) and identity_of(wire) is None
-    assert message_of(wire, 20)[: len(message)] == message and len(wire) % 4 == 0
-    beside = identified(message, (guid, number))
-    assert identity_of(beside) == (guid, number) and header_of(beside) == (guid, number, 28)
-    assert message_of(memoryview(beside), 28) == message
+    wire = add_request_header(message, client, number)
+    assert parse_request_header(wire) == (client, number, 20) and extract_identity(wire) is None
+    assert strip_request_header(wire, 20)[: len(message)] == message and len(wire) % 4 == 0
+    beside = embed_identity(message, (guid, number))
+    assert extract_identity(beside) == (guid, number) and parse_request_header(beside) == (guid, number, 28)
+    assert strip_request_header(memoryview(beside), 28) == message
 
 
 @given(st.binary(max_size=64))
 def test_any_bytes_have_a_header_or_are_refused_as_too_few(data: bytes) -> None:
     try:
-        _, _, begin = header_of(data)
+        _, _, begin = parse_request_header(data)
     except DecodeError as error:
         assert len(data) < 20 and "expected at least 20 bytes" in str(error)
     else:
@@ -116,41 +122,41 @@ def test_a_client_on_cyclone_is_named_by_its_number_and_its_writer_here() -> Non
 # ------------------------------------------------------------------------------------------------------------- client
 
 
-def client_of(*readers: EndpointFound, is_identified: bool = False) -> ClientCorrelation:
+def client_of(*readers: DiscoveredEndpoint, is_identified: bool = False) -> ClientCorrelation:
     made = ClientCorrelation(HANDLE, READER, WRITER)
-    made.settle({one.guid for one in readers}, is_identified=is_identified)
+    made.update_servers({one.guid for one in readers}, is_identified=is_identified)
     return made
 
 
 def test_servers_on_cyclone_get_a_header_and_others_an_identity_until_they_have_answered() -> None:
     plain = client_of(CYCLONE[0])
-    assert plain.request(MESSAGE, 1) == (with_header(MESSAGE, HANDLE, 1), None)
+    assert plain.request(MESSAGE, 1) == (add_request_header(MESSAGE, HANDLE, 1), None)
     client = client_of(FAST[0], is_identified=True)
     assert client.request(MESSAGE, 1) == (MESSAGE, (READER, 1))
-    assert client.reply(identified(MESSAGE, (READER, 1)), FAST[1].guid) == (1, MESSAGE)
+    assert client.reply(embed_identity(MESSAGE, (READER, 1)), FAST[1].guid) == (1, MESSAGE)
     assert client.request(MESSAGE, 2) == (MESSAGE, None), "from now on it knows requests by writer and number"
-    client.settle({FAST[0].guid, server(b"\1\x0f\2")[0].guid}, is_identified=True)
+    client.update_servers({FAST[0].guid, server(b"\1\x0f\2")[0].guid}, is_identified=True)
     assert client.request(MESSAGE, 3) == (MESSAGE, (READER, 3)), "somebody new has not answered yet"
 
 
 def test_replies_for_others_are_nobody_elses() -> None:
     client = client_of(CYCLONE[0])
-    assert client.reply(with_header(MESSAGE, HANDLE, 7), CYCLONE[1].guid) == (7, MESSAGE)
-    assert client.reply(with_header(MESSAGE, HANDLE + 1, 7), CYCLONE[1].guid) is None
-    assert client.reply(identified(MESSAGE, (bytes(16), 7)), FAST[1].guid) is None
+    assert client.reply(add_request_header(MESSAGE, HANDLE, 7), CYCLONE[1].guid) == (7, MESSAGE)
+    assert client.reply(add_request_header(MESSAGE, HANDLE + 1, 7), CYCLONE[1].guid) is None
+    assert client.reply(embed_identity(MESSAGE, (bytes(16), 7)), FAST[1].guid) is None
     for name in (READER, WRITER):
-        assert client.reply(identified(MESSAGE, (name, 7)), None) == (7, MESSAGE)
+        assert client.reply(embed_identity(MESSAGE, (name, 7)), None) == (7, MESSAGE)
 
 
 def test_a_header_of_a_server_that_has_identities_is_part_of_its_message() -> None:
     client = client_of(FAST[0], is_identified=True)
-    assert client.reply(with_header(MESSAGE, HANDLE, 7), FAST[1].guid) is None
+    assert client.reply(add_request_header(MESSAGE, HANDLE, 7), FAST[1].guid) is None
     assert client.request(MESSAGE, 1)[1] is not None, "which is no answer, either"
 
 
 def test_answers_to_others_are_no_news_of_a_server() -> None:
     client = client_of(FAST[0], is_identified=True)
-    assert client.reply(identified(MESSAGE, (bytes(16), 1)), FAST[1].guid) is None
+    assert client.reply(embed_identity(MESSAGE, (bytes(16), 1)), FAST[1].guid) is None
     assert client.request(MESSAGE, 1) == (MESSAGE, (READER, 1))
 
 
@@ -212,40 +218,40 @@ def guid(name: str) -> bytes:
 
 
 def test_nobody_has_answered_while_there_is_no_server() -> None:
-    servers = Answered()
-    assert not servers.all_have()
-    servers.heard(guid("A2"))
-    assert not servers.all_have()
+    servers = AnsweredServers()
+    assert not servers.all_answered()
+    servers.on_reply(guid("A2"))
+    assert not servers.all_answered()
 
 
 def test_each_server_has_to_answer() -> None:
-    servers = Answered()
-    servers.reach({guid("A1"), guid("B1")})
-    servers.heard(guid("A2"))
-    assert not servers.all_have()
-    servers.heard(guid("B2"))
-    assert servers.all_have()
-    servers.reach({guid("B1")})
-    assert servers.all_have()
+    servers = AnsweredServers()
+    servers.set_request_readers({guid("A1"), guid("B1")})
+    servers.on_reply(guid("A2"))
+    assert not servers.all_answered()
+    servers.on_reply(guid("B2"))
+    assert servers.all_answered()
+    servers.set_request_readers({guid("B1")})
+    assert servers.all_answered()
 
 
 def test_a_server_that_is_made_anew_in_its_process_has_to_answer_again() -> None:
-    servers = Answered()
-    servers.reach({guid("A1")})
-    servers.heard(guid("A2"))
-    assert servers.all_have()
-    servers.reach({guid("A3")})
-    assert not servers.all_have()
-    servers.heard(guid("A4"))
-    assert servers.all_have()
+    servers = AnsweredServers()
+    servers.set_request_readers({guid("A1")})
+    servers.on_reply(guid("A2"))
+    assert servers.all_answered()
+    servers.set_request_readers({guid("A3")})
+    assert not servers.all_answered()
+    servers.on_reply(guid("A4"))
+    assert servers.all_answered()
 
 
 def test_answers_of_two_servers_of_one_process_are_not_told_apart() -> None:
-    servers = Answered()
-    servers.reach({guid("A1"), guid("A3")})
-    servers.heard(guid("A2"))
-    servers.heard(guid("A4"))
-    assert not servers.all_have()
+    servers = AnsweredServers()
+    servers.set_request_readers({guid("A1"), guid("A3")})
+    servers.on_reply(guid("A2"))
+    servers.on_reply(guid("A4"))
+    assert not servers.all_answered()
 
 
 # ------------------------------------------------------------------------------------------------------------- server
@@ -253,14 +259,16 @@ def test_answers_of_two_servers_of_one_process_are_not_told_apart() -> None:
 
 def test_a_response_is_held_until_its_client_listens() -> None:
     asking, reading = CYCLONE[1], {CYCLONE[0].guid: CYCLONE[0]}
-    assert listens(1, asking, lambda: reading, reading.get)
-    assert not listens(1, asking, lambda: (), reading.get)
-    assert not listens(1, OTHER[1], lambda: reading, reading.get), "that is another client's reader"
-    assert listens(1, None, lambda: (), reading.get), "it is gone, and nobody waits"
-    assert listens(1, replace(asking, service_id=""), lambda: (), reading.get), "it does not say what it reads"
-    assert not listens(READER, None, lambda: (), reading.get)
-    assert listens(READER, None, lambda: (READER,), reading.get)
-    assert listens(WRITER, None, lambda: (), reading.get), "it names its writer, which says nothing"
+    assert is_reply_reader_matched(1, asking, lambda: reading, reading.get)
+    assert not is_reply_reader_matched(1, asking, lambda: (), reading.get)
+    assert not is_reply_reader_matched(1, OTHER[1], lambda: reading, reading.get), "that is another client's reader"
+    assert is_reply_reader_matched(1, None, lambda: (), reading.get), "it is gone, and nobody waits"
+    assert is_reply_reader_matched(1, replace(asking, service_id=""), lambda: (), reading.get), (
+        "it does not say what it reads"
+    )
+    assert not is_reply_reader_matched(READER, None, lambda: (), reading.get)
+    assert is_reply_reader_matched(READER, None, lambda: (READER,), reading.get)
+    assert is_reply_reader_matched(WRITER, None, lambda: (), reading.get), "it names its writer, which says nothing"
 
 
 # -------------------------------------------------------------------------------------------------------------- peers
@@ -272,5 +280,5 @@ def test_nothing_is_retained_of_services_that_went() -> None:
     for one in (*CYCLONE, *OTHER):
         peers.apply([one])
     for one in (*CYCLONE, *OTHER):
-        peers.apply([Lost(one.guid)])
+        peers.apply([EntityLost(one.guid)])
     assert (peers.version, peers._known, peers._by_channel) == (8, {}, {})

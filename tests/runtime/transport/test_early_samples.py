@@ -12,9 +12,9 @@ from std_msgs.msg import String
 
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
-from rosidl_py_gen.runtime.transport.cyclone import structures
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds.catchup import EarlySamples
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
+from rosidl_py_gen.runtime.transport.cyclone import private_layout
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples import EarlySampleReaders
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import FastDdsInterop
 
 if TYPE_CHECKING:
     from support.node_fixtures import World
@@ -66,17 +66,17 @@ def test_a_reader_wants_all_before_the_first_writer_is_connected(dds: World, mon
     assert not flags_of(newest_reader(node).entity) & ALL
 
 
-def early_samples(dds: World, fast_dds: FastDds) -> tuple[EarlySamples, Any]:
+def early_samples(dds: World, fast_dds: FastDdsInterop) -> tuple[EarlySampleReaders, Any]:
     """Together with the participant whose readers it shall make."""
     participant: Any = dds.node()._scope.participant
-    return EarlySamples(cyclone._api, fast_dds, participant._listener), participant
+    return EarlySampleReaders(cyclone._api, fast_dds, participant._listener), participant
 
 
 def test_readers_are_left_alone_where_they_do_not_look_as_known(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    unknown = FastDds(cyclone._api)
+    unknown = FastDdsInterop(cyclone._api)
     early, participant = early_samples(dds, unknown)
-    monkeypatch.setattr(structures, "find_reader", lambda *_: None)
-    early.learn(participant.discovery.entities[0])
+    monkeypatch.setattr(private_layout, "probe_reader_offsets", lambda *_: None)
+    early.probe_layout(participant.discovery.entities[0])
     told = unknown.capabilities()["first samples of nodes on Fast DDS"]
     assert told == "readers do not look as known in this library"
     listeners: list[int] = []
@@ -86,7 +86,7 @@ def test_readers_are_left_alone_where_they_do_not_look_as_known(dds: World, monk
 
 
 def test_a_reader_that_is_not_as_known_is_left_alone_and_ends_it(dds: World) -> None:
-    fast_dds = FastDds(cyclone._api)
+    fast_dds = FastDdsInterop(cyclone._api)
     known = cyclone._fast_dds.reader_place
     early, participant = early_samples(dds, fast_dds)
     assert known is not None

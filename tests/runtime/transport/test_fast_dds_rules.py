@@ -1,5 +1,5 @@
-"""The rules of `transport/cyclone/fast_dds/services.py`: what is replaced, when, for whom, and what happens when
-something is not as known.
+"""The rules of `transport/cyclone/fast_dds_interop/sample_identity.py`: what is replaced, when, for whom, and what
+happens when something is not as known.
 
 The peers here are our own, told to speak as Fast DDS peers do; real ones are in `tests/interop` and
 `tests/interop_rclpy`. HOOK_ROUNDS=1000 starts, stops and forks a thousand processes.
@@ -25,13 +25,13 @@ from support import raw_endpoints
 from support.node_fixtures import ROOT
 
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes
-from rosidl_py_gen.runtime import ForeignServiceError
+from rosidl_py_gen.runtime import IncompatibleServiceError
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
-from rosidl_py_gen.runtime.transport.cyclone import structures
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds import rtps
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
+from rosidl_py_gen.runtime.transport.cyclone import private_layout
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import rtps
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import FastDdsInterop
 from rosidl_py_gen.runtime.transport.dds import correlation, services
-from rosidl_py_gen.runtime.transport.discovered import Lost, ParticipantFound
+from rosidl_py_gen.runtime.transport.discovery_events import EntityLost, ParticipantDiscovered
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
 if TYPE_CHECKING:
@@ -54,8 +54,8 @@ from rosidl_py_gen.runtime.transport.dds import correlation, services
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes as Types
 
 # Every server is taken for one on Fast DDS, and none for one that counts requests.
-correlation.has_identities = services.has_identities = lambda guid: True
-correlation.Answered.all_have = lambda self: False
+correlation.uses_sample_identity = services.uses_sample_identity = lambda guid: True
+correlation.Answered.all_answered = lambda self: False
 cyclone._fast_dds.notice(-1)  # and there may be clients
 
 def answer(request):
@@ -125,16 +125,16 @@ def program(text: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
 def as_fast_dds(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Clients of this test take every server for one on Fast DDS, and received samples are looked into."""
     for module in (correlation, services):
-        monkeypatch.setattr(module, "has_identities", lambda guid: True)
-    monkeypatch.setattr(correlation.Answered, "all_have", lambda self: False)
-    cyclone._fast_dds.notice(READER)
+        monkeypatch.setattr(module, "uses_sample_identity", lambda guid: True)
+    monkeypatch.setattr(correlation.AnsweredServers, "all_answered", lambda self: False)
+    cyclone._fast_dds.on_participants_pending(READER)
     yield
-    cyclone._fast_dds.forget(READER)
+    cyclone._fast_dds.forget_reader(READER)
 
 
 def table_of(type_object: int) -> Any:
     """The functions for samples of a type."""
-    address = ct.c_void_p.from_address(type_object + structures.SAMPLE_FUNCTIONS).value
+    address = ct.c_void_p.from_address(type_object + private_layout.SAMPLE_FUNCTIONS).value
     assert address is not None
     return (ct.c_void_p * 17).from_address(address)
 
@@ -185,9 +185,9 @@ def test_received_samples_are_looked_into_only_while_fast_dds_peers_may_be_there
         fast_dds.notice(READER)
         assert receiver(node) != plain
         fast_dds.look(READER)
-        fast_dds.settle(READER, [ParticipantFound(guid, None)])
+        fast_dds.settle(READER, [ParticipantDiscovered(guid, None)])
         assert (receiver(node) != plain) is is_looked_into
-    fast_dds.settle(READER, [Lost(FAST_GUID)])
+    fast_dds.settle(READER, [EntityLost(FAST_GUID)])
     assert receiver(node) == plain
 
 
@@ -310,7 +310,7 @@ def test_processes_start_stop_and_fork() -> None:
 # --------------------------------------------------------------------------------------------------- what is not known
 
 
-NOT_FOUND = ["find_slots", "find_size"]
+NOT_FOUND = ["probe_vtable_slots", "probe_size_offset"]
 
 
 @pytest.mark.parametrize("probe", NOT_FOUND)
@@ -319,10 +319,10 @@ def test_a_library_that_is_not_as_known_is_refused_and_left_alone(
 ) -> None:
     node = with_service(dds.node("ours"))
     participant: Any = node._scope.participant
-    place = ct.c_void_p.from_address(type_object(node, REQUEST) + structures.SAMPLE_FUNCTIONS)
+    place = ct.c_void_p.from_address(type_object(node, REQUEST) + private_layout.SAMPLE_FUNCTIONS)
     before = place.value
-    monkeypatch.setattr(structures, probe, lambda *_: None)
-    fast_dds = FastDds(cyclone._api)
+    monkeypatch.setattr(private_layout, probe, lambda *_: None)
+    fast_dds = FastDdsInterop(cyclone._api)
     fast_dds.prepare(participant.type_object(REQUEST), REQUEST)
     assert place.value == before
     assert fast_dds.refusal is not None and "in this library" in fast_dds.refusal
@@ -332,7 +332,7 @@ def test_a_library_that_is_not_as_known_is_refused_and_left_alone(
 def test_samples_with_bytes_elsewhere_are_copied_and_services_of_fast_dds_refused(dds: World) -> None:
     participant: Any = with_service(dds.node("ours"))._scope.participant
     known = participant.type_object(REQUEST)
-    fast_dds = FastDds(cyclone._api)
+    fast_dds = FastDdsInterop(cyclone._api)
     fast_dds.prepare(known._replace(content=None), REQUEST)
     assert fast_dds.refusal == "the bytes of samples do not lie in one place"
     node = dds.node("other")
@@ -345,20 +345,20 @@ def test_samples_with_bytes_elsewhere_are_copied_and_services_of_fast_dds_refuse
 
 
 def test_a_process_of_32_bits_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(structures, "WORD", 4)
-    assert FastDds(cyclone._api).refusal == "that was never tried on Linux with 32 bits, little-endian"
+    monkeypatch.setattr(private_layout, "WORD", 4)
+    assert FastDdsInterop(cyclone._api).refusal == "that was never tried on Linux with 32 bits, little-endian"
 
 
 def test_a_refusal_is_told_once_and_only_where_fast_dds_peers_are() -> None:
-    fast_dds = FastDds(cyclone._api)
+    fast_dds = FastDdsInterop(cyclone._api)
     fast_dds.refusal = "a test"
-    fast_dds.settle(READER, [ParticipantFound(CYCLONE_GUID, None)])
-    assert fast_dds.complaints() == []
-    fast_dds.settle(READER, [ParticipantFound(FAST_GUID, None)])
-    assert fast_dds.complaints() == ["services of Fast DDS nodes cannot be used here, topics can: a test"]
-    assert fast_dds.complaints() == []
+    fast_dds.end_read(READER, [ParticipantDiscovered(CYCLONE_GUID, None)])
+    assert fast_dds.new_warnings() == []
+    fast_dds.end_read(READER, [ParticipantDiscovered(FAST_GUID, None)])
+    assert fast_dds.new_warnings() == ["services of Fast DDS nodes cannot be used here, topics can: a test"]
+    assert fast_dds.new_warnings() == []
     fast_dds.lookup_refusal = "another"
-    assert [one.endswith("may end this process: another") for one in fast_dds.complaints()] == [True]
+    assert [one.endswith("may end this process: another") for one in fast_dds.new_warnings()] == [True]
 
 
 async def test_topics_work_and_services_of_fast_dds_are_refused_with_an_unknown_build(
@@ -379,9 +379,9 @@ async def test_topics_work_and_services_of_fast_dds_are_refused_with_an_unknown_
             [found := raw_endpoints.found(guid, FAST_GUID, topic, type_name, SERVICES_DEFAULT)]
         )
         bob._scope.participant.service_peers.apply([found])
-    with pytest.raises(ForeignServiceError, match="RMW_IMPLEMENTATION=rmw_cyclonedds_cpp"):
+    with pytest.raises(IncompatibleServiceError, match="RMW_IMPLEMENTATION=rmw_cyclonedds_cpp"):
         await client.wait_for_service(timeout_s=10)
-    with pytest.raises(ForeignServiceError, match=r"Topics work with it.*this build is not known"):
+    with pytest.raises(IncompatibleServiceError, match=r"Topics work with it.*this build is not known"):
         await client.call(SetBool.Request(), timeout_s=10)
 
 
@@ -414,9 +414,9 @@ WRITTEN = bytes(8) + b"\0\0\0\0" + WRITER + bytes(8)
     ids=["DATA", "DATA_FRAG", "another submessage", "of another writer", "another head"],
 )
 def test_only_packets_as_known_are_changed_and_one_that_is_not_ends_it(packet: Packet, is_known: bool) -> None:
-    fast_dds = FastDds(cyclone._api)
+    fast_dds = FastDdsInterop(cyclone._api)
     before = packet.data.raw
-    assert fast_dds.announce_parameters(packet.iov, WRITER) is is_known
+    assert fast_dds.set_inline_qos_flag(packet.iov, WRITER) is is_known
     changed = [index for index, (old, new) in enumerate(zip(before, packet.data.raw, strict=True)) if old != new]
     assert len(changed) == is_known
     assert (fast_dds.refusal is None) is is_known
@@ -429,27 +429,27 @@ def written(number: int) -> Packet:
 
 def test_what_earlier_packets_left_is_not_taken_for_the_place_of_the_packet() -> None:
     """Cyclone does not clear that memory: the address of a packet may stand there twice, or that of an older one."""
-    fast_dds, packet, older = FastDds(cyclone._api), written(7), written(6)
+    fast_dds, packet, older = FastDdsInterop(cyclone._api), written(7), written(6)
     packet.words[18] = packet.words[19]
     packet.words[16] = packet.words[30] = older.words[19]
     before = older.data.raw
-    assert fast_dds.announce_parameters(packet.iov, WRITER)
-    assert packet.data.raw[53] == 1 | rtps.HAS_PARAMETERS and older.data.raw == before
+    assert fast_dds.set_inline_qos_flag(packet.iov, WRITER)
+    assert packet.data.raw[53] == 1 | rtps.INLINE_QOS_FLAG and older.data.raw == before
     other = written(8)
     other.words[18] = ct.addressof(ct.create_string_buffer(256))
     for _ in range(2):
-        assert fast_dds.announce_parameters(other.iov, WRITER)
-    assert other.data.raw[53] == 1 | rtps.HAS_PARAMETERS
+        assert fast_dds.set_inline_qos_flag(other.iov, WRITER)
+    assert other.data.raw[53] == 1 | rtps.INLINE_QOS_FLAG
     assert fast_dds.refusal is None and fast_dds.packets._data == 112
 
 
 @pytest.mark.parametrize(("word", "value"), [(1, 1), (3, 1), (4, 1)], ids=["room", "other parameters", "has a message"])
 def test_what_is_no_packet_being_made_is_left_alone_without_distrust(word: int, value: int) -> None:
-    fast_dds = FastDds(cyclone._api)
+    fast_dds = FastDdsInterop(cyclone._api)
     packet = Packet(bytes(12) + bytes((rtps.DATA, 1)) + WRITTEN[2:])
     packet.words[word] = value
     before = packet.data.raw
-    assert not fast_dds.announce_parameters(packet.iov, WRITER)
+    assert not fast_dds.set_inline_qos_flag(packet.iov, WRITER)
     assert packet.data.raw == before and fast_dds.refusal is None
 
 
@@ -473,7 +473,7 @@ async def test_ctrl_c_waits_until_cyclone_is_back(dds: World, as_fast_dds: None)
         before = signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
             with pytest.raises(KeyboardInterrupt):
-                types._ask(GetParameterTypes.Request(names=["x"]), list, list)
+                types._start_request(GetParameterTypes.Request(names=["x"]), list, list)
         finally:
             signal.signal(signal.SIGINT, before)
             for one in fast_dds._tables.values():
@@ -485,7 +485,7 @@ async def test_ctrl_c_waits_until_cyclone_is_back(dds: World, as_fast_dds: None)
         before = signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
             with pytest.raises(KeyboardInterrupt):  # a sample without an identity is looked at, too
-                writer.write(correlation.with_header(GetParameterTypes.Request(names=["y"]).encode(), 1, 1))
+                writer.write(correlation.add_request_header(GetParameterTypes.Request(names=["y"]).encode(), 1, 1))
         finally:
             signal.signal(signal.SIGINT, before)
             writer._functions._plain_to_ser_ref = plain
@@ -498,6 +498,6 @@ async def test_after_something_that_is_not_as_known_calls_are_refused_instead_of
     client = with_service(dds.node("ours")).create_client(SetBool, "set_bool")
     await client.call(SetBool.Request(), timeout_s=10)
     monkeypatch.setattr(cyclone._fast_dds, "refusal", None)  # restored at the end
-    cyclone._fast_dds.distrust("a test")
-    with pytest.raises(ForeignServiceError, match="does not behave as known: a test"):
+    cyclone._fast_dds.disable("a test")
+    with pytest.raises(IncompatibleServiceError, match="does not behave as known: a test"):
         await client.call(SetBool.Request(), timeout_s=10)

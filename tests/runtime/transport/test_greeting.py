@@ -8,14 +8,19 @@ import socket
 
 import pytest
 
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds.greeting import addresses, ask_writers, greet, question
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_acknack import (
+    acknack_packet,
+    parse_locators,
+    request_endpoints,
+    request_samples,
+)
 
 OURS, THEIRS = bytes.fromhex("01100102030405060708090a000001c1"), bytes.fromhex("010f1112131415161718191a000001c1")
 UDP4, UDP6 = socket.AF_INET, socket.AF_INET6
 
 
 def test_the_question_names_both_and_begins_with_number_zero() -> None:
-    assert question(OURS, THEIRS).hex(" ", 4) == (
+    assert acknack_packet(OURS, THEIRS).hex(" ", 4) == (
         "52545053 02010110 01100102 03040506 0708090a "  # RTPS 2.1, Cyclone DDS, our prefix
         "0e010c00 010f1112 13141516 1718191a "  # INFO_DST: their prefix
         "06011800 000003c7 000003c2 00000000 00000000 00000000 00000000 "  # ACKNACK of publications: base, bits, count
@@ -43,7 +48,7 @@ def test_the_question_names_both_and_begins_with_number_zero() -> None:
     ],
 )
 def test_only_a_few_unicast_addresses_count(told: str, found: list[tuple[int, str, int]]) -> None:
-    assert addresses(told) == found
+    assert parse_locators(told) == found
 
 
 def test_it_is_sent_to_this_machine_only_when_nothing_may_leave_it() -> None:
@@ -51,9 +56,9 @@ def test_it_is_sent_to_this_machine_only_when_nothing_may_leave_it() -> None:
         receiver.bind(("127.0.0.1", 0))
         receiver.settimeout(5)
         port = receiver.getsockname()[1]
-        greet(OURS, THEIRS, f"udp/192.0.2.1:{port}@1,udp/127.0.0.1:{port}@1", is_local=True)
+        request_endpoints(OURS, THEIRS, f"udp/192.0.2.1:{port}@1,udp/127.0.0.1:{port}@1", is_local=True)
         data, sender = receiver.recvfrom(200)
-    assert data == question(OURS, THEIRS)
+    assert data == acknack_packet(OURS, THEIRS)
     assert sender[0] == "127.0.0.1"
 
 
@@ -63,12 +68,12 @@ def test_writers_are_asked_at_the_port_behind_that_of_discovery() -> None:
         receiver.bind(("127.0.0.1", 0))
         receiver.settimeout(5)
         told = f"udp/127.0.0.1:{receiver.getsockname()[1] - 1}@1"
-        ask_writers([(reader, writer)], told, is_local=True)
+        request_samples([(reader, writer)], told, is_local=True)
         assert receiver.recv(200).hex(" ", 4) == (
             "52545053 02010110 01100102 03040506 0708090a 0e010c00 010f1112 13141516 1718191a "
             "06011800 00000a04 00001403 00000000 00000000 00000000 00000000"
         )
-        ask_writers([(reader, writer)] * 1000, told, is_local=True)
+        request_samples([(reader, writer)] * 1000, told, is_local=True)
         asked = [(len(receiver.recv(9000)) - 36) / 28 for _ in range(8)]
         receiver.setblocking(False)
         with pytest.raises(BlockingIOError):

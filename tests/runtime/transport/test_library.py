@@ -14,10 +14,10 @@ import pytest
 from support.node_fixtures import ROOT
 
 from rosidl_py_gen.runtime.transport.cyclone import library
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
-from rosidl_py_gen.runtime.transport.cyclone.functions import NEEDED, Api
-from rosidl_py_gen.runtime.transport.cyclone.library import Library, candidates, load
-from rosidl_py_gen.runtime.transport.cyclone.structures import Slots
+from rosidl_py_gen.runtime.transport.cyclone.c_api import NEEDED, CycloneApi
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import FastDdsInterop
+from rosidl_py_gen.runtime.transport.cyclone.library import DdscLibrary, candidates, load
+from rosidl_py_gen.runtime.transport.cyclone.private_layout import VtableSlots
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -78,14 +78,14 @@ def test_what_is_no_libddsc_is_named(name: str, told: str) -> None:
 def test_where_there_is_none_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(library, "candidates", lambda environ: iter(["libnowhere.so"]))
     found = load({})
-    assert isinstance(found, str) and found.endswith(f"To install it: {library.what_to_install()}")
+    assert isinstance(found, str) and found.endswith(f"To install it: {library.install_advice()}")
 
 
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler")
 def test_a_library_without_one_function_is_refused_by_its_name(tmp_path: Path) -> None:
     complete = load({"ROSIDL_LIBDDSC": stub(tmp_path, NEEDED)})
-    assert isinstance(complete, Library) and complete.version == "9.8"
-    assert complete.lacks >= {"IgnoreTypeInformation", "SPDPInterval"}
+    assert isinstance(complete, DdscLibrary) and complete.version == "9.8"
+    assert complete.unsupported_elements >= {"IgnoreTypeInformation", "SPDPInterval"}
     (tmp_path / "old").mkdir()
     lacking = tuple(name for name in NEEDED if name != "dds_qset_data_representation")
     found = load({"ROSIDL_LIBDDSC": stub(tmp_path / "old", lacking)})
@@ -96,8 +96,8 @@ def test_a_library_without_one_function_is_refused_by_its_name(tmp_path: Path) -
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler")
 def test_functions_that_call_nothing_leave_the_slots_unknown(tmp_path: Path) -> None:
     found = load({"ROSIDL_LIBDDSC": stub(tmp_path, NEEDED)})
-    assert isinstance(found, Library)
-    fast_dds = FastDds(Api(found.handle))
+    assert isinstance(found, DdscLibrary)
+    fast_dds = FastDdsInterop(CycloneApi(found.handle))
     assert fast_dds.slots is None
     assert (
         fast_dds.capabilities()["services of nodes on Fast DDS"]
@@ -116,16 +116,16 @@ PROBED = {
 @pytest.mark.parametrize(
     ("wrong", "found"),
     [
-        ({}, Slots(3, 5, 7)),
+        ({}, VtableSlots(3, 5, 7)),
         ({"ddsi_serdata_from_ser": "CALL(1, 3); CALL(1, 4);"}, None),
         ({"ddsi_serdata_from_ser": "CALL(0, 3);"}, None),
         ({"ddsi_serdata_to_ser_ref": "CALL(1, 5);"}, None),
     ],
 )
-def test_slots_are_those_that_leave_no_doubt(tmp_path: Path, wrong: dict[str, str], found: Slots | None) -> None:
+def test_slots_are_those_that_leave_no_doubt(tmp_path: Path, wrong: dict[str, str], found: VtableSlots | None) -> None:
     loaded = load({"ROSIDL_LIBDDSC": stub(tmp_path, tuple({*NEEDED, *PROBED}), {**PROBED, **wrong})})
-    assert isinstance(loaded, Library)
-    assert FastDds(Api(loaded.handle)).slots == found
+    assert isinstance(loaded, DdscLibrary)
+    assert FastDdsInterop(CycloneApi(loaded.handle)).slots == found
 
 
 def test_the_loaded_one_tells_its_file_and_version() -> None:
@@ -138,7 +138,7 @@ def test_the_loaded_one_tells_its_file_and_version() -> None:
 def test_what_is_to_be_installed_depends_on_the_machine(machine: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("platform.machine", lambda: machine)
     monkeypatch.setattr("sys.platform", "linux")
-    advice = library.what_to_install()
+    advice = library.install_advice()
     has_wheel = machine == "x86_64" and sys.version_info < (3, 14)
     assert ("pip install" in advice) == has_wheel and ("apt install libddsc0debian" in advice) != has_wheel
 
@@ -157,7 +157,7 @@ with Node("ours") as node:
 
 def test_two_libraries_in_one_process_are_two_worlds() -> None:
     """The configuration is the first one's alone, and the second is told by `CYCLONEDDS_URI` to stay on loopback."""
-    others = [name for name in ("libddsc.so.0debian",) if isinstance(load({"ROSIDL_LIBDDSC": name}), Library)]
+    others = [name for name in ("libddsc.so.0debian",) if isinstance(load({"ROSIDL_LIBDDSC": name}), DdscLibrary)]
     if not others or library.find().version.startswith("0.10"):
         pytest.skip("there is one libddsc only")
     uri = (

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.qos import DEFAULT, SENSOR_DATA
-from rosidl_py_gen.runtime.transport.discovered import Channel, EndpointFound
+from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
 from rosidl_py_gen.runtime.transport.incompatibility import Incompatibility, IncompatibilityKind
 from rosidl_py_gen.runtime.transport.match_cache import MatchCache
 
@@ -53,7 +53,7 @@ def test_a_result_is_not_cached_when_the_endpoints_changed_during_the_check() ->
 
 
 def test_each_kind_of_incompatibility_has_a_text_about_both_and_about_the_peer() -> None:
-    writer = EndpointFound(b"w", b"", True, Channel("topic", "/t"), "p/msg/A", SENSOR_DATA, "RIHS01_1")
+    writer = DiscoveredEndpoint(b"w", b"", True, TopicKey("topic", "/t"), "p/msg/A", SENSOR_DATA, "RIHS01_1")
     reader = replace(writer, guid=b"r", is_writer=False, qos=DEFAULT, type_hash="RIHS01_2")
     other = replace(reader, type="p/msg/B")
     texts = {

@@ -9,12 +9,6 @@ from typing import Any
 import pytest
 
 from rosidl_py_gen.runtime.transport import qos
-from rosidl_py_gen.runtime.transport.matching import (
-    Compatibility,
-    check_compatible,
-    resolve_best_available,
-    without_best_available,
-)
 from rosidl_py_gen.runtime.transport.qos import (
     BEST_AVAILABLE,
     DEFAULT,
@@ -27,6 +21,12 @@ from rosidl_py_gen.runtime.transport.qos import (
     QoSProfile,
     Reliability,
     as_profile,
+)
+from rosidl_py_gen.runtime.transport.qos_matching import (
+    Compatibility,
+    check_compatible,
+    resolve_best_available,
+    without_best_available,
 )
 
 KL, SD = History.KEEP_LAST, History.SYSTEM_DEFAULT

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rosidl_py_gen.runtime.transport.clocks import Clocks
+from rosidl_py_gen.runtime.transport.clock_functions import ClockFunctions
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.transport.reply_window import ACK_TIMEOUT_S, HOLD_S, PROBE_S, ReplyWindow
 
@@ -12,7 +12,7 @@ class Server:
 
     def __init__(self, acknowledged: bool | None, depth: int = 10) -> None:
         self.acknowledged, self.now_ns = acknowledged, 10**9
-        clocks = Clocks(steady_ns=lambda: self.now_ns)
+        clocks = ClockFunctions(steady_ns=lambda: self.now_ns)
         arrived = None if acknowledged is None else lambda: bool(self.acknowledged)
         self.window = ReplyWindow(arrived, clocks)
         self.window.set_readers([SERVICES_DEFAULT.keep_all(), SERVICES_DEFAULT.keep_last(depth)])

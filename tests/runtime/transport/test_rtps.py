@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds import rtps
-from rosidl_py_gen.runtime.transport.dds.correlation import identified, identity_of
-from rosidl_py_gen.runtime.transport.samples import in_fours
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import rtps
+from rosidl_py_gen.runtime.transport.dds.correlation import embed_identity, extract_identity
+from rosidl_py_gen.runtime.transport.samples import pad_to_4_bytes
 
 FAST, CYCLONE, RTI, OTHER = b"\x01\x0f", b"\x01\x10", b"\x01\x01", b"\x01\x12"
 READER = bytes(range(12)) + b"\0\0\x13\x04"
@@ -24,7 +24,7 @@ def packet(vendor: bytes) -> bytes:
 
 def submessage(parameters: bytes = b"", *, big: bool = False, number: int = 7, kind: int = rtps.DATA) -> bytes:
     """DATA or DATA_FRAG up to the payload, as Cyclone leaves it: all but the parameters in our byte order."""
-    flags = (0 if big else 1) | (rtps.HAS_PARAMETERS if parameters else 0)
+    flags = (0 if big else 1) | (rtps.INLINE_QOS_FLAG if parameters else 0)
     length = rtps.DATA_BYTES if kind == rtps.DATA else rtps.DATA_FRAG_BYTES
     head = struct.pack("<BBHHH", kind, flags, 0, 0, length - 8)
     head += b"\0\0\0\0" + WRITER_ID[::-1] + struct.pack("<iI", number >> 32, number & 0xFFFFFFFF)
@@ -41,7 +41,7 @@ def parameter(pid: int, guid: bytes, number: int, *, big: bool = False) -> bytes
 @pytest.mark.parametrize("kind", [rtps.DATA, rtps.DATA_FRAG])
 @pytest.mark.parametrize("number", [1, 2**31, 2**40 + 5])
 def test_what_we_send_names_the_reader_in_both_forms(kind: int, number: int) -> None:
-    parameters = rtps.parameter_list((READER, number))
+    parameters = rtps.encode_inline_qos((READER, number))
     assert len(parameters) == rtps.PARAMETERS_BYTES
     assert rtps.read_submessage(packet(CYCLONE), submessage(parameters, kind=kind), is_reply=True) == (READER, number)
     assert parameters == (
@@ -101,15 +101,15 @@ def test_hostile_bytes_are_refused_or_read(head: bytes, data: bytes, is_reply: b
 @given(st.sampled_from([FAST, CYCLONE]), st.binary(max_size=120), st.booleans(), st.booleans())
 def test_hostile_parameters_end_at_the_payload(vendor: bytes, parameters: bytes, big: bool, is_reply: bool) -> None:
     data = bytearray(submessage(parameters, big=big))
-    data[1] |= rtps.HAS_PARAMETERS
+    data[1] |= rtps.INLINE_QOS_FLAG
     found = rtps.read_submessage(packet(vendor), bytes(data), is_reply=is_reply)
     assert found is None or (len(found[0]) == 16 and -(2**63) <= found[1] < 2**63)
 
 
 @given(st.binary(max_size=40), st.binary(min_size=16, max_size=16), st.integers(-(2**63), 2**63 - 1))
 def test_an_identity_comes_back_and_the_message_with_it(message: bytes, guid: bytes, number: int) -> None:
-    sample = identified(b"\0\1\0\0" + message, (guid, number))
-    assert identity_of(sample) == (guid, number)
+    sample = embed_identity(b"\0\1\0\0" + message, (guid, number))
+    assert extract_identity(sample) == (guid, number)
     assert sample[:2] + sample[28:] == b"\0\1" + message
-    assert identity_of(b"\0\1\0\0" + message) is None
-    assert len(in_fours(sample)) % 4 == 0
+    assert extract_identity(b"\0\1\0\0" + message) is None
+    assert len(pad_to_4_bytes(sample)) % 4 == 0

@@ -1,5 +1,5 @@
-"""What the probes of `transport/cyclone/structures.py` find in the loaded library, and that they find nothing in what
-only looks alike; who owns samples.
+"""What the probes of `transport/cyclone/private_layout.py` find in the loaded library, and that they find nothing in
+what only looks alike; who owns samples.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ import pytest
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
-from rosidl_py_gen.runtime.transport.cyclone import functions, structures
+from rosidl_py_gen.runtime.transport.api import TransportError
+from rosidl_py_gen.runtime.transport.cyclone import c_api, private_layout
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
-from rosidl_py_gen.runtime.transport.port import TransportError
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:
@@ -56,66 +56,66 @@ def pinned(participant: Any) -> Iterator[Any]:
 
 def test_memory_that_is_not_there_is_no_crash() -> None:
     known = ct.create_string_buffer(b"0123456789" * 1000)
-    with structures.Peek() as peek:
+    with private_layout.SafeMemoryReader() as peek:
         assert peek(ct.addressof(known), 10_000) == known.raw[:-1]
         for address in (0, 8, 2**47, 2**63, 2**64 - 4096):
             assert peek(address, 100) == b"" and peek.word(address) == 0
 
 
 def test_slots_of_functions_are_found() -> None:
-    slots = structures.find_slots(API)
+    slots = private_layout.probe_vtable_slots(API)
     assert slots is not None and len(set(slots[:2])) == 2
-    assert slots == structures.find_slots(API)
+    assert slots == private_layout.probe_vtable_slots(API)
 
 
 def test_the_type_of_a_topic_is_found_by_its_name(participant: Any, pinned: Any) -> None:
     topic = pinned(participant._topics["rt/topic", TEXT][0])
     address = participant.type_object(TEXT).address
-    assert structures.find_type(topic, TEXT.encode(), API.sertype_version) == address
-    assert structures.find_type(topic, TEXT.encode() + b"x", API.sertype_version) is None
-    assert structures.find_type(topic, TEXT.encode(), API.sertype_version + 1) is None
+    assert private_layout.probe_sertype(topic, TEXT.encode(), API.sertype_version) == address
+    assert private_layout.probe_sertype(topic, TEXT.encode() + b"x", API.sertype_version) is None
+    assert private_layout.probe_sertype(topic, TEXT.encode(), API.sertype_version + 1) is None
 
 
 def test_types_of_the_domain_are_found_beside_another(participant: Any) -> None:
     address = participant.type_object(TEXT).address
     for name in (b"DDS::Builtin::TypeLookup_Reply", b"DDS::Builtin::TypeLookup_Request"):
-        assert structures.find_type_of_domain(address, name, API.sertype_version)
-    assert structures.find_type_of_domain(address, b"DDS::Builtin::Nothing", API.sertype_version) is None
+        assert private_layout.find_type_of_domain(address, name, API.sertype_version)
+    assert private_layout.find_type_of_domain(address, b"DDS::Builtin::Nothing", API.sertype_version) is None
 
 
 def test_a_reader_is_found_by_its_guid(participant: Any, pinned: Any) -> None:
     entity = participant.discovery.entities[0]
     guid = API.guid_of(entity)
-    assert structures.find_reader(pinned(entity), guid) == cyclone._fast_dds.reader_place is not None
+    assert private_layout.probe_reader_offsets(pinned(entity), guid) == cyclone._fast_dds.reader_place is not None
     nobody = bytes(byte ^ 255 for byte in guid)  # another reader may lie right behind this one
-    assert structures.find_reader(pinned(entity), nobody) is None
-    place = structures.ReaderPlace(entity=8, flags=8)
-    assert "a reader" in (structures.let_want_all(pinned(entity), place, guid, True) or "")
+    assert private_layout.probe_reader_offsets(pinned(entity), nobody) is None
+    place = private_layout.ReaderOffsets(entity=8, flags=8)
+    assert "a reader" in (private_layout.set_requests_history(pinned(entity), place, guid, True) or "")
 
 
 def test_flags_that_contradict_the_profile_are_not_touched(participant: Any, pinned: Any, dds: World) -> None:
     reader: Any = dds.node("other").create_subscription(String, "topic")._reader
     place = cyclone._fast_dds.reader_place
     assert place is not None
-    told = structures.let_want_all(pinned(reader.entity), place, reader.guid, False)
+    told = private_layout.set_requests_history(pinned(reader.entity), place, reader.guid, False)
     assert told is not None and told.startswith("the flags of a reader")
 
 
 def test_the_bytes_of_samples_lie_in_one_place(participant: Any) -> None:
     known = participant.type_object(TEXT)
-    assert known.content == structures.find_content(API, known.address) and known.content % 8 == 4
+    assert known.content == private_layout.probe_payload_offset(API, known.address) and known.content % 8 == 4
 
 
 def test_a_sample_is_shortened_only_where_its_size_is(participant: Any) -> None:
     address, content = participant.type_object(TEXT)
-    place = structures.find_size(API, address, content)
+    place = private_layout.probe_size_offset(API, address, content)
     assert place is not None
     sample = new(participant, HEADER + b"12345678")
     for elsewhere in (place - 4, place + 4):
-        assert not structures.shorten(API, sample, elsewhere, 4) and API.serdata_size(sample) == 12
-    assert structures.shorten(API, sample, place, 4) and API.serdata_size(sample) == 8
+        assert not private_layout.hide_sample_tail(API, sample, elsewhere, 4) and API.serdata_size(sample) == 12
+    assert private_layout.hide_sample_tail(API, sample, place, 4) and API.serdata_size(sample) == 8
     number = ct.c_uint32(4)  # which nobody asks for the size
-    assert not structures.shorten(API, sample, ct.addressof(number) - sample, 2) and number.value == 4
+    assert not private_layout.hide_sample_tail(API, sample, ct.addressof(number) - sample, 2) and number.value == 4
     API.serdata_unref(sample)
 
 
@@ -123,16 +123,18 @@ def test_samples_without_the_functions_of_their_type_are_not_as_known(
     participant: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     address, content = participant.type_object(TEXT)
-    table_at = structures.table_at
-    monkeypatch.setattr(structures, "table_at", lambda place, which: table_at(place, which) + (place == address))
-    assert structures.find_size(API, address, content) is None
+    table_at = private_layout.vtable_address
+    monkeypatch.setattr(
+        private_layout, "vtable_address", lambda place, which: table_at(place, which) + (place == address)
+    )
+    assert private_layout.probe_size_offset(API, address, content) is None
 
 
 def test_every_type_says_that_it_lies_elsewhere_or_the_topic_is_refused(
     participant: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(vars(API), "get_entity_sertype", None)
-    monkeypatch.setattr(structures, "find_type", lambda *_: None)
+    monkeypatch.setattr(private_layout, "probe_sertype", lambda *_: None)
     with pytest.raises(TransportError, match="the type was not found where others have it"):
         participant.domain.types.create_topic(participant.entity, "rt/new", "pkg::msg::dds_::New_")
 
@@ -154,7 +156,7 @@ def count(sample: int) -> int:
 
 
 def new(participant: Any, data: bytes) -> int:
-    return structures.new_sample(API, participant.type_object(TEXT).address, data)
+    return private_layout.new_sample(API, participant.type_object(TEXT).address, data)
 
 
 @pytest.mark.parametrize("data", [b"", HEADER[:3], HEADER, b"\0\3\0\0....", b"\xff\xff\0\0...."])
@@ -177,7 +179,7 @@ def test_a_write_takes_the_reference_unless_it_never_came_to_the_writer(particip
         sample = new(participant, HEADER + b"12345678")
         reference(sample)
         assert API.writecdr(entity, sample) == code
-        assert count(sample) == left and (code in functions.NOT_TAKEN) == (left == 2)
+        assert count(sample) == left and (code in c_api.SAMPLE_NOT_CONSUMED) == (left == 2)
         for _ in range(left):
             API.serdata_unref(sample)
 
@@ -213,8 +215,8 @@ def test_nobody_but_cyclone_keeps_a_sample_with_an_identity(participant: Any, mo
         reference(made[-1])
         return made[-1]
 
-    make = structures.new_sample
-    monkeypatch.setattr(structures, "new_sample", new_sample)
+    make = private_layout.new_sample
+    monkeypatch.setattr(private_layout, "new_sample", new_sample)
     assert writer.write_for(HEADER + b"1234", (writer.guid, 1))
     assert [count(sample) for sample in made] == [1]
     API.serdata_unref(made[0])

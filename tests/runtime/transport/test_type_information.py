@@ -13,7 +13,7 @@ import pytest
 from std_msgs.msg import Int32, String
 from support.node_fixtures import ROOT
 
-from rosidl_py_gen.runtime.transport.port import EndpointSpec
+from rosidl_py_gen.runtime.transport.api import EndpointSpec
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:

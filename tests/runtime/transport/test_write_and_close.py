@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from rosidl_py_gen import get_message
-from rosidl_py_gen.runtime import ClosedError, Context, Driver, Node
+from rosidl_py_gen.runtime import ClosedError, Context, LoopRunner, Node
 
 if TYPE_CHECKING:
     from support.node_fixtures import World
@@ -54,7 +54,11 @@ def test_a_domain_ends_when_threads_that_write_are_done(dds: World, monkeypatch:
 
 
 def test_discovery_that_a_thread_looks_at_is_not_deleted(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    with Driver() as driver, Context(discovery="localhost", driver=driver) as context, dds.node("other") as other:
+    with (
+        LoopRunner() as driver,
+        Context(discovery="localhost", loop_runner=driver) as context,
+        dds.node("other") as other,
+    ):
         discovery: Any = context._core.participant.discovery  # type: ignore[attr-defined]
         looking, closed, ends = threading.Event(), threading.Event(), list[bool]()
         look = discovery._endpoint

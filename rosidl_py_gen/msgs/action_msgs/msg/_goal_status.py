@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, UINT8, expect, fixed_uint8s, frombuffer, new, readable
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, UINT8, coerce_message, fixed_uint8s, frombuffer, new, readable
 from rosidl_py_gen.msgs.action_msgs.msg._goal_info import GoalInfo
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.unique_identifier_msgs.msg._uuid import UUID
@@ -60,16 +60,16 @@ class GoalStatus(Message):
         try:
             goal_info = self.goal_info
             if type(goal_info) is not GoalInfo:
-                goal_info = expect(goal_info, GoalInfo)
+                goal_info = coerce_message(goal_info, GoalInfo)
             goal_id = goal_info.goal_id
             if type(goal_id) is not UUID:
-                goal_id = expect(goal_id, UUID)
+                goal_id = coerce_message(goal_id, UUID)
             stamp = goal_info.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             return _pack_0(256, fixed_uint8s(goal_id.uuid, 16), stamp.sec, stamp.nanosec, self.status)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -84,8 +84,8 @@ class GoalStatus(Message):
             goal_info.stamp = stamp = new(Time)
             head, stamp.sec, stamp.nanosec, message.status = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             goal_id.uuid = frombuffer(view, UINT8, 16, 4)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, UINT8, expect, fixed_uint8s, frombuffer, list_or_records, ndarray, new, packers, read_records, readable, within, write_records
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, UINT8, check_remaining, coerce_message, fixed_uint8s, frombuffer, list_or_records, ndarray, new, packers, read_records, readable, write_records
 from rosidl_py_gen.msgs.action_msgs.msg._goal_info import GoalInfo
 from rosidl_py_gen.msgs.action_msgs.msg._goal_status import GoalStatus
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
@@ -64,23 +64,23 @@ class GoalStatusArray(Message):
                 pos = 4
                 for status_list_item in status_list:
                     if type(status_list_item) is not GoalStatus:
-                        status_list_item = expect(status_list_item, GoalStatus)
+                        status_list_item = coerce_message(status_list_item, GoalStatus)
                     goal_info = status_list_item.goal_info
                     if type(goal_info) is not GoalInfo:
-                        goal_info = expect(goal_info, GoalInfo)
+                        goal_info = coerce_message(goal_info, GoalInfo)
                     goal_id = goal_info.goal_id
                     if type(goal_id) is not UUID:
-                        goal_id = expect(goal_id, UUID)
+                        goal_id = coerce_message(goal_id, UUID)
                     stamp = goal_info.stamp
                     if type(stamp) is not Time:
-                        stamp = expect(stamp, Time)
+                        stamp = coerce_message(stamp, Time)
                     append(_pack_1(fixed_uint8s(goal_id.uuid, 16)))
                     pos += 16
                     append(_pack_2[pos & 7](stamp.sec, stamp.nanosec, status_list_item.status))
                     pos = (pos + 3 & -4) + 9
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -92,12 +92,12 @@ class GoalStatusArray(Message):
             message = new(cls)
             head, status_list_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy, None, arrays)
+                return decode_slow(cls, data, copy, None, arrays)
             if arrays:
                 message.status_list, _ = read_records(GoalStatus, view, 8, status_list_count)
             else:
                 pos = 8
-                within(pos + 25 * status_list_count, raw)
+                check_remaining(pos + 25 * status_list_count, raw)
                 status_list: list[GoalStatus] = []
                 message.status_list = status_list
                 for _ in range(status_list_count):
@@ -113,5 +113,5 @@ class GoalStatusArray(Message):
                     stamp.sec, stamp.nanosec, status_list_item.status = _unpack_2(raw, pos)
                     pos += 9
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error, arrays)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error, arrays)

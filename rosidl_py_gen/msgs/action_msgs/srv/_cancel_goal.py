@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, UINT8, expect, expect_list, fixed_uint8s, frombuffer, limit, list_or_records, ndarray, new, read_records, readable, within, write_records
+from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, UINT8, check_max_length, check_remaining, coerce_message, coerce_message_list, fixed_uint8s, frombuffer, list_or_records, ndarray, new, read_records, readable, write_records
 from rosidl_py_gen.msgs.action_msgs.msg._goal_info import GoalInfo
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.service_msgs.msg._service_event_info import ServiceEventInfo
@@ -56,16 +56,16 @@ class CancelGoal_Request(Message):
         try:
             goal_info = self.goal_info
             if type(goal_info) is not GoalInfo:
-                goal_info = expect(goal_info, GoalInfo)
+                goal_info = coerce_message(goal_info, GoalInfo)
             goal_id = goal_info.goal_id
             if type(goal_id) is not UUID:
-                goal_id = expect(goal_id, UUID)
+                goal_id = coerce_message(goal_id, UUID)
             stamp = goal_info.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             return _pack_0(256, fixed_uint8s(goal_id.uuid, 16), stamp.sec, stamp.nanosec)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -80,11 +80,11 @@ class CancelGoal_Request(Message):
             goal_info.stamp = stamp = new(Time)
             head, stamp.sec, stamp.nanosec = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             goal_id.uuid = frombuffer(view, UINT8, 16, 4)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -137,17 +137,17 @@ class CancelGoal_Response(Message):
             else:
                 for goals_canceling_item in goals_canceling:
                     if type(goals_canceling_item) is not GoalInfo:
-                        goals_canceling_item = expect(goals_canceling_item, GoalInfo)
+                        goals_canceling_item = coerce_message(goals_canceling_item, GoalInfo)
                     goal_id = goals_canceling_item.goal_id
                     if type(goal_id) is not UUID:
-                        goal_id = expect(goal_id, UUID)
+                        goal_id = coerce_message(goal_id, UUID)
                     stamp = goals_canceling_item.stamp
                     if type(stamp) is not Time:
-                        stamp = expect(stamp, Time)
+                        stamp = coerce_message(stamp, Time)
                     append(_pack_2(fixed_uint8s(goal_id.uuid, 16), stamp.sec, stamp.nanosec))
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -159,13 +159,13 @@ class CancelGoal_Response(Message):
             message = new(cls)
             head, message.return_code, goals_canceling_count = _unpack_1(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy, None, arrays)
+                return decode_slow(cls, data, copy, None, arrays)
             if arrays:
                 message.goals_canceling, _ = read_records(GoalInfo, view, 12, goals_canceling_count)
             else:
                 pos = 12
                 end = pos + 24 * goals_canceling_count
-                within(end, raw)
+                check_remaining(end, raw)
                 goals_canceling: list[GoalInfo] = []
                 message.goals_canceling = goals_canceling
                 for stamp_sec, stamp_nanosec in _iter_0(memoryview(raw)[pos:end]):
@@ -178,8 +178,8 @@ class CancelGoal_Response(Message):
                     goal_id.uuid = frombuffer(view, UINT8, 16, pos)
                     pos += 24
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error, arrays)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error, arrays)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -218,41 +218,41 @@ class CancelGoal_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                info = expect(info, ServiceEventInfo)
+                info = coerce_message(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             request = self.request
             if type(request) is not list:
                 request = list_or_records(request)
             if len(request) > 1:
-                limit(len(request), 1)
+                check_max_length(len(request), 1)
             append(_pack_3(256, info.event_type, stamp.sec, stamp.nanosec, fixed_uint8s(info.client_gid, 16), info.sequence_number, len(request)))
             if type(request) is ndarray:
                 write_records(CancelGoal_Request, request, append, 44)
             else:
                 for request_item in request:
                     if type(request_item) is not CancelGoal_Request:
-                        request_item = expect(request_item, CancelGoal_Request)
+                        request_item = coerce_message(request_item, CancelGoal_Request)
                     goal_info = request_item.goal_info
                     if type(goal_info) is not GoalInfo:
-                        goal_info = expect(goal_info, GoalInfo)
+                        goal_info = coerce_message(goal_info, GoalInfo)
                     goal_id = goal_info.goal_id
                     if type(goal_id) is not UUID:
-                        goal_id = expect(goal_id, UUID)
+                        goal_id = coerce_message(goal_id, UUID)
                     stamp_ = goal_info.stamp
                     if type(stamp_) is not Time:
-                        stamp_ = expect(stamp_, Time)
+                        stamp_ = coerce_message(stamp_, Time)
                     append(_pack_2(fixed_uint8s(goal_id.uuid, 16), stamp_.sec, stamp_.nanosec))
             response = self.response
             if type(response) is not list:
-                expect_list(response)
+                coerce_message_list(response)
             if len(response) > 1:
-                limit(len(response), 1)
+                check_max_length(len(response), 1)
             append(_pack_4(len(response)))
             for response_item in response:
                 if type(response_item) is not CancelGoal_Response:
-                    response_item = expect(response_item, CancelGoal_Response)
+                    response_item = coerce_message(response_item, CancelGoal_Response)
                 goals_canceling = response_item.goals_canceling
                 if type(goals_canceling) is not list:
                     goals_canceling = list_or_records(goals_canceling)
@@ -262,17 +262,17 @@ class CancelGoal_Event(Message):
                 else:
                     for goals_canceling_item in goals_canceling:
                         if type(goals_canceling_item) is not GoalInfo:
-                            goals_canceling_item = expect(goals_canceling_item, GoalInfo)
+                            goals_canceling_item = coerce_message(goals_canceling_item, GoalInfo)
                         goal_id_ = goals_canceling_item.goal_id
                         if type(goal_id_) is not UUID:
-                            goal_id_ = expect(goal_id_, UUID)
+                            goal_id_ = coerce_message(goal_id_, UUID)
                         stamp_2 = goals_canceling_item.stamp
                         if type(stamp_2) is not Time:
-                            stamp_2 = expect(stamp_2, Time)
+                            stamp_2 = coerce_message(stamp_2, Time)
                         append(_pack_2(fixed_uint8s(goal_id_.uuid, 16), stamp_2.sec, stamp_2.nanosec))
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -286,16 +286,16 @@ class CancelGoal_Event(Message):
             info.stamp = stamp = new(Time)
             head, info.event_type, stamp.sec, stamp.nanosec, info.sequence_number, request_count = _unpack_2(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy, None, arrays)
+                return decode_slow(cls, data, copy, None, arrays)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
-                limit(request_count, 1)
+                check_max_length(request_count, 1)
             if arrays:
                 message.request, pos = read_records(CancelGoal_Request, view, 48, request_count)
             else:
                 pos = 48
                 end = pos + 24 * request_count
-                within(end, raw)
+                check_remaining(end, raw)
                 request: list[CancelGoal_Request] = []
                 message.request = request
                 for stamp__sec, stamp__nanosec in _iter_0(memoryview(raw)[pos:end]):
@@ -311,8 +311,8 @@ class CancelGoal_Event(Message):
             (response_count,) = _unpack_3(raw, pos)
             pos += 4
             if response_count > 1:
-                limit(response_count, 1)
-            within(pos + 5 * response_count, raw)
+                check_max_length(response_count, 1)
+            check_remaining(pos + 5 * response_count, raw)
             response: list[CancelGoal_Response] = []
             message.response = response
             for _ in range(response_count):
@@ -324,7 +324,7 @@ class CancelGoal_Event(Message):
                     response_item.goals_canceling, pos = read_records(GoalInfo, view, pos, goals_canceling_count)
                 else:
                     end = pos + 24 * goals_canceling_count
-                    within(end, raw)
+                    check_remaining(end, raw)
                     goals_canceling: list[GoalInfo] = []
                     response_item.goals_canceling = goals_canceling
                     for stamp_2_sec, stamp_2_nanosec in _iter_0(memoryview(raw)[pos:end]):
@@ -337,8 +337,8 @@ class CancelGoal_Event(Message):
                         goal_id_.uuid = frombuffer(view, UINT8, 16, pos)
                         pos += 24
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error, arrays)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error, arrays)
 
 
 class CancelGoal(Service[CancelGoal_Request, CancelGoal_Response]):

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, expect, new, packers, readable, utf8
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, coerce_message, new, packers, readable, utf8
 from rosidl_py_gen.msgs.lifecycle_msgs.msg._state import State
 from rosidl_py_gen.msgs.lifecycle_msgs.msg._transition import Transition
 from struct import Struct
@@ -49,19 +49,19 @@ class TransitionDescription(Message):
         try:
             transition = self.transition
             if type(transition) is not Transition:
-                transition = expect(transition, Transition)
+                transition = coerce_message(transition, Transition)
             label = utf8(transition.label)
             pos = 8 + len(label)
             start_state = self.start_state
             if type(start_state) is not State:
-                start_state = expect(start_state, State)
+                start_state = coerce_message(start_state, State)
             pos2 = pos + 2
             label_ = utf8(start_state.label)
             pos3 = (pos2 + 3 & -4) + 4
             pos4 = pos3 + len(label_)
             goal_state = self.goal_state
             if type(goal_state) is not State:
-                goal_state = expect(goal_state, State)
+                goal_state = coerce_message(goal_state, State)
             pos5 = pos4 + 2
             label_2 = utf8(goal_state.label)
             return b"".join((
@@ -75,8 +75,8 @@ class TransitionDescription(Message):
                 label_2,
                 b"\0",
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -89,7 +89,7 @@ class TransitionDescription(Message):
             message.transition = transition = new(Transition)
             head, transition.id, label_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             end = 11 + label_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
@@ -117,5 +117,5 @@ class TransitionDescription(Message):
                 raise ValueError("a string does not end in NUL")
             goal_state.label = raw[pos:end].decode()
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import BOOL, Fault, UINT8, expect, expect_list, fixed_uint8s, frombuffer, limit, list_or_records, ndarray, new, packers, read_records, readable, utf8, within, write_records
+from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import BOOL, FastPathError, UINT8, check_max_length, check_remaining, coerce_message, coerce_message_list, fixed_uint8s, frombuffer, list_or_records, ndarray, new, packers, read_records, readable, utf8, write_records
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.lifecycle_msgs.msg._transition import Transition
 from rosidl_py_gen.msgs.service_msgs.msg._service_event_info import ServiceEventInfo
@@ -53,15 +53,15 @@ class ChangeState_Request(Message):
         try:
             transition = self.transition
             if type(transition) is not Transition:
-                transition = expect(transition, Transition)
+                transition = coerce_message(transition, Transition)
             label = utf8(transition.label)
             return b"".join((
                 _pack_0(256, transition.id, len(label) + 1),
                 label,
                 b"\0",
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -74,14 +74,14 @@ class ChangeState_Request(Message):
             message.transition = transition = new(Transition)
             head, transition.id, label_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             end = 11 + label_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
             transition.label = raw[12:end].decode()
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -102,8 +102,8 @@ class ChangeState_Response(Message):
     def _encode(self) -> bytes:
         try:
             return _pack_1(256, BOOL[self.success])
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -115,10 +115,10 @@ class ChangeState_Response(Message):
             message = new(cls)
             head, message.success = _unpack_1(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -157,23 +157,23 @@ class ChangeState_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                info = expect(info, ServiceEventInfo)
+                info = coerce_message(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             request = self.request
             if type(request) is not list:
-                expect_list(request)
+                coerce_message_list(request)
             if len(request) > 1:
-                limit(len(request), 1)
+                check_max_length(len(request), 1)
             append(_pack_2(256, info.event_type, stamp.sec, stamp.nanosec, fixed_uint8s(info.client_gid, 16), info.sequence_number, len(request)))
             pos = 44
             for request_item in request:
                 if type(request_item) is not ChangeState_Request:
-                    request_item = expect(request_item, ChangeState_Request)
+                    request_item = coerce_message(request_item, ChangeState_Request)
                 transition = request_item.transition
                 if type(transition) is not Transition:
-                    transition = expect(transition, Transition)
+                    transition = coerce_message(transition, Transition)
                 append(_pack_3(transition.id))
                 pos += 1
                 label = utf8(transition.label)
@@ -187,18 +187,18 @@ class ChangeState_Event(Message):
             if type(response) is not list:
                 response = list_or_records(response)
             if len(response) > 1:
-                limit(len(response), 1)
+                check_max_length(len(response), 1)
             append(_pack_4[pos & 7](len(response)))
             if type(response) is ndarray:
                 write_records(ChangeState_Response, response, append, 0)
             else:
                 for response_item in response:
                     if type(response_item) is not ChangeState_Response:
-                        response_item = expect(response_item, ChangeState_Response)
+                        response_item = coerce_message(response_item, ChangeState_Response)
                     append(_pack_5(BOOL[response_item.success]))
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -212,12 +212,12 @@ class ChangeState_Event(Message):
             info.stamp = stamp = new(Time)
             head, info.event_type, stamp.sec, stamp.nanosec, info.sequence_number, request_count = _unpack_2(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy, None, arrays)
+                return decode_slow(cls, data, copy, None, arrays)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
-                limit(request_count, 1)
+                check_max_length(request_count, 1)
             pos = 48
-            within(pos + 5 * request_count, raw)
+            check_remaining(pos + 5 * request_count, raw)
             request: list[ChangeState_Request] = []
             message.request = request
             for _ in range(request_count):
@@ -238,11 +238,11 @@ class ChangeState_Event(Message):
             (response_count,) = _unpack_4(raw, pos)
             pos += 4
             if response_count > 1:
-                limit(response_count, 1)
+                check_max_length(response_count, 1)
             if arrays:
                 message.response, _ = read_records(ChangeState_Response, view, pos, response_count)
             else:
-                within(pos + response_count, raw)
+                check_remaining(pos + response_count, raw)
                 response: list[ChangeState_Response] = []
                 message.response = response
                 for _ in range(response_count):
@@ -251,8 +251,8 @@ class ChangeState_Event(Message):
                     (response_item.success,) = _unpack_5(raw, pos)
                     pos += 1
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error, arrays)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error, arrays)
 
 
 class ChangeState(Service[ChangeState_Request, ChangeState_Response]):

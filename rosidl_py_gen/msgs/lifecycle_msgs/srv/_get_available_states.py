@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, UINT8, expect, expect_list, fixed_uint8s, frombuffer, limit, list_or_records, ndarray, new, packers, read_records, readable, utf8, within, write_records
+from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, UINT8, check_max_length, check_remaining, coerce_message, coerce_message_list, fixed_uint8s, frombuffer, list_or_records, ndarray, new, packers, read_records, readable, utf8, write_records
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.lifecycle_msgs.msg._state import State
 from rosidl_py_gen.msgs.service_msgs.msg._service_event_info import ServiceEventInfo
@@ -45,8 +45,8 @@ class GetAvailableStates_Request(Message):
     def _encode(self) -> bytes:
         try:
             return _pack_0(256)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -58,10 +58,10 @@ class GetAvailableStates_Request(Message):
             message = new(cls)
             (head,) = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -85,12 +85,12 @@ class GetAvailableStates_Response(Message):
             append = parts.append
             available_states = self.available_states
             if type(available_states) is not list:
-                expect_list(available_states)
+                coerce_message_list(available_states)
             append(_pack_1(256, len(available_states)))
             pos = 4
             for available_state in available_states:
                 if type(available_state) is not State:
-                    available_state = expect(available_state, State)
+                    available_state = coerce_message(available_state, State)
                 append(_pack_2(available_state.id))
                 pos += 1
                 label = utf8(available_state.label)
@@ -101,8 +101,8 @@ class GetAvailableStates_Response(Message):
                 append(b"\0")
                 pos += 1
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -114,9 +114,9 @@ class GetAvailableStates_Response(Message):
             message = new(cls)
             head, available_states_count = _unpack_1(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             pos = 8
-            within(pos + 5 * available_states_count, raw)
+            check_remaining(pos + 5 * available_states_count, raw)
             available_states: list[State] = []
             message.available_states = available_states
             for _ in range(available_states_count):
@@ -133,8 +133,8 @@ class GetAvailableStates_Response(Message):
                 available_state.label = raw[pos:end].decode()
                 pos = end + 1
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -173,15 +173,15 @@ class GetAvailableStates_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                info = expect(info, ServiceEventInfo)
+                info = coerce_message(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             request = self.request
             if type(request) is not list:
                 request = list_or_records(request)
             if len(request) > 1:
-                limit(len(request), 1)
+                check_max_length(len(request), 1)
             append(_pack_4(256, info.event_type, stamp.sec, stamp.nanosec, fixed_uint8s(info.client_gid, 16), info.sequence_number, len(request)))
             if type(request) is ndarray:
                 pos = write_records(GetAvailableStates_Request, request, append, 44)
@@ -189,27 +189,27 @@ class GetAvailableStates_Event(Message):
                 pos = 44
                 for request_item in request:
                     if type(request_item) is not GetAvailableStates_Request:
-                        request_item = expect(request_item, GetAvailableStates_Request)
+                        request_item = coerce_message(request_item, GetAvailableStates_Request)
                     append(_pack_5())
                     pos += 1
             response = self.response
             if type(response) is not list:
-                expect_list(response)
+                coerce_message_list(response)
             if len(response) > 1:
-                limit(len(response), 1)
+                check_max_length(len(response), 1)
             append(_pack_3[pos & 7](len(response)))
             pos = (pos + 3 & -4) + 4
             for response_item in response:
                 if type(response_item) is not GetAvailableStates_Response:
-                    response_item = expect(response_item, GetAvailableStates_Response)
+                    response_item = coerce_message(response_item, GetAvailableStates_Response)
                 available_states = response_item.available_states
                 if type(available_states) is not list:
-                    expect_list(available_states)
+                    coerce_message_list(available_states)
                 append(_pack_3[pos & 7](len(available_states)))
                 pos = (pos + 3 & -4) + 4
                 for available_state in available_states:
                     if type(available_state) is not State:
-                        available_state = expect(available_state, State)
+                        available_state = coerce_message(available_state, State)
                     append(_pack_2(available_state.id))
                     pos += 1
                     label = utf8(available_state.label)
@@ -220,8 +220,8 @@ class GetAvailableStates_Event(Message):
                     append(b"\0")
                     pos += 1
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -235,15 +235,15 @@ class GetAvailableStates_Event(Message):
             info.stamp = stamp = new(Time)
             head, info.event_type, stamp.sec, stamp.nanosec, info.sequence_number, request_count = _unpack_4(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy, None, arrays)
+                return decode_slow(cls, data, copy, None, arrays)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
-                limit(request_count, 1)
+                check_max_length(request_count, 1)
             if arrays:
                 message.request, pos = read_records(GetAvailableStates_Request, view, 48, request_count)
             else:
                 pos = 48
-                within(pos + request_count, raw)
+                check_remaining(pos + request_count, raw)
                 request: list[GetAvailableStates_Request] = []
                 message.request = request
                 for _ in range(request_count):
@@ -255,8 +255,8 @@ class GetAvailableStates_Event(Message):
             (response_count,) = _unpack_3(raw, pos)
             pos += 4
             if response_count > 1:
-                limit(response_count, 1)
-            within(pos + 4 * response_count, raw)
+                check_max_length(response_count, 1)
+            check_remaining(pos + 4 * response_count, raw)
             response: list[GetAvailableStates_Response] = []
             message.response = response
             for _ in range(response_count):
@@ -265,7 +265,7 @@ class GetAvailableStates_Event(Message):
                 pos = pos + 3 & -4
                 (available_states_count,) = _unpack_3(raw, pos)
                 pos += 4
-                within(pos + 5 * available_states_count, raw)
+                check_remaining(pos + 5 * available_states_count, raw)
                 available_states: list[State] = []
                 response_item.available_states = available_states
                 for _ in range(available_states_count):
@@ -282,8 +282,8 @@ class GetAvailableStates_Event(Message):
                     available_state.label = raw[pos:end].decode()
                     pos = end + 1
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error, arrays)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error, arrays)
 
 
 class GetAvailableStates(Service[GetAvailableStates_Request, GetAvailableStates_Response]):

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, UINT8, expect, expect_list, fixed_uint8s, frombuffer, limit, list_or_records, ndarray, new, packers, read_records, readable, utf8, within, write_records
+from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, UINT8, check_max_length, check_remaining, coerce_message, coerce_message_list, fixed_uint8s, frombuffer, list_or_records, ndarray, new, packers, read_records, readable, utf8, write_records
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.lifecycle_msgs.msg._state import State
 from rosidl_py_gen.msgs.lifecycle_msgs.msg._transition import Transition
@@ -51,8 +51,8 @@ class GetAvailableTransitions_Request(Message):
     def _encode(self) -> bytes:
         try:
             return _pack_0(256)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -64,10 +64,10 @@ class GetAvailableTransitions_Request(Message):
             message = new(cls)
             (head,) = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -91,15 +91,15 @@ class GetAvailableTransitions_Response(Message):
             append = parts.append
             available_transitions = self.available_transitions
             if type(available_transitions) is not list:
-                expect_list(available_transitions)
+                coerce_message_list(available_transitions)
             append(_pack_1(256, len(available_transitions)))
             pos = 4
             for available_transition in available_transitions:
                 if type(available_transition) is not TransitionDescription:
-                    available_transition = expect(available_transition, TransitionDescription)
+                    available_transition = coerce_message(available_transition, TransitionDescription)
                 transition = available_transition.transition
                 if type(transition) is not Transition:
-                    transition = expect(transition, Transition)
+                    transition = coerce_message(transition, Transition)
                 append(_pack_2(transition.id))
                 pos += 1
                 label = utf8(transition.label)
@@ -109,7 +109,7 @@ class GetAvailableTransitions_Response(Message):
                 pos += len(label)
                 start_state = available_transition.start_state
                 if type(start_state) is not State:
-                    start_state = expect(start_state, State)
+                    start_state = coerce_message(start_state, State)
                 append(_pack_4(start_state.id))
                 pos += 2
                 label_ = utf8(start_state.label)
@@ -119,7 +119,7 @@ class GetAvailableTransitions_Response(Message):
                 pos += len(label_)
                 goal_state = available_transition.goal_state
                 if type(goal_state) is not State:
-                    goal_state = expect(goal_state, State)
+                    goal_state = coerce_message(goal_state, State)
                 append(_pack_4(goal_state.id))
                 pos += 2
                 label_2 = utf8(goal_state.label)
@@ -130,8 +130,8 @@ class GetAvailableTransitions_Response(Message):
                 append(b"\0")
                 pos += 1
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -143,9 +143,9 @@ class GetAvailableTransitions_Response(Message):
             message = new(cls)
             head, available_transitions_count = _unpack_1(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             pos = 8
-            within(pos + 15 * available_transitions_count, raw)
+            check_remaining(pos + 15 * available_transitions_count, raw)
             available_transitions: list[TransitionDescription] = []
             message.available_transitions = available_transitions
             for _ in range(available_transitions_count):
@@ -185,8 +185,8 @@ class GetAvailableTransitions_Response(Message):
                 goal_state.label = raw[pos:end].decode()
                 pos = end + 1
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -225,15 +225,15 @@ class GetAvailableTransitions_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                info = expect(info, ServiceEventInfo)
+                info = coerce_message(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             request = self.request
             if type(request) is not list:
                 request = list_or_records(request)
             if len(request) > 1:
-                limit(len(request), 1)
+                check_max_length(len(request), 1)
             append(_pack_5(256, info.event_type, stamp.sec, stamp.nanosec, fixed_uint8s(info.client_gid, 16), info.sequence_number, len(request)))
             if type(request) is ndarray:
                 pos = write_records(GetAvailableTransitions_Request, request, append, 44)
@@ -241,30 +241,30 @@ class GetAvailableTransitions_Event(Message):
                 pos = 44
                 for request_item in request:
                     if type(request_item) is not GetAvailableTransitions_Request:
-                        request_item = expect(request_item, GetAvailableTransitions_Request)
+                        request_item = coerce_message(request_item, GetAvailableTransitions_Request)
                     append(_pack_6())
                     pos += 1
             response = self.response
             if type(response) is not list:
-                expect_list(response)
+                coerce_message_list(response)
             if len(response) > 1:
-                limit(len(response), 1)
+                check_max_length(len(response), 1)
             append(_pack_3[pos & 7](len(response)))
             pos = (pos + 3 & -4) + 4
             for response_item in response:
                 if type(response_item) is not GetAvailableTransitions_Response:
-                    response_item = expect(response_item, GetAvailableTransitions_Response)
+                    response_item = coerce_message(response_item, GetAvailableTransitions_Response)
                 available_transitions = response_item.available_transitions
                 if type(available_transitions) is not list:
-                    expect_list(available_transitions)
+                    coerce_message_list(available_transitions)
                 append(_pack_3[pos & 7](len(available_transitions)))
                 pos = (pos + 3 & -4) + 4
                 for available_transition in available_transitions:
                     if type(available_transition) is not TransitionDescription:
-                        available_transition = expect(available_transition, TransitionDescription)
+                        available_transition = coerce_message(available_transition, TransitionDescription)
                     transition = available_transition.transition
                     if type(transition) is not Transition:
-                        transition = expect(transition, Transition)
+                        transition = coerce_message(transition, Transition)
                     append(_pack_2(transition.id))
                     pos += 1
                     label = utf8(transition.label)
@@ -274,7 +274,7 @@ class GetAvailableTransitions_Event(Message):
                     pos += len(label)
                     start_state = available_transition.start_state
                     if type(start_state) is not State:
-                        start_state = expect(start_state, State)
+                        start_state = coerce_message(start_state, State)
                     append(_pack_4(start_state.id))
                     pos += 2
                     label_ = utf8(start_state.label)
@@ -284,7 +284,7 @@ class GetAvailableTransitions_Event(Message):
                     pos += len(label_)
                     goal_state = available_transition.goal_state
                     if type(goal_state) is not State:
-                        goal_state = expect(goal_state, State)
+                        goal_state = coerce_message(goal_state, State)
                     append(_pack_4(goal_state.id))
                     pos += 2
                     label_2 = utf8(goal_state.label)
@@ -295,8 +295,8 @@ class GetAvailableTransitions_Event(Message):
                     append(b"\0")
                     pos += 1
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -310,15 +310,15 @@ class GetAvailableTransitions_Event(Message):
             info.stamp = stamp = new(Time)
             head, info.event_type, stamp.sec, stamp.nanosec, info.sequence_number, request_count = _unpack_4(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy, None, arrays)
+                return decode_slow(cls, data, copy, None, arrays)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
-                limit(request_count, 1)
+                check_max_length(request_count, 1)
             if arrays:
                 message.request, pos = read_records(GetAvailableTransitions_Request, view, 48, request_count)
             else:
                 pos = 48
-                within(pos + request_count, raw)
+                check_remaining(pos + request_count, raw)
                 request: list[GetAvailableTransitions_Request] = []
                 message.request = request
                 for _ in range(request_count):
@@ -330,8 +330,8 @@ class GetAvailableTransitions_Event(Message):
             (response_count,) = _unpack_3(raw, pos)
             pos += 4
             if response_count > 1:
-                limit(response_count, 1)
-            within(pos + 4 * response_count, raw)
+                check_max_length(response_count, 1)
+            check_remaining(pos + 4 * response_count, raw)
             response: list[GetAvailableTransitions_Response] = []
             message.response = response
             for _ in range(response_count):
@@ -340,7 +340,7 @@ class GetAvailableTransitions_Event(Message):
                 pos = pos + 3 & -4
                 (available_transitions_count,) = _unpack_3(raw, pos)
                 pos += 4
-                within(pos + 15 * available_transitions_count, raw)
+                check_remaining(pos + 15 * available_transitions_count, raw)
                 available_transitions: list[TransitionDescription] = []
                 response_item.available_transitions = available_transitions
                 for _ in range(available_transitions_count):
@@ -380,8 +380,8 @@ class GetAvailableTransitions_Event(Message):
                     goal_state.label = raw[pos:end].decode()
                     pos = end + 1
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error, arrays)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error, arrays)
 
 
 class GetAvailableTransitions(Service[GetAvailableTransitions_Request, GetAvailableTransitions_Response]):

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, UINT8, expect, expect_list, fixed_uint8s, frombuffer, limit, list_or_records, ndarray, new, packers, read_records, readable, utf8, within, write_records
+from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, UINT8, check_max_length, check_remaining, coerce_message, coerce_message_list, fixed_uint8s, frombuffer, list_or_records, ndarray, new, packers, read_records, readable, utf8, write_records
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.lifecycle_msgs.msg._state import State
 from rosidl_py_gen.msgs.service_msgs.msg._service_event_info import ServiceEventInfo
@@ -45,8 +45,8 @@ class GetState_Request(Message):
     def _encode(self) -> bytes:
         try:
             return _pack_0(256)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -58,10 +58,10 @@ class GetState_Request(Message):
             message = new(cls)
             (head,) = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -83,15 +83,15 @@ class GetState_Response(Message):
         try:
             current_state = self.current_state
             if type(current_state) is not State:
-                current_state = expect(current_state, State)
+                current_state = coerce_message(current_state, State)
             label = utf8(current_state.label)
             return b"".join((
                 _pack_1(256, current_state.id, len(label) + 1),
                 label,
                 b"\0",
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -104,14 +104,14 @@ class GetState_Response(Message):
             message.current_state = current_state = new(State)
             head, current_state.id, label_count = _unpack_1(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             end = 11 + label_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
             current_state.label = raw[12:end].decode()
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -150,15 +150,15 @@ class GetState_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                info = expect(info, ServiceEventInfo)
+                info = coerce_message(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             request = self.request
             if type(request) is not list:
                 request = list_or_records(request)
             if len(request) > 1:
-                limit(len(request), 1)
+                check_max_length(len(request), 1)
             append(_pack_2(256, info.event_type, stamp.sec, stamp.nanosec, fixed_uint8s(info.client_gid, 16), info.sequence_number, len(request)))
             if type(request) is ndarray:
                 pos = write_records(GetState_Request, request, append, 44)
@@ -166,22 +166,22 @@ class GetState_Event(Message):
                 pos = 44
                 for request_item in request:
                     if type(request_item) is not GetState_Request:
-                        request_item = expect(request_item, GetState_Request)
+                        request_item = coerce_message(request_item, GetState_Request)
                     append(_pack_3())
                     pos += 1
             response = self.response
             if type(response) is not list:
-                expect_list(response)
+                coerce_message_list(response)
             if len(response) > 1:
-                limit(len(response), 1)
+                check_max_length(len(response), 1)
             append(_pack_4[pos & 7](len(response)))
             pos = (pos + 3 & -4) + 4
             for response_item in response:
                 if type(response_item) is not GetState_Response:
-                    response_item = expect(response_item, GetState_Response)
+                    response_item = coerce_message(response_item, GetState_Response)
                 current_state = response_item.current_state
                 if type(current_state) is not State:
-                    current_state = expect(current_state, State)
+                    current_state = coerce_message(current_state, State)
                 append(_pack_5(current_state.id))
                 pos += 1
                 label = utf8(current_state.label)
@@ -192,8 +192,8 @@ class GetState_Event(Message):
                 append(b"\0")
                 pos += 1
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -207,15 +207,15 @@ class GetState_Event(Message):
             info.stamp = stamp = new(Time)
             head, info.event_type, stamp.sec, stamp.nanosec, info.sequence_number, request_count = _unpack_2(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy, None, arrays)
+                return decode_slow(cls, data, copy, None, arrays)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
-                limit(request_count, 1)
+                check_max_length(request_count, 1)
             if arrays:
                 message.request, pos = read_records(GetState_Request, view, 48, request_count)
             else:
                 pos = 48
-                within(pos + request_count, raw)
+                check_remaining(pos + request_count, raw)
                 request: list[GetState_Request] = []
                 message.request = request
                 for _ in range(request_count):
@@ -227,8 +227,8 @@ class GetState_Event(Message):
             (response_count,) = _unpack_4(raw, pos)
             pos += 4
             if response_count > 1:
-                limit(response_count, 1)
-            within(pos + 5 * response_count, raw)
+                check_max_length(response_count, 1)
+            check_remaining(pos + 5 * response_count, raw)
             response: list[GetState_Response] = []
             message.response = response
             for _ in range(response_count):
@@ -246,8 +246,8 @@ class GetState_Event(Message):
                 current_state.label = raw[pos:end].decode()
                 pos = end + 1
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error, arrays)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error, arrays)
 
 
 class GetState(Service[GetState_Request, GetState_Response]):

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, new, pack_strings, packers, readable, unpack_strings
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, new, pack_strings, packers, readable, unpack_strings
 from struct import Struct
 from typing import ClassVar, TYPE_CHECKING
 
@@ -51,8 +51,8 @@ class ListParametersResult(Message):
                 _pack_1[pos & 7](len(prefixes)),
                 prefixes_packed,
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -64,12 +64,12 @@ class ListParametersResult(Message):
             message = new(cls)
             head, names_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             message.names, pos = unpack_strings(raw, 8, names_count)
             pos = pos + 3 & -4
             (prefixes_count,) = _unpack_1(raw, pos)
             pos += 4
             message.prefixes, _ = unpack_strings(raw, pos, prefixes_count)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)

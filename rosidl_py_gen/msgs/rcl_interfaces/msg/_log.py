@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, expect, new, packers, readable, utf8
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, coerce_message, new, packers, readable, utf8
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from struct import Struct
 from typing import ClassVar, TYPE_CHECKING
@@ -69,7 +69,7 @@ class Log(Message):
         try:
             stamp = self.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             name = utf8(self.name)
             pos = 16 + len(name)
             msg = utf8(self.msg)
@@ -92,8 +92,8 @@ class Log(Message):
                 function,
                 _pack_1[pos7 & 7](self.line),
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -106,7 +106,7 @@ class Log(Message):
             message.stamp = stamp = new(Time)
             head, stamp.sec, stamp.nanosec, message.level, name_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             end = 19 + name_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
@@ -135,5 +135,5 @@ class Log(Message):
             pos = end + 4 & -4
             (message.line,) = _unpack_1(raw, pos)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)

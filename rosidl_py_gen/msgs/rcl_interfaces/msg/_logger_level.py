@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, new, packers, readable, utf8
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, new, packers, readable, utf8
 from struct import Struct
 from typing import ClassVar, TYPE_CHECKING
 
@@ -60,8 +60,8 @@ class LoggerLevel(Message):
                 name,
                 _pack_1[pos & 7](self.level),
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -73,7 +73,7 @@ class LoggerLevel(Message):
             message = new(cls)
             head, name_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             end = 7 + name_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
@@ -81,5 +81,5 @@ class LoggerLevel(Message):
             pos = end + 4 & -4
             (message.level,) = _unpack_1(raw, pos)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)

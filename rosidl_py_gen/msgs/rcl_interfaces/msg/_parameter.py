@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import BOOL, FLOAT64, Fault, INT64, PAD8, UINT8, bools, expect, float64s, frombuffer, int64s, new, pack_strings, packers, uint8s, unpack_strings, utf8, view_of_bools, viewable
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import BOOL, FLOAT64, FastPathError, INT64, PAD8, UINT8, bools, coerce_message, float64s, frombuffer, int64s, new, pack_strings, packers, uint8s, unpack_strings, utf8, view_of_bools, viewable
 from rosidl_py_gen.msgs.rcl_interfaces.msg._parameter_value import ParameterValue
 from struct import Struct
 from typing import ClassVar, TYPE_CHECKING
@@ -51,7 +51,7 @@ class Parameter(Message):
             pos = 4 + len(name)
             value = self.value
             if type(value) is not ParameterValue:
-                value = expect(value, ParameterValue)
+                value = coerce_message(value, ParameterValue)
             pos2 = pos + 3
             string_value = utf8(value.string_value)
             pos3 = (pos2 + 7 & -8) + 20
@@ -90,8 +90,8 @@ class Parameter(Message):
                 _pack_5(len(string_array_value)),
                 string_array_value_packed,
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -103,7 +103,7 @@ class Parameter(Message):
             message = new(cls)
             head, name_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             end = 7 + name_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
@@ -146,5 +146,5 @@ class Parameter(Message):
             pos += 4
             value.string_array_value, _ = unpack_strings(raw, pos, string_array_value_count)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import BOOL, Fault, PAD8, expect, limit, list_or_records, ndarray, new, packers, read_records, readable, utf8, within, write_records
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import BOOL, FastPathError, PAD8, check_max_length, check_remaining, coerce_message, list_or_records, ndarray, new, packers, read_records, readable, utf8, write_records
 from rosidl_py_gen.msgs.rcl_interfaces.msg._floating_point_range import FloatingPointRange
 from rosidl_py_gen.msgs.rcl_interfaces.msg._integer_range import IntegerRange
 from struct import Struct
@@ -111,7 +111,7 @@ class ParameterDescriptor(Message):
             if type(floating_point_range) is not list:
                 floating_point_range = list_or_records(floating_point_range)
             if len(floating_point_range) > 1:
-                limit(len(floating_point_range), 1)
+                check_max_length(len(floating_point_range), 1)
             append(_pack_2[pos & 7](len(floating_point_range)))
             pos = (pos + 3 & -4) + 4
             if type(floating_point_range) is ndarray:
@@ -122,13 +122,13 @@ class ParameterDescriptor(Message):
                     pos = (pos + 7 & -8) + 24 * len(floating_point_range)
                 for floating_point_range_item in floating_point_range:
                     if type(floating_point_range_item) is not FloatingPointRange:
-                        floating_point_range_item = expect(floating_point_range_item, FloatingPointRange)
+                        floating_point_range_item = coerce_message(floating_point_range_item, FloatingPointRange)
                     append(_pack_5(floating_point_range_item.from_value, floating_point_range_item.to_value, floating_point_range_item.step))
             integer_range = self.integer_range
             if type(integer_range) is not list:
                 integer_range = list_or_records(integer_range)
             if len(integer_range) > 1:
-                limit(len(integer_range), 1)
+                check_max_length(len(integer_range), 1)
             append(_pack_6(len(integer_range)))
             pos += 4
             if type(integer_range) is ndarray:
@@ -137,11 +137,11 @@ class ParameterDescriptor(Message):
                 append(PAD8[pos & 7] if len(integer_range) else b"")
                 for integer_range_item in integer_range:
                     if type(integer_range_item) is not IntegerRange:
-                        integer_range_item = expect(integer_range_item, IntegerRange)
+                        integer_range_item = coerce_message(integer_range_item, IntegerRange)
                     append(_pack_7(integer_range_item.from_value, integer_range_item.to_value, integer_range_item.step))
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -153,7 +153,7 @@ class ParameterDescriptor(Message):
             message = new(cls)
             head, name_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy, None, arrays)
+                return decode_slow(cls, data, copy, None, arrays)
             end = 7 + name_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
@@ -182,14 +182,14 @@ class ParameterDescriptor(Message):
             (floating_point_range_count,) = _unpack_2(raw, pos)
             pos += 4
             if floating_point_range_count > 1:
-                limit(floating_point_range_count, 1)
+                check_max_length(floating_point_range_count, 1)
             if arrays:
                 message.floating_point_range, pos = read_records(FloatingPointRange, view, pos, floating_point_range_count)
             else:
                 if floating_point_range_count:
                     pos = (pos + 3 & -8) + 4
                 end = pos + 24 * floating_point_range_count
-                within(end, raw)
+                check_remaining(end, raw)
                 floating_point_range: list[FloatingPointRange] = []
                 message.floating_point_range = floating_point_range
                 for floating_point_range_item_fr, floating_point_range_item_to, floating_point_range_item_st in _iter_0(memoryview(raw)[pos:end]):
@@ -202,14 +202,14 @@ class ParameterDescriptor(Message):
             (integer_range_count,) = _unpack_2(raw, pos)
             pos += 4
             if integer_range_count > 1:
-                limit(integer_range_count, 1)
+                check_max_length(integer_range_count, 1)
             if arrays:
                 message.integer_range, _ = read_records(IntegerRange, view, pos, integer_range_count)
             else:
                 if integer_range_count:
                     pos = (pos + 3 & -8) + 4
                 end = pos + 24 * integer_range_count
-                within(end, raw)
+                check_remaining(end, raw)
                 integer_range: list[IntegerRange] = []
                 message.integer_range = integer_range
                 for integer_range_item_from_valu, integer_range_item_to_value, integer_range_item_step in _iter_1(memoryview(raw)[pos:end]):
@@ -219,5 +219,5 @@ class ParameterDescriptor(Message):
                     integer_range_item.to_value = integer_range_item_to_value
                     integer_range_item.step = integer_range_item_step
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error, arrays)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error, arrays)

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import BOOL, FLOAT64, Fault, INT64, PAD8, UINT8, bools, expect, expect_list, float64s, frombuffer, int64s, new, pack_strings, packers, readable, uint8s, unpack_strings, utf8, view_of_bools, within
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import BOOL, FLOAT64, FastPathError, INT64, PAD8, UINT8, bools, check_remaining, coerce_message, coerce_message_list, float64s, frombuffer, int64s, new, pack_strings, packers, readable, uint8s, unpack_strings, utf8, view_of_bools
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.rcl_interfaces.msg._parameter import Parameter
 from rosidl_py_gen.msgs.rcl_interfaces.msg._parameter_value import ParameterValue
@@ -64,19 +64,19 @@ class ParameterEvent(Message):
             append = parts.append
             stamp = self.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             node = utf8(self.node)
             append(_pack_0(256, stamp.sec, stamp.nanosec, len(node) + 1))
             append(node)
             pos = 12 + len(node)
             new_parameters = self.new_parameters
             if type(new_parameters) is not list:
-                expect_list(new_parameters)
+                coerce_message_list(new_parameters)
             append(_pack_1[pos & 7](len(new_parameters)))
             pos = (pos + 4 & -4) + 4
             for new_parameter in new_parameters:
                 if type(new_parameter) is not Parameter:
-                    new_parameter = expect(new_parameter, Parameter)
+                    new_parameter = coerce_message(new_parameter, Parameter)
                 name = utf8(new_parameter.name)
                 append(_pack_2[pos & 7](len(name) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -84,7 +84,7 @@ class ParameterEvent(Message):
                 pos += len(name)
                 value = new_parameter.value
                 if type(value) is not ParameterValue:
-                    value = expect(value, ParameterValue)
+                    value = coerce_message(value, ParameterValue)
                 append(_pack_3(value.type, BOOL[value.bool_value]))
                 pos += 3
                 string_value = utf8(value.string_value)
@@ -124,12 +124,12 @@ class ParameterEvent(Message):
                 pos += len(string_array_value_packed)
             changed_parameters = self.changed_parameters
             if type(changed_parameters) is not list:
-                expect_list(changed_parameters)
+                coerce_message_list(changed_parameters)
             append(_pack_2[pos & 7](len(changed_parameters)))
             pos = (pos + 3 & -4) + 4
             for changed_parameter in changed_parameters:
                 if type(changed_parameter) is not Parameter:
-                    changed_parameter = expect(changed_parameter, Parameter)
+                    changed_parameter = coerce_message(changed_parameter, Parameter)
                 name_ = utf8(changed_parameter.name)
                 append(_pack_2[pos & 7](len(name_) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -137,7 +137,7 @@ class ParameterEvent(Message):
                 pos += len(name_)
                 value_ = changed_parameter.value
                 if type(value_) is not ParameterValue:
-                    value_ = expect(value_, ParameterValue)
+                    value_ = coerce_message(value_, ParameterValue)
                 append(_pack_3(value_.type, BOOL[value_.bool_value]))
                 pos += 3
                 string_value_ = utf8(value_.string_value)
@@ -177,12 +177,12 @@ class ParameterEvent(Message):
                 pos += len(string_array_value_packed_)
             deleted_parameters = self.deleted_parameters
             if type(deleted_parameters) is not list:
-                expect_list(deleted_parameters)
+                coerce_message_list(deleted_parameters)
             append(_pack_2[pos & 7](len(deleted_parameters)))
             pos = (pos + 3 & -4) + 4
             for deleted_parameter in deleted_parameters:
                 if type(deleted_parameter) is not Parameter:
-                    deleted_parameter = expect(deleted_parameter, Parameter)
+                    deleted_parameter = coerce_message(deleted_parameter, Parameter)
                 name_2 = utf8(deleted_parameter.name)
                 append(_pack_2[pos & 7](len(name_2) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -190,7 +190,7 @@ class ParameterEvent(Message):
                 pos += len(name_2)
                 value_2 = deleted_parameter.value
                 if type(value_2) is not ParameterValue:
-                    value_2 = expect(value_2, ParameterValue)
+                    value_2 = coerce_message(value_2, ParameterValue)
                 append(_pack_3(value_2.type, BOOL[value_2.bool_value]))
                 pos += 3
                 string_value_2 = utf8(value_2.string_value)
@@ -229,8 +229,8 @@ class ParameterEvent(Message):
                 append(string_array_value_packed_2)
                 pos += len(string_array_value_packed_2)
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -243,7 +243,7 @@ class ParameterEvent(Message):
             message.stamp = stamp = new(Time)
             head, stamp.sec, stamp.nanosec, node_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             end = 15 + node_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
@@ -251,7 +251,7 @@ class ParameterEvent(Message):
             pos = end + 4 & -4
             (new_parameters_count,) = _unpack_1(raw, pos)
             pos += 4
-            within(pos + 46 * new_parameters_count, raw)
+            check_remaining(pos + 46 * new_parameters_count, raw)
             new_parameters: list[Parameter] = []
             message.new_parameters = new_parameters
             for _ in range(new_parameters_count):
@@ -304,7 +304,7 @@ class ParameterEvent(Message):
             pos = pos + 3 & -4
             (changed_parameters_count,) = _unpack_1(raw, pos)
             pos += 4
-            within(pos + 46 * changed_parameters_count, raw)
+            check_remaining(pos + 46 * changed_parameters_count, raw)
             changed_parameters: list[Parameter] = []
             message.changed_parameters = changed_parameters
             for _ in range(changed_parameters_count):
@@ -357,7 +357,7 @@ class ParameterEvent(Message):
             pos = pos + 3 & -4
             (deleted_parameters_count,) = _unpack_1(raw, pos)
             pos += 4
-            within(pos + 46 * deleted_parameters_count, raw)
+            check_remaining(pos + 46 * deleted_parameters_count, raw)
             deleted_parameters: list[Parameter] = []
             message.deleted_parameters = deleted_parameters
             for _ in range(deleted_parameters_count):
@@ -408,5 +408,5 @@ class ParameterEvent(Message):
                 pos += 4
                 value_2.string_array_value, pos = unpack_strings(raw, pos, string_array_value_count_2)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import BOOL, Fault, PAD8, expect, expect_list, limit, list_or_records, ndarray, new, packers, read_records, readable, utf8, within, write_records
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import BOOL, FastPathError, PAD8, check_max_length, check_remaining, coerce_message, coerce_message_list, list_or_records, ndarray, new, packers, read_records, readable, utf8, write_records
 from rosidl_py_gen.msgs.rcl_interfaces.msg._floating_point_range import FloatingPointRange
 from rosidl_py_gen.msgs.rcl_interfaces.msg._integer_range import IntegerRange
 from rosidl_py_gen.msgs.rcl_interfaces.msg._parameter_descriptor import ParameterDescriptor
@@ -60,12 +60,12 @@ class ParameterEventDescriptors(Message):
             append = parts.append
             new_parameters = self.new_parameters
             if type(new_parameters) is not list:
-                expect_list(new_parameters)
+                coerce_message_list(new_parameters)
             append(_pack_0(256, len(new_parameters)))
             pos = 4
             for new_parameter in new_parameters:
                 if type(new_parameter) is not ParameterDescriptor:
-                    new_parameter = expect(new_parameter, ParameterDescriptor)
+                    new_parameter = coerce_message(new_parameter, ParameterDescriptor)
                 name = utf8(new_parameter.name)
                 append(_pack_1(len(name) + 1))
                 pos += 4
@@ -89,7 +89,7 @@ class ParameterEventDescriptors(Message):
                 if type(floating_point_range) is not list:
                     floating_point_range = list_or_records(floating_point_range)
                 if len(floating_point_range) > 1:
-                    limit(len(floating_point_range), 1)
+                    check_max_length(len(floating_point_range), 1)
                 append(_pack_3[pos & 7](len(floating_point_range)))
                 pos = (pos + 3 & -4) + 4
                 if type(floating_point_range) is ndarray:
@@ -100,13 +100,13 @@ class ParameterEventDescriptors(Message):
                         pos = (pos + 7 & -8) + 24 * len(floating_point_range)
                     for floating_point_range_item in floating_point_range:
                         if type(floating_point_range_item) is not FloatingPointRange:
-                            floating_point_range_item = expect(floating_point_range_item, FloatingPointRange)
+                            floating_point_range_item = coerce_message(floating_point_range_item, FloatingPointRange)
                         append(_pack_6(floating_point_range_item.from_value, floating_point_range_item.to_value, floating_point_range_item.step))
                 integer_range = new_parameter.integer_range
                 if type(integer_range) is not list:
                     integer_range = list_or_records(integer_range)
                 if len(integer_range) > 1:
-                    limit(len(integer_range), 1)
+                    check_max_length(len(integer_range), 1)
                 append(_pack_1(len(integer_range)))
                 pos += 4
                 if type(integer_range) is ndarray:
@@ -117,16 +117,16 @@ class ParameterEventDescriptors(Message):
                         pos = (pos + 7 & -8) + 24 * len(integer_range)
                     for integer_range_item in integer_range:
                         if type(integer_range_item) is not IntegerRange:
-                            integer_range_item = expect(integer_range_item, IntegerRange)
+                            integer_range_item = coerce_message(integer_range_item, IntegerRange)
                         append(_pack_7(integer_range_item.from_value, integer_range_item.to_value, integer_range_item.step))
             changed_parameters = self.changed_parameters
             if type(changed_parameters) is not list:
-                expect_list(changed_parameters)
+                coerce_message_list(changed_parameters)
             append(_pack_1(len(changed_parameters)))
             pos += 4
             for changed_parameter in changed_parameters:
                 if type(changed_parameter) is not ParameterDescriptor:
-                    changed_parameter = expect(changed_parameter, ParameterDescriptor)
+                    changed_parameter = coerce_message(changed_parameter, ParameterDescriptor)
                 name_ = utf8(changed_parameter.name)
                 append(_pack_1(len(name_) + 1))
                 pos += 4
@@ -150,7 +150,7 @@ class ParameterEventDescriptors(Message):
                 if type(floating_point_range_) is not list:
                     floating_point_range_ = list_or_records(floating_point_range_)
                 if len(floating_point_range_) > 1:
-                    limit(len(floating_point_range_), 1)
+                    check_max_length(len(floating_point_range_), 1)
                 append(_pack_3[pos & 7](len(floating_point_range_)))
                 pos = (pos + 3 & -4) + 4
                 if type(floating_point_range_) is ndarray:
@@ -161,13 +161,13 @@ class ParameterEventDescriptors(Message):
                         pos = (pos + 7 & -8) + 24 * len(floating_point_range_)
                     for floating_point_range_item_ in floating_point_range_:
                         if type(floating_point_range_item_) is not FloatingPointRange:
-                            floating_point_range_item_ = expect(floating_point_range_item_, FloatingPointRange)
+                            floating_point_range_item_ = coerce_message(floating_point_range_item_, FloatingPointRange)
                         append(_pack_6(floating_point_range_item_.from_value, floating_point_range_item_.to_value, floating_point_range_item_.step))
                 integer_range_ = changed_parameter.integer_range
                 if type(integer_range_) is not list:
                     integer_range_ = list_or_records(integer_range_)
                 if len(integer_range_) > 1:
-                    limit(len(integer_range_), 1)
+                    check_max_length(len(integer_range_), 1)
                 append(_pack_1(len(integer_range_)))
                 pos += 4
                 if type(integer_range_) is ndarray:
@@ -178,16 +178,16 @@ class ParameterEventDescriptors(Message):
                         pos = (pos + 7 & -8) + 24 * len(integer_range_)
                     for integer_range_item_ in integer_range_:
                         if type(integer_range_item_) is not IntegerRange:
-                            integer_range_item_ = expect(integer_range_item_, IntegerRange)
+                            integer_range_item_ = coerce_message(integer_range_item_, IntegerRange)
                         append(_pack_7(integer_range_item_.from_value, integer_range_item_.to_value, integer_range_item_.step))
             deleted_parameters = self.deleted_parameters
             if type(deleted_parameters) is not list:
-                expect_list(deleted_parameters)
+                coerce_message_list(deleted_parameters)
             append(_pack_1(len(deleted_parameters)))
             pos += 4
             for deleted_parameter in deleted_parameters:
                 if type(deleted_parameter) is not ParameterDescriptor:
-                    deleted_parameter = expect(deleted_parameter, ParameterDescriptor)
+                    deleted_parameter = coerce_message(deleted_parameter, ParameterDescriptor)
                 name_2 = utf8(deleted_parameter.name)
                 append(_pack_1(len(name_2) + 1))
                 pos += 4
@@ -211,7 +211,7 @@ class ParameterEventDescriptors(Message):
                 if type(floating_point_range_2) is not list:
                     floating_point_range_2 = list_or_records(floating_point_range_2)
                 if len(floating_point_range_2) > 1:
-                    limit(len(floating_point_range_2), 1)
+                    check_max_length(len(floating_point_range_2), 1)
                 append(_pack_3[pos & 7](len(floating_point_range_2)))
                 pos = (pos + 3 & -4) + 4
                 if type(floating_point_range_2) is ndarray:
@@ -222,13 +222,13 @@ class ParameterEventDescriptors(Message):
                         pos = (pos + 7 & -8) + 24 * len(floating_point_range_2)
                     for floating_point_range_item_2 in floating_point_range_2:
                         if type(floating_point_range_item_2) is not FloatingPointRange:
-                            floating_point_range_item_2 = expect(floating_point_range_item_2, FloatingPointRange)
+                            floating_point_range_item_2 = coerce_message(floating_point_range_item_2, FloatingPointRange)
                         append(_pack_6(floating_point_range_item_2.from_value, floating_point_range_item_2.to_value, floating_point_range_item_2.step))
                 integer_range_2 = deleted_parameter.integer_range
                 if type(integer_range_2) is not list:
                     integer_range_2 = list_or_records(integer_range_2)
                 if len(integer_range_2) > 1:
-                    limit(len(integer_range_2), 1)
+                    check_max_length(len(integer_range_2), 1)
                 append(_pack_1(len(integer_range_2)))
                 pos += 4
                 if type(integer_range_2) is ndarray:
@@ -239,11 +239,11 @@ class ParameterEventDescriptors(Message):
                         pos = (pos + 7 & -8) + 24 * len(integer_range_2)
                     for integer_range_item_2 in integer_range_2:
                         if type(integer_range_item_2) is not IntegerRange:
-                            integer_range_item_2 = expect(integer_range_item_2, IntegerRange)
+                            integer_range_item_2 = coerce_message(integer_range_item_2, IntegerRange)
                         append(_pack_7(integer_range_item_2.from_value, integer_range_item_2.to_value, integer_range_item_2.step))
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -255,9 +255,9 @@ class ParameterEventDescriptors(Message):
             message = new(cls)
             head, new_parameters_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy, None, arrays)
+                return decode_slow(cls, data, copy, None, arrays)
             pos = 8
-            within(pos + 23 * new_parameters_count, raw)
+            check_remaining(pos + 23 * new_parameters_count, raw)
             new_parameters: list[ParameterDescriptor] = []
             message.new_parameters = new_parameters
             for _ in range(new_parameters_count):
@@ -293,14 +293,14 @@ class ParameterEventDescriptors(Message):
                 (floating_point_range_count,) = _unpack_1(raw, pos)
                 pos += 4
                 if floating_point_range_count > 1:
-                    limit(floating_point_range_count, 1)
+                    check_max_length(floating_point_range_count, 1)
                 if arrays:
                     new_parameter.floating_point_range, pos = read_records(FloatingPointRange, view, pos, floating_point_range_count)
                 else:
                     if floating_point_range_count:
                         pos = (pos + 3 & -8) + 4
                     end = pos + 24 * floating_point_range_count
-                    within(end, raw)
+                    check_remaining(end, raw)
                     floating_point_range: list[FloatingPointRange] = []
                     new_parameter.floating_point_range = floating_point_range
                     for floating_point_range_item_fr, floating_point_range_item_to, floating_point_range_item_st in _iter_0(memoryview(raw)[pos:end]):
@@ -313,14 +313,14 @@ class ParameterEventDescriptors(Message):
                 (integer_range_count,) = _unpack_1(raw, pos)
                 pos += 4
                 if integer_range_count > 1:
-                    limit(integer_range_count, 1)
+                    check_max_length(integer_range_count, 1)
                 if arrays:
                     new_parameter.integer_range, pos = read_records(IntegerRange, view, pos, integer_range_count)
                 else:
                     if integer_range_count:
                         pos = (pos + 3 & -8) + 4
                     end = pos + 24 * integer_range_count
-                    within(end, raw)
+                    check_remaining(end, raw)
                     integer_range: list[IntegerRange] = []
                     new_parameter.integer_range = integer_range
                     for integer_range_item_from_valu, integer_range_item_to_value, integer_range_item_step in _iter_1(memoryview(raw)[pos:end]):
@@ -332,7 +332,7 @@ class ParameterEventDescriptors(Message):
                     pos = end
             (changed_parameters_count,) = _unpack_1(raw, pos)
             pos += 4
-            within(pos + 23 * changed_parameters_count, raw)
+            check_remaining(pos + 23 * changed_parameters_count, raw)
             changed_parameters: list[ParameterDescriptor] = []
             message.changed_parameters = changed_parameters
             for _ in range(changed_parameters_count):
@@ -368,14 +368,14 @@ class ParameterEventDescriptors(Message):
                 (floating_point_range_count_,) = _unpack_1(raw, pos)
                 pos += 4
                 if floating_point_range_count_ > 1:
-                    limit(floating_point_range_count_, 1)
+                    check_max_length(floating_point_range_count_, 1)
                 if arrays:
                     changed_parameter.floating_point_range, pos = read_records(FloatingPointRange, view, pos, floating_point_range_count_)
                 else:
                     if floating_point_range_count_:
                         pos = (pos + 3 & -8) + 4
                     end = pos + 24 * floating_point_range_count_
-                    within(end, raw)
+                    check_remaining(end, raw)
                     floating_point_range_: list[FloatingPointRange] = []
                     changed_parameter.floating_point_range = floating_point_range_
                     for floating_point_range_item__f, floating_point_range_item__t, floating_point_range_item__s in _iter_0(memoryview(raw)[pos:end]):
@@ -388,14 +388,14 @@ class ParameterEventDescriptors(Message):
                 (integer_range_count_,) = _unpack_1(raw, pos)
                 pos += 4
                 if integer_range_count_ > 1:
-                    limit(integer_range_count_, 1)
+                    check_max_length(integer_range_count_, 1)
                 if arrays:
                     changed_parameter.integer_range, pos = read_records(IntegerRange, view, pos, integer_range_count_)
                 else:
                     if integer_range_count_:
                         pos = (pos + 3 & -8) + 4
                     end = pos + 24 * integer_range_count_
-                    within(end, raw)
+                    check_remaining(end, raw)
                     integer_range_: list[IntegerRange] = []
                     changed_parameter.integer_range = integer_range_
                     for integer_range_item__from_val, integer_range_item__to_value, integer_range_item__step in _iter_1(memoryview(raw)[pos:end]):
@@ -407,7 +407,7 @@ class ParameterEventDescriptors(Message):
                     pos = end
             (deleted_parameters_count,) = _unpack_1(raw, pos)
             pos += 4
-            within(pos + 23 * deleted_parameters_count, raw)
+            check_remaining(pos + 23 * deleted_parameters_count, raw)
             deleted_parameters: list[ParameterDescriptor] = []
             message.deleted_parameters = deleted_parameters
             for _ in range(deleted_parameters_count):
@@ -443,14 +443,14 @@ class ParameterEventDescriptors(Message):
                 (floating_point_range_count_2,) = _unpack_1(raw, pos)
                 pos += 4
                 if floating_point_range_count_2 > 1:
-                    limit(floating_point_range_count_2, 1)
+                    check_max_length(floating_point_range_count_2, 1)
                 if arrays:
                     deleted_parameter.floating_point_range, pos = read_records(FloatingPointRange, view, pos, floating_point_range_count_2)
                 else:
                     if floating_point_range_count_2:
                         pos = (pos + 3 & -8) + 4
                     end = pos + 24 * floating_point_range_count_2
-                    within(end, raw)
+                    check_remaining(end, raw)
                     floating_point_range_2: list[FloatingPointRange] = []
                     deleted_parameter.floating_point_range = floating_point_range_2
                     for floating_point_range_item_2_, floating_point_range_item_2_2, floating_point_range_item_2_3 in _iter_0(memoryview(raw)[pos:end]):
@@ -463,14 +463,14 @@ class ParameterEventDescriptors(Message):
                 (integer_range_count_2,) = _unpack_1(raw, pos)
                 pos += 4
                 if integer_range_count_2 > 1:
-                    limit(integer_range_count_2, 1)
+                    check_max_length(integer_range_count_2, 1)
                 if arrays:
                     deleted_parameter.integer_range, pos = read_records(IntegerRange, view, pos, integer_range_count_2)
                 else:
                     if integer_range_count_2:
                         pos = (pos + 3 & -8) + 4
                     end = pos + 24 * integer_range_count_2
-                    within(end, raw)
+                    check_remaining(end, raw)
                     integer_range_2: list[IntegerRange] = []
                     deleted_parameter.integer_range = integer_range_2
                     for integer_range_item_2_from_va, integer_range_item_2_to_valu, integer_range_item_2_step in _iter_1(memoryview(raw)[pos:end]):
@@ -481,5 +481,5 @@ class ParameterEventDescriptors(Message):
                         integer_range_item_2.step = integer_range_item_2_step
                     pos = end
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error, arrays)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error, arrays)

@@ -6,8 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import BOOL, FLOAT64, Fault, INT64, PAD8, UINT8, bools, float64s, frombuffer, int64s, new, pack_strings, packers, uint8s, unpack_strings, utf8, view_of_bools, viewable
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import BOOL, FLOAT64, FastPathError, INT64, PAD8, UINT8, bools, float64s, frombuffer, int64s, new, pack_strings, packers, uint8s, unpack_strings, utf8, view_of_bools, viewable
 from struct import Struct
 from typing import ClassVar, TYPE_CHECKING
 
@@ -119,8 +119,8 @@ class ParameterValue(Message):
                 _pack_3(len(string_array_value)),
                 string_array_value_packed,
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -132,7 +132,7 @@ class ParameterValue(Message):
             message = new(cls)
             head, message.type, message.bool_value, message.integer_value, message.double_value, string_value_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             end = 31 + string_value_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
@@ -164,5 +164,5 @@ class ParameterValue(Message):
             pos += 4
             message.string_array_value, _ = unpack_strings(raw, pos, string_array_value_count)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)

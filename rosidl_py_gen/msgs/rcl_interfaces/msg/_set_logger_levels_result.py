@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import BOOL, Fault, new, readable, utf8
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import BOOL, FastPathError, new, readable, utf8
 from struct import Struct
 from typing import ClassVar, TYPE_CHECKING
 
@@ -44,8 +44,8 @@ class SetLoggerLevelsResult(Message):
                 reason,
                 b"\0",
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -57,11 +57,11 @@ class SetLoggerLevelsResult(Message):
             message = new(cls)
             head, message.successful, reason_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             end = 11 + reason_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
             message.reason = raw[12:end].decode()
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)

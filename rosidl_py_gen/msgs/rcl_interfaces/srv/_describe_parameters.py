@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import BOOL, Fault, PAD8, UINT8, expect, expect_list, fixed_uint8s, frombuffer, limit, list_or_records, ndarray, new, pack_strings, packers, read_records, readable, unpack_strings, utf8, within, write_records
+from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import BOOL, FastPathError, PAD8, UINT8, check_max_length, check_remaining, coerce_message, coerce_message_list, fixed_uint8s, frombuffer, list_or_records, ndarray, new, pack_strings, packers, read_records, readable, unpack_strings, utf8, write_records
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.rcl_interfaces.msg._floating_point_range import FloatingPointRange
 from rosidl_py_gen.msgs.rcl_interfaces.msg._integer_range import IntegerRange
@@ -61,8 +61,8 @@ class DescribeParameters_Request(Message):
                 _pack_0(256, len(names)),
                 names_packed,
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -74,11 +74,11 @@ class DescribeParameters_Request(Message):
             message = new(cls)
             head, names_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             message.names, _ = unpack_strings(raw, 8, names_count)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -102,12 +102,12 @@ class DescribeParameters_Response(Message):
             append = parts.append
             descriptors = self.descriptors
             if type(descriptors) is not list:
-                expect_list(descriptors)
+                coerce_message_list(descriptors)
             append(_pack_0(256, len(descriptors)))
             pos = 4
             for descriptor in descriptors:
                 if type(descriptor) is not ParameterDescriptor:
-                    descriptor = expect(descriptor, ParameterDescriptor)
+                    descriptor = coerce_message(descriptor, ParameterDescriptor)
                 name = utf8(descriptor.name)
                 append(_pack_1(len(name) + 1))
                 pos += 4
@@ -131,7 +131,7 @@ class DescribeParameters_Response(Message):
                 if type(floating_point_range) is not list:
                     floating_point_range = list_or_records(floating_point_range)
                 if len(floating_point_range) > 1:
-                    limit(len(floating_point_range), 1)
+                    check_max_length(len(floating_point_range), 1)
                 append(_pack_3[pos & 7](len(floating_point_range)))
                 pos = (pos + 3 & -4) + 4
                 if type(floating_point_range) is ndarray:
@@ -142,13 +142,13 @@ class DescribeParameters_Response(Message):
                         pos = (pos + 7 & -8) + 24 * len(floating_point_range)
                     for floating_point_range_item in floating_point_range:
                         if type(floating_point_range_item) is not FloatingPointRange:
-                            floating_point_range_item = expect(floating_point_range_item, FloatingPointRange)
+                            floating_point_range_item = coerce_message(floating_point_range_item, FloatingPointRange)
                         append(_pack_6(floating_point_range_item.from_value, floating_point_range_item.to_value, floating_point_range_item.step))
                 integer_range = descriptor.integer_range
                 if type(integer_range) is not list:
                     integer_range = list_or_records(integer_range)
                 if len(integer_range) > 1:
-                    limit(len(integer_range), 1)
+                    check_max_length(len(integer_range), 1)
                 append(_pack_1(len(integer_range)))
                 pos += 4
                 if type(integer_range) is ndarray:
@@ -159,11 +159,11 @@ class DescribeParameters_Response(Message):
                         pos = (pos + 7 & -8) + 24 * len(integer_range)
                     for integer_range_item in integer_range:
                         if type(integer_range_item) is not IntegerRange:
-                            integer_range_item = expect(integer_range_item, IntegerRange)
+                            integer_range_item = coerce_message(integer_range_item, IntegerRange)
                         append(_pack_7(integer_range_item.from_value, integer_range_item.to_value, integer_range_item.step))
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -175,9 +175,9 @@ class DescribeParameters_Response(Message):
             message = new(cls)
             head, descriptors_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy, None, arrays)
+                return decode_slow(cls, data, copy, None, arrays)
             pos = 8
-            within(pos + 23 * descriptors_count, raw)
+            check_remaining(pos + 23 * descriptors_count, raw)
             descriptors: list[ParameterDescriptor] = []
             message.descriptors = descriptors
             for _ in range(descriptors_count):
@@ -213,14 +213,14 @@ class DescribeParameters_Response(Message):
                 (floating_point_range_count,) = _unpack_1(raw, pos)
                 pos += 4
                 if floating_point_range_count > 1:
-                    limit(floating_point_range_count, 1)
+                    check_max_length(floating_point_range_count, 1)
                 if arrays:
                     descriptor.floating_point_range, pos = read_records(FloatingPointRange, view, pos, floating_point_range_count)
                 else:
                     if floating_point_range_count:
                         pos = (pos + 3 & -8) + 4
                     end = pos + 24 * floating_point_range_count
-                    within(end, raw)
+                    check_remaining(end, raw)
                     floating_point_range: list[FloatingPointRange] = []
                     descriptor.floating_point_range = floating_point_range
                     for floating_point_range_item_fr, floating_point_range_item_to, floating_point_range_item_st in _iter_0(memoryview(raw)[pos:end]):
@@ -233,14 +233,14 @@ class DescribeParameters_Response(Message):
                 (integer_range_count,) = _unpack_1(raw, pos)
                 pos += 4
                 if integer_range_count > 1:
-                    limit(integer_range_count, 1)
+                    check_max_length(integer_range_count, 1)
                 if arrays:
                     descriptor.integer_range, pos = read_records(IntegerRange, view, pos, integer_range_count)
                 else:
                     if integer_range_count:
                         pos = (pos + 3 & -8) + 4
                     end = pos + 24 * integer_range_count
-                    within(end, raw)
+                    check_remaining(end, raw)
                     integer_range: list[IntegerRange] = []
                     descriptor.integer_range = integer_range
                     for integer_range_item_from_valu, integer_range_item_to_value, integer_range_item_step in _iter_1(memoryview(raw)[pos:end]):
@@ -251,8 +251,8 @@ class DescribeParameters_Response(Message):
                         integer_range_item.step = integer_range_item_step
                     pos = end
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error, arrays)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error, arrays)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -282,20 +282,20 @@ class DescribeParameters_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                info = expect(info, ServiceEventInfo)
+                info = coerce_message(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             request = self.request
             if type(request) is not list:
-                expect_list(request)
+                coerce_message_list(request)
             if len(request) > 1:
-                limit(len(request), 1)
+                check_max_length(len(request), 1)
             append(_pack_8(256, info.event_type, stamp.sec, stamp.nanosec, fixed_uint8s(info.client_gid, 16), info.sequence_number, len(request)))
             pos = 44
             for request_item in request:
                 if type(request_item) is not DescribeParameters_Request:
-                    request_item = expect(request_item, DescribeParameters_Request)
+                    request_item = coerce_message(request_item, DescribeParameters_Request)
                 names = request_item.names
                 append(_pack_3[pos & 7](len(names)))
                 pos = (pos + 3 & -4) + 4
@@ -304,22 +304,22 @@ class DescribeParameters_Event(Message):
                 pos += len(names_packed)
             response = self.response
             if type(response) is not list:
-                expect_list(response)
+                coerce_message_list(response)
             if len(response) > 1:
-                limit(len(response), 1)
+                check_max_length(len(response), 1)
             append(_pack_3[pos & 7](len(response)))
             pos = (pos + 3 & -4) + 4
             for response_item in response:
                 if type(response_item) is not DescribeParameters_Response:
-                    response_item = expect(response_item, DescribeParameters_Response)
+                    response_item = coerce_message(response_item, DescribeParameters_Response)
                 descriptors = response_item.descriptors
                 if type(descriptors) is not list:
-                    expect_list(descriptors)
+                    coerce_message_list(descriptors)
                 append(_pack_1(len(descriptors)))
                 pos += 4
                 for descriptor in descriptors:
                     if type(descriptor) is not ParameterDescriptor:
-                        descriptor = expect(descriptor, ParameterDescriptor)
+                        descriptor = coerce_message(descriptor, ParameterDescriptor)
                     name = utf8(descriptor.name)
                     append(_pack_1(len(name) + 1))
                     pos += 4
@@ -343,7 +343,7 @@ class DescribeParameters_Event(Message):
                     if type(floating_point_range) is not list:
                         floating_point_range = list_or_records(floating_point_range)
                     if len(floating_point_range) > 1:
-                        limit(len(floating_point_range), 1)
+                        check_max_length(len(floating_point_range), 1)
                     append(_pack_3[pos & 7](len(floating_point_range)))
                     pos = (pos + 3 & -4) + 4
                     if type(floating_point_range) is ndarray:
@@ -354,13 +354,13 @@ class DescribeParameters_Event(Message):
                             pos = (pos + 7 & -8) + 24 * len(floating_point_range)
                         for floating_point_range_item in floating_point_range:
                             if type(floating_point_range_item) is not FloatingPointRange:
-                                floating_point_range_item = expect(floating_point_range_item, FloatingPointRange)
+                                floating_point_range_item = coerce_message(floating_point_range_item, FloatingPointRange)
                             append(_pack_6(floating_point_range_item.from_value, floating_point_range_item.to_value, floating_point_range_item.step))
                     integer_range = descriptor.integer_range
                     if type(integer_range) is not list:
                         integer_range = list_or_records(integer_range)
                     if len(integer_range) > 1:
-                        limit(len(integer_range), 1)
+                        check_max_length(len(integer_range), 1)
                     append(_pack_1(len(integer_range)))
                     pos += 4
                     if type(integer_range) is ndarray:
@@ -371,11 +371,11 @@ class DescribeParameters_Event(Message):
                             pos = (pos + 7 & -8) + 24 * len(integer_range)
                         for integer_range_item in integer_range:
                             if type(integer_range_item) is not IntegerRange:
-                                integer_range_item = expect(integer_range_item, IntegerRange)
+                                integer_range_item = coerce_message(integer_range_item, IntegerRange)
                             append(_pack_7(integer_range_item.from_value, integer_range_item.to_value, integer_range_item.step))
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -389,12 +389,12 @@ class DescribeParameters_Event(Message):
             info.stamp = stamp = new(Time)
             head, info.event_type, stamp.sec, stamp.nanosec, info.sequence_number, request_count = _unpack_4(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy, None, arrays)
+                return decode_slow(cls, data, copy, None, arrays)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
-                limit(request_count, 1)
+                check_max_length(request_count, 1)
             pos = 48
-            within(pos + 4 * request_count, raw)
+            check_remaining(pos + 4 * request_count, raw)
             request: list[DescribeParameters_Request] = []
             message.request = request
             for _ in range(request_count):
@@ -408,8 +408,8 @@ class DescribeParameters_Event(Message):
             (response_count,) = _unpack_1(raw, pos)
             pos += 4
             if response_count > 1:
-                limit(response_count, 1)
-            within(pos + 4 * response_count, raw)
+                check_max_length(response_count, 1)
+            check_remaining(pos + 4 * response_count, raw)
             response: list[DescribeParameters_Response] = []
             message.response = response
             for _ in range(response_count):
@@ -417,7 +417,7 @@ class DescribeParameters_Event(Message):
                 response.append(response_item)
                 (descriptors_count,) = _unpack_1(raw, pos)
                 pos += 4
-                within(pos + 23 * descriptors_count, raw)
+                check_remaining(pos + 23 * descriptors_count, raw)
                 descriptors: list[ParameterDescriptor] = []
                 response_item.descriptors = descriptors
                 for _ in range(descriptors_count):
@@ -453,14 +453,14 @@ class DescribeParameters_Event(Message):
                     (floating_point_range_count,) = _unpack_1(raw, pos)
                     pos += 4
                     if floating_point_range_count > 1:
-                        limit(floating_point_range_count, 1)
+                        check_max_length(floating_point_range_count, 1)
                     if arrays:
                         descriptor.floating_point_range, pos = read_records(FloatingPointRange, view, pos, floating_point_range_count)
                     else:
                         if floating_point_range_count:
                             pos = (pos + 3 & -8) + 4
                         end = pos + 24 * floating_point_range_count
-                        within(end, raw)
+                        check_remaining(end, raw)
                         floating_point_range: list[FloatingPointRange] = []
                         descriptor.floating_point_range = floating_point_range
                         for floating_point_range_item_fr, floating_point_range_item_to, floating_point_range_item_st in _iter_0(memoryview(raw)[pos:end]):
@@ -473,14 +473,14 @@ class DescribeParameters_Event(Message):
                     (integer_range_count,) = _unpack_1(raw, pos)
                     pos += 4
                     if integer_range_count > 1:
-                        limit(integer_range_count, 1)
+                        check_max_length(integer_range_count, 1)
                     if arrays:
                         descriptor.integer_range, pos = read_records(IntegerRange, view, pos, integer_range_count)
                     else:
                         if integer_range_count:
                             pos = (pos + 3 & -8) + 4
                         end = pos + 24 * integer_range_count
-                        within(end, raw)
+                        check_remaining(end, raw)
                         integer_range: list[IntegerRange] = []
                         descriptor.integer_range = integer_range
                         for integer_range_item_from_valu, integer_range_item_to_value, integer_range_item_step in _iter_1(memoryview(raw)[pos:end]):
@@ -491,8 +491,8 @@ class DescribeParameters_Event(Message):
                             integer_range_item.step = integer_range_item_step
                         pos = end
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error, arrays)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error, arrays)
 
 
 class DescribeParameters(Service[DescribeParameters_Request, DescribeParameters_Response]):

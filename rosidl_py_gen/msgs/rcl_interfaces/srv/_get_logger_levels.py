@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, UINT8, expect, expect_list, fixed_uint8s, frombuffer, limit, new, pack_strings, packers, readable, unpack_strings, utf8, within
+from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, UINT8, check_max_length, check_remaining, coerce_message, coerce_message_list, fixed_uint8s, frombuffer, new, pack_strings, packers, readable, unpack_strings, utf8
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.rcl_interfaces.msg._logger_level import LoggerLevel
 from rosidl_py_gen.msgs.service_msgs.msg._service_event_info import ServiceEventInfo
@@ -51,8 +51,8 @@ class GetLoggerLevels_Request(Message):
                 _pack_0(256, len(names)),
                 names_packed,
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -64,11 +64,11 @@ class GetLoggerLevels_Request(Message):
             message = new(cls)
             head, names_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             message.names, _ = unpack_strings(raw, 8, names_count)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -92,12 +92,12 @@ class GetLoggerLevels_Response(Message):
             append = parts.append
             levels = self.levels
             if type(levels) is not list:
-                expect_list(levels)
+                coerce_message_list(levels)
             append(_pack_0(256, len(levels)))
             pos = 4
             for level in levels:
                 if type(level) is not LoggerLevel:
-                    level = expect(level, LoggerLevel)
+                    level = coerce_message(level, LoggerLevel)
                 name = utf8(level.name)
                 append(_pack_1(len(name) + 1))
                 pos += 4
@@ -106,8 +106,8 @@ class GetLoggerLevels_Response(Message):
                 append(_pack_2[pos & 7](level.level))
                 pos = (pos + 4 & -4) + 4
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -119,9 +119,9 @@ class GetLoggerLevels_Response(Message):
             message = new(cls)
             head, levels_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             pos = 8
-            within(pos + 8 * levels_count, raw)
+            check_remaining(pos + 8 * levels_count, raw)
             levels: list[LoggerLevel] = []
             message.levels = levels
             for _ in range(levels_count):
@@ -137,8 +137,8 @@ class GetLoggerLevels_Response(Message):
                 (level.level,) = _unpack_1(raw, pos)
                 pos += 4
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -168,20 +168,20 @@ class GetLoggerLevels_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                info = expect(info, ServiceEventInfo)
+                info = coerce_message(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             request = self.request
             if type(request) is not list:
-                expect_list(request)
+                coerce_message_list(request)
             if len(request) > 1:
-                limit(len(request), 1)
+                check_max_length(len(request), 1)
             append(_pack_3(256, info.event_type, stamp.sec, stamp.nanosec, fixed_uint8s(info.client_gid, 16), info.sequence_number, len(request)))
             pos = 44
             for request_item in request:
                 if type(request_item) is not GetLoggerLevels_Request:
-                    request_item = expect(request_item, GetLoggerLevels_Request)
+                    request_item = coerce_message(request_item, GetLoggerLevels_Request)
                 names = request_item.names
                 append(_pack_4[pos & 7](len(names)))
                 pos = (pos + 3 & -4) + 4
@@ -190,22 +190,22 @@ class GetLoggerLevels_Event(Message):
                 pos += len(names_packed)
             response = self.response
             if type(response) is not list:
-                expect_list(response)
+                coerce_message_list(response)
             if len(response) > 1:
-                limit(len(response), 1)
+                check_max_length(len(response), 1)
             append(_pack_4[pos & 7](len(response)))
             pos = (pos + 3 & -4) + 4
             for response_item in response:
                 if type(response_item) is not GetLoggerLevels_Response:
-                    response_item = expect(response_item, GetLoggerLevels_Response)
+                    response_item = coerce_message(response_item, GetLoggerLevels_Response)
                 levels = response_item.levels
                 if type(levels) is not list:
-                    expect_list(levels)
+                    coerce_message_list(levels)
                 append(_pack_1(len(levels)))
                 pos += 4
                 for level in levels:
                     if type(level) is not LoggerLevel:
-                        level = expect(level, LoggerLevel)
+                        level = coerce_message(level, LoggerLevel)
                     name = utf8(level.name)
                     append(_pack_1(len(name) + 1))
                     pos += 4
@@ -214,8 +214,8 @@ class GetLoggerLevels_Event(Message):
                     append(_pack_2[pos & 7](level.level))
                     pos = (pos + 4 & -4) + 4
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -229,12 +229,12 @@ class GetLoggerLevels_Event(Message):
             info.stamp = stamp = new(Time)
             head, info.event_type, stamp.sec, stamp.nanosec, info.sequence_number, request_count = _unpack_2(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
-                limit(request_count, 1)
+                check_max_length(request_count, 1)
             pos = 48
-            within(pos + 4 * request_count, raw)
+            check_remaining(pos + 4 * request_count, raw)
             request: list[GetLoggerLevels_Request] = []
             message.request = request
             for _ in range(request_count):
@@ -248,8 +248,8 @@ class GetLoggerLevels_Event(Message):
             (response_count,) = _unpack_1(raw, pos)
             pos += 4
             if response_count > 1:
-                limit(response_count, 1)
-            within(pos + 4 * response_count, raw)
+                check_max_length(response_count, 1)
+            check_remaining(pos + 4 * response_count, raw)
             response: list[GetLoggerLevels_Response] = []
             message.response = response
             for _ in range(response_count):
@@ -257,7 +257,7 @@ class GetLoggerLevels_Event(Message):
                 response.append(response_item)
                 (levels_count,) = _unpack_1(raw, pos)
                 pos += 4
-                within(pos + 8 * levels_count, raw)
+                check_remaining(pos + 8 * levels_count, raw)
                 levels: list[LoggerLevel] = []
                 response_item.levels = levels
                 for _ in range(levels_count):
@@ -273,8 +273,8 @@ class GetLoggerLevels_Event(Message):
                     (level.level,) = _unpack_1(raw, pos)
                     pos += 4
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 class GetLoggerLevels(Service[GetLoggerLevels_Request, GetLoggerLevels_Response]):

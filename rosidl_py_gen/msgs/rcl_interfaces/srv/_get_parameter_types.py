@@ -6,8 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
-from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, UINT8, expect, expect_list, fixed_uint8s, frombuffer, limit, new, pack_strings, packers, readable, uint8s, unpack_strings, viewable, within
+from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, UINT8, check_max_length, check_remaining, coerce_message, coerce_message_list, fixed_uint8s, frombuffer, new, pack_strings, packers, readable, uint8s, unpack_strings, viewable
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.service_msgs.msg._service_event_info import ServiceEventInfo
 from struct import Struct
@@ -50,8 +50,8 @@ class GetParameterTypes_Request(Message):
                 _pack_0(256, len(names)),
                 names_packed,
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -63,11 +63,11 @@ class GetParameterTypes_Request(Message):
             message = new(cls)
             head, names_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             message.names, _ = unpack_strings(raw, 8, names_count)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -101,8 +101,8 @@ class GetParameterTypes_Response(Message):
                 _pack_0(256, len(types)),
                 types,
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -114,11 +114,11 @@ class GetParameterTypes_Response(Message):
             message = new(cls)
             head, types_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             message.types = frombuffer(view, UINT8, types_count, 8)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -148,20 +148,20 @@ class GetParameterTypes_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                info = expect(info, ServiceEventInfo)
+                info = coerce_message(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             request = self.request
             if type(request) is not list:
-                expect_list(request)
+                coerce_message_list(request)
             if len(request) > 1:
-                limit(len(request), 1)
+                check_max_length(len(request), 1)
             append(_pack_1(256, info.event_type, stamp.sec, stamp.nanosec, fixed_uint8s(info.client_gid, 16), info.sequence_number, len(request)))
             pos = 44
             for request_item in request:
                 if type(request_item) is not GetParameterTypes_Request:
-                    request_item = expect(request_item, GetParameterTypes_Request)
+                    request_item = coerce_message(request_item, GetParameterTypes_Request)
                 names = request_item.names
                 append(_pack_2[pos & 7](len(names)))
                 pos = (pos + 3 & -4) + 4
@@ -170,22 +170,22 @@ class GetParameterTypes_Event(Message):
                 pos += len(names_packed)
             response = self.response
             if type(response) is not list:
-                expect_list(response)
+                coerce_message_list(response)
             if len(response) > 1:
-                limit(len(response), 1)
+                check_max_length(len(response), 1)
             append(_pack_2[pos & 7](len(response)))
             pos = (pos + 3 & -4) + 4
             for response_item in response:
                 if type(response_item) is not GetParameterTypes_Response:
-                    response_item = expect(response_item, GetParameterTypes_Response)
+                    response_item = coerce_message(response_item, GetParameterTypes_Response)
                 types = uint8s(response_item.types)
                 append(_pack_2[pos & 7](len(types)))
                 pos = (pos + 3 & -4) + 4
                 append(types)
                 pos += len(types)
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -199,12 +199,12 @@ class GetParameterTypes_Event(Message):
             info.stamp = stamp = new(Time)
             head, info.event_type, stamp.sec, stamp.nanosec, info.sequence_number, request_count = _unpack_1(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
-                limit(request_count, 1)
+                check_max_length(request_count, 1)
             pos = 48
-            within(pos + 4 * request_count, raw)
+            check_remaining(pos + 4 * request_count, raw)
             request: list[GetParameterTypes_Request] = []
             message.request = request
             for _ in range(request_count):
@@ -218,8 +218,8 @@ class GetParameterTypes_Event(Message):
             (response_count,) = _unpack_2(raw, pos)
             pos += 4
             if response_count > 1:
-                limit(response_count, 1)
-            within(pos + 4 * response_count, raw)
+                check_max_length(response_count, 1)
+            check_remaining(pos + 4 * response_count, raw)
             response: list[GetParameterTypes_Response] = []
             message.response = response
             for _ in range(response_count):
@@ -231,8 +231,8 @@ class GetParameterTypes_Event(Message):
                 response_item.types = frombuffer(view, UINT8, types_count, pos)
                 pos += types_count
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 class GetParameterTypes(Service[GetParameterTypes_Request, GetParameterTypes_Response]):

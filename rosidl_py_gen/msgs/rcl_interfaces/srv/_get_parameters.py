@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import BOOL, FLOAT64, Fault, INT64, PAD8, UINT8, bools, expect, expect_list, fixed_uint8s, float64s, frombuffer, int64s, limit, new, pack_strings, packers, readable, uint8s, unpack_strings, utf8, view_of_bools, within
+from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import BOOL, FLOAT64, FastPathError, INT64, PAD8, UINT8, bools, check_max_length, check_remaining, coerce_message, coerce_message_list, fixed_uint8s, float64s, frombuffer, int64s, new, pack_strings, packers, readable, uint8s, unpack_strings, utf8, view_of_bools
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.rcl_interfaces.msg._parameter_value import ParameterValue
 from rosidl_py_gen.msgs.service_msgs.msg._service_event_info import ServiceEventInfo
@@ -55,8 +55,8 @@ class GetParameters_Request(Message):
                 _pack_0(256, len(names)),
                 names_packed,
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -68,11 +68,11 @@ class GetParameters_Request(Message):
             message = new(cls)
             head, names_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             message.names, _ = unpack_strings(raw, 8, names_count)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -98,12 +98,12 @@ class GetParameters_Response(Message):
             append = parts.append
             values = self.values
             if type(values) is not list:
-                expect_list(values)
+                coerce_message_list(values)
             append(_pack_0(256, len(values)))
             pos = 4
             for value in values:
                 if type(value) is not ParameterValue:
-                    value = expect(value, ParameterValue)
+                    value = coerce_message(value, ParameterValue)
                 append(_pack_1(value.type, BOOL[value.bool_value]))
                 pos += 2
                 string_value = utf8(value.string_value)
@@ -142,8 +142,8 @@ class GetParameters_Response(Message):
                 append(string_array_value_packed)
                 pos += len(string_array_value_packed)
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -155,9 +155,9 @@ class GetParameters_Response(Message):
             message = new(cls)
             head, values_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             pos = 8
-            within(pos + 42 * values_count, raw)
+            check_remaining(pos + 42 * values_count, raw)
             values: list[ParameterValue] = []
             message.values = values
             for _ in range(values_count):
@@ -199,8 +199,8 @@ class GetParameters_Response(Message):
                 pos += 4
                 value.string_array_value, pos = unpack_strings(raw, pos, string_array_value_count)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -230,20 +230,20 @@ class GetParameters_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                info = expect(info, ServiceEventInfo)
+                info = coerce_message(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             request = self.request
             if type(request) is not list:
-                expect_list(request)
+                coerce_message_list(request)
             if len(request) > 1:
-                limit(len(request), 1)
+                check_max_length(len(request), 1)
             append(_pack_6(256, info.event_type, stamp.sec, stamp.nanosec, fixed_uint8s(info.client_gid, 16), info.sequence_number, len(request)))
             pos = 44
             for request_item in request:
                 if type(request_item) is not GetParameters_Request:
-                    request_item = expect(request_item, GetParameters_Request)
+                    request_item = coerce_message(request_item, GetParameters_Request)
                 names = request_item.names
                 append(_pack_4[pos & 7](len(names)))
                 pos = (pos + 3 & -4) + 4
@@ -252,22 +252,22 @@ class GetParameters_Event(Message):
                 pos += len(names_packed)
             response = self.response
             if type(response) is not list:
-                expect_list(response)
+                coerce_message_list(response)
             if len(response) > 1:
-                limit(len(response), 1)
+                check_max_length(len(response), 1)
             append(_pack_4[pos & 7](len(response)))
             pos = (pos + 3 & -4) + 4
             for response_item in response:
                 if type(response_item) is not GetParameters_Response:
-                    response_item = expect(response_item, GetParameters_Response)
+                    response_item = coerce_message(response_item, GetParameters_Response)
                 values = response_item.values
                 if type(values) is not list:
-                    expect_list(values)
+                    coerce_message_list(values)
                 append(_pack_4[pos & 7](len(values)))
                 pos = (pos + 3 & -4) + 4
                 for value in values:
                     if type(value) is not ParameterValue:
-                        value = expect(value, ParameterValue)
+                        value = coerce_message(value, ParameterValue)
                     append(_pack_1(value.type, BOOL[value.bool_value]))
                     pos += 2
                     string_value = utf8(value.string_value)
@@ -306,8 +306,8 @@ class GetParameters_Event(Message):
                     append(string_array_value_packed)
                     pos += len(string_array_value_packed)
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -321,12 +321,12 @@ class GetParameters_Event(Message):
             info.stamp = stamp = new(Time)
             head, info.event_type, stamp.sec, stamp.nanosec, info.sequence_number, request_count = _unpack_4(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
-                limit(request_count, 1)
+                check_max_length(request_count, 1)
             pos = 48
-            within(pos + 4 * request_count, raw)
+            check_remaining(pos + 4 * request_count, raw)
             request: list[GetParameters_Request] = []
             message.request = request
             for _ in range(request_count):
@@ -340,8 +340,8 @@ class GetParameters_Event(Message):
             (response_count,) = _unpack_3(raw, pos)
             pos += 4
             if response_count > 1:
-                limit(response_count, 1)
-            within(pos + 4 * response_count, raw)
+                check_max_length(response_count, 1)
+            check_remaining(pos + 4 * response_count, raw)
             response: list[GetParameters_Response] = []
             message.response = response
             for _ in range(response_count):
@@ -350,7 +350,7 @@ class GetParameters_Event(Message):
                 pos = pos + 3 & -4
                 (values_count,) = _unpack_3(raw, pos)
                 pos += 4
-                within(pos + 42 * values_count, raw)
+                check_remaining(pos + 42 * values_count, raw)
                 values: list[ParameterValue] = []
                 response_item.values = values
                 for _ in range(values_count):
@@ -392,8 +392,8 @@ class GetParameters_Event(Message):
                     pos += 4
                     value.string_array_value, pos = unpack_strings(raw, pos, string_array_value_count)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 class GetParameters(Service[GetParameters_Request, GetParameters_Response]):

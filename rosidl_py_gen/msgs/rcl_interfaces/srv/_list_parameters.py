@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, UINT8, expect, expect_list, fixed_uint8s, frombuffer, limit, new, pack_strings, packers, readable, unpack_strings, within
+from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, UINT8, check_max_length, check_remaining, coerce_message, coerce_message_list, fixed_uint8s, frombuffer, new, pack_strings, packers, readable, unpack_strings
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.rcl_interfaces.msg._list_parameters_result import ListParametersResult
 from rosidl_py_gen.msgs.service_msgs.msg._service_event_info import ServiceEventInfo
@@ -60,8 +60,8 @@ class ListParameters_Request(Message):
                 prefixes_packed,
                 _pack_1[pos & 7](self.depth),
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -73,13 +73,13 @@ class ListParameters_Request(Message):
             message = new(cls)
             head, prefixes_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             message.prefixes, pos = unpack_strings(raw, 8, prefixes_count)
             pos = (pos + 3 & -8) + 4
             (message.depth,) = _unpack_1(raw, pos)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -101,7 +101,7 @@ class ListParameters_Response(Message):
         try:
             result = self.result
             if type(result) is not ListParametersResult:
-                result = expect(result, ListParametersResult)
+                result = coerce_message(result, ListParametersResult)
             names = result.names
             names_packed = pack_strings(names)
             pos = 4 + len(names_packed)
@@ -113,8 +113,8 @@ class ListParameters_Response(Message):
                 _pack_2[pos & 7](len(prefixes)),
                 prefixes_packed,
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -127,15 +127,15 @@ class ListParameters_Response(Message):
             message.result = result = new(ListParametersResult)
             head, names_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             result.names, pos = unpack_strings(raw, 8, names_count)
             pos = pos + 3 & -4
             (prefixes_count,) = _unpack_2(raw, pos)
             pos += 4
             result.prefixes, _ = unpack_strings(raw, pos, prefixes_count)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -165,20 +165,20 @@ class ListParameters_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                info = expect(info, ServiceEventInfo)
+                info = coerce_message(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             request = self.request
             if type(request) is not list:
-                expect_list(request)
+                coerce_message_list(request)
             if len(request) > 1:
-                limit(len(request), 1)
+                check_max_length(len(request), 1)
             append(_pack_3(256, info.event_type, stamp.sec, stamp.nanosec, fixed_uint8s(info.client_gid, 16), info.sequence_number, len(request)))
             pos = 44
             for request_item in request:
                 if type(request_item) is not ListParameters_Request:
-                    request_item = expect(request_item, ListParameters_Request)
+                    request_item = coerce_message(request_item, ListParameters_Request)
                 prefixes = request_item.prefixes
                 append(_pack_4(len(prefixes)))
                 pos += 4
@@ -189,17 +189,17 @@ class ListParameters_Event(Message):
                 pos = (pos + 7 & -8) + 8
             response = self.response
             if type(response) is not list:
-                expect_list(response)
+                coerce_message_list(response)
             if len(response) > 1:
-                limit(len(response), 1)
+                check_max_length(len(response), 1)
             append(_pack_4(len(response)))
             pos += 4
             for response_item in response:
                 if type(response_item) is not ListParameters_Response:
-                    response_item = expect(response_item, ListParameters_Response)
+                    response_item = coerce_message(response_item, ListParameters_Response)
                 result = response_item.result
                 if type(result) is not ListParametersResult:
-                    result = expect(result, ListParametersResult)
+                    result = coerce_message(result, ListParametersResult)
                 names = result.names
                 append(_pack_2[pos & 7](len(names)))
                 pos = (pos + 3 & -4) + 4
@@ -213,8 +213,8 @@ class ListParameters_Event(Message):
                 append(prefixes_packed_)
                 pos += len(prefixes_packed_)
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -228,12 +228,12 @@ class ListParameters_Event(Message):
             info.stamp = stamp = new(Time)
             head, info.event_type, stamp.sec, stamp.nanosec, info.sequence_number, request_count = _unpack_3(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
-                limit(request_count, 1)
+                check_max_length(request_count, 1)
             pos = 48
-            within(pos + 12 * request_count, raw)
+            check_remaining(pos + 12 * request_count, raw)
             request: list[ListParameters_Request] = []
             message.request = request
             for _ in range(request_count):
@@ -248,8 +248,8 @@ class ListParameters_Event(Message):
             (response_count,) = _unpack_2(raw, pos)
             pos += 4
             if response_count > 1:
-                limit(response_count, 1)
-            within(pos + 8 * response_count, raw)
+                check_max_length(response_count, 1)
+            check_remaining(pos + 8 * response_count, raw)
             response: list[ListParameters_Response] = []
             message.response = response
             for _ in range(response_count):
@@ -265,8 +265,8 @@ class ListParameters_Event(Message):
                 pos += 4
                 result.prefixes, pos = unpack_strings(raw, pos, prefixes_count_)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 class ListParameters(Service[ListParameters_Request, ListParameters_Response]):

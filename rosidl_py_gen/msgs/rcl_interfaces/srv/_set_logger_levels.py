@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import BOOL, Fault, UINT8, expect, expect_list, fixed_uint8s, frombuffer, limit, new, packers, readable, utf8, within
+from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import BOOL, FastPathError, UINT8, check_max_length, check_remaining, coerce_message, coerce_message_list, fixed_uint8s, frombuffer, new, packers, readable, utf8
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.rcl_interfaces.msg._logger_level import LoggerLevel
 from rosidl_py_gen.msgs.rcl_interfaces.msg._set_logger_levels_result import SetLoggerLevelsResult
@@ -52,12 +52,12 @@ class SetLoggerLevels_Request(Message):
             append = parts.append
             levels = self.levels
             if type(levels) is not list:
-                expect_list(levels)
+                coerce_message_list(levels)
             append(_pack_0(256, len(levels)))
             pos = 4
             for level in levels:
                 if type(level) is not LoggerLevel:
-                    level = expect(level, LoggerLevel)
+                    level = coerce_message(level, LoggerLevel)
                 name = utf8(level.name)
                 append(_pack_1(len(name) + 1))
                 pos += 4
@@ -66,8 +66,8 @@ class SetLoggerLevels_Request(Message):
                 append(_pack_2[pos & 7](level.level))
                 pos = (pos + 4 & -4) + 4
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -79,9 +79,9 @@ class SetLoggerLevels_Request(Message):
             message = new(cls)
             head, levels_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             pos = 8
-            within(pos + 8 * levels_count, raw)
+            check_remaining(pos + 8 * levels_count, raw)
             levels: list[LoggerLevel] = []
             message.levels = levels
             for _ in range(levels_count):
@@ -97,8 +97,8 @@ class SetLoggerLevels_Request(Message):
                 (level.level,) = _unpack_1(raw, pos)
                 pos += 4
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -122,12 +122,12 @@ class SetLoggerLevels_Response(Message):
             append = parts.append
             results = self.results
             if type(results) is not list:
-                expect_list(results)
+                coerce_message_list(results)
             append(_pack_0(256, len(results)))
             pos = 4
             for result in results:
                 if type(result) is not SetLoggerLevelsResult:
-                    result = expect(result, SetLoggerLevelsResult)
+                    result = coerce_message(result, SetLoggerLevelsResult)
                 append(_pack_3(BOOL[result.successful]))
                 pos += 1
                 reason = utf8(result.reason)
@@ -138,8 +138,8 @@ class SetLoggerLevels_Response(Message):
                 append(b"\0")
                 pos += 1
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -151,9 +151,9 @@ class SetLoggerLevels_Response(Message):
             message = new(cls)
             head, results_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             pos = 8
-            within(pos + 5 * results_count, raw)
+            check_remaining(pos + 5 * results_count, raw)
             results: list[SetLoggerLevelsResult] = []
             message.results = results
             for _ in range(results_count):
@@ -170,8 +170,8 @@ class SetLoggerLevels_Response(Message):
                 result.reason = raw[pos:end].decode()
                 pos = end + 1
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -201,28 +201,28 @@ class SetLoggerLevels_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                info = expect(info, ServiceEventInfo)
+                info = coerce_message(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             request = self.request
             if type(request) is not list:
-                expect_list(request)
+                coerce_message_list(request)
             if len(request) > 1:
-                limit(len(request), 1)
+                check_max_length(len(request), 1)
             append(_pack_5(256, info.event_type, stamp.sec, stamp.nanosec, fixed_uint8s(info.client_gid, 16), info.sequence_number, len(request)))
             pos = 44
             for request_item in request:
                 if type(request_item) is not SetLoggerLevels_Request:
-                    request_item = expect(request_item, SetLoggerLevels_Request)
+                    request_item = coerce_message(request_item, SetLoggerLevels_Request)
                 levels = request_item.levels
                 if type(levels) is not list:
-                    expect_list(levels)
+                    coerce_message_list(levels)
                 append(_pack_1(len(levels)))
                 pos += 4
                 for level in levels:
                     if type(level) is not LoggerLevel:
-                        level = expect(level, LoggerLevel)
+                        level = coerce_message(level, LoggerLevel)
                     name = utf8(level.name)
                     append(_pack_1(len(name) + 1))
                     pos += 4
@@ -232,22 +232,22 @@ class SetLoggerLevels_Event(Message):
                     pos = (pos + 4 & -4) + 4
             response = self.response
             if type(response) is not list:
-                expect_list(response)
+                coerce_message_list(response)
             if len(response) > 1:
-                limit(len(response), 1)
+                check_max_length(len(response), 1)
             append(_pack_1(len(response)))
             pos += 4
             for response_item in response:
                 if type(response_item) is not SetLoggerLevels_Response:
-                    response_item = expect(response_item, SetLoggerLevels_Response)
+                    response_item = coerce_message(response_item, SetLoggerLevels_Response)
                 results = response_item.results
                 if type(results) is not list:
-                    expect_list(results)
+                    coerce_message_list(results)
                 append(_pack_4[pos & 7](len(results)))
                 pos = (pos + 3 & -4) + 4
                 for result in results:
                     if type(result) is not SetLoggerLevelsResult:
-                        result = expect(result, SetLoggerLevelsResult)
+                        result = coerce_message(result, SetLoggerLevelsResult)
                     append(_pack_3(BOOL[result.successful]))
                     pos += 1
                     reason = utf8(result.reason)
@@ -258,8 +258,8 @@ class SetLoggerLevels_Event(Message):
                     append(b"\0")
                     pos += 1
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -273,12 +273,12 @@ class SetLoggerLevels_Event(Message):
             info.stamp = stamp = new(Time)
             head, info.event_type, stamp.sec, stamp.nanosec, info.sequence_number, request_count = _unpack_3(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
-                limit(request_count, 1)
+                check_max_length(request_count, 1)
             pos = 48
-            within(pos + 4 * request_count, raw)
+            check_remaining(pos + 4 * request_count, raw)
             request: list[SetLoggerLevels_Request] = []
             message.request = request
             for _ in range(request_count):
@@ -286,7 +286,7 @@ class SetLoggerLevels_Event(Message):
                 request.append(request_item)
                 (levels_count,) = _unpack_1(raw, pos)
                 pos += 4
-                within(pos + 8 * levels_count, raw)
+                check_remaining(pos + 8 * levels_count, raw)
                 levels: list[LoggerLevel] = []
                 request_item.levels = levels
                 for _ in range(levels_count):
@@ -304,8 +304,8 @@ class SetLoggerLevels_Event(Message):
             (response_count,) = _unpack_1(raw, pos)
             pos += 4
             if response_count > 1:
-                limit(response_count, 1)
-            within(pos + 4 * response_count, raw)
+                check_max_length(response_count, 1)
+            check_remaining(pos + 4 * response_count, raw)
             response: list[SetLoggerLevels_Response] = []
             message.response = response
             for _ in range(response_count):
@@ -314,7 +314,7 @@ class SetLoggerLevels_Event(Message):
                 pos = pos + 3 & -4
                 (results_count,) = _unpack_1(raw, pos)
                 pos += 4
-                within(pos + 5 * results_count, raw)
+                check_remaining(pos + 5 * results_count, raw)
                 results: list[SetLoggerLevelsResult] = []
                 response_item.results = results
                 for _ in range(results_count):
@@ -331,8 +331,8 @@ class SetLoggerLevels_Event(Message):
                     result.reason = raw[pos:end].decode()
                     pos = end + 1
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 class SetLoggerLevels(Service[SetLoggerLevels_Request, SetLoggerLevels_Response]):

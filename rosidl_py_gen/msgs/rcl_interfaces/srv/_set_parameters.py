@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import BOOL, FLOAT64, Fault, INT64, PAD8, UINT8, bools, expect, expect_list, fixed_uint8s, float64s, frombuffer, int64s, limit, new, pack_strings, packers, readable, uint8s, unpack_strings, utf8, view_of_bools, within
+from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import BOOL, FLOAT64, FastPathError, INT64, PAD8, UINT8, bools, check_max_length, check_remaining, coerce_message, coerce_message_list, fixed_uint8s, float64s, frombuffer, int64s, new, pack_strings, packers, readable, uint8s, unpack_strings, utf8, view_of_bools
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.rcl_interfaces.msg._parameter import Parameter
 from rosidl_py_gen.msgs.rcl_interfaces.msg._parameter_value import ParameterValue
@@ -59,12 +59,12 @@ class SetParameters_Request(Message):
             append = parts.append
             parameters = self.parameters
             if type(parameters) is not list:
-                expect_list(parameters)
+                coerce_message_list(parameters)
             append(_pack_0(256, len(parameters)))
             pos = 4
             for parameter in parameters:
                 if type(parameter) is not Parameter:
-                    parameter = expect(parameter, Parameter)
+                    parameter = coerce_message(parameter, Parameter)
                 name = utf8(parameter.name)
                 append(_pack_1[pos & 7](len(name) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -72,7 +72,7 @@ class SetParameters_Request(Message):
                 pos += len(name)
                 value = parameter.value
                 if type(value) is not ParameterValue:
-                    value = expect(value, ParameterValue)
+                    value = coerce_message(value, ParameterValue)
                 append(_pack_2(value.type, BOOL[value.bool_value]))
                 pos += 3
                 string_value = utf8(value.string_value)
@@ -111,8 +111,8 @@ class SetParameters_Request(Message):
                 append(string_array_value_packed)
                 pos += len(string_array_value_packed)
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -124,9 +124,9 @@ class SetParameters_Request(Message):
             message = new(cls)
             head, parameters_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             pos = 8
-            within(pos + 46 * parameters_count, raw)
+            check_remaining(pos + 46 * parameters_count, raw)
             parameters: list[Parameter] = []
             message.parameters = parameters
             for _ in range(parameters_count):
@@ -177,8 +177,8 @@ class SetParameters_Request(Message):
                 pos += 4
                 value.string_array_value, pos = unpack_strings(raw, pos, string_array_value_count)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -202,12 +202,12 @@ class SetParameters_Response(Message):
             append = parts.append
             results = self.results
             if type(results) is not list:
-                expect_list(results)
+                coerce_message_list(results)
             append(_pack_0(256, len(results)))
             pos = 4
             for result in results:
                 if type(result) is not SetParametersResult:
-                    result = expect(result, SetParametersResult)
+                    result = coerce_message(result, SetParametersResult)
                 append(_pack_6(BOOL[result.successful]))
                 pos += 1
                 reason = utf8(result.reason)
@@ -218,8 +218,8 @@ class SetParameters_Response(Message):
                 append(b"\0")
                 pos += 1
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -231,9 +231,9 @@ class SetParameters_Response(Message):
             message = new(cls)
             head, results_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             pos = 8
-            within(pos + 5 * results_count, raw)
+            check_remaining(pos + 5 * results_count, raw)
             results: list[SetParametersResult] = []
             message.results = results
             for _ in range(results_count):
@@ -250,8 +250,8 @@ class SetParameters_Response(Message):
                 result.reason = raw[pos:end].decode()
                 pos = end + 1
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -281,28 +281,28 @@ class SetParameters_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                info = expect(info, ServiceEventInfo)
+                info = coerce_message(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             request = self.request
             if type(request) is not list:
-                expect_list(request)
+                coerce_message_list(request)
             if len(request) > 1:
-                limit(len(request), 1)
+                check_max_length(len(request), 1)
             append(_pack_7(256, info.event_type, stamp.sec, stamp.nanosec, fixed_uint8s(info.client_gid, 16), info.sequence_number, len(request)))
             pos = 44
             for request_item in request:
                 if type(request_item) is not SetParameters_Request:
-                    request_item = expect(request_item, SetParameters_Request)
+                    request_item = coerce_message(request_item, SetParameters_Request)
                 parameters = request_item.parameters
                 if type(parameters) is not list:
-                    expect_list(parameters)
+                    coerce_message_list(parameters)
                 append(_pack_1[pos & 7](len(parameters)))
                 pos = (pos + 3 & -4) + 4
                 for parameter in parameters:
                     if type(parameter) is not Parameter:
-                        parameter = expect(parameter, Parameter)
+                        parameter = coerce_message(parameter, Parameter)
                     name = utf8(parameter.name)
                     append(_pack_1[pos & 7](len(name) + 1))
                     pos = (pos + 3 & -4) + 4
@@ -310,7 +310,7 @@ class SetParameters_Event(Message):
                     pos += len(name)
                     value = parameter.value
                     if type(value) is not ParameterValue:
-                        value = expect(value, ParameterValue)
+                        value = coerce_message(value, ParameterValue)
                     append(_pack_2(value.type, BOOL[value.bool_value]))
                     pos += 3
                     string_value = utf8(value.string_value)
@@ -350,22 +350,22 @@ class SetParameters_Event(Message):
                     pos += len(string_array_value_packed)
             response = self.response
             if type(response) is not list:
-                expect_list(response)
+                coerce_message_list(response)
             if len(response) > 1:
-                limit(len(response), 1)
+                check_max_length(len(response), 1)
             append(_pack_1[pos & 7](len(response)))
             pos = (pos + 3 & -4) + 4
             for response_item in response:
                 if type(response_item) is not SetParameters_Response:
-                    response_item = expect(response_item, SetParameters_Response)
+                    response_item = coerce_message(response_item, SetParameters_Response)
                 results = response_item.results
                 if type(results) is not list:
-                    expect_list(results)
+                    coerce_message_list(results)
                 append(_pack_1[pos & 7](len(results)))
                 pos = (pos + 3 & -4) + 4
                 for result in results:
                     if type(result) is not SetParametersResult:
-                        result = expect(result, SetParametersResult)
+                        result = coerce_message(result, SetParametersResult)
                     append(_pack_6(BOOL[result.successful]))
                     pos += 1
                     reason = utf8(result.reason)
@@ -376,8 +376,8 @@ class SetParameters_Event(Message):
                     append(b"\0")
                     pos += 1
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -391,12 +391,12 @@ class SetParameters_Event(Message):
             info.stamp = stamp = new(Time)
             head, info.event_type, stamp.sec, stamp.nanosec, info.sequence_number, request_count = _unpack_5(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
-                limit(request_count, 1)
+                check_max_length(request_count, 1)
             pos = 48
-            within(pos + 4 * request_count, raw)
+            check_remaining(pos + 4 * request_count, raw)
             request: list[SetParameters_Request] = []
             message.request = request
             for _ in range(request_count):
@@ -405,7 +405,7 @@ class SetParameters_Event(Message):
                 pos = pos + 3 & -4
                 (parameters_count,) = _unpack_1(raw, pos)
                 pos += 4
-                within(pos + 46 * parameters_count, raw)
+                check_remaining(pos + 46 * parameters_count, raw)
                 parameters: list[Parameter] = []
                 request_item.parameters = parameters
                 for _ in range(parameters_count):
@@ -459,8 +459,8 @@ class SetParameters_Event(Message):
             (response_count,) = _unpack_1(raw, pos)
             pos += 4
             if response_count > 1:
-                limit(response_count, 1)
-            within(pos + 4 * response_count, raw)
+                check_max_length(response_count, 1)
+            check_remaining(pos + 4 * response_count, raw)
             response: list[SetParameters_Response] = []
             message.response = response
             for _ in range(response_count):
@@ -469,7 +469,7 @@ class SetParameters_Event(Message):
                 pos = pos + 3 & -4
                 (results_count,) = _unpack_1(raw, pos)
                 pos += 4
-                within(pos + 5 * results_count, raw)
+                check_remaining(pos + 5 * results_count, raw)
                 results: list[SetParametersResult] = []
                 response_item.results = results
                 for _ in range(results_count):
@@ -486,8 +486,8 @@ class SetParameters_Event(Message):
                     result.reason = raw[pos:end].decode()
                     pos = end + 1
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 class SetParameters(Service[SetParameters_Request, SetParameters_Response]):

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, UINT8, expect, fixed_uint8s, frombuffer, limit, list_or_records, ndarray, new, packers, read_records, readable, utf8, within, write_records
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, UINT8, check_max_length, check_remaining, coerce_message, fixed_uint8s, frombuffer, list_or_records, ndarray, new, packers, read_records, readable, utf8, write_records
 from rosidl_py_gen.msgs.rmw_dds_common.msg._gid import Gid
 from struct import Struct
 from typing import ClassVar, TYPE_CHECKING
@@ -65,13 +65,13 @@ class NodeEntitiesInfo(Message):
             parts: list[bytes] = []
             append = parts.append
             if len(self.node_namespace) > 256:
-                limit(len(self.node_namespace), 256)
+                check_max_length(len(self.node_namespace), 256)
             node_namespace = utf8(self.node_namespace)
             append(_pack_0(256, len(node_namespace) + 1))
             append(node_namespace)
             pos = 4 + len(node_namespace)
             if len(self.node_name) > 256:
-                limit(len(self.node_name), 256)
+                check_max_length(len(self.node_name), 256)
             node_name = utf8(self.node_name)
             append(_pack_1[pos & 7](len(node_name) + 1))
             pos = (pos + 4 & -4) + 4
@@ -86,7 +86,7 @@ class NodeEntitiesInfo(Message):
             else:
                 for reader_gid_seq_item in reader_gid_seq:
                     if type(reader_gid_seq_item) is not Gid:
-                        reader_gid_seq_item = expect(reader_gid_seq_item, Gid)
+                        reader_gid_seq_item = coerce_message(reader_gid_seq_item, Gid)
                     append(_pack_2(fixed_uint8s(reader_gid_seq_item.data, 16)))
             writer_gid_seq = self.writer_gid_seq
             if type(writer_gid_seq) is not list:
@@ -97,11 +97,11 @@ class NodeEntitiesInfo(Message):
             else:
                 for writer_gid_seq_item in writer_gid_seq:
                     if type(writer_gid_seq_item) is not Gid:
-                        writer_gid_seq_item = expect(writer_gid_seq_item, Gid)
+                        writer_gid_seq_item = coerce_message(writer_gid_seq_item, Gid)
                     append(_pack_2(fixed_uint8s(writer_gid_seq_item.data, 16)))
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -113,7 +113,7 @@ class NodeEntitiesInfo(Message):
             message = new(cls)
             head, node_namespace_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy, None, arrays)
+                return decode_slow(cls, data, copy, None, arrays)
             end = 7 + node_namespace_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
@@ -132,7 +132,7 @@ class NodeEntitiesInfo(Message):
                 message.reader_gid_seq, pos = read_records(Gid, view, pos, reader_gid_seq_count)
             else:
                 end = pos + 16 * reader_gid_seq_count
-                within(end, raw)
+                check_remaining(end, raw)
                 reader_gid_seq: list[Gid] = []
                 message.reader_gid_seq = reader_gid_seq
                 for _ in _iter_0(memoryview(raw)[pos:end]):
@@ -146,7 +146,7 @@ class NodeEntitiesInfo(Message):
                 message.writer_gid_seq, _ = read_records(Gid, view, pos, writer_gid_seq_count)
             else:
                 end = pos + 16 * writer_gid_seq_count
-                within(end, raw)
+                check_remaining(end, raw)
                 writer_gid_seq: list[Gid] = []
                 message.writer_gid_seq = writer_gid_seq
                 for _ in _iter_0(memoryview(raw)[pos:end]):
@@ -155,5 +155,5 @@ class NodeEntitiesInfo(Message):
                     writer_gid_seq_item.data = frombuffer(view, UINT8, 16, pos)
                     pos += 16
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error, arrays)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error, arrays)

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, UINT8, expect, expect_list, fixed_uint8s, frombuffer, limit, list_or_records, ndarray, new, packers, read_records, readable, utf8, within, write_records
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, UINT8, check_max_length, check_remaining, coerce_message, coerce_message_list, fixed_uint8s, frombuffer, list_or_records, ndarray, new, packers, read_records, readable, utf8, write_records
 from rosidl_py_gen.msgs.rmw_dds_common.msg._gid import Gid
 from rosidl_py_gen.msgs.rmw_dds_common.msg._node_entities_info import NodeEntitiesInfo
 from struct import Struct
@@ -51,24 +51,24 @@ class ParticipantEntitiesInfo(Message):
             append = parts.append
             gid = self.gid
             if type(gid) is not Gid:
-                gid = expect(gid, Gid)
+                gid = coerce_message(gid, Gid)
             node_entities_info_seq = self.node_entities_info_seq
             if type(node_entities_info_seq) is not list:
-                expect_list(node_entities_info_seq)
+                coerce_message_list(node_entities_info_seq)
             append(_pack_0(256, fixed_uint8s(gid.data, 16), len(node_entities_info_seq)))
             pos = 20
             for node_entities_info_seq_item in node_entities_info_seq:
                 if type(node_entities_info_seq_item) is not NodeEntitiesInfo:
-                    node_entities_info_seq_item = expect(node_entities_info_seq_item, NodeEntitiesInfo)
+                    node_entities_info_seq_item = coerce_message(node_entities_info_seq_item, NodeEntitiesInfo)
                 if len(node_entities_info_seq_item.node_namespace) > 256:
-                    limit(len(node_entities_info_seq_item.node_namespace), 256)
+                    check_max_length(len(node_entities_info_seq_item.node_namespace), 256)
                 node_namespace = utf8(node_entities_info_seq_item.node_namespace)
                 append(_pack_1(len(node_namespace) + 1))
                 pos += 4
                 append(node_namespace)
                 pos += len(node_namespace)
                 if len(node_entities_info_seq_item.node_name) > 256:
-                    limit(len(node_entities_info_seq_item.node_name), 256)
+                    check_max_length(len(node_entities_info_seq_item.node_name), 256)
                 node_name = utf8(node_entities_info_seq_item.node_name)
                 append(_pack_2[pos & 7](len(node_name) + 1))
                 pos = (pos + 4 & -4) + 4
@@ -85,7 +85,7 @@ class ParticipantEntitiesInfo(Message):
                     pos += 16 * len(reader_gid_seq)
                     for reader_gid_seq_item in reader_gid_seq:
                         if type(reader_gid_seq_item) is not Gid:
-                            reader_gid_seq_item = expect(reader_gid_seq_item, Gid)
+                            reader_gid_seq_item = coerce_message(reader_gid_seq_item, Gid)
                         append(_pack_3(fixed_uint8s(reader_gid_seq_item.data, 16)))
                 writer_gid_seq = node_entities_info_seq_item.writer_gid_seq
                 if type(writer_gid_seq) is not list:
@@ -98,11 +98,11 @@ class ParticipantEntitiesInfo(Message):
                     pos += 16 * len(writer_gid_seq)
                     for writer_gid_seq_item in writer_gid_seq:
                         if type(writer_gid_seq_item) is not Gid:
-                            writer_gid_seq_item = expect(writer_gid_seq_item, Gid)
+                            writer_gid_seq_item = coerce_message(writer_gid_seq_item, Gid)
                         append(_pack_3(fixed_uint8s(writer_gid_seq_item.data, 16)))
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -115,10 +115,10 @@ class ParticipantEntitiesInfo(Message):
             message.gid = gid = new(Gid)
             head, node_entities_info_seq_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy, None, arrays)
+                return decode_slow(cls, data, copy, None, arrays)
             gid.data = frombuffer(view, UINT8, 16, 4)
             pos = 24
-            within(pos + 16 * node_entities_info_seq_count, raw)
+            check_remaining(pos + 16 * node_entities_info_seq_count, raw)
             node_entities_info_seq: list[NodeEntitiesInfo] = []
             message.node_entities_info_seq = node_entities_info_seq
             for _ in range(node_entities_info_seq_count):
@@ -144,7 +144,7 @@ class ParticipantEntitiesInfo(Message):
                     node_entities_info_seq_item.reader_gid_seq, pos = read_records(Gid, view, pos, reader_gid_seq_count)
                 else:
                     end = pos + 16 * reader_gid_seq_count
-                    within(end, raw)
+                    check_remaining(end, raw)
                     reader_gid_seq: list[Gid] = []
                     node_entities_info_seq_item.reader_gid_seq = reader_gid_seq
                     for _ in _iter_0(memoryview(raw)[pos:end]):
@@ -158,7 +158,7 @@ class ParticipantEntitiesInfo(Message):
                     node_entities_info_seq_item.writer_gid_seq, pos = read_records(Gid, view, pos, writer_gid_seq_count)
                 else:
                     end = pos + 16 * writer_gid_seq_count
-                    within(end, raw)
+                    check_remaining(end, raw)
                     writer_gid_seq: list[Gid] = []
                     node_entities_info_seq_item.writer_gid_seq = writer_gid_seq
                     for _ in _iter_0(memoryview(raw)[pos:end]):
@@ -167,5 +167,5 @@ class ParticipantEntitiesInfo(Message):
                         writer_gid_seq_item.data = frombuffer(view, UINT8, 16, pos)
                         pos += 16
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error, arrays)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error, arrays)

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, expect, new, readable
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, coerce_message, new, readable
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from struct import Struct
 from typing import ClassVar, TYPE_CHECKING
@@ -40,10 +40,10 @@ class Clock(Message):
         try:
             clock = self.clock
             if type(clock) is not Time:
-                clock = expect(clock, Time)
+                clock = coerce_message(clock, Time)
             return _pack_0(256, clock.sec, clock.nanosec)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -56,7 +56,7 @@ class Clock(Message):
             message.clock = clock = new(Time)
             head, clock.sec, clock.nanosec = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)

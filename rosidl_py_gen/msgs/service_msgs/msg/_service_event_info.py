@@ -6,8 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, UINT8, expect, fixed_uint8s, frombuffer, new, readable
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, UINT8, coerce_message, fixed_uint8s, frombuffer, new, readable
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from struct import Struct
 from typing import ClassVar, TYPE_CHECKING
@@ -72,10 +72,10 @@ class ServiceEventInfo(Message):
         try:
             stamp = self.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             return _pack_0(256, self.event_type, stamp.sec, stamp.nanosec, fixed_uint8s(self.client_gid, 16), self.sequence_number)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -88,8 +88,8 @@ class ServiceEventInfo(Message):
             message.stamp = stamp = new(Time)
             head, message.event_type, stamp.sec, stamp.nanosec, message.sequence_number = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             message.client_gid = frombuffer(view, UINT8, 16, 16)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)

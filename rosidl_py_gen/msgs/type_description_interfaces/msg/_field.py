@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, expect, limit, new, packers, readable, utf8
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, check_max_length, coerce_message, new, packers, readable, utf8
 from rosidl_py_gen.msgs.type_description_interfaces.msg._field_type import FieldType
 from struct import Struct
 from typing import ClassVar, TYPE_CHECKING
@@ -52,10 +52,10 @@ class Field(Message):
             pos = 4 + len(name)
             type_ = self.type
             if type(type_) is not FieldType:
-                type_ = expect(type_, FieldType)
+                type_ = coerce_message(type_, FieldType)
             pos2 = pos + 2
             if len(type_.nested_type_name) > 255:
-                limit(len(type_.nested_type_name), 255)
+                check_max_length(len(type_.nested_type_name), 255)
             nested_type_name = utf8(type_.nested_type_name)
             pos3 = (pos2 + 7 & -8) + 20
             pos4 = pos3 + len(nested_type_name)
@@ -70,8 +70,8 @@ class Field(Message):
                 default_value,
                 b"\0",
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -83,7 +83,7 @@ class Field(Message):
             message = new(cls)
             head, name_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             end = 7 + name_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
@@ -107,5 +107,5 @@ class Field(Message):
                 raise ValueError("a string does not end in NUL")
             message.default_value = raw[pos:end].decode()
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, limit, new, readable, utf8
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, check_max_length, new, readable, utf8
 from struct import Struct
 from typing import ClassVar, TYPE_CHECKING
 
@@ -162,15 +162,15 @@ class FieldType(Message):
     def _encode(self) -> bytes:
         try:
             if len(self.nested_type_name) > 255:
-                limit(len(self.nested_type_name), 255)
+                check_max_length(len(self.nested_type_name), 255)
             nested_type_name = utf8(self.nested_type_name)
             return b"".join((
                 _pack_0(256, self.type_id, self.capacity, self.string_capacity, len(nested_type_name) + 1),
                 nested_type_name,
                 b"\0",
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -182,11 +182,11 @@ class FieldType(Message):
             message = new(cls)
             head, message.type_id, message.capacity, message.string_capacity, nested_type_name_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             end = 31 + nested_type_name_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
             message.nested_type_name = raw[32:end].decode()
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, expect, expect_list, limit, new, packers, readable, utf8, within
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, check_max_length, check_remaining, coerce_message, coerce_message_list, new, packers, readable, utf8
 from rosidl_py_gen.msgs.type_description_interfaces.msg._field import Field
 from rosidl_py_gen.msgs.type_description_interfaces.msg._field_type import FieldType
 from struct import Struct
@@ -50,19 +50,19 @@ class IndividualTypeDescription(Message):
             parts: list[bytes] = []
             append = parts.append
             if len(self.type_name) > 255:
-                limit(len(self.type_name), 255)
+                check_max_length(len(self.type_name), 255)
             type_name = utf8(self.type_name)
             append(_pack_0(256, len(type_name) + 1))
             append(type_name)
             pos = 4 + len(type_name)
             fields = self.fields
             if type(fields) is not list:
-                expect_list(fields)
+                coerce_message_list(fields)
             append(_pack_1[pos & 7](len(fields)))
             pos = (pos + 4 & -4) + 4
             for field_ in fields:
                 if type(field_) is not Field:
-                    field_ = expect(field_, Field)
+                    field_ = coerce_message(field_, Field)
                 name = utf8(field_.name)
                 append(_pack_2[pos & 7](len(name) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -70,11 +70,11 @@ class IndividualTypeDescription(Message):
                 pos += len(name)
                 type_ = field_.type
                 if type(type_) is not FieldType:
-                    type_ = expect(type_, FieldType)
+                    type_ = coerce_message(type_, FieldType)
                 append(_pack_3(type_.type_id))
                 pos += 2
                 if len(type_.nested_type_name) > 255:
-                    limit(len(type_.nested_type_name), 255)
+                    check_max_length(len(type_.nested_type_name), 255)
                 nested_type_name = utf8(type_.nested_type_name)
                 append(_pack_4[pos & 7](type_.capacity, type_.string_capacity, len(nested_type_name) + 1))
                 pos = (pos + 7 & -8) + 20
@@ -88,8 +88,8 @@ class IndividualTypeDescription(Message):
                 append(b"\0")
                 pos += 1
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -101,7 +101,7 @@ class IndividualTypeDescription(Message):
             message = new(cls)
             head, type_name_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             end = 7 + type_name_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
@@ -109,7 +109,7 @@ class IndividualTypeDescription(Message):
             pos = end + 4 & -4
             (fields_count,) = _unpack_1(raw, pos)
             pos += 4
-            within(pos + 29 * fields_count, raw)
+            check_remaining(pos + 29 * fields_count, raw)
             fields: list[Field] = []
             message.fields = fields
             for _ in range(fields_count):
@@ -142,5 +142,5 @@ class IndividualTypeDescription(Message):
                 field_.default_value = raw[pos:end].decode()
                 pos = end + 1
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)

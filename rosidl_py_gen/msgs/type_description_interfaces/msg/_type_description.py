@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, expect, expect_list, limit, new, packers, readable, utf8, within
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, check_max_length, check_remaining, coerce_message, coerce_message_list, new, packers, readable, utf8
 from rosidl_py_gen.msgs.type_description_interfaces.msg._field import Field
 from rosidl_py_gen.msgs.type_description_interfaces.msg._field_type import FieldType
 from rosidl_py_gen.msgs.type_description_interfaces.msg._individual_type_description import IndividualTypeDescription
@@ -52,21 +52,21 @@ class TypeDescription(Message):
             append = parts.append
             type_description = self.type_description
             if type(type_description) is not IndividualTypeDescription:
-                type_description = expect(type_description, IndividualTypeDescription)
+                type_description = coerce_message(type_description, IndividualTypeDescription)
             if len(type_description.type_name) > 255:
-                limit(len(type_description.type_name), 255)
+                check_max_length(len(type_description.type_name), 255)
             type_name = utf8(type_description.type_name)
             append(_pack_0(256, len(type_name) + 1))
             append(type_name)
             pos = 4 + len(type_name)
             fields = type_description.fields
             if type(fields) is not list:
-                expect_list(fields)
+                coerce_message_list(fields)
             append(_pack_1[pos & 7](len(fields)))
             pos = (pos + 4 & -4) + 4
             for field_ in fields:
                 if type(field_) is not Field:
-                    field_ = expect(field_, Field)
+                    field_ = coerce_message(field_, Field)
                 name = utf8(field_.name)
                 append(_pack_2[pos & 7](len(name) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -74,11 +74,11 @@ class TypeDescription(Message):
                 pos += len(name)
                 type_ = field_.type
                 if type(type_) is not FieldType:
-                    type_ = expect(type_, FieldType)
+                    type_ = coerce_message(type_, FieldType)
                 append(_pack_3(type_.type_id))
                 pos += 2
                 if len(type_.nested_type_name) > 255:
-                    limit(len(type_.nested_type_name), 255)
+                    check_max_length(len(type_.nested_type_name), 255)
                 nested_type_name = utf8(type_.nested_type_name)
                 append(_pack_4[pos & 7](type_.capacity, type_.string_capacity, len(nested_type_name) + 1))
                 pos = (pos + 7 & -8) + 20
@@ -93,14 +93,14 @@ class TypeDescription(Message):
                 pos += 1
             referenced_type_descriptions = self.referenced_type_descriptions
             if type(referenced_type_descriptions) is not list:
-                expect_list(referenced_type_descriptions)
+                coerce_message_list(referenced_type_descriptions)
             append(_pack_2[pos & 7](len(referenced_type_descriptions)))
             pos = (pos + 3 & -4) + 4
             for referenced_type_description in referenced_type_descriptions:
                 if type(referenced_type_description) is not IndividualTypeDescription:
-                    referenced_type_description = expect(referenced_type_description, IndividualTypeDescription)
+                    referenced_type_description = coerce_message(referenced_type_description, IndividualTypeDescription)
                 if len(referenced_type_description.type_name) > 255:
-                    limit(len(referenced_type_description.type_name), 255)
+                    check_max_length(len(referenced_type_description.type_name), 255)
                 type_name_ = utf8(referenced_type_description.type_name)
                 append(_pack_2[pos & 7](len(type_name_) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -108,12 +108,12 @@ class TypeDescription(Message):
                 pos += len(type_name_)
                 fields_ = referenced_type_description.fields
                 if type(fields_) is not list:
-                    expect_list(fields_)
+                    coerce_message_list(fields_)
                 append(_pack_1[pos & 7](len(fields_)))
                 pos = (pos + 4 & -4) + 4
                 for field_2 in fields_:
                     if type(field_2) is not Field:
-                        field_2 = expect(field_2, Field)
+                        field_2 = coerce_message(field_2, Field)
                     name_ = utf8(field_2.name)
                     append(_pack_2[pos & 7](len(name_) + 1))
                     pos = (pos + 3 & -4) + 4
@@ -121,11 +121,11 @@ class TypeDescription(Message):
                     pos += len(name_)
                     type_2 = field_2.type
                     if type(type_2) is not FieldType:
-                        type_2 = expect(type_2, FieldType)
+                        type_2 = coerce_message(type_2, FieldType)
                     append(_pack_3(type_2.type_id))
                     pos += 2
                     if len(type_2.nested_type_name) > 255:
-                        limit(len(type_2.nested_type_name), 255)
+                        check_max_length(len(type_2.nested_type_name), 255)
                     nested_type_name_ = utf8(type_2.nested_type_name)
                     append(_pack_4[pos & 7](type_2.capacity, type_2.string_capacity, len(nested_type_name_) + 1))
                     pos = (pos + 7 & -8) + 20
@@ -139,8 +139,8 @@ class TypeDescription(Message):
                     append(b"\0")
                     pos += 1
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -153,7 +153,7 @@ class TypeDescription(Message):
             message.type_description = type_description = new(IndividualTypeDescription)
             head, type_name_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             end = 7 + type_name_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
@@ -161,7 +161,7 @@ class TypeDescription(Message):
             pos = end + 4 & -4
             (fields_count,) = _unpack_1(raw, pos)
             pos += 4
-            within(pos + 29 * fields_count, raw)
+            check_remaining(pos + 29 * fields_count, raw)
             fields: list[Field] = []
             type_description.fields = fields
             for _ in range(fields_count):
@@ -196,7 +196,7 @@ class TypeDescription(Message):
             pos = pos + 3 & -4
             (referenced_type_descriptions,) = _unpack_1(raw, pos)
             pos += 4
-            within(pos + 8 * referenced_type_descriptions, raw)
+            check_remaining(pos + 8 * referenced_type_descriptions, raw)
             referenced_type_descriptions_: list[IndividualTypeDescription] = []
             message.referenced_type_descriptions = referenced_type_descriptions_
             for _ in range(referenced_type_descriptions):
@@ -212,7 +212,7 @@ class TypeDescription(Message):
                 pos = end + 4 & -4
                 (fields_count_,) = _unpack_1(raw, pos)
                 pos += 4
-                within(pos + 29 * fields_count_, raw)
+                check_remaining(pos + 29 * fields_count_, raw)
                 fields_: list[Field] = []
                 referenced_type_description.fields = fields_
                 for _ in range(fields_count_):
@@ -245,5 +245,5 @@ class TypeDescription(Message):
                     field_2.default_value = raw[pos:end].decode()
                     pos = end + 1
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import BOOL, Fault, UINT8, expect, expect_list, fixed_uint8s, frombuffer, limit, new, packers, readable, utf8, within
+from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import BOOL, FastPathError, UINT8, check_max_length, check_remaining, coerce_message, coerce_message_list, fixed_uint8s, frombuffer, new, packers, readable, utf8
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.service_msgs.msg._service_event_info import ServiceEventInfo
 from rosidl_py_gen.msgs.type_description_interfaces.msg._field import Field
@@ -77,8 +77,8 @@ class GetTypeDescription_Request(Message):
                 type_hash,
                 _pack_2(BOOL[self.include_type_sources]),
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -90,7 +90,7 @@ class GetTypeDescription_Request(Message):
             message = new(cls)
             head, type_name_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             end = 7 + type_name_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
@@ -105,8 +105,8 @@ class GetTypeDescription_Request(Message):
             pos = end + 1
             (message.include_type_sources,) = _unpack_2(raw, pos)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -148,12 +148,12 @@ class GetTypeDescription_Response(Message):
             pos = 8 + len(failure_reason)
             type_description = self.type_description
             if type(type_description) is not TypeDescription:
-                type_description = expect(type_description, TypeDescription)
+                type_description = coerce_message(type_description, TypeDescription)
             type_description_ = type_description.type_description
             if type(type_description_) is not IndividualTypeDescription:
-                type_description_ = expect(type_description_, IndividualTypeDescription)
+                type_description_ = coerce_message(type_description_, IndividualTypeDescription)
             if len(type_description_.type_name) > 255:
-                limit(len(type_description_.type_name), 255)
+                check_max_length(len(type_description_.type_name), 255)
             type_name = utf8(type_description_.type_name)
             append(_pack_1[pos & 7](len(type_name) + 1))
             pos = (pos + 4 & -4) + 4
@@ -161,12 +161,12 @@ class GetTypeDescription_Response(Message):
             pos += len(type_name)
             fields = type_description_.fields
             if type(fields) is not list:
-                expect_list(fields)
+                coerce_message_list(fields)
             append(_pack_1[pos & 7](len(fields)))
             pos = (pos + 4 & -4) + 4
             for field_ in fields:
                 if type(field_) is not Field:
-                    field_ = expect(field_, Field)
+                    field_ = coerce_message(field_, Field)
                 name = utf8(field_.name)
                 append(_pack_4[pos & 7](len(name) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -174,11 +174,11 @@ class GetTypeDescription_Response(Message):
                 pos += len(name)
                 type_ = field_.type
                 if type(type_) is not FieldType:
-                    type_ = expect(type_, FieldType)
+                    type_ = coerce_message(type_, FieldType)
                 append(_pack_5(type_.type_id))
                 pos += 2
                 if len(type_.nested_type_name) > 255:
-                    limit(len(type_.nested_type_name), 255)
+                    check_max_length(len(type_.nested_type_name), 255)
                 nested_type_name = utf8(type_.nested_type_name)
                 append(_pack_6[pos & 7](type_.capacity, type_.string_capacity, len(nested_type_name) + 1))
                 pos = (pos + 7 & -8) + 20
@@ -193,14 +193,14 @@ class GetTypeDescription_Response(Message):
                 pos += 1
             referenced_type_descriptions = type_description.referenced_type_descriptions
             if type(referenced_type_descriptions) is not list:
-                expect_list(referenced_type_descriptions)
+                coerce_message_list(referenced_type_descriptions)
             append(_pack_4[pos & 7](len(referenced_type_descriptions)))
             pos = (pos + 3 & -4) + 4
             for referenced_type_description in referenced_type_descriptions:
                 if type(referenced_type_description) is not IndividualTypeDescription:
-                    referenced_type_description = expect(referenced_type_description, IndividualTypeDescription)
+                    referenced_type_description = coerce_message(referenced_type_description, IndividualTypeDescription)
                 if len(referenced_type_description.type_name) > 255:
-                    limit(len(referenced_type_description.type_name), 255)
+                    check_max_length(len(referenced_type_description.type_name), 255)
                 type_name_ = utf8(referenced_type_description.type_name)
                 append(_pack_4[pos & 7](len(type_name_) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -208,12 +208,12 @@ class GetTypeDescription_Response(Message):
                 pos += len(type_name_)
                 fields_ = referenced_type_description.fields
                 if type(fields_) is not list:
-                    expect_list(fields_)
+                    coerce_message_list(fields_)
                 append(_pack_1[pos & 7](len(fields_)))
                 pos = (pos + 4 & -4) + 4
                 for field_2 in fields_:
                     if type(field_2) is not Field:
-                        field_2 = expect(field_2, Field)
+                        field_2 = coerce_message(field_2, Field)
                     name_ = utf8(field_2.name)
                     append(_pack_4[pos & 7](len(name_) + 1))
                     pos = (pos + 3 & -4) + 4
@@ -221,11 +221,11 @@ class GetTypeDescription_Response(Message):
                     pos += len(name_)
                     type_2 = field_2.type
                     if type(type_2) is not FieldType:
-                        type_2 = expect(type_2, FieldType)
+                        type_2 = coerce_message(type_2, FieldType)
                     append(_pack_5(type_2.type_id))
                     pos += 2
                     if len(type_2.nested_type_name) > 255:
-                        limit(len(type_2.nested_type_name), 255)
+                        check_max_length(len(type_2.nested_type_name), 255)
                     nested_type_name_ = utf8(type_2.nested_type_name)
                     append(_pack_6[pos & 7](type_2.capacity, type_2.string_capacity, len(nested_type_name_) + 1))
                     pos = (pos + 7 & -8) + 20
@@ -240,12 +240,12 @@ class GetTypeDescription_Response(Message):
                     pos += 1
             type_sources = self.type_sources
             if type(type_sources) is not list:
-                expect_list(type_sources)
+                coerce_message_list(type_sources)
             append(_pack_4[pos & 7](len(type_sources)))
             pos = (pos + 3 & -4) + 4
             for type_source in type_sources:
                 if type(type_source) is not TypeSource:
-                    type_source = expect(type_source, TypeSource)
+                    type_source = coerce_message(type_source, TypeSource)
                 type_name_2 = utf8(type_source.type_name)
                 append(_pack_4[pos & 7](len(type_name_2) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -265,12 +265,12 @@ class GetTypeDescription_Response(Message):
                 pos += 1
             extra_information = self.extra_information
             if type(extra_information) is not list:
-                expect_list(extra_information)
+                coerce_message_list(extra_information)
             append(_pack_4[pos & 7](len(extra_information)))
             pos = (pos + 3 & -4) + 4
             for extra_information_item in extra_information:
                 if type(extra_information_item) is not KeyValue:
-                    extra_information_item = expect(extra_information_item, KeyValue)
+                    extra_information_item = coerce_message(extra_information_item, KeyValue)
                 key = utf8(extra_information_item.key)
                 append(_pack_4[pos & 7](len(key) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -284,8 +284,8 @@ class GetTypeDescription_Response(Message):
                 append(b"\0")
                 pos += 1
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -297,7 +297,7 @@ class GetTypeDescription_Response(Message):
             message = new(cls)
             head, message.successful, failure_reason_count = _unpack_3(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             end = 11 + failure_reason_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
@@ -314,7 +314,7 @@ class GetTypeDescription_Response(Message):
             pos = end + 4 & -4
             (fields_count,) = _unpack_1(raw, pos)
             pos += 4
-            within(pos + 29 * fields_count, raw)
+            check_remaining(pos + 29 * fields_count, raw)
             fields: list[Field] = []
             type_description_.fields = fields
             for _ in range(fields_count):
@@ -349,7 +349,7 @@ class GetTypeDescription_Response(Message):
             pos = pos + 3 & -4
             (referenced_type_descriptions,) = _unpack_1(raw, pos)
             pos += 4
-            within(pos + 8 * referenced_type_descriptions, raw)
+            check_remaining(pos + 8 * referenced_type_descriptions, raw)
             referenced_type_descriptions_: list[IndividualTypeDescription] = []
             type_description.referenced_type_descriptions = referenced_type_descriptions_
             for _ in range(referenced_type_descriptions):
@@ -365,7 +365,7 @@ class GetTypeDescription_Response(Message):
                 pos = end + 4 & -4
                 (fields_count_,) = _unpack_1(raw, pos)
                 pos += 4
-                within(pos + 29 * fields_count_, raw)
+                check_remaining(pos + 29 * fields_count_, raw)
                 fields_: list[Field] = []
                 referenced_type_description.fields = fields_
                 for _ in range(fields_count_):
@@ -400,7 +400,7 @@ class GetTypeDescription_Response(Message):
             pos = pos + 3 & -4
             (type_sources_count,) = _unpack_1(raw, pos)
             pos += 4
-            within(pos + 12 * type_sources_count, raw)
+            check_remaining(pos + 12 * type_sources_count, raw)
             type_sources: list[TypeSource] = []
             message.type_sources = type_sources
             for _ in range(type_sources_count):
@@ -431,7 +431,7 @@ class GetTypeDescription_Response(Message):
             pos = pos + 3 & -4
             (extra_information_count,) = _unpack_1(raw, pos)
             pos += 4
-            within(pos + 8 * extra_information_count, raw)
+            check_remaining(pos + 8 * extra_information_count, raw)
             extra_information: list[KeyValue] = []
             message.extra_information = extra_information
             for _ in range(extra_information_count):
@@ -453,8 +453,8 @@ class GetTypeDescription_Response(Message):
                 extra_information_item.value = raw[pos:end].decode()
                 pos = end + 1
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -484,20 +484,20 @@ class GetTypeDescription_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                info = expect(info, ServiceEventInfo)
+                info = coerce_message(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             request = self.request
             if type(request) is not list:
-                expect_list(request)
+                coerce_message_list(request)
             if len(request) > 1:
-                limit(len(request), 1)
+                check_max_length(len(request), 1)
             append(_pack_7(256, info.event_type, stamp.sec, stamp.nanosec, fixed_uint8s(info.client_gid, 16), info.sequence_number, len(request)))
             pos = 44
             for request_item in request:
                 if type(request_item) is not GetTypeDescription_Request:
-                    request_item = expect(request_item, GetTypeDescription_Request)
+                    request_item = coerce_message(request_item, GetTypeDescription_Request)
                 type_name = utf8(request_item.type_name)
                 append(_pack_4[pos & 7](len(type_name) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -512,14 +512,14 @@ class GetTypeDescription_Event(Message):
                 pos += 2
             response = self.response
             if type(response) is not list:
-                expect_list(response)
+                coerce_message_list(response)
             if len(response) > 1:
-                limit(len(response), 1)
+                check_max_length(len(response), 1)
             append(_pack_4[pos & 7](len(response)))
             pos = (pos + 3 & -4) + 4
             for response_item in response:
                 if type(response_item) is not GetTypeDescription_Response:
-                    response_item = expect(response_item, GetTypeDescription_Response)
+                    response_item = coerce_message(response_item, GetTypeDescription_Response)
                 append(_pack_8(BOOL[response_item.successful]))
                 pos += 1
                 failure_reason = utf8(response_item.failure_reason)
@@ -529,12 +529,12 @@ class GetTypeDescription_Event(Message):
                 pos += len(failure_reason)
                 type_description = response_item.type_description
                 if type(type_description) is not TypeDescription:
-                    type_description = expect(type_description, TypeDescription)
+                    type_description = coerce_message(type_description, TypeDescription)
                 type_description_ = type_description.type_description
                 if type(type_description_) is not IndividualTypeDescription:
-                    type_description_ = expect(type_description_, IndividualTypeDescription)
+                    type_description_ = coerce_message(type_description_, IndividualTypeDescription)
                 if len(type_description_.type_name) > 255:
-                    limit(len(type_description_.type_name), 255)
+                    check_max_length(len(type_description_.type_name), 255)
                 type_name_ = utf8(type_description_.type_name)
                 append(_pack_1[pos & 7](len(type_name_) + 1))
                 pos = (pos + 4 & -4) + 4
@@ -542,12 +542,12 @@ class GetTypeDescription_Event(Message):
                 pos += len(type_name_)
                 fields = type_description_.fields
                 if type(fields) is not list:
-                    expect_list(fields)
+                    coerce_message_list(fields)
                 append(_pack_1[pos & 7](len(fields)))
                 pos = (pos + 4 & -4) + 4
                 for field_ in fields:
                     if type(field_) is not Field:
-                        field_ = expect(field_, Field)
+                        field_ = coerce_message(field_, Field)
                     name = utf8(field_.name)
                     append(_pack_4[pos & 7](len(name) + 1))
                     pos = (pos + 3 & -4) + 4
@@ -555,11 +555,11 @@ class GetTypeDescription_Event(Message):
                     pos += len(name)
                     type_ = field_.type
                     if type(type_) is not FieldType:
-                        type_ = expect(type_, FieldType)
+                        type_ = coerce_message(type_, FieldType)
                     append(_pack_5(type_.type_id))
                     pos += 2
                     if len(type_.nested_type_name) > 255:
-                        limit(len(type_.nested_type_name), 255)
+                        check_max_length(len(type_.nested_type_name), 255)
                     nested_type_name = utf8(type_.nested_type_name)
                     append(_pack_6[pos & 7](type_.capacity, type_.string_capacity, len(nested_type_name) + 1))
                     pos = (pos + 7 & -8) + 20
@@ -574,14 +574,14 @@ class GetTypeDescription_Event(Message):
                     pos += 1
                 referenced_type_descriptions = type_description.referenced_type_descriptions
                 if type(referenced_type_descriptions) is not list:
-                    expect_list(referenced_type_descriptions)
+                    coerce_message_list(referenced_type_descriptions)
                 append(_pack_4[pos & 7](len(referenced_type_descriptions)))
                 pos = (pos + 3 & -4) + 4
                 for referenced_type_description in referenced_type_descriptions:
                     if type(referenced_type_description) is not IndividualTypeDescription:
-                        referenced_type_description = expect(referenced_type_description, IndividualTypeDescription)
+                        referenced_type_description = coerce_message(referenced_type_description, IndividualTypeDescription)
                     if len(referenced_type_description.type_name) > 255:
-                        limit(len(referenced_type_description.type_name), 255)
+                        check_max_length(len(referenced_type_description.type_name), 255)
                     type_name_2 = utf8(referenced_type_description.type_name)
                     append(_pack_4[pos & 7](len(type_name_2) + 1))
                     pos = (pos + 3 & -4) + 4
@@ -589,12 +589,12 @@ class GetTypeDescription_Event(Message):
                     pos += len(type_name_2)
                     fields_ = referenced_type_description.fields
                     if type(fields_) is not list:
-                        expect_list(fields_)
+                        coerce_message_list(fields_)
                     append(_pack_1[pos & 7](len(fields_)))
                     pos = (pos + 4 & -4) + 4
                     for field_2 in fields_:
                         if type(field_2) is not Field:
-                            field_2 = expect(field_2, Field)
+                            field_2 = coerce_message(field_2, Field)
                         name_ = utf8(field_2.name)
                         append(_pack_4[pos & 7](len(name_) + 1))
                         pos = (pos + 3 & -4) + 4
@@ -602,11 +602,11 @@ class GetTypeDescription_Event(Message):
                         pos += len(name_)
                         type_2 = field_2.type
                         if type(type_2) is not FieldType:
-                            type_2 = expect(type_2, FieldType)
+                            type_2 = coerce_message(type_2, FieldType)
                         append(_pack_5(type_2.type_id))
                         pos += 2
                         if len(type_2.nested_type_name) > 255:
-                            limit(len(type_2.nested_type_name), 255)
+                            check_max_length(len(type_2.nested_type_name), 255)
                         nested_type_name_ = utf8(type_2.nested_type_name)
                         append(_pack_6[pos & 7](type_2.capacity, type_2.string_capacity, len(nested_type_name_) + 1))
                         pos = (pos + 7 & -8) + 20
@@ -621,12 +621,12 @@ class GetTypeDescription_Event(Message):
                         pos += 1
                 type_sources = response_item.type_sources
                 if type(type_sources) is not list:
-                    expect_list(type_sources)
+                    coerce_message_list(type_sources)
                 append(_pack_4[pos & 7](len(type_sources)))
                 pos = (pos + 3 & -4) + 4
                 for type_source in type_sources:
                     if type(type_source) is not TypeSource:
-                        type_source = expect(type_source, TypeSource)
+                        type_source = coerce_message(type_source, TypeSource)
                     type_name_3 = utf8(type_source.type_name)
                     append(_pack_4[pos & 7](len(type_name_3) + 1))
                     pos = (pos + 3 & -4) + 4
@@ -646,12 +646,12 @@ class GetTypeDescription_Event(Message):
                     pos += 1
                 extra_information = response_item.extra_information
                 if type(extra_information) is not list:
-                    expect_list(extra_information)
+                    coerce_message_list(extra_information)
                 append(_pack_4[pos & 7](len(extra_information)))
                 pos = (pos + 3 & -4) + 4
                 for extra_information_item in extra_information:
                     if type(extra_information_item) is not KeyValue:
-                        extra_information_item = expect(extra_information_item, KeyValue)
+                        extra_information_item = coerce_message(extra_information_item, KeyValue)
                     key = utf8(extra_information_item.key)
                     append(_pack_4[pos & 7](len(key) + 1))
                     pos = (pos + 3 & -4) + 4
@@ -665,8 +665,8 @@ class GetTypeDescription_Event(Message):
                     append(b"\0")
                     pos += 1
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -680,12 +680,12 @@ class GetTypeDescription_Event(Message):
             info.stamp = stamp = new(Time)
             head, info.event_type, stamp.sec, stamp.nanosec, info.sequence_number, request_count = _unpack_6(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
-                limit(request_count, 1)
+                check_max_length(request_count, 1)
             pos = 48
-            within(pos + 9 * request_count, raw)
+            check_remaining(pos + 9 * request_count, raw)
             request: list[GetTypeDescription_Request] = []
             message.request = request
             for _ in range(request_count):
@@ -712,8 +712,8 @@ class GetTypeDescription_Event(Message):
             (response_count,) = _unpack_1(raw, pos)
             pos += 4
             if response_count > 1:
-                limit(response_count, 1)
-            within(pos + 25 * response_count, raw)
+                check_max_length(response_count, 1)
+            check_remaining(pos + 25 * response_count, raw)
             response: list[GetTypeDescription_Response] = []
             message.response = response
             for _ in range(response_count):
@@ -740,7 +740,7 @@ class GetTypeDescription_Event(Message):
                 pos = end + 4 & -4
                 (fields_count,) = _unpack_1(raw, pos)
                 pos += 4
-                within(pos + 29 * fields_count, raw)
+                check_remaining(pos + 29 * fields_count, raw)
                 fields: list[Field] = []
                 type_description_.fields = fields
                 for _ in range(fields_count):
@@ -775,7 +775,7 @@ class GetTypeDescription_Event(Message):
                 pos = pos + 3 & -4
                 (referenced_type_descriptions,) = _unpack_1(raw, pos)
                 pos += 4
-                within(pos + 8 * referenced_type_descriptions, raw)
+                check_remaining(pos + 8 * referenced_type_descriptions, raw)
                 referenced_type_descriptions_: list[IndividualTypeDescription] = []
                 type_description.referenced_type_descriptions = referenced_type_descriptions_
                 for _ in range(referenced_type_descriptions):
@@ -791,7 +791,7 @@ class GetTypeDescription_Event(Message):
                     pos = end + 4 & -4
                     (fields_count_,) = _unpack_1(raw, pos)
                     pos += 4
-                    within(pos + 29 * fields_count_, raw)
+                    check_remaining(pos + 29 * fields_count_, raw)
                     fields_: list[Field] = []
                     referenced_type_description.fields = fields_
                     for _ in range(fields_count_):
@@ -826,7 +826,7 @@ class GetTypeDescription_Event(Message):
                 pos = pos + 3 & -4
                 (type_sources_count,) = _unpack_1(raw, pos)
                 pos += 4
-                within(pos + 12 * type_sources_count, raw)
+                check_remaining(pos + 12 * type_sources_count, raw)
                 type_sources: list[TypeSource] = []
                 response_item.type_sources = type_sources
                 for _ in range(type_sources_count):
@@ -857,7 +857,7 @@ class GetTypeDescription_Event(Message):
                 pos = pos + 3 & -4
                 (extra_information_count,) = _unpack_1(raw, pos)
                 pos += 4
-                within(pos + 8 * extra_information_count, raw)
+                check_remaining(pos + 8 * extra_information_count, raw)
                 extra_information: list[KeyValue] = []
                 response_item.extra_information = extra_information
                 for _ in range(extra_information_count):
@@ -879,8 +879,8 @@ class GetTypeDescription_Event(Message):
                     extra_information_item.value = raw[pos:end].decode()
                     pos = end + 1
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 class GetTypeDescription(Service[GetTypeDescription_Request, GetTypeDescription_Response]):

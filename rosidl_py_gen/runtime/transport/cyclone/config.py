@@ -20,20 +20,20 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.runtime.transport.port import DiscoveryRange, DomainSettings
+from rosidl_py_gen.runtime.transport.api import DiscoveryRange, DomainSettings
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
 MAX_PARTICIPANT_INDEX = 32
-IGNORES_TYPES = "IgnoreTypeInformation"
+IGNORE_TYPE_INFORMATION = "IgnoreTypeInformation"
 """An element of Cyclone from 11 on."""
 ELEMENTS = frozenset(
-    {"SocketReceiveBufferSize", "HeartbeatInterval", "NackDelay", IGNORES_TYPES, "SPDPInterval"}
+    {"SocketReceiveBufferSize", "HeartbeatInterval", "NackDelay", IGNORE_TYPE_INFORMATION, "SPDPInterval"}
     | {"InitialLocatorPruneDelay", "SharedMemory"}
 )
 """Elements of ours that a library may do without: 0.10 does not know two, one built without iceoryx not the last."""
-TUNING = (
+DEFAULT_CONFIG = (
     '<Internal><SocketReceiveBufferSize max="32MiB"/><HeartbeatInterval>20ms</HeartbeatInterval>'
     "<NackDelay>20ms</NackDelay></Internal><Compatibility><IgnoreTypeInformation>"
     f"{','.join(f'1.{vendor}' for vendor in range(2, 33))}</IgnoreTypeInformation></Compatibility>"
@@ -69,7 +69,7 @@ def cyclone_xml(
     Source: docs/internals/protocol.md 10.6, 11.6.
     """
     fragments = []
-    body = _domain_elements(settings, process_id, IGNORES_TYPES not in lacks) + extra
+    body = _domain_elements(settings, process_id, IGNORE_TYPE_INFORMATION not in lacks) + extra
     for name in lacks:
         element = rf"<{name}\b[^>]*(/>|>.*?</{name}>)"
         body, last = re.sub(element, "", body), re.sub(element, "", last)

@@ -16,25 +16,25 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.transport.cyclone import functions
-from rosidl_py_gen.runtime.transport.cyclone.functions import (
+from rosidl_py_gen.runtime.transport.cyclone import c_api
+from rosidl_py_gen.runtime.transport.cyclone.c_api import (
     DCPS_PARTICIPANT,
     BuiltinEndpoint,
     BuiltinParticipant,
-    lent,
+    cast_loan,
 )
-from rosidl_py_gen.runtime.transport.cyclone.pipe import putw
 from rosidl_py_gen.runtime.transport.cyclone.qos import read_profile, read_property, read_user_data
+from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import putw
 from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR
 from rosidl_py_gen.runtime.transport.dds.names import channel_of, parse_user_data
-from rosidl_py_gen.runtime.transport.discovered import EndpointFound, Lost, ParticipantFound
+from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, EntityLost, ParticipantDiscovered
 from rosidl_py_gen.runtime.transport.type_names import ros_type
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
-    from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent
+    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import FastDdsInterop
+    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent
 
 _BATCH = 64
 """Of all arrays that a builtin reader is given: 0.10 fills in as many pointers as it has ever lent."""
@@ -50,16 +50,16 @@ _ADDRESSES = b"__NetworkAddresses"
 """A property that Cyclone adds to what a participant said of itself."""
 _OF_DDS = "DCPS"
 """Begins the names of the topics by which DDS itself works."""
-_TOPICS = (DCPS_PARTICIPANT, functions.DCPS_PUBLICATION, functions.DCPS_SUBSCRIPTION)
+_TOPICS = (DCPS_PARTICIPANT, c_api.DCPS_PUBLICATION, c_api.DCPS_SUBSCRIPTION)
 
 
-class DiscoveryReaders:
+class BuiltinTopicReaders:
     """The three builtin readers of a participant."""
 
     def __init__(
         self,
-        api: functions.Api,
-        fast_dds: FastDds,
+        api: c_api.CycloneApi,
+        fast_dds: FastDdsInterop,
         participant: int,
         listener: int,
         stream: int,
@@ -85,15 +85,17 @@ class DiscoveryReaders:
         finally:
             api.delete_listener(of_participants)
         self.entities = tuple(self._readers.values())
-        fast_dds.notice(self._readers[DCPS_PARTICIPANT])
+        fast_dds.on_participants_pending(self._readers[DCPS_PARTICIPANT])
         self.sink: Callable[[list[DiscoveryEvent]], None] | None = None
         self._lock = threading.RLock()
         self._is_stopped = False
         self.guids: dict[int, bytes] = {}
         """By local handle, what is known so far; to be looked at first, then `endpoint_guid` asked."""
-        self._lost: deque[int] = deque()
+        self._lost_handles: deque[int] = deque()
 
-    def _lent(self, reader: int, look: Callable[..., int], *states: int) -> Iterator[tuple[int, int, bool, int]]:
+    def _loaned_samples(
+        self, reader: int, look: Callable[..., int], *states: int
+    ) -> Iterator[tuple[int, int, bool, int]]:
         """All that a reader has: where it lies until the next one, its state, whether it has data, and its handle."""
         count = _BATCH
         while count == _BATCH:
@@ -108,14 +110,14 @@ class DiscoveryReaders:
 
     def _on_participants(self, reader: int, stream: int) -> None:
         """Called by Cyclone in a thread of its own, before it takes anything else from those that it has found."""
-        self._fast_dds.notice(reader)
+        self._fast_dds.on_participants_pending(reader)
         try:
-            for pointer, *_ in self._lent(reader, self._api.read_mask, _NEW):
-                self._meet(lent(pointer, BuiltinParticipant))  # before the loop takes it
+            for pointer, *_ in self._loaned_samples(reader, self._api.read_mask, _NEW):
+                self._record_participant(cast_loan(pointer, BuiltinParticipant))  # before the loop takes it
         finally:
             putw(reader, stream)
 
-    def _meet(self, participant: BuiltinParticipant) -> None:
+    def _record_participant(self, participant: BuiltinParticipant) -> None:
         """Note the addresses of one on Fast DDS, and greet it when it is new."""
         guid = bytes(participant.key)
         if guid.startswith(FAST_DDS_VENDOR):
@@ -130,47 +132,47 @@ class DiscoveryReaders:
     def report(self) -> None:
         """Pass all news to the sink."""
         with self._lock:
-            news = [] if self._is_stopped else list(self._news())
-        for complaint in self._fast_dds.complaints():
+            news = [] if self._is_stopped else list(self._read_events())
+        for complaint in self._fast_dds.new_warnings():
             get_root_logger().warning(complaint)
         if news and self.sink is not None:
             self.sink(news)
 
-    def _news(self) -> Iterator[DiscoveryEvent]:
+    def _read_events(self) -> Iterator[DiscoveryEvent]:
         for topic, reader in self._readers.items():
             is_participant = topic == DCPS_PARTICIPANT
             if is_participant:
-                self._fast_dds.look(reader)
+                self._fast_dds.begin_read(reader)
             events: list[DiscoveryEvent] = []
-            for pointer, state, is_valid, handle in self._lent(reader, self._api.take):
+            for pointer, state, is_valid, handle in self._loaned_samples(reader, self._api.take):
                 if is_valid:
                     events += self._participant(pointer) if is_participant else self._endpoint(topic, pointer, handle)
                 if not is_valid or state != _ALIVE:  # or came and went since the last look; nothing else will tell
-                    guid = bytes(lent(pointer, BuiltinParticipant).key)  # where all builtin samples have theirs
-                    events.append(Lost(guid))
+                    guid = bytes(cast_loan(pointer, BuiltinParticipant).key)  # where all builtin samples have theirs
+                    events.append(EntityLost(guid))
                     if is_participant:
                         self._addresses.pop(guid[:_PREFIX_BYTES], None)
                     else:
                         self._forget_later(handle)
             if is_participant:
-                self._fast_dds.settle(reader, events)
+                self._fast_dds.end_read(reader, events)
             yield from events
 
-    def _participant(self, pointer: int) -> Iterator[ParticipantFound]:
-        participant = lent(pointer, BuiltinParticipant)
-        self._meet(participant)  # perhaps before Cyclone's thread has come to it
+    def _participant(self, pointer: int) -> Iterator[ParticipantDiscovered]:
+        participant = cast_loan(pointer, BuiltinParticipant)
+        self._record_participant(participant)  # perhaps before Cyclone's thread has come to it
         told = parse_user_data(read_user_data(self._api, participant.qos))
-        yield ParticipantFound(bytes(participant.key), told.get("enclave"))
+        yield ParticipantDiscovered(bytes(participant.key), told.get("enclave"))
 
-    def _endpoint(self, topic: int, pointer: int, handle: int) -> Iterator[EndpointFound]:
-        endpoint = lent(pointer, BuiltinEndpoint)
+    def _endpoint(self, topic: int, pointer: int, handle: int) -> Iterator[DiscoveredEndpoint]:
+        endpoint = cast_loan(pointer, BuiltinEndpoint)
         self.guids[handle] = guid = bytes(endpoint.key)
         name, type = endpoint.topic_name.decode(errors="replace"), endpoint.type_name.decode(errors="replace")
         if name.startswith(_OF_DDS):
             return
-        is_writer = topic == functions.DCPS_PUBLICATION
+        is_writer = topic == c_api.DCPS_PUBLICATION
         told = parse_user_data(read_user_data(self._api, endpoint.qos))
-        yield EndpointFound(
+        yield DiscoveredEndpoint(
             guid,
             bytes(endpoint.participant_key),
             is_writer,
@@ -184,9 +186,9 @@ class DiscoveryReaders:
         )
 
     def _forget_later(self, handle: int) -> None:
-        self._lost.append(handle)
-        if len(self._lost) > _REMEMBERED:
-            self.guids.pop(self._lost.popleft(), None)
+        self._lost_handles.append(handle)
+        if len(self._lost_handles) > _REMEMBERED:
+            self.guids.pop(self._lost_handles.popleft(), None)
 
     def stop(self) -> None:
         """The readers are about to be deleted, and what they lent with them: wait for a thread that looks at it."""
@@ -195,7 +197,7 @@ class DiscoveryReaders:
 
     def close(self) -> None:
         """The participant and its readers are deleted."""
-        self._fast_dds.forget(self._readers[DCPS_PARTICIPANT])
+        self._fast_dds.forget_reader(self._readers[DCPS_PARTICIPANT])
 
     # --------------------------------------------------------------------------------------------------- handles
 
@@ -226,6 +228,6 @@ class DiscoveryReaders:
             pointer = look_up(entity, handle)
             if not pointer:
                 return None
-            guid = self.guids[handle] = bytes(lent(pointer, BuiltinEndpoint).key)
+            guid = self.guids[handle] = bytes(cast_loan(pointer, BuiltinEndpoint).key)
             api.builtintopic_free_endpoint(pointer)
         return guid

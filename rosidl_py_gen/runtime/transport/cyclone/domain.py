@@ -17,16 +17,16 @@ import time
 from typing import TYPE_CHECKING, ClassVar
 
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.transport.cyclone import functions
+from rosidl_py_gen.runtime.transport.api import TransportError
+from rosidl_py_gen.runtime.transport.cyclone import c_api
 from rosidl_py_gen.runtime.transport.cyclone.config import MAX_PARTICIPANT_INDEX
-from rosidl_py_gen.runtime.transport.cyclone.topics import TypeObjects
-from rosidl_py_gen.runtime.transport.port import TransportError
+from rosidl_py_gen.runtime.transport.cyclone.topics import Sertypes
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
+    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import FastDdsInterop
 
-_PATIENCE_S = 5.0
-_LOOK_S = 0.001
+_CLOSE_TIMEOUT_S = 5.0
+_CLOSE_POLL_INTERVAL_S = 0.001
 """How long `leave` waits for writes, and how often it looks: to be told of each would cost more than they do."""
 _FIRST_PORT, _PORTS_PER_DOMAIN, _FIRST_UNICAST, _PORTS_PER_INDEX = 7400, 250, 10, 2
 
@@ -38,20 +38,20 @@ class Domain:
     _lock: ClassVar[threading.Lock] = threading.Lock()
     _forked: ClassVar[bool] = False
 
-    def __init__(self, api: functions.Api, fast_dds: FastDds, domain_id: int, xml: str) -> None:
+    def __init__(self, api: c_api.CycloneApi, fast_dds: FastDdsInterop, domain_id: int, xml: str) -> None:
         self._api = api
         self._domain_id = domain_id
         self._xml = xml
         self._users = 0
-        self.is_left = False
+        self.is_closing = False
         """Nobody uses it any more, and it ends as soon as nobody writes."""
         self.writing: list[int] = []
         """Threads that make a sample or write it just now: types and memory of the domain are in use there."""
         self._end_lock = threading.Lock()
         self._has_ended = False
-        self.types = TypeObjects(api, fast_dds.prepare)
+        self.types = Sertypes(api, fast_dds.prepare)
         code = api.create_domain(domain_id, xml.encode())
-        self._handle = 0 if code == functions.PRECONDITION_NOT_MET else code
+        self._handle = 0 if code == c_api.PRECONDITION_NOT_MET else code
         if self._handle == 0:
             # Another user of the same libddsc made the domain already.
             get_root_logger().warning(
@@ -62,11 +62,11 @@ class Domain:
             reason = api.strretcode(code).decode()
             raise TransportError(
                 f"Cyclone DDS could not configure domain {domain_id}: {reason} ({code}). "
-                f"{_likely_cause(domain_id, xml)}"
+                f"{_diagnose_failure(domain_id, xml)}"
             )
 
     @classmethod
-    def join(cls, api: functions.Api, fast_dds: FastDds, domain_id: int, xml: str) -> Domain:
+    def join(cls, api: c_api.CycloneApi, fast_dds: FastDdsInterop, domain_id: int, xml: str) -> Domain:
         """The domain with that configuration. Every `join` needs a `leave`.
 
         Raises:
@@ -99,10 +99,10 @@ class Domain:
             self._users -= 1
             if self._users == 0:
                 del self._open[self._domain_id]
-                self.is_left = True
-                end_s, here = time.monotonic() + _PATIENCE_S, threading.get_ident()
+                self.is_closing = True
+                end_s, here = time.monotonic() + _CLOSE_TIMEOUT_S, threading.get_ident()
                 while any(one != here for one in tuple(self.writing)) and time.monotonic() < end_s:
-                    time.sleep(_LOOK_S)
+                    time.sleep(_CLOSE_POLL_INTERVAL_S)
                 self.end_if_unused()
 
     def end_if_unused(self) -> None:
@@ -116,16 +116,16 @@ class Domain:
             self._api.delete(self._handle)
 
     @classmethod
-    def abandon(cls) -> None:
+    def detach_after_fork(cls) -> None:
         """In a forked child: leave what was inherited alone, and remember that it is there."""
         cls._lock = threading.Lock()
         for domain in cls._open.values():
             cls._forked = True
-            domain._api.delete_nothing()
+            domain._api.disable_deletes()
         cls._open.clear()
 
 
-def _likely_cause(domain_id: int, xml: str) -> str:
+def _diagnose_failure(domain_id: int, xml: str) -> str:
     """What is wrong, as far as can be told from outside, and what to do."""
     if not _has_free_index(domain_id):
         return (

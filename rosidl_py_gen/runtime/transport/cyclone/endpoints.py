@@ -21,19 +21,19 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.cdr.layout import NETWORK_ALIGN
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.transport.cyclone import functions
-from rosidl_py_gen.runtime.transport.cyclone.functions import NOT_TAKEN, SAMPLE_WITH_DATA, address_of, pack_iov
+from rosidl_py_gen.runtime.transport.api import TransportError
+from rosidl_py_gen.runtime.transport.cyclone import c_api
+from rosidl_py_gen.runtime.transport.cyclone.c_api import SAMPLE_NOT_CONSUMED, SAMPLE_WITH_DATA, address_of, pack_iov
+from rosidl_py_gen.runtime.transport.cyclone.private_layout import bytes_at, payload_array
 from rosidl_py_gen.runtime.transport.cyclone.sockets import LARGE_BYTES, warn_about_socket_buffers
-from rosidl_py_gen.runtime.transport.cyclone.structures import bytes_at, content_at
-from rosidl_py_gen.runtime.transport.port import TransportError
 from rosidl_py_gen.runtime.transport.qos import Reliability
-from rosidl_py_gen.runtime.transport.samples import ReceiveQueue, in_fours
+from rosidl_py_gen.runtime.transport.samples import ReceiveQueue, pad_to_4_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneParticipant
-    from rosidl_py_gen.runtime.transport.dds.correlation import Identity
+    from rosidl_py_gen.runtime.transport.dds.correlation import SampleIdentity
     from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
     from rosidl_py_gen.runtime.transport.samples import Payload, Sink
 
@@ -70,7 +70,7 @@ _local_readers: dict[tuple[int, str], tuple[CycloneReader, ...]] = {}
 """Readers of this process by domain and topic, for `CycloneWriter.write`."""
 
 
-class _Endpoint:
+class _CycloneEndpoint:
     """What writers and readers have in common.
 
     Attributes:
@@ -97,7 +97,7 @@ class _Endpoint:
 # -------------------------------------------------------------------------------------------------------------- writer
 
 
-class CycloneWriter(_Endpoint):
+class CycloneWriter(_CycloneEndpoint):
     """See `port.Writer`."""
 
     _statuses = _OFFERED
@@ -108,8 +108,8 @@ class CycloneWriter(_Endpoint):
         self._copy = api.bare_copy
         address = owner.type_object(end.type).address
         self._type_object = _address(address)
-        self._functions = owner.fast_dds.samples(address)
-        self._write = api.bare_write if self._functions is None else self._functions.write_plain
+        self._fast_dds_hooks = owner.fast_dds.samples(address)
+        self._write = api.bare_write if self._fast_dds_hooks is None else self._fast_dds_hooks.write_plain
         self._domain = owner.domain
         self._writing = owner.domain.writing
         handle = ct.c_uint64()
@@ -119,7 +119,7 @@ class CycloneWriter(_Endpoint):
     def write(self, data: Payload) -> bool:
         """See `port.Writer`. Raises `ClosedError` or `TransportError`."""
         if data.__class__ is not bytes or len(data) % NETWORK_ALIGN:
-            data = in_fours(data)
+            data = pad_to_4_bytes(data)
         size = len(data)
         iov = pack_iov(address_of(data), size)
         if size > LARGE_BYTES:
@@ -127,7 +127,7 @@ class CycloneWriter(_Endpoint):
         domain, writing, here = self._domain, self._writing, _thread()
         writing.append(here)
         try:
-            if domain.is_left:
+            if domain.is_closing:
                 raise ClosedError(f"the writer of {self.topic} is closed")
             if size < _LARGE_SAMPLE:
                 sample = self._copy(self._type_object, SAMPLE_WITH_DATA, _one, iov, _size(size))
@@ -137,35 +137,35 @@ class CycloneWriter(_Endpoint):
                 what = f"{data[:8].hex()}... ({size} bytes)"
                 raise TransportError(f"Cyclone DDS does not take {what}: no serialized message")
             code = self._write(self.entity, _address(sample))
-            if code in NOT_TAKEN:
+            if code in SAMPLE_NOT_CONSUMED:
                 self._api.serdata_unref(sample)
         finally:
             writing.remove(here)
-            if domain.is_left:
+            if domain.is_closing:
                 domain.end_if_unused()
         if code == 0 and self._key not in _local_readers:
             return True
         return self._is_written(code, data)
 
-    def write_for(self, data: Payload, identity: Identity) -> bool:
+    def write_with_identity(self, data: Payload, identity: SampleIdentity) -> bool:
         """As `write`, with an identity beside the sample."""
-        data = in_fours(data)
+        data = pad_to_4_bytes(data)
         if len(data) > LARGE_BYTES:
             warn_about_socket_buffers(len(data))
         if self.entity == 0:
             raise ClosedError(f"the writer of {self.topic} is closed")
-        if self._functions is None:
+        if self._fast_dds_hooks is None:
             raise TransportError(f"Cyclone DDS cannot say whose a sample is: {self._owner.fast_dds.refusal}")
         address = self._type_object.value or 0
         domain, writing, here = self._domain, self._writing, _thread()
         writing.append(here)
         try:
-            if domain.is_left:
+            if domain.is_closing:
                 raise ClosedError(f"the writer of {self.topic} is closed")
-            code = self._functions.write(self.entity, self.guid[12:], address, data, identity)
+            code = self._fast_dds_hooks.write(self.entity, self.guid[12:], address, data, identity)
         finally:
             writing.remove(here)
-            if domain.is_left:
+            if domain.is_closing:
                 domain.end_if_unused()
         return self._is_written(code, data)
 
@@ -175,7 +175,7 @@ class CycloneWriter(_Endpoint):
                 for reader in _local_readers.get(self._key, ()):
                     reader.fetch()
             return True
-        if code == functions.TIMEOUT:
+        if code == c_api.TIMEOUT:
             return False
         if self.entity == 0:
             raise ClosedError(f"the writer of {self.topic} is closed")
@@ -186,12 +186,12 @@ class CycloneWriter(_Endpoint):
         return self._owner.discovery.matched(self.entity, is_writer=True)
 
     def has_readers(self) -> bool:
-        status = functions.MatchedStatus()
+        status = c_api.DdsMatchedStatus()
         return self._api.bare_matched(self.entity, _by_reference(status)) == 0 and status.current > 0
 
     def all_acknowledged(self) -> bool:
         code = self._api.wait_for_acks(self.entity, 0)
-        return code == 0 or (code != functions.TIMEOUT and self._api.check(code, "wait for acknowledgements") == 0)
+        return code == 0 or (code != c_api.TIMEOUT and self._api.check(code, "wait for acknowledgements") == 0)
 
     def assert_liveliness(self) -> None:
         self._api.check(self._api.assert_liveliness(self.entity), "assert liveliness")
@@ -210,12 +210,12 @@ class TakeBuffers:
     """The arrays of one take; shared by all readers of a participant, under their lock.
 
     A signal handler, or a finalizer of the user, may run while they are in use, in the same thread, and publish or
-    close. So the lock is reentrant, and `user` says who is in the middle of a take.
+    close. So the lock is reentrant, and `active_reader` says who is in the middle of a take.
     """
 
     def __init__(self) -> None:
         self.lock = threading.RLock()
-        self.user: CycloneReader | None = None
+        self.active_reader: CycloneReader | None = None
         self.samples: ct.Array[Any] = (ct.c_void_p * _BATCH)()
         self.infos = (ct.c_ubyte * (64 * _BATCH))()
         self.arguments: tuple[Any, ...] = (ct.byref(self.samples), _BATCH, ct.byref(self.infos), _ANY_STATE)
@@ -223,7 +223,7 @@ class TakeBuffers:
         self.info_bytes = memoryview(self.infos)
 
 
-class CycloneReader(_Endpoint):
+class CycloneReader(_CycloneEndpoint):
     """See `port.Reader`."""
 
     _statuses = _REQUESTED
@@ -235,7 +235,7 @@ class CycloneReader(_Endpoint):
         self.sink: Sink | None = None
         self._take = owner.api.bare_take
         address, self._content = owner.type_object(end.type)
-        self._functions = owner.fast_dds.samples(address)
+        self._fast_dds_hooks = owner.fast_dds.samples(address)
         self._size_of, self._unref = owner.api.serdata_size, owner.api.serdata_unref
         self._buffers = owner.buffers
         self._guids = owner.discovery.guids
@@ -247,20 +247,20 @@ class CycloneReader(_Endpoint):
     def set_sink(self, sink: Sink | None) -> None:
         self.sink = sink
         if sink is not None and (self.fetch() or self.queue.items):
-            self._owner.pipe.put(self.entity)
+            self._owner.pipe.notify(self.entity)
 
     def fetch(self) -> bool:
         """Move all samples from DDS into the queue; returns whether there were any. From any thread."""
         buffers = self._buffers
         with buffers.lock:
-            if buffers.user is not None:
+            if buffers.active_reader is not None:
                 # A signal handler came between: newer samples must not overtake those being taken.
-                return buffers.user is not self and self._take_all(TakeBuffers())
-            buffers.user = self
+                return buffers.active_reader is not self and self._take_all(TakeBuffers())
+            buffers.active_reader = self
             try:
                 found = self._take_all(buffers)
             finally:
-                buffers.user = None
+                buffers.active_reader = None
             large, self._large_bytes = self._large_bytes, 0
         if large:
             warn_about_socket_buffers(large)  # logging takes locks of its own: never under ours
@@ -269,7 +269,7 @@ class CycloneReader(_Endpoint):
     def _take_all(self, buffers: TakeBuffers) -> bool:
         items, found = self.queue.items, False
         size_of, unref, content = self._size_of, self._unref, self._content
-        functions_of_ours, samples = self._functions, buffers.samples
+        functions_of_ours, samples = self._fast_dds_hooks, buffers.samples
         count = _BATCH
         while count == _BATCH:
             count = self._take(self.entity, *buffers.arguments)
@@ -287,7 +287,7 @@ class CycloneReader(_Endpoint):
                 if data is not None:
                     unref(sample)
                 elif content is None:
-                    data = self._asked_for(sample, size)
+                    data = self._copy_payload(sample, size)
                 elif size < _LARGE_SAMPLE:
                     data = bytes_at(sample + content, size)
                     unref(sample)
@@ -303,11 +303,11 @@ class CycloneReader(_Endpoint):
         """A read-only view of the bytes of a sample, which is freed when the last view of it is gone."""
         if size > LARGE_BYTES:
             self._large_bytes = size
-        array = content_at(address, size)
+        array = payload_array(address, size)
         weakref.finalize(array, self._api.drop_large, sample).atexit = False
         return memoryview(array).cast("B").toreadonly()
 
-    def _asked_for(self, sample: int, size: int) -> bytes:
+    def _copy_payload(self, sample: int, size: int) -> bytes:
         """A copy of the bytes of a sample, wherever they lie."""
         copy = (ct.c_ubyte * size)()
         self._api.serdata_to_ser(sample, 0, size, copy)

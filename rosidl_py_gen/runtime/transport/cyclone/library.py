@@ -22,9 +22,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.resources import install_command
+from rosidl_py_gen.runtime.transport.api import BackendMissingError
+from rosidl_py_gen.runtime.transport.cyclone.c_api import NEEDED, OLDEST
 from rosidl_py_gen.runtime.transport.cyclone.config import ELEMENTS
-from rosidl_py_gen.runtime.transport.cyclone.functions import NEEDED, OLDEST
-from rosidl_py_gen.runtime.transport.port import BackendMissingError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -43,7 +43,7 @@ _WHEELS = {
 
 
 @dataclass(frozen=True)
-class Library:
+class DdscLibrary:
     """One that has all we need.
 
     Attributes:
@@ -63,7 +63,7 @@ class Library:
         return f"Cyclone DDS {self.version}, {self.file}"
 
     @cached_property
-    def lacks(self) -> frozenset[str]:
+    def unsupported_elements(self) -> frozenset[str]:
         """Elements of a configuration, of those in `config.ELEMENTS`, that it does not know: one ends the domain."""
         try:
             content = Path(self.file).read_bytes()
@@ -72,13 +72,13 @@ class Library:
         return frozenset(name for name in ELEMENTS if name.encode() + b"\0" not in content)
 
 
-def find() -> Library:
+def find() -> DdscLibrary:
     """The library of this process.
 
     Raises:
         BackendMissingError: there is none; it says what was tried, and what to install.
     """
-    found = _found()
+    found = _load_cached()
     if isinstance(found, str):
         raise BackendMissingError(found, name="cyclonedds")
     return found
@@ -86,15 +86,15 @@ def find() -> Library:
 
 def is_found() -> bool:
     """Whether there is one."""
-    return isinstance(_found(), Library)
+    return isinstance(_load_cached(), DdscLibrary)
 
 
 @cache
-def _found() -> Library | str:
+def _load_cached() -> DdscLibrary | str:
     return load(os.environ)
 
 
-def load(environ: Mapping[str, str]) -> Library | str:
+def load(environ: Mapping[str, str]) -> DdscLibrary | str:
     """The first one that will do, or why there is none."""
     tried = []
     for name in candidates(environ):
@@ -106,12 +106,12 @@ def load(environ: Mapping[str, str]) -> Library | str:
             continue
         missing = [one for one in NEEDED if not hasattr(library, one)]
         if not missing:
-            return Library(library, _file_of(library, name))
+            return DdscLibrary(library, _file_of(library, name))
         what = f"it lacks {missing[0]}, which Cyclone DDS has from {OLDEST} on"
         tried.append(f"{name}: {'it is no libddsc' if 'dds_create_participant' in missing else what}")
     named = environ.get(VARIABLE)
     only = f" {VARIABLE} is set, so that nothing else was tried." if named else ""
-    help_ = f"Correct {VARIABLE}, or unset it" if named else f"To install it: {what_to_install()}"
+    help_ = f"Correct {VARIABLE}, or unset it" if named else f"To install it: {install_advice()}"
     return (
         f"DDS needs the C library of Cyclone DDS, libddsc, and none was found.{only} MemoryTransport works without it. "
         f"Tried: {'; '.join(tried)}. {help_}"
@@ -161,7 +161,7 @@ def has_wheel() -> bool:
     )
 
 
-def what_to_install() -> str:
+def install_advice() -> str:
     """The command, or what else helps here."""
     if has_wheel():
         return install_command("node")

@@ -7,7 +7,8 @@ Rules a newcomer would otherwise break:
 
 - Entities are integers. Whoever creates one deletes it in `close`; nothing depends on the garbage collector.
 - A write never blocks: max_blocking_time is 0 and a full writer answers False.
-- Samples are taken into the reader's own queue by whoever comes first: the thread that calls `collect`, or, for writers
+- Samples are taken into the reader's own queue by whoever comes first: the thread that calls `take_ready_sinks`, or,
+for writers
   of this process, the writing thread itself. Cyclone delivers inside the process during the write, so taking at once
   makes KEEP_LAST and `dropped` exact there, whatever the event loop is busy with.
 - Whoever has something to do is told by the pipe, and by nothing else: a reader that was named and whose queue is not
@@ -24,44 +25,44 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.waiting import current_loop
+from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.transport.clocks import SYSTEM_CLOCKS
-from rosidl_py_gen.runtime.transport.cyclone import functions, library
-from rosidl_py_gen.runtime.transport.cyclone.config import IGNORES_TYPES, TUNING, cyclone_xml
-from rosidl_py_gen.runtime.transport.cyclone.discovery import DiscoveryReaders
+from rosidl_py_gen.runtime.transport.api import DiscoveryRange
+from rosidl_py_gen.runtime.transport.clock_functions import SYSTEM_CLOCKS
+from rosidl_py_gen.runtime.transport.cyclone import c_api, library
+from rosidl_py_gen.runtime.transport.cyclone.config import DEFAULT_CONFIG, IGNORE_TYPE_INFORMATION, cyclone_xml
+from rosidl_py_gen.runtime.transport.cyclone.discovery import BuiltinTopicReaders
 from rosidl_py_gen.runtime.transport.cyclone.domain import Domain
 from rosidl_py_gen.runtime.transport.cyclone.endpoints import CycloneReader, CycloneWriter, TakeBuffers
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds.catchup import EarlySamples
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds.greeting import ask_writers, greet
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import NEIGHBOUR, FastDds
-from rosidl_py_gen.runtime.transport.cyclone.pipe import ArrivalPipe, putw
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_acknack import request_endpoints, request_samples
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples import EarlySampleReaders
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import PROBE_TYPE, FastDdsInterop
 from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, new_qos
+from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import WakeupPipe, putw
 from rosidl_py_gen.runtime.transport.dds.names import participant_user_data
 from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant
-from rosidl_py_gen.runtime.transport.discovered import EndpointFound
-from rosidl_py_gen.runtime.transport.port import DiscoveryRange
+from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
 from rosidl_py_gen.runtime.transport.qos import Reliability, effective
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.cyclone.topics import TypeObject
+    from rosidl_py_gen.runtime.transport.api import DomainSettings
+    from rosidl_py_gen.runtime.transport.cyclone.topics import Sertype
     from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
-    from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent
-    from rosidl_py_gen.runtime.transport.port import DomainSettings
+    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent
     from rosidl_py_gen.runtime.transport.samples import Sink
 
 _MAX_IDLE_TOPICS = 256
-_CONNECTING_S = 0.002
+_MATCH_DELAY_S = 0.002
 """Cyclone connects a writer some 50 us after it has told of it, longer when it is held up, and says nothing of that.
 After 10 ms it asks in its own way, which counts as the question.
 """
 
 
 _library = library.find()
-_api = functions.Api(_library.handle)
-_fast_dds = FastDds(_api, _library.lacks)
+_api = c_api.CycloneApi(_library.handle)
+_fast_dds = FastDdsInterop(_api, _library.unsupported_elements)
 
 
 class CycloneTransport:
@@ -72,7 +73,11 @@ class CycloneTransport:
     def open(self, settings: DomainSettings, enclave: str = "/") -> CycloneParticipant:
         """Join the domain, which all participants of a process configure alike; see `domain.py`."""
         xml = cyclone_xml(
-            settings, process_id=os.getpid(), extra=TUNING, last=_without_shared_memory(), lacks=_library.lacks
+            settings,
+            process_id=os.getpid(),
+            extra=DEFAULT_CONFIG,
+            last=_without_shared_memory(),
+            lacks=_library.unsupported_elements,
         )
         is_local = settings.discovery_range in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF)
         return CycloneParticipant(settings.domain_id, participant_user_data(enclave), xml, is_local=is_local)
@@ -93,33 +98,33 @@ class CycloneParticipant(DdsParticipant):
         self._topics: dict[tuple[str, str], list[int]] = {}
         self._idle_topics: dict[tuple[str, str], None] = {}
         self.readers: dict[int, CycloneReader] = {}
-        """By their entities: those that `collect` looks at when `pipe` names them."""
+        """By their entities: those that `take_ready_sinks` looks at when `pipe` names them."""
         self.buffers = TakeBuffers()
         self._is_local = is_local
         with ExitStack() as undo:
-            self.pipe = ArrivalPipe()
+            self.pipe = WakeupPipe()
             undo.callback(self.pipe.close)
             self.domain = Domain.join(_api, _fast_dds, domain_id, xml)
             undo.callback(self.domain.leave)
             self._listener: int = _api.create_listener(None)
             undo.callback(_api.delete_listener, self._listener)
             _api.lset_data_available_arg(self._listener, putw, self.pipe.stream, True)
-            self._early = EarlySamples(_api, _fast_dds, self._listener)
+            self._early = EarlySampleReaders(_api, _fast_dds, self._listener)
             undo.callback(self._early.close)
             with new_qos(_api, user_data) as qos:
                 what = f"create a participant in domain {domain_id}"
                 self.entity = _api.check(_api.create_participant(domain_id, qos, None), what)
             undo.callback(_api.delete, self.entity)
-            if IGNORES_TYPES in _library.lacks:  # before anybody answers
-                self.domain.types.create_topic(self.entity, NEIGHBOUR, NEIGHBOUR)
+            if IGNORE_TYPE_INFORMATION in _library.unsupported_elements:  # before anybody answers
+                self.domain.types.create_topic(self.entity, PROBE_TYPE, PROBE_TYPE)
             self._publisher = _api.check(_api.create_publisher(self.entity, None, None), "create a publisher")
             self._subscriber = _api.check(_api.create_subscriber(self.entity, None, None), "create a subscriber")
             self.guid = _api.guid_of(self.entity)
-            self.discovery = DiscoveryReaders(
+            self.discovery = BuiltinTopicReaders(
                 *(_api, _fast_dds, self.entity, self._listener, self.pipe.stream),
-                greet=partial(greet, self.guid, is_local=is_local),
+                greet=partial(request_endpoints, self.guid, is_local=is_local),
             )
-            self._early.learn(self.discovery.entities[0])
+            self._early.probe_layout(self.discovery.entities[0])
             self._undo = undo.pop_all()
 
     @property
@@ -151,14 +156,14 @@ class CycloneParticipant(DdsParticipant):
     def _create(self, create: Callable[..., int], parent: int, end: DdsEndpoint, qos: int, listener: int | None) -> int:
         if self._closed:
             raise ClosedError("this participant is closed")
-        handle = self._hold_topic(end.topic, end.type)
+        handle = self._acquire_topic(end.topic, end.type)
         try:
             return _api.check(create(parent, handle, qos, listener), f"create an endpoint of {end.topic} ({end.type})")
         except BaseException:
             self.release_topic(end.topic, end.type)
             raise
 
-    def _hold_topic(self, topic: str, type: str) -> int:
+    def _acquire_topic(self, topic: str, type: str) -> int:
         with self._lock:
             held = self._topics.get((topic, type))
             self._idle_topics.pop((topic, type), None)
@@ -168,12 +173,12 @@ class CycloneParticipant(DdsParticipant):
             held[1] += 1
             return held[0]
 
-    def type_object(self, type: str) -> TypeObject:
+    def type_object(self, type: str) -> Sertype:
         """What stands for a type that has endpoints."""
         return self.domain.types[type]
 
     def release_topic(self, topic: str, type: str) -> None:
-        """Give back what `_hold_topic` took.
+        """Give back what `_acquire_topic` took.
 
         Topics without users are kept for the next one, up to a number: creating and deleting the same topic over and
         over beside discovery is where the library was once seen to crash.
@@ -191,30 +196,30 @@ class CycloneParticipant(DdsParticipant):
     # ------------------------------------------------------------------------------------------------- arrivals
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
-        pass_on = self.listen_for_nodes(sink)
+        pass_on = self.start_discovery_info(sink)
 
         def take(events: list[DiscoveryEvent]) -> None:
-            self._note_writers(events)
+            self._schedule_sample_request(events)
             pass_on(events)
 
         self.discovery.sink = take
-        self.pipe.put(self.discovery.entities[0])
+        self.pipe.notify(self.discovery.entities[0])
 
-    def _note_writers(self, events: list[DiscoveryEvent]) -> None:
+    def _schedule_sample_request(self, events: list[DiscoveryEvent]) -> None:
         """Those on Fast DDS are asked what they have written, when Cyclone has had time to connect them."""
         new = [
             event
             for event in events
-            if isinstance(event, EndpointFound)
+            if isinstance(event, DiscoveredEndpoint)
             and event.is_writer
             and event.qos.reliability is Reliability.RELIABLE
             and self.discovery.fast_dds_addresses(event.guid)
         ]
         loop = current_loop()
         if new and loop is not None:
-            loop.call_later(_CONNECTING_S, self._ask_writers, new)
+            loop.call_later(_MATCH_DELAY_S, self._request_samples, new)
 
-    def _ask_writers(self, writers: list[EndpointFound]) -> None:
+    def _request_samples(self, writers: list[DiscoveredEndpoint]) -> None:
         readers: defaultdict[tuple[str, str], list[bytes]] = defaultdict(list)
         for reader in list(self.readers.values()):
             if reader.is_reliable:
@@ -225,21 +230,21 @@ class CycloneParticipant(DdsParticipant):
             if told is not None:  # it may be gone
                 asked[told] += [(guid, writer.guid) for guid in readers.get((writer.wire_name, writer.wire_type), ())]
         for told, pairs in asked.items():
-            ask_writers(pairs, told, is_local=self._is_local)
+            request_samples(pairs, told, is_local=self._is_local)
 
     def report_discovery(self) -> None:
         self.discovery.report()
-        self.read_nodes()
+        self.read_discovery_info()
 
     def fileno(self) -> int | None:
         return self.pipe.fileno()
 
-    def set_notify(self, notify: Callable[[], None] | None) -> None:
+    def set_wakeup(self, notify: Callable[[], None] | None) -> None:
         if notify is not None or self.pipe.fileno() is None:
             self.pipe.read_in_thread(notify)
 
-    def collect(self) -> list[Sink]:
-        named, readers = self.pipe.read(), self.readers
+    def take_ready_sinks(self) -> list[Sink]:
+        named, readers = self.pipe.drain(), self.readers
         if named is None:
             named = (*self.discovery.entities, *readers)
         sinks: list[Sink] = []
@@ -252,14 +257,14 @@ class CycloneParticipant(DdsParticipant):
                 sinks.append(self.discovery.report)
         return sinks
 
-    def abandon(self) -> None:
+    def detach_after_fork(self) -> None:
         self._closed = True
-        Domain.abandon()
+        Domain.detach_after_fork()
 
     def close(self) -> None:
         if self._closed:
             return
-        self.forget_nodes()
+        self.stop_discovery_info()
         self._closed = True
         for reader in list(self.readers.values()):
             reader.close()

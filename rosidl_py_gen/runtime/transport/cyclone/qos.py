@@ -16,7 +16,7 @@ from rosidl_py_gen.runtime.transport.qos import INFINITE_NS, Durability, History
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from rosidl_py_gen.runtime.transport.cyclone.functions import Api
+    from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi
     from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
 
 _Policy = TypeVar("_Policy", History, Durability, Reliability, Liveliness)
@@ -29,7 +29,7 @@ _UNLIMITED = -1
 _XCDR1 = (ct.c_int16 * 1)(0)
 
 _MAX_BLOCKING_NS = 0
-"""A write that would block returns at once instead: `endpoints/publisher.py` waits elsewhere, the event loop never
+"""A write that would block returns at once instead: `entities/publisher.py` waits elsewhere, the event loop never
 does.
 
 rmw_cyclonedds says infinite here; the value takes no part in matching (docs/internals/protocol.md 7.3).
@@ -37,7 +37,7 @@ rmw_cyclonedds says infinite here; the value takes no part in matching (docs/int
 
 
 @contextmanager
-def new_qos(api: Api, user_data: bytes) -> Iterator[int]:
+def new_qos(api: CycloneApi, user_data: bytes) -> Iterator[int]:
     """QoS with that USER_DATA, all else as DDS has it: that of a participant."""
     qos = api.create_qos()
     try:
@@ -49,7 +49,7 @@ def new_qos(api: Api, user_data: bytes) -> Iterator[int]:
 
 
 @contextmanager
-def endpoint_qos(api: Api, end: DdsEndpoint, *, is_writer: bool) -> Iterator[int]:
+def endpoint_qos(api: CycloneApi, end: DdsEndpoint, *, is_writer: bool) -> Iterator[int]:
     """QoS of a writer or reader, whose profile went through `qos.effective`."""
     profile, history = end.qos, _HISTORY[end.qos.history]
     depth = profile.depth or 1  # of all that is kept
@@ -75,21 +75,21 @@ def endpoint_qos(api: Api, end: DdsEndpoint, *, is_writer: bool) -> Iterator[int
         yield qos
 
 
-def read_user_data(api: Api, qos: int) -> bytes:
+def read_user_data(api: CycloneApi, qos: int) -> bytes:
     """USER_DATA of a discovered entity."""
     pointer, size = ct.c_void_p(), ct.c_size_t()
     is_there = api.qget_userdata(qos, ct.byref(pointer), ct.byref(size))
     return _taken(api, pointer, size.value) if is_there else b""
 
 
-def read_property(api: Api, qos: int, name: bytes) -> str:
+def read_property(api: CycloneApi, qos: int, name: bytes) -> str:
     """A property of a discovered participant; empty when it has none of that name."""
     pointer = ct.c_void_p()
     is_there = api.qget_prop(qos, name, ct.byref(pointer))
     return _taken(api, pointer, -1).decode(errors="replace") if is_there else ""
 
 
-def _taken(api: Api, pointer: ct.c_void_p, size: int) -> bytes:
+def _taken(api: CycloneApi, pointer: ct.c_void_p, size: int) -> bytes:
     """The bytes of a copy that the library made for us, which is freed; -1 means that they end with a NUL."""
     try:
         return ct.string_at(pointer, size) if pointer else b""
@@ -97,7 +97,7 @@ def _taken(api: Api, pointer: ct.c_void_p, size: int) -> bytes:
         api.free(pointer)
 
 
-def read_profile(api: Api, qos: int, *, is_writer: bool) -> QoSProfile:
+def read_profile(api: CycloneApi, qos: int, *, is_writer: bool) -> QoSProfile:
     """The profile of a discovered endpoint; a policy it does not carry has its DDS default."""
     kind, depth, lease, period = ct.c_int(), ct.c_int32(), ct.c_int64(INFINITE_NS), ct.c_int64()
 

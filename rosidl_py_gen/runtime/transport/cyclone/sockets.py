@@ -15,15 +15,15 @@ ENOUGH_SOCKET_BYTES = 4 << 20
 """With a buffer of 4 MiB, 6 MB images at 30 Hz arrived whole; with 1 MiB a fifth of them did not (loopback)."""
 _LIMIT_FILE = Path("/proc/sys/net/core/rmem_max")
 
-_done = False
+_has_warned = False
 
 
 def warn_about_socket_buffers(size_bytes: int, limit_file: Path = _LIMIT_FILE) -> None:
     """Warn the first time a large message passes on a Linux whose buffers are limited below `ENOUGH_SOCKET_BYTES`."""
-    global _done
-    if _done:
+    global _has_warned
+    if _has_warned:
         return
-    _done = True
+    _has_warned = True
     try:
         limit = int(limit_file.read_text())
     except (OSError, ValueError):  # not Linux, or a container that hides it

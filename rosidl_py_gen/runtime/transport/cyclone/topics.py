@@ -19,14 +19,14 @@ import ctypes as ct
 import threading
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.runtime.transport.cyclone import structures
-from rosidl_py_gen.runtime.transport.cyclone.functions import TopicDescriptor
-from rosidl_py_gen.runtime.transport.port import TransportError
+from rosidl_py_gen.runtime.transport.api import TransportError
+from rosidl_py_gen.runtime.transport.cyclone import private_layout
+from rosidl_py_gen.runtime.transport.cyclone.c_api import TopicDescriptor
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.cyclone.functions import Api
+    from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi
 
 _LONGEST_TYPE = 255
 """What peers may not take, and a limit of earlier versions."""
@@ -34,7 +34,7 @@ _OPS = (ct.c_uint32 * 3)(0x01010000, 0, 0)
 """``struct opaque { octet data; }``: an octet at 0, the end."""
 
 
-class TypeObject(NamedTuple):
+class Sertype(NamedTuple):
     """What stands for a type in a domain.
 
     Attributes:
@@ -45,15 +45,15 @@ class TypeObject(NamedTuple):
     content: int | None
 
 
-class TypeObjects:
+class Sertypes:
     """The type objects of one domain."""
 
-    def __init__(self, api: Api, prepare: Callable[[TypeObject, str], None]) -> None:
+    def __init__(self, api: CycloneApi, prepare: Callable[[Sertype, str], None]) -> None:
         """`prepare` is called with each new type object and its type's name."""
         self._api = api
         self._prepare = prepare
         self._lock = threading.Lock()
-        self._known: dict[str, TypeObject] = {}
+        self._known: dict[str, Sertype] = {}
 
     def create_topic(self, participant: int, topic: str, dds_type: str) -> int:
         """A new topic entity."""
@@ -80,20 +80,22 @@ class TypeObjects:
                     f"Cyclone DDS could not {what}: this library has no dds_get_entity_sertype, and the type was not "
                     "found where others have it; take another libddsc"
                 )
-            found = self._known[dds_type] = TypeObject(api.sertype_ref(address), structures.find_content(api, address))
+            found = self._known[dds_type] = Sertype(
+                api.sertype_ref(address), private_layout.probe_payload_offset(api, address)
+            )
             self._prepare(found, dds_type)
             return entity
 
     def _type_of(self, topic: int, dds_type: str) -> int | None:
         api = self._api
         if api.get_entity_sertype is None:
-            with api.pinned(topic) as address:
-                return structures.find_type(address, dds_type.encode(), api.sertype_version)
+            with api.locked_entity(topic) as address:
+                return private_layout.probe_sertype(address, dds_type.encode(), api.sertype_version)
         found = ct.c_void_p()
         api.check(api.get_entity_sertype(topic, ct.byref(found)), f"find the type {dds_type}")
         return found.value
 
-    def __getitem__(self, dds_type: str) -> TypeObject:
+    def __getitem__(self, dds_type: str) -> Sertype:
         """That of a type that has topics."""
         return self._known[dds_type]
 

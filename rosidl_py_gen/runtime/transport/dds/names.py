@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 
-from rosidl_py_gen.runtime.transport.discovered import Channel
+from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 
 TOPIC_PREFIX = "rt"
 REQUEST_PREFIX = "rq"
@@ -36,7 +36,7 @@ def reply_name(fqn: str, *, prefix: bool = True) -> str:
     return f"{REPLY_PREFIX if prefix else ''}{fqn}Reply"
 
 
-def wire_name(channel: Channel) -> str:
+def wire_name(channel: TopicKey) -> str:
     """What DDS calls the topic of a channel."""
     match channel.kind:
         case "topic":
@@ -49,15 +49,15 @@ def wire_name(channel: Channel) -> str:
             return channel.name
 
 
-def channel_of(dds_name: str) -> Channel:
+def channel_of(dds_name: str) -> TopicKey:
     """``rt/chatter`` is a topic, ``rq/addRequest`` and ``rr/addReply`` are halves of a service; the rest is bare."""
     if dds_name.startswith("rt/"):
-        return Channel("topic", dds_name[2:])
+        return TopicKey("topic", dds_name[2:])
     if dds_name.startswith("rq/") and dds_name.endswith("Request"):
-        return Channel("request", dds_name[2 : -len("Request")])
+        return TopicKey("request", dds_name[2 : -len("Request")])
     if dds_name.startswith("rr/") and dds_name.endswith("Reply"):
-        return Channel("reply", dds_name[2 : -len("Reply")])
-    return Channel("bare", dds_name)
+        return TopicKey("reply", dds_name[2 : -len("Reply")])
+    return TopicKey("bare", dds_name)
 
 
 # --------------------------------------------------------------------------------------------------------- user data

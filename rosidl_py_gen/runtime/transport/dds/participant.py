@@ -10,23 +10,23 @@ import itertools
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.runtime.transport.dds.discovery_info import DiscoveryInfoTopic
 from rosidl_py_gen.runtime.transport.dds.names import entity_gid, entity_id, wire_name
-from rosidl_py_gen.runtime.transport.dds.nodes import NodeTopic
 from rosidl_py_gen.runtime.transport.dds.services import DdsClient, DdsServer
 from rosidl_py_gen.runtime.transport.incompatibility import IncompatibilityKind
-from rosidl_py_gen.runtime.transport.matching import check_compatible
-from rosidl_py_gen.runtime.transport.service_ends import ServicePeers
+from rosidl_py_gen.runtime.transport.qos_matching import check_compatible
+from rosidl_py_gen.runtime.transport.service_endpoints import ServicePeers
 from rosidl_py_gen.runtime.transport.type_names import wire_type
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
+    from rosidl_py_gen.runtime.transport.api import EndpointSpec, Reader, Writer
+    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import FastDdsInterop
     from rosidl_py_gen.runtime.transport.dds.services import ServiceWriter
-    from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent, EndpointFound, NodeEntities
-    from rosidl_py_gen.runtime.transport.port import EndpointSpec, Reader, Writer
+    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent, NodeEntities
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
-    from rosidl_py_gen.runtime.transport.service_port import Service
+    from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,19 +52,19 @@ class DdsParticipant:
     middleware = "DDS"
     guid: bytes
 
-    def __init__(self, fast_dds: FastDds) -> None:
+    def __init__(self, fast_dds: FastDdsInterop) -> None:
         self.fast_dds = fast_dds
         self.service_peers = ServicePeers()
         self._entity_numbers = itertools.count(1)
-        self._nodes: NodeTopic | None = None
+        self._nodes: DiscoveryInfoTopic | None = None
 
     def create_writer(self, spec: EndpointSpec) -> Writer:
         """See `port.Participant`."""
-        return self.make_writer(_on_wire(spec))
+        return self.make_writer(_dds_endpoint(spec))
 
     def create_reader(self, spec: EndpointSpec) -> Reader:
         """See `port.Participant`."""
-        return self.make_reader(_on_wire(spec))
+        return self.make_reader(_dds_endpoint(spec))
 
     def make_writer(self, end: DdsEndpoint) -> ServiceWriter:
         """What sends samples. Raises `TransportError`."""
@@ -76,7 +76,7 @@ class DdsParticipant:
 
     # ------------------------------------------------------------------------------------------------- services
 
-    def create_client(self, service: Service, qos: QoSProfile, *, node: int = 0) -> DdsClient:
+    def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> DdsClient:
         """See `port.Participant`."""
         own_id = entity_id(self.guid, next(self._entity_numbers))
         request, reply = _halves(service, qos)
@@ -84,7 +84,7 @@ class DdsParticipant:
         writer = self.make_writer(replace(request, client_id=own_id))
         return DdsClient(service, self.service_peers, reader, writer, entity_gid(own_id), self.fast_dds)
 
-    def create_server(self, service: Service, qos: QoSProfile, *, node: int = 0) -> DdsServer:
+    def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> DdsServer:
         """See `port.Participant`."""
         own_id = entity_id(self.guid, next(self._entity_numbers))
         request, reply = _halves(service, qos)
@@ -93,11 +93,13 @@ class DdsParticipant:
         return DdsServer(service, self.service_peers, reader, writer, entity_gid(own_id), self.fast_dds)
 
     @property
-    def identity_refusal(self) -> str | None:
+    def services_unavailable_reason(self) -> str | None:
         """See `port.Participant`."""
         return self.fast_dds.refusal
 
-    def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> IncompatibilityKind | None:
+    def incompatibility_reason(
+        self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint
+    ) -> IncompatibilityKind | None:
         """See `port.Participant`."""
         return None if check_compatible(writer.qos, reader.qos).matches else IncompatibilityKind.QOS
 
@@ -108,35 +110,37 @@ class DdsParticipant:
         if self._nodes is not None:
             self._nodes.announce(nodes)
 
-    def listen_for_nodes(self, sink: Callable[[list[DiscoveryEvent]], None]) -> Callable[[list[DiscoveryEvent]], None]:
+    def start_discovery_info(
+        self, sink: Callable[[list[DiscoveryEvent]], None]
+    ) -> Callable[[list[DiscoveryEvent]], None]:
         """Report to `sink` what others tell of their nodes; the sink for all other discovery is returned."""
         if self._nodes is not None:
             self._nodes.close()
-        self._nodes = nodes = NodeTopic(self, sink)
+        self._nodes = nodes = DiscoveryInfoTopic(self, sink)
 
         def take(events: list[DiscoveryEvent]) -> None:
             self.service_peers.apply(events)
-            nodes.pass_on(events)
+            nodes.forward_events(events)
 
         return take
 
-    def read_nodes(self) -> None:
+    def read_discovery_info(self) -> None:
         """Report what has arrived already."""
         if self._nodes is not None:
             self._nodes.read()
 
-    def forget_nodes(self) -> None:
+    def stop_discovery_info(self) -> None:
         """Announce and report nothing any more."""
         if self._nodes is not None:
             self._nodes.close()
 
 
-def _on_wire(spec: EndpointSpec) -> DdsEndpoint:
+def _dds_endpoint(spec: EndpointSpec) -> DdsEndpoint:
     name, type = wire_name(spec.channel), wire_type(spec.type)
     return DdsEndpoint(name, type, spec.qos, spec.type_hash, ignore_local=spec.ignore_local)
 
 
-def _halves(service: Service, qos: QoSProfile) -> tuple[DdsEndpoint, DdsEndpoint]:
+def _halves(service: ServiceSpec, qos: QoSProfile) -> tuple[DdsEndpoint, DdsEndpoint]:
     """Of the requests and of the replies."""
     requests, replies = map(wire_name, service.channels)
     asks, answers = (wire_type(f"{service.type}_{half}") for half in ("Request", "Response"))

@@ -6,32 +6,32 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
+from rosidl_py_gen.runtime.transport.api import Writer
 from rosidl_py_gen.runtime.transport.dds.correlation import (
     ClientCorrelation,
+    add_request_header,
     client_gid,
+    extract_identity,
     find_servers,
-    has_identities,
-    header_of,
-    identity_of,
-    listens,
-    message_of,
-    with_header,
+    is_reply_reader_matched,
+    parse_request_header,
+    strip_request_header,
+    uses_sample_identity,
 )
 from rosidl_py_gen.runtime.transport.match_cache import MatchCache
-from rosidl_py_gen.runtime.transport.port import Writer
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
-from rosidl_py_gen.runtime.transport.service_ends import ClientEnd, ServerEnd, ServicePeers
-from rosidl_py_gen.runtime.transport.service_port import Refused, Servers
+from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer, ServerAvailability
+from rosidl_py_gen.runtime.transport.service_endpoints import EndpointPairClient, EndpointPairServer, ServicePeers
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
-    from rosidl_py_gen.runtime.transport.dds.correlation import ClientId, Identity
-    from rosidl_py_gen.runtime.transport.port import Reader
+    from rosidl_py_gen.runtime.transport.api import Reader
+    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import FastDdsInterop
+    from rosidl_py_gen.runtime.transport.dds.correlation import ClientId, SampleIdentity
     from rosidl_py_gen.runtime.transport.samples import Payload
-    from rosidl_py_gen.runtime.transport.service_port import Reply, Request, RequestId, Service
+    from rosidl_py_gen.runtime.transport.service_api import Reply, Request, RequestId, ServiceSpec
 
-_Asker: TypeAlias = "tuple[ClientId, int, bytes | None, int]"
+_RequestOrigin: TypeAlias = "tuple[ClientId, int, bytes | None, int]"
 """What a `RequestId` is: the client, the number of its request, the GUID of its request writer (None when it vanished
 before it was known) and the local handle of that writer."""
 
@@ -39,12 +39,12 @@ before it was known) and the local handle of that writer."""
 class ServiceWriter(Writer, Protocol):
     """A writer that can say whose a sample is beside it."""
 
-    def write_for(self, data: Payload, identity: Identity) -> bool:
+    def write_with_identity(self, data: Payload, identity: SampleIdentity) -> bool:
         """As `write`."""
 
 
-class DdsClient(ClientEnd):
-    """See `service_port.ClientPort`.
+class DdsClient(EndpointPairClient):
+    """See `service_port.ServiceClientTransport`.
 
     Args:
         fast_dds: states whether servers on Fast DDS can be talked to.
@@ -52,12 +52,12 @@ class DdsClient(ClientEnd):
 
     def __init__(
         self,
-        service: Service,
+        service: ServiceSpec,
         peers: ServicePeers,
         reader: Reader,
         writer: ServiceWriter,
         gid: bytes,
-        fast_dds: FastDds,
+        fast_dds: FastDdsInterop,
     ) -> None:
         super().__init__(peers, *service.channels, reader, writer, gid)
         self._service = service
@@ -76,7 +76,7 @@ class DdsClient(ClientEnd):
         number, writer = self._sent + 1, self._request_writer
         message, identity = self._correlation.request(data, number)
         try:
-            is_sent = writer.write(message) if identity is None else writer.write_for(message, identity)
+            is_sent = writer.write(message) if identity is None else writer.write_with_identity(message, identity)
         except Exception:
             raise
         except BaseException:  # it was written; what interrupted us came behind
@@ -85,7 +85,7 @@ class DdsClient(ClientEnd):
         if not is_sent:
             return None
         self._sent = number
-        self._asked[number] = self.present()
+        self._asked[number] = self.server_endpoints()
         return number
 
     def take(self) -> Reply | None:
@@ -102,38 +102,38 @@ class DdsClient(ClientEnd):
                 return *found, server
         return self._next_lost()
 
-    def servers(self) -> Servers:
+    def servers(self) -> ServerAvailability:
         refusal = self._fast_dds.refusal
         if refusal != self._refusal:
             self._refusal = refusal
             self._servers.clear()
         return self._servers.get()
 
-    def _find(self, _: object) -> Servers:
+    def _find(self, _: object) -> ServerAvailability:
         peers, refusal = self._peers, self._refusal
         version = peers.version
         matched, answering = self._writer.matched_readers(), self._reader.matched_writers()
         announced, clients = (peers.on(self._requests, writers=writers) for writers in (False, True))
         known = peers.known(matched), peers.known(answering)
-        found = find_servers(*known, announced, clients, refusal, self._service.counts)
+        found = find_servers(*known, announced, clients, refusal, self._service.is_compatible)
         readers = {*matched, *(one.guid for one in announced)}
-        self._correlation.settle(readers, is_identified=found.is_identified)
+        self._correlation.update_servers(readers, is_identified=found.uses_sample_identity)
         self._found_at = version if found.is_available else -1
-        refused = None if found.refused is None else Refused(found.refused.guid, refusal or "")
-        return Servers(found.is_available, found.keeps, refused)
+        refused = None if found.refused is None else IncompatiblePeer(found.refused.guid, refusal or "")
+        return ServerAvailability(found.is_available, found.keeps, refused)
 
 
-class DdsServer(ServerEnd):
-    """See `service_port.ServerPort`."""
+class DdsServer(EndpointPairServer):
+    """See `service_port.ServiceServerTransport`."""
 
     def __init__(
         self,
-        service: Service,
+        service: ServiceSpec,
         peers: ServicePeers,
         reader: Reader,
         writer: ServiceWriter,
         gid: bytes,
-        fast_dds: FastDds,
+        fast_dds: FastDdsInterop,
     ) -> None:
         super().__init__(reader, writer, gid)
         self._peers = peers
@@ -151,18 +151,18 @@ class DdsServer(ServerEnd):
             return None
         data, source_ns, handle, received_ns, _ = items.popleft()
         writer = self._reader.writer_guid(handle)
-        if writer is not None and has_identities(writer) and identity_of(data) is None:
-            return None, Refused(writer, self._fast_dds.refusal or ""), writer, source_ns, received_ns
+        if writer is not None and uses_sample_identity(writer) and extract_identity(data) is None:
+            return None, IncompatiblePeer(writer, self._fast_dds.refusal or ""), writer, source_ns, received_ns
         try:
-            client, number, begin = header_of(data)
+            client, number, begin = parse_request_header(data)
         except DecodeError as err:
             return None, err, writer, source_ns, received_ns
         if self._is_limited():
             self._window.on_request(client)
-        return (client, number, writer, handle), message_of(data, begin), writer, source_ns, received_ns
+        return (client, number, writer, handle), strip_request_header(data, begin), writer, source_ns, received_ns
 
     def send(self, to: RequestId, data: bytes) -> bool:
-        asker: _Asker = to
+        asker: _RequestOrigin = to
         client, number, _, _ = asker
         if not self._is_limited():
             return self._write(data, client, number)
@@ -177,28 +177,28 @@ class DdsServer(ServerEnd):
             self._limited_at = peers.version
             readers = peers.on(self._replies, writers=False)
             # Clients on Fast DDS do not announce their history: they are taken for what ROS has by default.
-            self._window.set_readers(SERVICES_DEFAULT if has_identities(one.guid) else one.qos for one in readers)
+            self._window.set_readers(SERVICES_DEFAULT if uses_sample_identity(one.guid) else one.qos for one in readers)
         return self._window.limit > 0
 
     def _write(self, data: bytes, client: ClientId, number: int) -> bool:
         if isinstance(client, bytes):
-            return self._reply_writer.write_for(data, (client, number))
-        return self._reply_writer.write(with_header(data, client, number))
+            return self._reply_writer.write_with_identity(data, (client, number))
+        return self._reply_writer.write(add_request_header(data, client, number))
 
     def release(self) -> None:
         self._window.release()
 
-    def hears(self, to: RequestId) -> bool:
-        asker: _Asker = to
+    def can_reach_client(self, to: RequestId) -> bool:
+        asker: _RequestOrigin = to
         client, _, guid, _ = asker
         return self._listening.get((client, guid))
 
     def _listens(self, key: Any) -> bool:
         client, guid = key
         writer = None if guid is None else self._peers.get(guid)
-        return listens(client, writer, self._writer.matched_readers, self._peers.get)
+        return is_reply_reader_matched(client, writer, self._writer.matched_readers, self._peers.get)
 
-    def asked_by(self, to: RequestId) -> tuple[bytes, int]:
-        asker: _Asker = to
+    def request_origin(self, to: RequestId) -> tuple[bytes, int]:
+        asker: _RequestOrigin = to
         client, number, _, handle = asker
         return client_gid(client, handle), number

@@ -47,7 +47,7 @@ _COMMON: dict[str, object] = {
     "transport/shared_memory/transport_optimization/message_size_threshold": 512,
     "adminspace/enabled": True,
 }
-_PATIENCE_US = 250_000
+_MAX_CONGESTION_WAIT_US = 250_000
 """How long a large message waits for a link that is congested before it is dropped, where rmw_zenoh_cpp waits 50 ms: on
 a busy machine that lost one image of ten. After the first that waited in vain Zenoh drops without waiting.
 """
@@ -59,7 +59,7 @@ _SESSION: dict[str, object] = {
     "scouting/gossip/autoconnect_strategy": _STRATEGY,
     "scouting/multicast/autoconnect_strategy": _STRATEGY,
     "transport/link/tx/queue/congestion_control/block/wait_before_close": 60_000_000,
-    "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": _PATIENCE_US,
+    "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": _MAX_CONGESTION_WAIT_US,
 }
 _ROUTER: dict[str, object] = {
     "mode": "router",
@@ -126,7 +126,7 @@ def insert(config: zenoh.Config, key: str, value: str, *, where: str) -> None:
     try:
         config.insert_json5(key, value)
     except zenoh.ZError as error:
-        raise ZenohConfigError(f"{where}: {key}={_shown(value)}: {reason(error)}") from None
+        raise ZenohConfigError(f"{where}: {key}={_shown(value)}: {error_text(error)}") from None
 
 
 def endpoints_of(config: zenoh.Config, what: str) -> list[str]:
@@ -146,7 +146,7 @@ def _configuration(
             _require_shallow(Path(path).read_text("utf-8", "replace"), f"{variable}={_shown(path)}")
             config: zenoh.Config = zenoh.Config.from_file(path)
         except (zenoh.ZError, OSError) as error:
-            raise ZenohConfigError(f"{variable}={_shown(path)}: {reason(error)}") from None
+            raise ZenohConfigError(f"{variable}={_shown(path)}: {error_text(error)}") from None
     else:
         config = zenoh.Config()
         for key, value in defaults.items():
@@ -175,7 +175,7 @@ def _shown(text: str) -> str:
     return printable(repr(text if len(text) <= _MAX_SHOWN else text[:_MAX_SHOWN] + "..."))
 
 
-def reason(error: Exception) -> str:
+def error_text(error: Exception) -> str:
     """What Zenoh says, without places in its sources and names of its types."""
     text = _PLACE.sub("", str(error))
     message = _MESSAGE.search(text)

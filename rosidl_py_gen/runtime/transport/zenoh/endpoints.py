@@ -16,11 +16,12 @@ Who may call what, on which thread; there are no locks here, and Zenoh holds its
 2. `_take`, `receive` and `read_attachment`: a thread of Zenoh, or that of whoever publishes in this process. They put
    the sample into the queue and say so to `Arrivals`, nothing else: no log, no call of Zenoh, no function of a user.
    Whoever blocks that thread stops everything that arrives.
-3. Sinks and `_complain`: the thread of the loop, which gets them from `Arrivals`. Only there the queue is emptied.
+3. Sinks and `_log_bad_attachment`: the thread of the loop, which gets them from `Arrivals`. Only there the queue is
+emptied.
 4. `set_sink`: the thread of the loop, or of whoever closes. A sample under way may come later: `receive` reads the sink
    once, and a sink finds that its endpoint is closed.
 5. `close`: any thread but those of 2; the second one does nothing.
-6. `abandon`: the one thread of a forked child, where those of Zenoh are not.
+6. `detach_after_fork`: the one thread of a forked child, where those of Zenoh are not.
 """
 
 from __future__ import annotations
@@ -37,17 +38,17 @@ import zenoh.handlers
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
-from rosidl_py_gen.runtime.transport.port import TransportError
+from rosidl_py_gen.runtime.transport.api import TransportError
 from rosidl_py_gen.runtime.transport.qos import Durability, History, Reliability
 from rosidl_py_gen.runtime.transport.samples import ReceiveQueue
 from rosidl_py_gen.runtime.transport.zenoh.attachment import AttachmentError, pack, unpack
-from rosidl_py_gen.runtime.transport.zenoh.keys import cpu_channel
+from rosidl_py_gen.runtime.transport.zenoh.keys import cpu_buffer_key
 from rosidl_py_gen.runtime.transport.zenoh.qos import DEFAULT_DEPTH
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.discovered import EndpointFound
+    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
     from rosidl_py_gen.runtime.transport.samples import Payload, Sink
     from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
@@ -57,7 +58,7 @@ _MAX_GAP_PUBLISHERS = 1024
 _time_ns = time.time_ns
 
 
-class Gaps:
+class SequenceGaps:
     """Counts what is missing between the numbers that arrived; source: docs/internals/zenoh.md 8.
 
     Samples of one publisher come one after the other, those of several may come in several threads.
@@ -73,7 +74,7 @@ class Gaps:
         """Number of samples missing so far, from the first sequence number of each publisher on."""
         return self._forgotten + sum(missing for _, missing in list(self._publishers.values()))
 
-    def note(self, publisher: bytes, number: int) -> None:
+    def on_sample(self, publisher: bytes, number: int) -> None:
         """A sample has arrived; one that was overtaken counts as missing, as in rmw_zenoh."""
         known = self._publishers.get(publisher)
         if known is None:
@@ -96,7 +97,7 @@ _ensure_thread_state = ctypes.PYFUNCTYPE(ctypes.c_int)(("PyGILState_Ensure", cty
 """Called once in a thread of Zenoh: Python keeps what it knows of it, and does not make that anew for each call."""
 
 
-def handler(function: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:
+def zenoh_handler(function: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:
     """A function that Zenoh calls on its own thread; otherwise there would be a thread for each."""
 
     def call(thing: Any) -> None:
@@ -108,7 +109,7 @@ def handler(function: Callable[[Any], None], drop: Callable[[], None] | None = N
     return zenoh.handlers.Callback(call, drop=drop, indirect=False)
 
 
-def keep(*things: object) -> None:
+def leak_after_fork(*things: object) -> None:
     """Never delete these: in a forked child that would wait for threads which are not there."""
     for thing in things:
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(thing))
@@ -143,12 +144,12 @@ def declare_subscriber(
     """What receives the samples of a key, with that profile."""
     origin = zenoh.Locality.REMOTE if ignore_local else zenoh.Locality.ANY
     if qos.durability is not Durability.TRANSIENT_LOCAL:
-        return session.declare_subscriber(key, handler(take), allowed_origin=origin)
+        return session.declare_subscriber(key, zenoh_handler(take), allowed_origin=origin)
     is_reliable = qos.reliability is Reliability.RELIABLE
     return zenoh.ext.declare_advanced_subscriber(
         session,
         key,
-        handler(take),
+        zenoh_handler(take),
         allowed_origin=origin,
         history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=qos.depth or DEFAULT_DEPTH),
         recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True) if is_reliable else None,
@@ -159,7 +160,7 @@ def declare_subscriber(
 class ZenohWriter:
     """See `port.Writer`."""
 
-    def __init__(self, owner: ZenohParticipant, info: EndpointFound, key: str) -> None:
+    def __init__(self, owner: ZenohParticipant, info: DiscoveredEndpoint, key: str) -> None:
         self._owner = owner
         self.info = info
         self.guid = info.guid
@@ -200,26 +201,28 @@ class ZenohWriter:
     def close(self) -> None:
         if not self._closed:
             self._closed = True
-            self._owner.withdraw(self.guid)
+            self._owner.undeclare_token(self.guid)
             self._publisher.undeclare()
 
-    def abandon(self) -> None:
+    def detach_after_fork(self) -> None:
         """In a forked child: touch nothing."""
         self._closed = True
-        keep(self._publisher, self._put)
+        leak_after_fork(self._publisher, self._put)
 
 
 class ZenohReader:
     """See `port.Reader`; the queue is filled by `_take`."""
 
-    def __init__(self, owner: ZenohParticipant, info: EndpointFound, key: str, *, ignore_local: bool = False) -> None:
+    def __init__(
+        self, owner: ZenohParticipant, info: DiscoveredEndpoint, key: str, *, ignore_local: bool = False
+    ) -> None:
         self._owner = owner
         self.info = info
         self.guid = info.guid
         self.queue = ReceiveQueue(info.qos)
         self._ignore_local = ignore_local
         self._sink: Sink | None = None
-        self._gaps: Gaps | None = None
+        self._gaps: SequenceGaps | None = None
         self._complaint = ""
         self._closed = False
         self._subscriber = self._declare(key)
@@ -233,7 +236,7 @@ class ZenohReader:
         told = self.read_attachment(sample)
         data = sample.payload.to_bytes()
         if told is not None and self._gaps is not None:
-            self._gaps.note(told[2], told[0])
+            self._gaps.on_sample(told[2], told[0])
         if told is not None and data:
             self.receive((data, told[1], int.from_bytes(told[2], "little"), _time_ns(), told[0]))
 
@@ -253,10 +256,10 @@ class ZenohReader:
             return unpack(attached.to_bytes())
         except AttachmentError as error:
             self._complaint = self._complaint or f"dropped what came on {thing.key_expr}: {error}"
-            self._owner.arrivals.put(self._complain)
+            self._owner.arrivals.put(self._log_bad_attachment)
             return None
 
-    def _complain(self) -> None:
+    def _log_bad_attachment(self) -> None:
         """On the loop's thread: an output may block, and log handlers have locks."""
         complaint, self._complaint = self._complaint, ""
         internal_logger().warning(complaint, throttle_s=1.0)
@@ -279,7 +282,7 @@ class ZenohReader:
         if event != "message_lost":
             return None
         if self._gaps is None:  # what nobody asks for is not counted
-            self._gaps = Gaps()
+            self._gaps = SequenceGaps()
         return (self._gaps.lost,)
 
     def writer_guid(self, handle: int) -> bytes | None:
@@ -289,22 +292,24 @@ class ZenohReader:
     def close(self) -> None:
         if not self._closed:
             self._closed, self._sink = True, None
-            self._owner.withdraw(self.guid)
+            self._owner.undeclare_token(self.guid)
             self._subscriber.undeclare()
 
-    def abandon(self) -> None:
+    def detach_after_fork(self) -> None:
         """In a forked child: touch nothing."""
         self._closed, self._sink = True, None
-        keep(self._subscriber)
+        leak_after_fork(self._subscriber)
 
 
 class BufferReader(ZenohReader):
     """A reader that listens on the key for buffers, too; each sample comes on one of the two."""
 
-    def __init__(self, owner: ZenohParticipant, info: EndpointFound, key: str, *, ignore_local: bool = False) -> None:
+    def __init__(
+        self, owner: ZenohParticipant, info: DiscoveredEndpoint, key: str, *, ignore_local: bool = False
+    ) -> None:
         super().__init__(owner, info, key, ignore_local=ignore_local)
         try:
-            self._channel = self._declare(cpu_channel(key))
+            self._channel = self._declare(cpu_buffer_key(key))
         except BaseException:
             self._subscriber.undeclare()
             raise
@@ -314,6 +319,6 @@ class BufferReader(ZenohReader):
             super().close()
             self._channel.undeclare()
 
-    def abandon(self) -> None:
-        super().abandon()
-        keep(self._channel)
+    def detach_after_fork(self) -> None:
+        super().detach_after_fork()
+        leak_after_fork(self._channel)

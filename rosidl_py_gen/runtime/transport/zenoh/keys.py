@@ -41,12 +41,12 @@ def service_type(half: str) -> str:
     return half
 
 
-def known_hash(chunk: str) -> str:
+def valid_hash_or_empty(chunk: str) -> str:
     """The type hash that a key or a token carries; empty when it is none, as Humble's."""
     return chunk if _TYPE_HASH.match(chunk) else ""
 
 
-def cpu_channel(key: str) -> str:
+def cpu_buffer_key(key: str) -> str:
     """Where publishers of Lyrical and later send some messages to those whose token says `tokens.CPU_BACKEND`.
 
     That is done for messages with an unbounded array of bytes that are not transient local; others, and publishers of

@@ -19,16 +19,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import zenoh
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.transport.port import TransportError
+from rosidl_py_gen.runtime.transport.api import TransportError
 from rosidl_py_gen.runtime.transport.qos import Durability
 from rosidl_py_gen.runtime.transport.type_names import wire_type
-from rosidl_py_gen.runtime.transport.zenoh.arrivals import Arrivals
-from rosidl_py_gen.runtime.transport.zenoh.endpoints import BufferReader, ZenohReader, ZenohWriter, handler, keep
-from rosidl_py_gen.runtime.transport.zenoh.graph import TokenGraph, endpoints_of, incompatibility, participant_guid
+from rosidl_py_gen.runtime.transport.zenoh.endpoints import (
+    BufferReader,
+    ZenohReader,
+    ZenohWriter,
+    leak_after_fork,
+    zenoh_handler,
+)
 from rosidl_py_gen.runtime.transport.zenoh.keys import data_key
-from rosidl_py_gen.runtime.transport.zenoh.qos import qos_text, read_qos
-from rosidl_py_gen.runtime.transport.zenoh.services import ZenohClient, ZenohServer
-from rosidl_py_gen.runtime.transport.zenoh.tokens import (
+from rosidl_py_gen.runtime.transport.zenoh.liveliness_tokens import (
     CPU_BACKEND,
     EndpointToken,
     EntityKind,
@@ -36,19 +38,28 @@ from rosidl_py_gen.runtime.transport.zenoh.tokens import (
     gid_of,
     tokens_of,
 )
+from rosidl_py_gen.runtime.transport.zenoh.qos import qos_text, read_qos
+from rosidl_py_gen.runtime.transport.zenoh.ready_sinks import ReadySinks
+from rosidl_py_gen.runtime.transport.zenoh.services import ZenohClient, ZenohServer
+from rosidl_py_gen.runtime.transport.zenoh.token_graph import (
+    TokenGraph,
+    endpoints_of,
+    incompatibility,
+    participant_guid,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent, EndpointFound, NodeEntities
+    from rosidl_py_gen.runtime.transport.api import EndpointSpec
+    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent, NodeEntities
     from rosidl_py_gen.runtime.transport.incompatibility import IncompatibilityKind
-    from rosidl_py_gen.runtime.transport.port import EndpointSpec
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
     from rosidl_py_gen.runtime.transport.samples import Sink
-    from rosidl_py_gen.runtime.transport.service_port import Service
+    from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 _EndpointT = TypeVar("_EndpointT", bound=ZenohReader | ZenohWriter)
-_NOBODY = "_"
+_NO_NODE_NAME = "_"
 """Stands for the node of endpoints that have none; they have no token, so nobody reads it."""
 
 
@@ -57,15 +68,15 @@ class _Description(NamedTuple):
 
     key: str
     token: str
-    endpoints: tuple[EndpointFound, ...]
+    endpoints: tuple[DiscoveredEndpoint, ...]
 
 
-class _Owned(NamedTuple):
+class _LocalEndpoint(NamedTuple):
     """An endpoint of ours, its liveliness token, and what the graph knows of it."""
 
     endpoint: ZenohReader | ZenohWriter
     token: Any
-    told: tuple[EndpointFound, ...]
+    told: tuple[DiscoveredEndpoint, ...]
 
 
 class ZenohParticipant:
@@ -74,7 +85,7 @@ class ZenohParticipant:
     middleware = "Zenoh"
     library = ""
     capabilities: Mapping[str, str] = MappingProxyType({})
-    identity_refusal: str | None = None
+    services_unavailable_reason: str | None = None
 
     def __init__(self, session: Any, domain_id: int, enclave: str, *, is_humble: bool = False) -> None:
         """`is_humble`: keys and tokens as in Humble, so without hashes."""
@@ -88,39 +99,43 @@ class ZenohParticipant:
         self._ids = itertools.count()
         """Of nodes and endpoints alike, as in rmw_zenoh_cpp."""
         self._nodes: dict[int, NodeToken] = {}
-        self._nobody = NodeToken(domain_id, self._zid, 0, _NOBODY)
+        self._nobody = NodeToken(domain_id, self._zid, 0, _NO_NODE_NAME)
         self._node_tokens: dict[int, Any] = {}
-        self._owned: dict[bytes, _Owned] = {}
-        self.arrivals = Arrivals()
+        self._owned: dict[bytes, _LocalEndpoint] = {}
+        self.arrivals = ReadySinks()
         self._discovery_sink: Callable[[list[DiscoveryEvent]], None] | None = None
         self.graph = TokenGraph(self._zid, enclave)
         self._liveliness = session.liveliness()
-        self._listener = self._liveliness.declare_subscriber(tokens_of(domain_id), handler(self._hear), history=True)
+        self._listener = self._liveliness.declare_subscriber(
+            tokens_of(domain_id), zenoh_handler(self._on_token), history=True
+        )
 
     # ------------------------------------------------------------------------------------------------ endpoints
 
     def create_writer(self, spec: EndpointSpec) -> ZenohWriter:
-        told = self._describe(EntityKind.PUBLISHER, *_named(spec))
-        return self._adopt(told, lambda: ZenohWriter(self, told.endpoints[0], told.key))
+        told = self._endpoint_description(EntityKind.PUBLISHER, *_named(spec))
+        return self._register_endpoint(told, lambda: ZenohWriter(self, told.endpoints[0], told.key))
 
     def create_reader(self, spec: EndpointSpec) -> ZenohReader:
         is_late = spec.qos.durability is Durability.TRANSIENT_LOCAL
         takes_buffers = spec.has_buffer and not self._is_humble and not is_late
         backends, make = (CPU_BACKEND, BufferReader) if takes_buffers else ("", ZenohReader)
-        told = self._describe(EntityKind.SUBSCRIPTION, *_named(spec), backends)
-        return self._adopt(told, lambda: make(self, told.endpoints[0], told.key, ignore_local=spec.ignore_local))
+        told = self._endpoint_description(EntityKind.SUBSCRIPTION, *_named(spec), backends)
+        return self._register_endpoint(
+            told, lambda: make(self, told.endpoints[0], told.key, ignore_local=spec.ignore_local)
+        )
 
-    def create_client(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ZenohClient:
+    def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> ZenohClient:
         told = self._describe_service(EntityKind.CLIENT, service, qos, node)
         replies, requests = told.endpoints
-        return self._adopt(told, lambda: ZenohClient(self, replies, requests, told.key))
+        return self._register_endpoint(told, lambda: ZenohClient(self, replies, requests, told.key))
 
-    def create_server(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ZenohServer:
+    def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> ZenohServer:
         told = self._describe_service(EntityKind.SERVER, service, qos, node)
         requests, replies = told.endpoints
-        return self._adopt(told, lambda: ZenohServer(self, requests, replies, told.key))
+        return self._register_endpoint(told, lambda: ZenohServer(self, requests, replies, told.key))
 
-    def _describe(
+    def _endpoint_description(
         self,
         kind: EntityKind,
         name: str,
@@ -143,16 +158,17 @@ class ZenohParticipant:
         key = data_key(self._domain_id, name, type, type_hash)
         return _Description(key, text if owner else "", endpoints_of(token, gid_of(text)))
 
-    def _describe_service(self, kind: EntityKind, service: Service, qos: QoSProfile, node: int) -> _Description:
-        """`_describe` for a service; our own graph knows the hashes of the messages, which no token tells."""
-        told = self._describe(kind, service.name, service.type, service.type_hash, qos, node)
+    def _describe_service(self, kind: EntityKind, service: ServiceSpec, qos: QoSProfile, node: int) -> _Description:
+        """`_endpoint_description` for a service; our own graph knows the hashes of the messages, which no token
+        tells."""
+        told = self._endpoint_description(kind, service.name, service.type, service.type_hash, qos, node)
         halves = [service.request_hash, service.response_hash]
         if kind is EntityKind.CLIENT:
             halves.reverse()
         endpoints = tuple(replace(one, type_hash=half) for one, half in zip(told.endpoints, halves, strict=True))
         return told._replace(endpoints=endpoints)
 
-    def _adopt(self, told: _Description, make: Callable[[], _EndpointT]) -> _EndpointT:
+    def _register_endpoint(self, told: _Description, make: Callable[[], _EndpointT]) -> _EndpointT:
         """Make an endpoint, and tell others of it when it is ready."""
         endpoint = None
         try:
@@ -164,12 +180,12 @@ class ZenohParticipant:
             raise TransportError(
                 f"create an endpoint of {told.endpoints[0].channel.name} at {told.key}: {error}"
             ) from None
-        self._owned[endpoint.guid] = _Owned(endpoint, token, told.endpoints)
+        self._owned[endpoint.guid] = _LocalEndpoint(endpoint, token, told.endpoints)
         self.graph.add_own(told.endpoints)
         self.arrivals.put(self.report_discovery)
         return endpoint
 
-    def withdraw(self, guid: bytes) -> None:
+    def undeclare_token(self, guid: bytes) -> None:
         """Tell others no more of an endpoint of ours, which will be undeclared."""
         owned = self._owned.pop(guid, None)
         if owned is not None:
@@ -178,7 +194,9 @@ class ZenohParticipant:
             self.graph.remove_own(owned.told)
             self.arrivals.put(self.report_discovery)
 
-    def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> IncompatibilityKind | None:
+    def incompatibility_reason(
+        self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint
+    ) -> IncompatibilityKind | None:
         """See `port.Participant`; QoS profiles play no part here."""
         return incompatibility(writer, reader)
 
@@ -196,9 +214,9 @@ class ZenohParticipant:
 
     # ------------------------------------------------------------------------------------------------ discovery
 
-    def _hear(self, sample: Any) -> None:
+    def _on_token(self, sample: Any) -> None:
         """Called by Zenoh with each token that appears or disappears."""
-        self.graph.hear(sample.kind == zenoh.SampleKind.PUT, str(sample.key_expr))
+        self.graph.on_token(sample.kind == zenoh.SampleKind.PUT, str(sample.key_expr))
         self.arrivals.put(self.report_discovery)
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
@@ -219,24 +237,24 @@ class ZenohParticipant:
 
     # -------------------------------------------------------------------------------------------------- waiting
 
-    def set_notify(self, notify: Callable[[], None] | None) -> None:
-        self.arrivals.set_notify(notify)
+    def set_wakeup(self, notify: Callable[[], None] | None) -> None:
+        self.arrivals.set_wakeup(notify)
 
     def fileno(self) -> int | None:
         return self.arrivals.fileno()
 
-    def collect(self) -> list[Sink]:
+    def take_ready_sinks(self) -> list[Sink]:
         return self.arrivals.take()
 
     # -------------------------------------------------------------------------------------------------- closing
 
-    def abandon(self) -> None:
+    def detach_after_fork(self) -> None:
         self._closed = True
         self._discovery_sink = None
         for owned in self._owned.values():
-            owned.endpoint.abandon()
-            keep(owned.token)
-        keep(self.session, self._liveliness, self._listener, *self._node_tokens.values())
+            owned.endpoint.detach_after_fork()
+            leak_after_fork(owned.token)
+        leak_after_fork(self.session, self._liveliness, self._listener, *self._node_tokens.values())
 
     def close(self) -> None:
         if self._closed:

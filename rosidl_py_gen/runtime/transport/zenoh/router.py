@@ -10,8 +10,8 @@ import json
 import socket
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.resources import require
-from rosidl_py_gen.runtime.transport.port import TransportError
+from rosidl_py_gen.base.resources import require_modules
+from rosidl_py_gen.runtime.transport.api import TransportError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -45,10 +45,10 @@ class ZenohRouter:
         connect: Sequence[str] = (),
         log: str = "",
     ) -> None:
-        require("zenoh")  # here, so that the class can be imported with all others without it
+        require_modules("zenoh")  # here, so that the class can be imported with all others without it
         import zenoh
 
-        from rosidl_py_gen.runtime.transport.zenoh.config import IPV4_ONLY, endpoints_of, reason, router_config
+        from rosidl_py_gen.runtime.transport.zenoh.config import IPV4_ONLY, endpoints_of, error_text, router_config
 
         if log:
             zenoh.init_log_from_env_or(log)
@@ -60,7 +60,7 @@ class ZenohRouter:
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
             where = ", ".join(wanted) or "no endpoint"
-            raise TransportError(f"no Zenoh router on {where}: {reason(error)}") from None
+            raise TransportError(f"no Zenoh router on {where}: {error_text(error)}") from None
         self.zid = str(self._session.info.zid())
         """The identity that other sessions see, in hexadecimal digits."""
         self.endpoints = self._locators() or wanted

@@ -19,35 +19,35 @@ import zenoh
 
 from rosidl_py_gen.cdr.layout import HEADER_BYTES
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.transport.port import TransportError
+from rosidl_py_gen.runtime.transport.api import TransportError
 from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
-from rosidl_py_gen.runtime.transport.service_ends import kept_by
-from rosidl_py_gen.runtime.transport.service_port import Servers, Unanswered
+from rosidl_py_gen.runtime.transport.service_api import NoReply, ServerAvailability
+from rosidl_py_gen.runtime.transport.service_endpoints import fair_queue_share
 from rosidl_py_gen.runtime.transport.zenoh.attachment import pack
-from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, handler, keep
-from rosidl_py_gen.runtime.transport.zenoh.graph import participant_guid, twin
+from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, leak_after_fork, zenoh_handler
+from rosidl_py_gen.runtime.transport.zenoh.token_graph import paired_gid, participant_guid
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.discovered import EndpointFound
-    from rosidl_py_gen.runtime.transport.service_port import RequestId
+    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
+    from rosidl_py_gen.runtime.transport.service_api import RequestId
     from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
 
-_ENDLESS_S = 1e9
+_NO_TIMEOUT_S = 1e9
 """Zenoh refuses infinity."""
 _GET_RESULT = "/_action/get_result/"
 """In the keys of requests that may take for ever, as rmw_zenoh_cpp has it. Others have `queries_default_timeout`."""
-_LATER_S = 1.0
+_QUERY_TIMEOUT_MARGIN_S = 1.0
 """So much longer than a call Zenoh waits: the call says it better."""
 _TIMEOUT = b"Timeout"
 _MAX_QUERIES = 10_000
 _MAX_BYTES = 64 * 2**20
 """Of requests that nobody answered yet, together."""
-_MAX_ANSWERED = 16
+_MAX_ANSWERED_QUERIES = 16
 _MAX_CHARACTERS = 300
 _time_ns = time.time_ns
 
 
-class _End(ZenohReader):
+class _ZenohServiceEndpoint(ZenohReader):
     """What both ends of a service have in common.
 
     Args:
@@ -55,7 +55,9 @@ class _End(ZenohReader):
         writes: that by which it knows it as a writer.
     """
 
-    def __init__(self, owner: ZenohParticipant, reads: EndpointFound, writes: EndpointFound, key: str) -> None:
+    def __init__(
+        self, owner: ZenohParticipant, reads: DiscoveredEndpoint, writes: DiscoveredEndpoint, key: str
+    ) -> None:
         self.gid = reads.guid
         self.endpoints = reads.guid, writes.guid
         self._key = key
@@ -78,24 +80,26 @@ class _End(ZenohReader):
 # -------------------------------------------------------------------------------------------------------------- client
 
 
-class ZenohClient(_End):
-    """See `service_port.ClientPort`."""
+class ZenohClient(_ZenohServiceEndpoint):
+    """See `service_port.ServiceClientTransport`."""
 
-    def __init__(self, owner: ZenohParticipant, replies: EndpointFound, requests: EndpointFound, key: str) -> None:
+    def __init__(
+        self, owner: ZenohParticipant, replies: DiscoveredEndpoint, requests: DiscoveredEndpoint, key: str
+    ) -> None:
         self._requests = requests
         self._sent = 0
-        self._asked: dict[int, _Asked] = {}
+        self._asked: dict[int, _InFlightQuery] = {}
         self._answered: deque[int] = deque()
         """Those that other servers may still answer."""
         self._seen_at = -1
         """How often the graph had changed when the following was so."""
-        self._servers = Servers()
+        self._servers = ServerAvailability()
         self._present: frozenset[bytes] = frozenset()
         self._by_session: dict[bytes, bytes] = {}
         """What answers, by its session."""
         self._reached_at = -1
         """How often the graph had changed when a server was within reach; asking Zenoh takes 40 us."""
-        self._longest_s = _ENDLESS_S if _GET_RESULT in key else None
+        self._longest_s = _NO_TIMEOUT_S if _GET_RESULT in key else None
         super().__init__(owner, replies, requests, key)
 
     def _declare(self, key: str) -> Any:
@@ -118,15 +122,17 @@ class ZenohClient(_End):
                 return None
             self._reached_at = changes
         number = self._sent + 1
-        asked = self._asked[number] = _Asked(self, number)
-        callback, attachment = handler(asked.on_reply, asked.on_end), pack(number, _time_ns(), self.guid)
+        asked = self._asked[number] = _InFlightQuery(self, number)
+        callback, attachment = zenoh_handler(asked.on_reply, asked.on_end), pack(number, _time_ns(), self.guid)
         try:
             self._owner.session.get(
                 self._key,
                 callback,
                 target=zenoh.QueryTarget.ALL_COMPLETE,
                 consolidation=zenoh.ConsolidationMode.NONE,
-                timeout=self._longest_s if timeout_s is None else min(timeout_s + _LATER_S, _ENDLESS_S),
+                timeout=self._longest_s
+                if timeout_s is None
+                else min(timeout_s + _QUERY_TIMEOUT_MARGIN_S, _NO_TIMEOUT_S),
                 payload=data,
                 attachment=attachment,
                 cancellation_token=asked.token,
@@ -148,7 +154,7 @@ class ZenohClient(_End):
             return
         if asked.is_over:
             self._answered.append(number)
-            if len(self._answered) <= _MAX_ANSWERED:
+            if len(self._answered) <= _MAX_ANSWERED_QUERIES:
                 return
             number = self._answered.popleft()
         self._cancel(number)
@@ -159,21 +165,21 @@ class ZenohClient(_End):
         if asked is not None:
             asked.cancel()
 
-    def ended(self, number: int) -> None:
+    def on_query_end(self, number: int) -> None:
         """Called by Zenoh: nothing more will come for that request."""
         self._asked.pop(number, None)
 
     # ----------------------------------------------------------------------------------------------------- servers
 
-    def servers(self) -> Servers:
+    def servers(self) -> ServerAvailability:
         self._look()
         return self._servers
 
-    def present(self) -> frozenset[bytes]:
+    def server_endpoints(self) -> frozenset[bytes]:
         self._look()
         return self._present
 
-    def look_for_lost(self) -> None:
+    def report_lost_requests(self) -> None:
         """Nothing to be done: a query ends when nobody is left to answer. Tokens may overtake the last replies."""
 
     def _look(self) -> None:
@@ -184,11 +190,13 @@ class ZenohClient(_End):
         reading, answering = graph.connected(self._requests), graph.connected(self.info)
         by_session = {one.participant_guid: one.guid for one in answering.values()}
         is_available = any(one.participant_guid in by_session for one in reading.values())
-        keeps = kept_by((one.qos for one in reading.values()), graph.beside(self._requests).values())
-        self._servers, self._present = Servers(is_available, keeps), frozenset((*reading, *answering))
+        keeps = fair_queue_share(
+            (one.qos for one in reading.values()), graph.endpoints_on_same_side(self._requests).values()
+        )
+        self._servers, self._present = ServerAvailability(is_available, keeps), frozenset((*reading, *answering))
         self._by_session, self._seen_at = by_session, changes
 
-    def server_of(self, reply: Any) -> bytes | None:
+    def replying_server(self, reply: Any) -> bytes | None:
         """The GUID of what answered, None when it is not known; called by Zenoh."""
         if reply.replier_id is None:
             return None
@@ -202,13 +210,13 @@ class ZenohClient(_End):
             self._cancel(number)
         super().close()
 
-    def abandon(self) -> None:
-        super().abandon()
-        keep(self._asked)
+    def detach_after_fork(self) -> None:
+        super().detach_after_fork()
+        leak_after_fork(self._asked)
         self._asked = {}
 
 
-class _Asked:
+class _InFlightQuery:
     """A query under way."""
 
     __slots__ = ("_client", "_number", "_reason", "is_over", "token")
@@ -231,13 +239,13 @@ class _Asked:
         data = sample.payload.to_bytes()
         if self._client.read_attachment(sample) is not None and len(data) >= HEADER_BYTES:
             self.is_over = True
-            self._client.receive((self._number, data, self._client.server_of(reply)))
+            self._client.receive((self._number, data, self._client.replying_server(reply)))
 
     def on_end(self) -> None:
         """Called by Zenoh when nothing more will come."""
-        self._client.ended(self._number)
+        self._client.on_query_end(self._number)
         if not self.is_over:
-            self._client.receive((self._number, Unanswered(*self._reason), None))
+            self._client.receive((self._number, NoReply(*self._reason), None))
 
     def cancel(self) -> None:
         """Let Zenoh forget it; waits while Zenoh is in one of the functions above."""
@@ -254,7 +262,7 @@ def _printable(text: bytes) -> str:
 # -------------------------------------------------------------------------------------------------------------- server
 
 
-_Asker: TypeAlias = "tuple[bytes, int]"
+_RequestOrigin: TypeAlias = "tuple[bytes, int]"
 """What a `RequestId` is: the GID of the client and the number of its request."""
 
 
@@ -265,11 +273,13 @@ class _Query(NamedTuple):
     size_bytes: int
 
 
-class ZenohServer(_End):
-    """See `service_port.ServerPort`; keeps the queries that are not answered yet."""
+class ZenohServer(_ZenohServiceEndpoint):
+    """See `service_port.ServiceServerTransport`; keeps the queries that are not answered yet."""
 
-    def __init__(self, owner: ZenohParticipant, requests: EndpointFound, replies: EndpointFound, key: str) -> None:
-        self._queries: dict[_Asker, _Query] = {}
+    def __init__(
+        self, owner: ZenohParticipant, requests: DiscoveredEndpoint, replies: DiscoveredEndpoint, key: str
+    ) -> None:
+        self._queries: dict[_RequestOrigin, _Query] = {}
         self._queries_bytes = 0
         self._queries_lock = threading.RLock()
         self._replies = replies
@@ -291,7 +301,7 @@ class ZenohServer(_End):
         return self._window.limit > 0
 
     def _declare(self, key: str) -> Any:
-        return self._owner.session.declare_queryable(key, handler(self._take), complete=True)
+        return self._owner.session.declare_queryable(key, zenoh_handler(self._take), complete=True)
 
     def _take(self, query: Any) -> None:
         """Called by Zenoh with each query."""
@@ -301,12 +311,12 @@ class ZenohServer(_End):
             query.drop()
             return
         number, source_ns, gid = told
-        if not self._keep((gid, number), _Query(query, len(data))):
+        if not self._store_query((gid, number), _Query(query, len(data))):
             query.drop()
             return
-        self.receive(((gid, number), data, twin(gid), source_ns, _time_ns()))
+        self.receive(((gid, number), data, paired_gid(gid), source_ns, _time_ns()))
 
-    def _keep(self, identity: _Asker, query: _Query) -> bool:
+    def _store_query(self, identity: _RequestOrigin, query: _Query) -> bool:
         """Remember a query until it is answered, and give up the oldest where there are too many; False: not wanted."""
         given_up = []
         with self._queries_lock:
@@ -315,12 +325,12 @@ class ZenohServer(_End):
             self._queries[identity] = query
             self._queries_bytes += query.size_bytes
             while len(self._queries) > 1 and (len(self._queries) > _MAX_QUERIES or self._queries_bytes > _MAX_BYTES):
-                given_up.append(self.claim(next(iter(self._queries))))
+                given_up.append(self.pop_query(next(iter(self._queries))))
         for old in filter(None, given_up):
             old.drop()
         return True
 
-    def claim(self, identity: _Asker) -> Any | None:
+    def pop_query(self, identity: _RequestOrigin) -> Any | None:
         """The query to be answered; None when it is gone."""
         with self._queries_lock:
             found = self._queries.pop(identity, None)
@@ -333,11 +343,11 @@ class ZenohServer(_End):
         """What answers nothing that is still asked is dropped."""
         if self._closed:
             raise ClosedError(f"the server of {self.info.channel.name} is closed")
-        asker: _Asker = to
+        asker: _RequestOrigin = to
         is_limited = self._is_limited()
         if is_limited and not self._window.is_open(asker[0]):
             return False
-        query = self.claim(asker)
+        query = self.pop_query(asker)
         if query is None:
             return True
         gid, number = asker
@@ -355,12 +365,12 @@ class ZenohServer(_End):
     def release(self) -> None:
         self._window.release()
 
-    def hears(self, to: RequestId) -> bool:
+    def can_reach_client(self, to: RequestId) -> bool:
         """A response goes where its query came from."""
         return True
 
-    def asked_by(self, to: RequestId) -> tuple[bytes, int]:
-        asker: _Asker = to
+    def request_origin(self, to: RequestId) -> tuple[bytes, int]:
+        asker: _RequestOrigin = to
         return asker
 
     def forget(self, client: bytes) -> None:
@@ -369,8 +379,8 @@ class ZenohServer(_End):
             of_client = [identity for identity in self._queries if identity[0] == client]
         self._drop(of_client)
 
-    def _drop(self, identities: list[_Asker]) -> None:
-        for query in filter(None, map(self.claim, identities)):
+    def _drop(self, identities: list[_RequestOrigin]) -> None:
+        for query in filter(None, map(self.pop_query, identities)):
             query.drop()
 
     def close(self) -> None:
@@ -379,7 +389,7 @@ class ZenohServer(_End):
             left = list(self._queries)
         self._drop(left)
 
-    def abandon(self) -> None:
-        super().abandon()
-        keep(self._queries)
+    def detach_after_fork(self) -> None:
+        super().detach_after_fork()
+        leak_after_fork(self._queries)
         self._queries, self._queries_lock = {}, threading.RLock()

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.transport.clocks import SYSTEM_CLOCKS
-from rosidl_py_gen.runtime.transport.port import BackendMissingError, TransportError
+from rosidl_py_gen.runtime.transport.api import BackendMissingError, TransportError
+from rosidl_py_gen.runtime.transport.clock_functions import SYSTEM_CLOCKS
 
 try:
     import zenoh
@@ -35,11 +35,11 @@ except ImportError as err:
     ) from err
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.port import DomainSettings
+    from rosidl_py_gen.runtime.transport.api import DomainSettings
 
-_PAUSE_S = 1.0
+_ROUTER_RETRY_INTERVAL_S = 1.0
 """Between two attempts of rmw_zenoh_cpp."""
-_LOOK_S = 0.001
+_ROUTER_POLL_INTERVAL_S = 0.001
 
 
 class ZenohTransport:
@@ -84,12 +84,12 @@ class ZenohTransport:
 
 def _look_for_router(session: zenoh.Session, attempts: float, asked: list[str]) -> None:
     """Wait for a router as ZENOH_ROUTER_CHECK_ATTEMPTS says; without one, peers of this machine are not found."""
-    if attempts <= 0 or _finds_router(session, _PAUSE_S):
+    if attempts <= 0 or _wait_for_router(session, _ROUTER_RETRY_INTERVAL_S):
         return
     where = ", ".join(asked) or "any place"
     if attempts > 1:
         get_root_logger().warning(f"waiting for a Zenoh router at {where}")
-        if _finds_router(session, (attempts - 1) * _PAUSE_S):
+        if _wait_for_router(session, (attempts - 1) * _ROUTER_RETRY_INTERVAL_S):
             return
     get_root_logger().warning(
         f"no Zenoh router answers at {where}, so other processes are not found; start `rosidl-py zenoh-router`. This "
@@ -97,12 +97,12 @@ def _look_for_router(session: zenoh.Session, attempts: float, asked: list[str]) 
     )
 
 
-def _finds_router(session: zenoh.Session, patience_s: float) -> bool:
+def _wait_for_router(session: zenoh.Session, patience_s: float) -> bool:
     end_s = time.monotonic() + patience_s
     while not session.info.routers_zid():
         if time.monotonic() >= end_s:
             return False
-        time.sleep(_LOOK_S)
+        time.sleep(_ROUTER_POLL_INTERVAL_S)
     return True
 
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from rosidl_py_gen.runtime.transport.port import TransportError
+from rosidl_py_gen.runtime.transport.api import TransportError
 from rosidl_py_gen.runtime.transport.zenoh import config as config_module
 from rosidl_py_gen.runtime.transport.zenoh import router as router_module
 from rosidl_py_gen.runtime.transport.zenoh.config import (

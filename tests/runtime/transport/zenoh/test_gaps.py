@@ -13,17 +13,17 @@ from support.zenoh_peer import Peer, PlainPublisher
 
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterType
 from rosidl_py_gen.runtime import CountStatus, SubscriptionEventCallbacks, UnsupportedEventError
-from rosidl_py_gen.runtime.transport.zenoh.endpoints import Gaps
+from rosidl_py_gen.runtime.transport.zenoh.endpoints import SequenceGaps
 
 ONE, OTHER = b"1" * 16, b"2" * 16
 TYPE = "rcl_interfaces::msg::dds_::ParameterType_"
 
 
 def counted(*numbers: tuple[bytes, Iterable[int]]) -> int:
-    gaps = Gaps()
+    gaps = SequenceGaps()
     for publisher, given_ in numbers:
         for number in given_:
-            gaps.note(publisher, number)
+            gaps.on_sample(publisher, number)
     return gaps.lost
 
 
@@ -44,10 +44,10 @@ def test_of_numbers_in_order_those_between_are_missing(numbers: list[int]) -> No
 
 
 def test_memory_has_a_bound_and_what_was_counted_stays() -> None:
-    gaps = Gaps()
+    gaps = SequenceGaps()
     for publisher in range(3000):
-        gaps.note(publisher.to_bytes(16, "big"), 1)
-        gaps.note(publisher.to_bytes(16, "big"), 3)
+        gaps.on_sample(publisher.to_bytes(16, "big"), 1)
+        gaps.on_sample(publisher.to_bytes(16, "big"), 3)
     assert gaps.lost == 3000 and len(gaps._publishers) <= 1024
 
 

@@ -7,10 +7,21 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rosidl_py_gen.runtime.transport.discovered import EndpointFound, Lost, NodesFound, ParticipantFound
+from rosidl_py_gen.runtime.transport.discovery_events import (
+    DiscoveredEndpoint,
+    EntityLost,
+    NodesAnnounced,
+    ParticipantDiscovered,
+)
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
-from rosidl_py_gen.runtime.transport.zenoh.graph import TokenGraph, endpoints_of, participant_guid
-from rosidl_py_gen.runtime.transport.zenoh.tokens import EndpointToken, EntityKind, NodeToken, gid_of, read_token
+from rosidl_py_gen.runtime.transport.zenoh.liveliness_tokens import (
+    EndpointToken,
+    EntityKind,
+    NodeToken,
+    gid_of,
+    read_token,
+)
+from rosidl_py_gen.runtime.transport.zenoh.token_graph import TokenGraph, endpoints_of, participant_guid
 
 ODD = [
     "@ros2_lv/0/1a/5/5/NN/%/%/a",
@@ -32,9 +43,9 @@ def there(graph: TokenGraph) -> set[bytes]:
     """The GUIDs that were found and not lost, of a graph that nobody has asked yet."""
     guids: set[bytes] = set()
     for event in graph.events():
-        if isinstance(event, ParticipantFound | EndpointFound):
+        if isinstance(event, ParticipantDiscovered | DiscoveredEndpoint):
             guids.add(event.guid)
-        elif isinstance(event, Lost):
+        elif isinstance(event, EntityLost):
             guids.remove(event.guid)
     return guids
 
@@ -43,11 +54,11 @@ def there(graph: TokenGraph) -> set[bytes]:
 def test_tokens_in_any_order_raise_nothing_and_leave_nothing(news: list[tuple[bool, str, bool]]) -> None:
     graph = TokenGraph("ff", "/")
     for is_there, text, is_read in news:
-        graph.hear(is_there, text)
+        graph.on_token(is_there, text)
         if is_read:
             graph.read()
     for text in ODD:
-        graph.hear(False, text)
+        graph.on_token(False, text)
         graph.read()
     assert there(graph) == {participant_guid("ff")}
 
@@ -55,12 +66,12 @@ def test_tokens_in_any_order_raise_nothing_and_leave_nothing(news: list[tuple[bo
 def test_a_node_of_two_tokens_is_there_until_both_are_gone() -> None:
     graph = TokenGraph("ff", "/")
     for text in ODD[:2]:
-        graph.hear(True, text)
+        graph.on_token(True, text)
     graph.events()
-    graph.hear(False, ODD[0])
-    assert [type(event) for event in graph.events()] == [NodesFound]
-    graph.hear(False, ODD[1])
-    assert graph.events() == [Lost(participant_guid("1a"))]
+    graph.on_token(False, ODD[0])
+    assert [type(event) for event in graph.events()] == [NodesAnnounced]
+    graph.on_token(False, ODD[1])
+    assert graph.events() == [EntityLost(participant_guid("1a"))]
 
 
 def test_who_comes_back_is_there_again() -> None:
@@ -72,7 +83,7 @@ def test_who_comes_back_is_there_again() -> None:
     known = []
     for is_there in (True, False, True, True, False):
         for token in tokens:
-            graph.hear(is_there, token)
+            graph.on_token(is_there, token)
         known.append(len(graph.connected(reader)))
     assert known == [1, 0, 1, 1, 0]
 
@@ -83,5 +94,5 @@ def test_services_without_a_hash_are_connected_whatever_our_messages_have() -> N
     replies = replace(endpoints_of(token, gid_of(str(token)))[0], type_hash="RIHS01_" + 64 * "0")
     server = str(EndpointToken(NodeToken(0, "1a", 1, "m"), 2, EntityKind.SERVER, "/s", "p::srv::dds_::X_", "", DEFAULT))
     assert read_token(server) is not None
-    graph.hear(True, server)
+    graph.on_token(True, server)
     assert [one.participant_guid for one in graph.connected(replies).values()] == [participant_guid("1a")]

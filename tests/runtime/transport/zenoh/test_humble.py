@@ -170,7 +170,7 @@ async def test_the_command_line_listens_to_humble(peer: Peer, monkeypatch: pytes
     publisher = PlainPublisher(peer, "/chatter", TEXT)
     monkeypatch.setenv(FORMAT, "humble")
     process = await start_process(
-        *(sys.executable, "-m", "rosidl_py_gen.tools", "topic", "echo", "/chatter", "--once", "--json"),
+        *(sys.executable, "-m", "rosidl_py_gen.ros_cli", "topic", "echo", "/chatter", "--once", "--json"),
         cwd=ROOT,
         stdout=asyncio.subprocess.PIPE,
     )

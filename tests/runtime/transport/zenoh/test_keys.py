@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rosidl_py_gen.runtime.transport.zenoh.keys import cpu_channel, data_key, known_hash, service_type
+from rosidl_py_gen.runtime.transport.zenoh.keys import cpu_buffer_key, data_key, service_type, valid_hash_or_empty
 
 HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 STRING = "std_msgs::msg::dds_::String_"
@@ -52,9 +52,9 @@ def test_the_type_of_a_service_has_no_halves(half: str, whole: str) -> None:
     "chunk", ["", "TypeHashNotSupported", HASH[:-1], HASH + "0", HASH.upper(), HASH + "\n", HASH.replace("01_", "02_")]
 )
 def test_only_a_whole_hash_counts_as_one(chunk: str) -> None:
-    assert known_hash(HASH) == HASH
-    assert known_hash(chunk) == ""
+    assert valid_hash_or_empty(HASH) == HASH
+    assert valid_hash_or_empty(chunk) == ""
 
 
 def test_the_channel_of_buffers_lies_below_the_key() -> None:
-    assert cpu_channel(f"0/chatter/{STRING}/{HASH}") == f"0/chatter/{STRING}/{HASH}/_buf_cpu"
+    assert cpu_buffer_key(f"0/chatter/{STRING}/{HASH}") == f"0/chatter/{STRING}/{HASH}/_buf_cpu"

@@ -20,10 +20,10 @@ from support.node_fixtures import until
 from support.zenoh_peer import PLAIN, PlainPublisher
 from visualization_msgs.msg import MarkerArray
 
-from rosidl_py_gen import compile_text, type_hash
+from rosidl_py_gen import compile_definition, type_hash
+from rosidl_py_gen.ros_cli.types import opaque_class
 from rosidl_py_gen.runtime import QoSProfile
-from rosidl_py_gen.runtime.endpoints.types import has_buffer, message_type, raw_type
-from rosidl_py_gen.tools.types import opaque_class
+from rosidl_py_gen.runtime.entities.message_types import has_unbounded_bytes, message_type, raw_type
 
 if TYPE_CHECKING:
     from support.node_fixtures import World
@@ -67,13 +67,13 @@ class LyricalPublisher(PlainPublisher):
         (ByteMultiArray, False),  # an octet is no uint8
         (String, False),
         (Empty, False),
-        (compile_text("p/msg/Chars", "char[] data"), True),
-        (compile_text("p/msg/Bounded", "uint8[<=9] some\nuint8[9] all"), False),
+        (compile_definition("p/msg/Chars", "char[] data"), True),
+        (compile_definition("p/msg/Bounded", "uint8[<=9] some\nuint8[9] all"), False),
     ],
 )
 def test_messages_with_an_unbounded_array_of_bytes_are_known_by_their_fields(cls: type[Any], expected: bool) -> None:
-    assert has_buffer(message_type(cls)) is expected
-    assert has_buffer(raw_type(message_type(cls))) is (expected or cls is Empty)
+    assert has_unbounded_bytes(message_type(cls)) is expected
+    assert has_unbounded_bytes(raw_type(message_type(cls))) is (expected or cls is Empty)
 
 
 async def test_a_publisher_of_lyrical_reaches_our_subscriptions(zenoh: World, peer: Peer) -> None:

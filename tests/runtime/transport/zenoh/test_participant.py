@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import zenoh
 
-from rosidl_py_gen.runtime.transport.port import EndpointSpec, TransportError
+from rosidl_py_gen.runtime.transport.api import EndpointSpec, TransportError
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
-from rosidl_py_gen.runtime.transport.service_port import Service
+from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 from rosidl_py_gen.runtime.transport.zenoh import endpoints
-from rosidl_py_gen.runtime.transport.zenoh.arrivals import Arrivals
 from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
+from rosidl_py_gen.runtime.transport.zenoh.ready_sinks import ReadySinks
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.port import Participant
+    from rosidl_py_gen.runtime.transport.api import Participant
 
-SERVICE = Service("/s", "p/srv/X", "", "", "")
+SERVICE = ServiceSpec("/s", "p/srv/X", "", "", "")
 
 
 class Session:
@@ -80,7 +80,7 @@ def test_of_the_two_subscribers_of_a_reader_for_buffers_none_is_left(
         def refuse(key: str) -> str:
             raise zenoh.ZError("no")
 
-        monkeypatch.setattr(endpoints, "cpu_channel", refuse)
+        monkeypatch.setattr(endpoints, "cpu_buffer_key", refuse)
         with pytest.raises(TransportError):
             participant.create_reader(EndpointSpec("/t", "T", DEFAULT, has_buffer=True))
     else:
@@ -101,7 +101,7 @@ def test_a_session_is_closed_whatever_zenoh_refuses_to_undeclare() -> None:
 
 
 def test_what_arrives_after_the_end_is_written_nowhere() -> None:
-    arrivals = Arrivals()
+    arrivals = ReadySinks()
     arrivals.put(lambda: None)
     watched = arrivals.fileno()
     assert watched is not None and select.select([watched], [], [], 0)[0]
@@ -120,7 +120,7 @@ def test_what_arrives_after_the_end_is_written_nowhere() -> None:
 
 
 def test_what_arrives_while_another_way_to_tell_is_set_is_told() -> None:
-    arrivals, told = Arrivals(), []
+    arrivals, told = ReadySinks(), []
 
     class Meanwhile(deque[Any]):
         """Another thread puts something just after somebody has looked."""
@@ -137,6 +137,6 @@ def test_what_arrives_while_another_way_to_tell_is_set_is_told() -> None:
     arrivals.put(lambda: None)
     arrivals._ready.clear()  # the loop that was told is gone
     arrivals._ready = Meanwhile()
-    arrivals.set_notify(lambda: told.append(1))
+    arrivals.set_wakeup(lambda: told.append(1))
     assert told and len(arrivals.take()) == 1
     arrivals.close()

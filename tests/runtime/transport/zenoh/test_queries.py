@@ -62,7 +62,7 @@ async def test_calls_that_are_given_up_leave_nothing_in_zenoh(pair: Pair) -> Non
         await asyncio.sleep(0.0001 * (number % 10))  # at every stage of a call, wherever that is
         calling.cancel()
     await until(lambda: not pair.replies._asked)
-    assert pair.client.pending_count == 0
+    assert pair.client.in_flight_count == 0
 
 
 async def test_a_call_that_was_answered_leaves_nothing_in_zenoh(zenoh: World) -> None:
@@ -79,7 +79,7 @@ async def test_calls_that_one_of_two_servers_answers_do_not_pile_up_in_zenoh(pai
     await until(lambda: len(pair.replies.connected()) == 2)
     for _ in range(30):
         assert (await pair.call()).sum == 3
-    assert len(pair.replies._asked) == services._MAX_ANSWERED
+    assert len(pair.replies._asked) == services._MAX_ANSWERED_QUERIES
 
 
 async def test_closing_a_client_with_calls_under_way_cancels_them(pair: Pair) -> None:

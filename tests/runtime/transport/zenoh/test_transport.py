@@ -18,11 +18,11 @@ from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import String
 from support.node_fixtures import ROOT, World, until, zenoh_environment, zenoh_router
 
-from rosidl_py_gen import compile_text, type_hash
+from rosidl_py_gen import compile_definition, type_hash
 from rosidl_py_gen.runtime import CallTimeoutError, Context, Node, QoSProfile, ServerLostError
-from rosidl_py_gen.runtime.node.core import chosen_transport
+from rosidl_py_gen.runtime.node.context_core import resolve_transport
+from rosidl_py_gen.runtime.transport.api import TransportError
 from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
-from rosidl_py_gen.runtime.transport.port import TransportError
 from rosidl_py_gen.runtime.transport.zenoh import services
 from rosidl_py_gen.runtime.transport.zenoh.transport import ZenohTransport
 
@@ -57,19 +57,19 @@ def test_the_argument_wins_over_the_variable(
     transport: str | None, variable: str, kind: type[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("RMW_IMPLEMENTATION", variable)
-    assert type(chosen_transport(transport)) is kind
+    assert type(resolve_transport(transport)) is kind
 
 
 def test_zenoh_is_taken_where_only_zenoh_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rosidl_py_gen.runtime.node.environment.library.is_found", lambda: False)
-    assert isinstance(chosen_transport(None), ZenohTransport)
+    assert isinstance(resolve_transport(None), ZenohTransport)
 
 
 def test_an_unknown_middleware_is_a_warning_and_an_unknown_transport_an_error(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_desert")
-    assert isinstance(chosen_transport(None), CycloneTransport)
+    assert isinstance(resolve_transport(None), CycloneTransport)
     assert "RMW_IMPLEMENTATION='rmw_desert' is not known" in caplog.text
     with pytest.raises(TypeError, match=r"transport must be 'dds', 'zenoh' or .* got 'zenho'"):
         Context(transport="zenho")
@@ -82,7 +82,7 @@ _CYCLONE = "rosidl_py_gen.runtime.transport.cyclone.participant"
     ("text", "unwanted"),
     [
         (
-            "import rosidl_py_gen.compiler.generate, rosidl_py_gen.cli",
+            "import rosidl_py_gen.compiler.generate, rosidl_py_gen.generator_cli",
             ("zenoh", "xxhash", _CYCLONE),
         ),
         ("from rosidl_py_gen.runtime import Context; Context(transport='dds')", ("zenoh", "xxhash")),
@@ -129,7 +129,7 @@ async def test_a_call_ends_early_when_its_server_closes(zenoh: World) -> None:
     server.close()
     with pytest.raises(ServerLostError, match="the server of /add went away before it answered"):
         await calling
-    assert client.pending_count == 0
+    assert client.in_flight_count == 0
 
 
 async def test_a_call_ends_early_when_the_process_of_its_server_is_killed(zenoh: World) -> None:
@@ -167,7 +167,7 @@ async def test_of_two_servers_the_first_answer_counts(zenoh: World) -> None:
     client = zenoh.node().create_client(AddTwoInts, "add")
     await until(lambda: client._scope.graph is not None and len(client._port.connected()) == 2)
     assert (await client.call(AddTwoInts.Request(a=5), timeout_s=5)).sum in (5, 10)
-    assert client.pending_count == 0
+    assert client.in_flight_count == 0
 
 
 async def test_requests_that_nobody_answers_go_with_their_client(zenoh: World) -> None:
@@ -205,8 +205,8 @@ async def test_types_of_services_and_actions_that_only_others_have_are_described
     zenoh: World,
 ) -> None:
     robot, asker = zenoh.pair()
-    ask: Any = compile_text("robot_msgs/srv/Ask", "string question\n---\nint32 answer")
-    go: Any = compile_text("robot_msgs/action/Go", "float64 far\n---\nbool arrived\n---\nfloat64 left")
+    ask: Any = compile_definition("robot_msgs/srv/Ask", "string question\n---\nint32 answer")
+    go: Any = compile_definition("robot_msgs/action/Go", "float64 far\n---\nbool arrived\n---\nfloat64 left")
     robot.create_service(ask, "ask", lambda request: ask.Response(answer=len(request.question)))
     robot.create_action_server(go, "go", lambda goal: None)
     found = await asker.resolve_service_type("ask", timeout_s=10)

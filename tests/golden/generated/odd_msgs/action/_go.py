@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Action, Message, Service, ServiceInfo, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import BOOL, Fault, UINT8, expect, fixed_uint8s, frombuffer, limit, list_or_records, ndarray, new, packers, read_records, readable, within, write_records
+from rosidl_py_gen.cdr import Action, Message, Service, ServiceInfo, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import BOOL, FastPathError, UINT8, check_max_length, check_remaining, coerce_message, fixed_uint8s, frombuffer, list_or_records, ndarray, new, packers, read_records, readable, write_records
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.service_msgs.msg._service_event_info import ServiceEventInfo
 from rosidl_py_gen.msgs.unique_identifier_msgs.msg._uuid import UUID
@@ -62,8 +62,8 @@ class Go_Goal(Message):
     def _encode(self) -> bytes:
         try:
             return _pack_0(256, self.x)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -75,10 +75,10 @@ class Go_Goal(Message):
             message = new(cls)
             head, message.x = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -98,8 +98,8 @@ class Go_Result(Message):
     def _encode(self) -> bytes:
         try:
             return _pack_1(256, BOOL[self.there])
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -111,10 +111,10 @@ class Go_Result(Message):
             message = new(cls)
             head, message.there = _unpack_1(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -135,8 +135,8 @@ class Go_Feedback(Message):
     def _encode(self) -> bytes:
         try:
             return _pack_0(256, self.left)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -148,10 +148,10 @@ class Go_Feedback(Message):
             message = new(cls)
             head, message.left = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -176,13 +176,13 @@ class Go_FeedbackMessage(Message):
         try:
             goal_id = self.goal_id
             if type(goal_id) is not UUID:
-                goal_id = expect(goal_id, UUID)
+                goal_id = coerce_message(goal_id, UUID)
             feedback = self.feedback
             if type(feedback) is not Go_Feedback:
-                feedback = expect(feedback, Go_Feedback)
+                feedback = coerce_message(feedback, Go_Feedback)
             return _pack_2(256, fixed_uint8s(goal_id.uuid, 16), feedback.left)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -196,11 +196,11 @@ class Go_FeedbackMessage(Message):
             message.feedback = feedback = new(Go_Feedback)
             head, feedback.left = _unpack_2(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             goal_id.uuid = frombuffer(view, UINT8, 16, 4)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -225,13 +225,13 @@ class Go_SendGoal_Request(Message):
         try:
             goal_id = self.goal_id
             if type(goal_id) is not UUID:
-                goal_id = expect(goal_id, UUID)
+                goal_id = coerce_message(goal_id, UUID)
             goal = self.goal
             if type(goal) is not Go_Goal:
-                goal = expect(goal, Go_Goal)
+                goal = coerce_message(goal, Go_Goal)
             return _pack_2(256, fixed_uint8s(goal_id.uuid, 16), goal.x)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -245,11 +245,11 @@ class Go_SendGoal_Request(Message):
             message.goal = goal = new(Go_Goal)
             head, goal.x = _unpack_2(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             goal_id.uuid = frombuffer(view, UINT8, 16, 4)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -274,10 +274,10 @@ class Go_SendGoal_Response(Message):
         try:
             stamp = self.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             return _pack_3(256, BOOL[self.accepted], stamp.sec, stamp.nanosec)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -290,10 +290,10 @@ class Go_SendGoal_Response(Message):
             message.stamp = stamp = new(Time)
             head, message.accepted, stamp.sec, stamp.nanosec = _unpack_3(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -332,15 +332,15 @@ class Go_SendGoal_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                info = expect(info, ServiceEventInfo)
+                info = coerce_message(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             request = self.request
             if type(request) is not list:
                 request = list_or_records(request)
             if len(request) > 1:
-                limit(len(request), 1)
+                check_max_length(len(request), 1)
             append(_pack_4(256, info.event_type, stamp.sec, stamp.nanosec, fixed_uint8s(info.client_gid, 16), info.sequence_number, len(request)))
             if type(request) is ndarray:
                 write_records(Go_SendGoal_Request, request, append, 44)
@@ -348,13 +348,13 @@ class Go_SendGoal_Event(Message):
                 pos = 44
                 for request_item in request:
                     if type(request_item) is not Go_SendGoal_Request:
-                        request_item = expect(request_item, Go_SendGoal_Request)
+                        request_item = coerce_message(request_item, Go_SendGoal_Request)
                     goal_id = request_item.goal_id
                     if type(goal_id) is not UUID:
-                        goal_id = expect(goal_id, UUID)
+                        goal_id = coerce_message(goal_id, UUID)
                     goal = request_item.goal
                     if type(goal) is not Go_Goal:
-                        goal = expect(goal, Go_Goal)
+                        goal = coerce_message(goal, Go_Goal)
                     append(_pack_5(fixed_uint8s(goal_id.uuid, 16)))
                     pos += 16
                     append(_pack_6[pos & 7](goal.x))
@@ -363,21 +363,21 @@ class Go_SendGoal_Event(Message):
             if type(response) is not list:
                 response = list_or_records(response)
             if len(response) > 1:
-                limit(len(response), 1)
+                check_max_length(len(response), 1)
             append(_pack_7(len(response)))
             if type(response) is ndarray:
                 write_records(Go_SendGoal_Response, response, append, 0)
             else:
                 for response_item in response:
                     if type(response_item) is not Go_SendGoal_Response:
-                        response_item = expect(response_item, Go_SendGoal_Response)
+                        response_item = coerce_message(response_item, Go_SendGoal_Response)
                     stamp_ = response_item.stamp
                     if type(stamp_) is not Time:
-                        stamp_ = expect(stamp_, Time)
+                        stamp_ = coerce_message(stamp_, Time)
                     append(_pack_8(BOOL[response_item.accepted], stamp_.sec, stamp_.nanosec))
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -391,15 +391,15 @@ class Go_SendGoal_Event(Message):
             info.stamp = stamp = new(Time)
             head, info.event_type, stamp.sec, stamp.nanosec, info.sequence_number, request_count = _unpack_4(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy, None, arrays)
+                return decode_slow(cls, data, copy, None, arrays)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
-                limit(request_count, 1)
+                check_max_length(request_count, 1)
             if arrays:
                 message.request, pos = read_records(Go_SendGoal_Request, view, 48, request_count)
             else:
                 pos = 48
-                within(pos + 24 * request_count, raw)
+                check_remaining(pos + 24 * request_count, raw)
                 request: list[Go_SendGoal_Request] = []
                 message.request = request
                 for _ in range(request_count):
@@ -416,12 +416,12 @@ class Go_SendGoal_Event(Message):
             (response_count,) = _unpack_7(raw, pos)
             pos += 4
             if response_count > 1:
-                limit(response_count, 1)
+                check_max_length(response_count, 1)
             if arrays:
                 message.response, _ = read_records(Go_SendGoal_Response, view, pos, response_count)
             else:
                 end = pos + 12 * response_count
-                within(end, raw)
+                check_remaining(end, raw)
                 response: list[Go_SendGoal_Response] = []
                 message.response = response
                 for response_item_accepted, stamp__sec, stamp__nanosec in _iter_0(memoryview(raw)[pos:end]):
@@ -432,8 +432,8 @@ class Go_SendGoal_Event(Message):
                     stamp_.sec = stamp__sec
                     stamp_.nanosec = stamp__nanosec
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error, arrays)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error, arrays)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -455,10 +455,10 @@ class Go_GetResult_Request(Message):
         try:
             goal_id = self.goal_id
             if type(goal_id) is not UUID:
-                goal_id = expect(goal_id, UUID)
+                goal_id = coerce_message(goal_id, UUID)
             return _pack_9(256, fixed_uint8s(goal_id.uuid, 16))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -471,11 +471,11 @@ class Go_GetResult_Request(Message):
             message.goal_id = goal_id = new(UUID)
             (head,) = _unpack_8(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             goal_id.uuid = frombuffer(view, UINT8, 16, 4)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -500,10 +500,10 @@ class Go_GetResult_Response(Message):
         try:
             result = self.result
             if type(result) is not Go_Result:
-                result = expect(result, Go_Result)
+                result = coerce_message(result, Go_Result)
             return _pack_10(256, self.status, BOOL[result.there])
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -516,10 +516,10 @@ class Go_GetResult_Response(Message):
             message.result = result = new(Go_Result)
             head, message.status, result.there = _unpack_9(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -558,45 +558,45 @@ class Go_GetResult_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                info = expect(info, ServiceEventInfo)
+                info = coerce_message(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             request = self.request
             if type(request) is not list:
                 request = list_or_records(request)
             if len(request) > 1:
-                limit(len(request), 1)
+                check_max_length(len(request), 1)
             append(_pack_4(256, info.event_type, stamp.sec, stamp.nanosec, fixed_uint8s(info.client_gid, 16), info.sequence_number, len(request)))
             if type(request) is ndarray:
                 write_records(Go_GetResult_Request, request, append, 44)
             else:
                 for request_item in request:
                     if type(request_item) is not Go_GetResult_Request:
-                        request_item = expect(request_item, Go_GetResult_Request)
+                        request_item = coerce_message(request_item, Go_GetResult_Request)
                     goal_id = request_item.goal_id
                     if type(goal_id) is not UUID:
-                        goal_id = expect(goal_id, UUID)
+                        goal_id = coerce_message(goal_id, UUID)
                     append(_pack_5(fixed_uint8s(goal_id.uuid, 16)))
             response = self.response
             if type(response) is not list:
                 response = list_or_records(response)
             if len(response) > 1:
-                limit(len(response), 1)
+                check_max_length(len(response), 1)
             append(_pack_7(len(response)))
             if type(response) is ndarray:
                 write_records(Go_GetResult_Response, response, append, 0)
             else:
                 for response_item in response:
                     if type(response_item) is not Go_GetResult_Response:
-                        response_item = expect(response_item, Go_GetResult_Response)
+                        response_item = coerce_message(response_item, Go_GetResult_Response)
                     result = response_item.result
                     if type(result) is not Go_Result:
-                        result = expect(result, Go_Result)
+                        result = coerce_message(result, Go_Result)
                     append(_pack_11(response_item.status, BOOL[result.there]))
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -610,16 +610,16 @@ class Go_GetResult_Event(Message):
             info.stamp = stamp = new(Time)
             head, info.event_type, stamp.sec, stamp.nanosec, info.sequence_number, request_count = _unpack_4(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy, None, arrays)
+                return decode_slow(cls, data, copy, None, arrays)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
-                limit(request_count, 1)
+                check_max_length(request_count, 1)
             if arrays:
                 message.request, pos = read_records(Go_GetResult_Request, view, 48, request_count)
             else:
                 pos = 48
                 end = pos + 16 * request_count
-                within(end, raw)
+                check_remaining(end, raw)
                 request: list[Go_GetResult_Request] = []
                 message.request = request
                 for _ in _iter_1(memoryview(raw)[pos:end]):
@@ -631,11 +631,11 @@ class Go_GetResult_Event(Message):
             (response_count,) = _unpack_7(raw, pos)
             pos += 4
             if response_count > 1:
-                limit(response_count, 1)
+                check_max_length(response_count, 1)
             if arrays:
                 message.response, _ = read_records(Go_GetResult_Response, view, pos, response_count)
             else:
-                within(pos + 2 * response_count, raw)
+                check_remaining(pos + 2 * response_count, raw)
                 response: list[Go_GetResult_Response] = []
                 message.response = response
                 for _ in range(response_count):
@@ -645,8 +645,8 @@ class Go_GetResult_Event(Message):
                     response_item.status, result.there = _unpack_10(raw, pos)
                     pos += 2
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error, arrays)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error, arrays)
 
 
 class Go_SendGoal(Service[Go_SendGoal_Request, Go_SendGoal_Response]):

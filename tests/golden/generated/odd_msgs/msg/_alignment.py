@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from odd_msgs.msg._empty import Empty
 from other_msgs.msg._message import Message
-from rosidl_py_gen.cdr import Message as _Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import FLOAT64, Fault, PAD8, exactly, expect, float64s, frombuffer, list_or_records, ndarray, new, packers, read_records, utf8, viewable, within, write_records
+from rosidl_py_gen.cdr import Message as _Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FLOAT64, FastPathError, PAD8, check_length, check_remaining, coerce_message, float64s, frombuffer, list_or_records, ndarray, new, packers, read_records, utf8, viewable, write_records
 from struct import Struct
 from typing import ClassVar, TYPE_CHECKING
 
@@ -103,28 +103,28 @@ class Alignment(_Message):
             if type(pair) is not list:
                 pair = list_or_records(pair)
             if len(pair) != 2:
-                exactly(len(pair), 2)
+                check_length(len(pair), 2)
             if type(pair) is ndarray:
                 pos = write_records(Message, pair, append, pos)
             else:
                 pos += 8 * len(pair)
                 for pair_item in pair:
                     if type(pair_item) is not Message:
-                        pair_item = expect(pair_item, Message)
+                        pair_item = coerce_message(pair_item, Message)
                     append(_pack_4(pair_item.x, pair_item.flag))
             nothing = self.nothing
             if type(nothing) is not Empty:
-                nothing = expect(nothing, Empty)
+                nothing = coerce_message(nothing, Empty)
             append(_pack_5(self.e))
             pos += 8
             large = float64s(self.large)
             if len(large) != 1000:
-                exactly(len(large), 1000)
+                check_length(len(large), 1000)
             append(PAD8[pos & 7])
             append(large)
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -136,7 +136,7 @@ class Alignment(_Message):
             message = new(cls)
             head, message.a, message.b, text_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy, None, arrays)
+                return decode_slow(cls, data, copy, None, arrays)
             end = 23 + text_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
@@ -157,7 +157,7 @@ class Alignment(_Message):
                 message.pair, pos = read_records(Message, view, pos, 2)
             else:
                 end = pos + 8 * 2
-                within(end, raw)
+                check_remaining(end, raw)
                 pair: list[Message] = []
                 message.pair = pair
                 for pair_item_x, pair_item_flag in _iter_0(memoryview(raw)[pos:end]):
@@ -172,5 +172,5 @@ class Alignment(_Message):
             pos = (pos + 3 & -8) + 4
             message.large = frombuffer(view, FLOAT64, 1000, pos)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error, arrays)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error, arrays)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from other_msgs.msg._message import Message
-from rosidl_py_gen.cdr import Message as _Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import FLOAT64, Fault, expect, fixed_float64s, frombuffer, limit, list_or_records, ndarray, new, packers, read_records, readable, within, write_records
+from rosidl_py_gen.cdr import Message as _Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FLOAT64, FastPathError, check_max_length, check_remaining, coerce_message, fixed_float64s, frombuffer, list_or_records, ndarray, new, packers, read_records, readable, write_records
 from struct import Struct
 from typing import ClassVar, TYPE_CHECKING
 
@@ -68,7 +68,7 @@ class FromIdl(_Message):
             if type(others) is not list:
                 others = list_or_records(others)
             if len(others) > 4:
-                limit(len(others), 4)
+                check_max_length(len(others), 4)
             append(_pack_0(256, self.distance, fixed_float64s(self.position, 3), len(others)))
             if type(others) is ndarray:
                 write_records(Message, others, append, 36)
@@ -76,13 +76,13 @@ class FromIdl(_Message):
                 pos = 36
                 for other in others:
                     if type(other) is not Message:
-                        other = expect(other, Message)
+                        other = coerce_message(other, Message)
                     append(_pack_1[pos & 7](other.x, other.flag))
                     pos = (pos + 3 & -4) + 5
             append(_pack_2(self.letter))
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -94,15 +94,15 @@ class FromIdl(_Message):
             message = new(cls)
             head, message.distance, others_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy, None, arrays)
+                return decode_slow(cls, data, copy, None, arrays)
             message.position = frombuffer(view, FLOAT64, 3, 12)
             if others_count > 4:
-                limit(others_count, 4)
+                check_max_length(others_count, 4)
             if arrays:
                 message.others, pos = read_records(Message, view, 40, others_count)
             else:
                 pos = 40
-                within(pos + 5 * others_count, raw)
+                check_remaining(pos + 5 * others_count, raw)
                 others: list[Message] = []
                 message.others = others
                 for _ in range(others_count):
@@ -113,5 +113,5 @@ class FromIdl(_Message):
                     pos += 5
             (message.letter,) = _unpack_2(raw, pos)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error, arrays)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error, arrays)

@@ -6,8 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, UINT16, frombuffer, new, packers, readable, uint16s, utf8
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, UINT16, frombuffer, new, packers, readable, uint16s, utf8
 from struct import Struct
 from typing import ClassVar, TYPE_CHECKING
 
@@ -203,8 +203,8 @@ class Heavy(Message):
             parts: list[bytes] = [b"\0\1\0\0"]
             self._write(parts.append, 0)
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     def _write(self, append: Append, pos: int) -> int:
         append(_pack_0(self.f0))
@@ -373,10 +373,10 @@ class Heavy(Message):
             else:
                 raw = view = data
             if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             return cls._read(raw, view, 4)[0]
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
     @classmethod
     def _read(

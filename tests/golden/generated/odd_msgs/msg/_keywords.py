@@ -7,8 +7,8 @@ from builtins import bytes as _bytes, int as _int, list as _list
 from dataclasses import dataclass, field as _field
 import numpy as _np
 from numpy.typing import NDArray
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import BOOL, FLOAT64, Fault, PAD8, UINT8, fixed_uint8s, float64s, frombuffer, new, pack_strings, packers, unpack_strings, utf8, viewable
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import BOOL, FLOAT64, FastPathError, PAD8, UINT8, fixed_uint8s, float64s, frombuffer, new, pack_strings, packers, unpack_strings, utf8, viewable
 from struct import Struct
 from typing import ClassVar, TYPE_CHECKING
 
@@ -107,8 +107,8 @@ class Keywords(Message):
                 list_packed,
                 _pack_4(fixed_uint8s(self.bytes, 4)),
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -120,7 +120,7 @@ class Keywords(Message):
             message = new(cls)
             head, message.from_, class__count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             end = 11 + class__count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
@@ -144,5 +144,5 @@ class Keywords(Message):
             _unpack_4(raw, pos)
             message.bytes = frombuffer(view, UINT8, 4, pos)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)

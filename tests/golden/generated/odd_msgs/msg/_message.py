@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from other_msgs.msg._message import Message as _Message
-from rosidl_py_gen.cdr import Message as _rosidl_py_gen_cdr_Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, expect, list_or_records, ndarray, new, packers, read_records, readable, within, write_records
+from rosidl_py_gen.cdr import Message as _rosidl_py_gen_cdr_Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, check_remaining, coerce_message, list_or_records, ndarray, new, packers, read_records, readable, write_records
 from struct import Struct
 from typing import ClassVar, TYPE_CHECKING
 
@@ -54,7 +54,7 @@ class Message(_rosidl_py_gen_cdr_Message):
             append = parts.append
             other = self.other
             if type(other) is not _Message:
-                other = expect(other, _Message)
+                other = coerce_message(other, _Message)
             others = self.others
             if type(others) is not list:
                 others = list_or_records(others)
@@ -65,12 +65,12 @@ class Message(_rosidl_py_gen_cdr_Message):
                 pos = 16
                 for other_ in others:
                     if type(other_) is not _Message:
-                        other_ = expect(other_, _Message)
+                        other_ = coerce_message(other_, _Message)
                     append(_pack_1[pos & 7](other_.x, other_.flag))
                     pos = (pos + 3 & -4) + 5
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -83,12 +83,12 @@ class Message(_rosidl_py_gen_cdr_Message):
             message.other = other = new(_Message)
             head, message.x, other.x, other.flag, others_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy, None, arrays)
+                return decode_slow(cls, data, copy, None, arrays)
             if arrays:
                 message.others, _ = read_records(_Message, view, 20, others_count)
             else:
                 pos = 20
-                within(pos + 5 * others_count, raw)
+                check_remaining(pos + 5 * others_count, raw)
                 others: list[_Message] = []
                 message.others = others
                 for _ in range(others_count):
@@ -98,5 +98,5 @@ class Message(_rosidl_py_gen_cdr_Message):
                     other_.x, other_.flag = _unpack_1(raw, pos)
                     pos += 5
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error, arrays)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error, arrays)

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, from_utf16, limit, limit_each, new, pack_strings, pack_wstrings, packers, readable, unpack_strings, unpack_wstrings, utf16, utf8
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, check_max_length, check_max_lengths, from_utf16, new, pack_strings, pack_wstrings, packers, readable, unpack_strings, unpack_wstrings, utf16, utf8
 from struct import Struct
 from typing import ClassVar, TYPE_CHECKING
 
@@ -72,14 +72,14 @@ class Text(Message):
             pos7 = pos6 + len(several_packed)
             bounded = self.bounded
             if len(bounded) > 2:
-                limit(len(bounded), 2)
+                check_max_length(len(bounded), 2)
             pos8 = (pos7 + 3 & -4) + 4
-            limit_each(bounded, 5)
+            check_max_lengths(bounded, 5)
             bounded_packed = pack_strings(bounded)
             pos9 = pos8 + len(bounded_packed)
             wide = utf16(self.wide)
             quirk = self.quirk
-            limit_each(quirk, 4)
+            check_max_lengths(quirk, 4)
             quirk_packed = pack_wstrings(quirk)
             return b"".join((
                 _pack_0(256, len(plain) + 1),
@@ -97,8 +97,8 @@ class Text(Message):
                 _pack_3(len(quirk)),
                 quirk_packed,
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -110,7 +110,7 @@ class Text(Message):
             message = new(cls)
             head, plain_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             end = 7 + plain_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
@@ -137,7 +137,7 @@ class Text(Message):
             (bounded_count,) = _unpack_1(raw, pos)
             pos += 4
             if bounded_count > 2:
-                limit(bounded_count, 2)
+                check_max_length(bounded_count, 2)
             message.bounded, pos = unpack_strings(raw, pos, bounded_count)
             pos = pos + 3 & -4
             (wide_count,) = _unpack_1(raw, pos)
@@ -148,5 +148,5 @@ class Text(Message):
             pos += 4
             message.quirk, _ = unpack_wstrings(raw, pos, quirk_count)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from odd_msgs.msg._heavy import Heavy
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, expect, expect_list, new, packers, readable, within
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, check_remaining, coerce_message, coerce_message_list, new, packers, readable
 from struct import Struct
 from typing import ClassVar, TYPE_CHECKING
 
@@ -50,22 +50,22 @@ class UsesHeavy(Message):
             append(_pack_0(256, self.before))
             one = self.one
             if type(one) is not Heavy:
-                one = expect(one, Heavy)
+                one = coerce_message(one, Heavy)
             pos = 1
             pos = Heavy._write(one, append, pos)
             many = self.many
             if type(many) is not list:
-                expect_list(many)
+                coerce_message_list(many)
             append(_pack_1[pos & 7](len(many)))
             pos = (pos + 3 & -4) + 4
             for many_item in many:
                 if type(many_item) is not Heavy:
-                    many_item = expect(many_item, Heavy)
+                    many_item = coerce_message(many_item, Heavy)
                 pos = Heavy._write(many_item, append, pos)
             append(_pack_2(self.after))
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -77,13 +77,13 @@ class UsesHeavy(Message):
             message = new(cls)
             head, message.before = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             pos = 5
             message.one, pos = Heavy._read(raw, view, pos)
             pos = pos + 3 & -4
             (many_count,) = _unpack_1(raw, pos)
             pos += 4
-            within(pos + 221 * many_count, raw)
+            check_remaining(pos + 221 * many_count, raw)
             many: list[Heavy] = []
             message.many = many
             for _ in range(many_count):
@@ -91,5 +91,5 @@ class UsesHeavy(Message):
                 many.append(many_item)
             (message.after,) = _unpack_2(raw, pos)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)

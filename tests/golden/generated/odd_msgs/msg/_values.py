@@ -6,8 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
-from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import BOOL, FLOAT64, Fault, INT16, bools, fixed_int16s, float64s, frombuffer, limit, new, view_of_bools, viewable
+from rosidl_py_gen.cdr import Message, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import BOOL, FLOAT64, FastPathError, INT16, bools, check_max_length, fixed_int16s, float64s, frombuffer, new, view_of_bools, viewable
 from struct import Struct
 from typing import ClassVar, TYPE_CHECKING
 
@@ -84,7 +84,7 @@ class Values(Message):
             numbers = float64s(self.numbers)
             flags = bools(self.flags)
             if len(flags) > 4:
-                limit(len(flags), 4)
+                check_max_length(len(flags), 4)
             return b"".join((
                 _pack_0(256, BOOL[self.yes], self.raw, self.letter, self.least, self.most, self.half, self.big, self.endless, fixed_int16s(self.three, 3), len(numbers)),
                 b"\0\0\0\0" if len(numbers) else b"",
@@ -92,8 +92,8 @@ class Values(Message):
                 _pack_1(len(flags)),
                 flags,
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -105,7 +105,7 @@ class Values(Message):
             message = new(cls)
             head, message.yes, message.raw, message.letter, message.least, message.most, message.half, message.big, message.endless, numbers_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             message.three = frombuffer(view, INT16, 3, 52)
             pos = 64
             if numbers_count:
@@ -115,8 +115,8 @@ class Values(Message):
             (flags_count,) = _unpack_1(raw, pos)
             pos += 4
             if flags_count > 4:
-                limit(flags_count, 4)
+                check_max_length(flags_count, 4)
             message.flags = view_of_bools(view, flags_count, pos)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)

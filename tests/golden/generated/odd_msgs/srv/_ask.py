@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from odd_msgs.msg._keywords import Keywords
-from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import BOOL, FLOAT64, Fault, PAD8, UINT8, expect, expect_list, fixed_uint8s, float64s, frombuffer, limit, new, pack_strings, packers, readable, unpack_strings, utf8, viewable, within
+from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import BOOL, FLOAT64, FastPathError, PAD8, UINT8, check_max_length, check_remaining, coerce_message, coerce_message_list, fixed_uint8s, float64s, frombuffer, new, pack_strings, packers, readable, unpack_strings, utf8, viewable
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.service_msgs.msg._service_event_info import ServiceEventInfo
 from struct import Struct
@@ -61,8 +61,8 @@ class Ask_Request(Message):
                 question,
                 b"\0",
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -74,14 +74,14 @@ class Ask_Request(Message):
             message = new(cls)
             head, question_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             end = 7 + question_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
             message.question = raw[8:end].decode()
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -104,7 +104,7 @@ class Ask_Response(Message):
         try:
             words = self.words
             if type(words) is not Keywords:
-                words = expect(words, Keywords)
+                words = coerce_message(words, Keywords)
             class_ = utf8(words.class_)
             pos = 8 + len(class_)
             lambda_ = float64s(words.lambda_)
@@ -129,8 +129,8 @@ class Ask_Response(Message):
                 list_packed,
                 _pack_5(fixed_uint8s(words.bytes, 4)),
             ))
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -143,7 +143,7 @@ class Ask_Response(Message):
             message.words = words = new(Keywords)
             head, message.known, words.from_, class__count = _unpack_1(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             end = 11 + class__count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
@@ -167,8 +167,8 @@ class Ask_Response(Message):
             _unpack_5(raw, pos)
             words.bytes = frombuffer(view, UINT8, 4, pos)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -198,20 +198,20 @@ class Ask_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                info = expect(info, ServiceEventInfo)
+                info = coerce_message(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             request = self.request
             if type(request) is not list:
-                expect_list(request)
+                coerce_message_list(request)
             if len(request) > 1:
-                limit(len(request), 1)
+                check_max_length(len(request), 1)
             append(_pack_6(256, info.event_type, stamp.sec, stamp.nanosec, fixed_uint8s(info.client_gid, 16), info.sequence_number, len(request)))
             pos = 44
             for request_item in request:
                 if type(request_item) is not Ask_Request:
-                    request_item = expect(request_item, Ask_Request)
+                    request_item = coerce_message(request_item, Ask_Request)
                 question = utf8(request_item.question)
                 append(_pack_7[pos & 7](len(question) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -221,17 +221,17 @@ class Ask_Event(Message):
                 pos += 1
             response = self.response
             if type(response) is not list:
-                expect_list(response)
+                coerce_message_list(response)
             if len(response) > 1:
-                limit(len(response), 1)
+                check_max_length(len(response), 1)
             append(_pack_7[pos & 7](len(response)))
             pos = (pos + 3 & -4) + 4
             for response_item in response:
                 if type(response_item) is not Ask_Response:
-                    response_item = expect(response_item, Ask_Response)
+                    response_item = coerce_message(response_item, Ask_Response)
                 words = response_item.words
                 if type(words) is not Keywords:
-                    words = expect(words, Keywords)
+                    words = coerce_message(words, Keywords)
                 append(_pack_8(BOOL[response_item.known], words.from_))
                 pos += 2
                 class_ = utf8(words.class_)
@@ -262,8 +262,8 @@ class Ask_Event(Message):
                 append(_pack_5(fixed_uint8s(words.bytes, 4)))
                 pos += 4
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -277,12 +277,12 @@ class Ask_Event(Message):
             info.stamp = stamp = new(Time)
             head, info.event_type, stamp.sec, stamp.nanosec, info.sequence_number, request_count = _unpack_6(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
-                limit(request_count, 1)
+                check_max_length(request_count, 1)
             pos = 48
-            within(pos + 4 * request_count, raw)
+            check_remaining(pos + 4 * request_count, raw)
             request: list[Ask_Request] = []
             message.request = request
             for _ in range(request_count):
@@ -300,8 +300,8 @@ class Ask_Event(Message):
             (response_count,) = _unpack_2(raw, pos)
             pos += 4
             if response_count > 1:
-                limit(response_count, 1)
-            within(pos + 36 * response_count, raw)
+                check_max_length(response_count, 1)
+            check_remaining(pos + 36 * response_count, raw)
             response: list[Ask_Response] = []
             message.response = response
             for _ in range(response_count):
@@ -337,8 +337,8 @@ class Ask_Event(Message):
                 words.bytes = frombuffer(view, UINT8, 4, pos)
                 pos += 4
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 class Ask(Service[Ask_Request, Ask_Response]):

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, recover_decode, recover_encode
-from rosidl_py_gen.cdr.support import Fault, UINT8, expect, fixed_uint8s, frombuffer, limit, list_or_records, ndarray, new, packers, read_records, readable, within, write_records
+from rosidl_py_gen.cdr import Message, Service, ServiceInfo, TypeInfo, decode_slow, encode_slow
+from rosidl_py_gen.cdr.support import FastPathError, UINT8, check_max_length, check_remaining, coerce_message, fixed_uint8s, frombuffer, list_or_records, ndarray, new, packers, read_records, readable, write_records
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.service_msgs.msg._service_event_info import ServiceEventInfo
 from struct import Struct
@@ -40,8 +40,8 @@ class Nothing_Request(Message):
     def _encode(self) -> bytes:
         try:
             return _pack_0(256)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -53,10 +53,10 @@ class Nothing_Request(Message):
             message = new(cls)
             (head,) = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -72,8 +72,8 @@ class Nothing_Response(Message):
     def _encode(self) -> bytes:
         try:
             return _pack_0(256)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -85,10 +85,10 @@ class Nothing_Response(Message):
             message = new(cls)
             (head,) = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return decode_slow(cls, data, copy)
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -127,15 +127,15 @@ class Nothing_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                info = expect(info, ServiceEventInfo)
+                info = coerce_message(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                stamp = expect(stamp, Time)
+                stamp = coerce_message(stamp, Time)
             request = self.request
             if type(request) is not list:
                 request = list_or_records(request)
             if len(request) > 1:
-                limit(len(request), 1)
+                check_max_length(len(request), 1)
             append(_pack_1(256, info.event_type, stamp.sec, stamp.nanosec, fixed_uint8s(info.client_gid, 16), info.sequence_number, len(request)))
             if type(request) is ndarray:
                 pos = write_records(Nothing_Request, request, append, 44)
@@ -143,25 +143,25 @@ class Nothing_Event(Message):
                 pos = 44
                 for request_item in request:
                     if type(request_item) is not Nothing_Request:
-                        request_item = expect(request_item, Nothing_Request)
+                        request_item = coerce_message(request_item, Nothing_Request)
                     append(_pack_2())
                     pos += 1
             response = self.response
             if type(response) is not list:
                 response = list_or_records(response)
             if len(response) > 1:
-                limit(len(response), 1)
+                check_max_length(len(response), 1)
             append(_pack_3[pos & 7](len(response)))
             if type(response) is ndarray:
                 write_records(Nothing_Response, response, append, 0)
             else:
                 for response_item in response:
                     if type(response_item) is not Nothing_Response:
-                        response_item = expect(response_item, Nothing_Response)
+                        response_item = coerce_message(response_item, Nothing_Response)
                     append(_pack_2())
             return b"".join(parts)
-        except Fault as error:
-            return recover_encode(self, error)
+        except FastPathError as error:
+            return encode_slow(self, error)
 
     @classmethod
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
@@ -175,15 +175,15 @@ class Nothing_Event(Message):
             info.stamp = stamp = new(Time)
             head, info.event_type, stamp.sec, stamp.nanosec, info.sequence_number, request_count = _unpack_1(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy, None, arrays)
+                return decode_slow(cls, data, copy, None, arrays)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
-                limit(request_count, 1)
+                check_max_length(request_count, 1)
             if arrays:
                 message.request, pos = read_records(Nothing_Request, view, 48, request_count)
             else:
                 pos = 48
-                within(pos + request_count, raw)
+                check_remaining(pos + request_count, raw)
                 request: list[Nothing_Request] = []
                 message.request = request
                 for _ in range(request_count):
@@ -195,11 +195,11 @@ class Nothing_Event(Message):
             (response_count,) = _unpack_3(raw, pos)
             pos += 4
             if response_count > 1:
-                limit(response_count, 1)
+                check_max_length(response_count, 1)
             if arrays:
                 message.response, _ = read_records(Nothing_Response, view, pos, response_count)
             else:
-                within(pos + response_count, raw)
+                check_remaining(pos + response_count, raw)
                 response: list[Nothing_Response] = []
                 message.response = response
                 for _ in range(response_count):
@@ -208,8 +208,8 @@ class Nothing_Event(Message):
                     _unpack_2(raw, pos)
                     pos += 1
             return message
-        except Fault as error:
-            return recover_decode(cls, data, copy, error, arrays)
+        except FastPathError as error:
+            return decode_slow(cls, data, copy, error, arrays)
 
 
 class Nothing(Service[Nothing_Request, Nothing_Response]):

@@ -1,0 +1,334 @@
+"""The slow paths of generated code, and the decoder of wide messages: field by field, driven by the field table.
+
+Generated code is flat and does not know which field it was at when something went wrong. Only then do these walks run:
+`validate` names the wrong value, `decode_slowly` names the wrong byte and also reads big-endian data (no ROS 2
+platform of tier 1 writes it, so it need not be fast). The layout rules are those of `layout`.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+import numpy as np
+
+from rosidl_py_gen.base.fieldtype import Arity, FieldType
+from rosidl_py_gen.cdr.arrays import DTYPES, EMPTY, FieldValueError, coerce, scalar_problem, short_repr, view_of_bools
+from rosidl_py_gen.cdr.layout import (
+    COUNT_BYTES,
+    COUNT_CODE,
+    EMPTY_MESSAGE,
+    HEADER_BYTES,
+    MAX_COUNT,
+    MAX_WSTRING_UNIT,
+    WSTRING_UNIT_BYTES,
+    align_offset,
+    has_count,
+    min_element_size,
+)
+from rosidl_py_gen.cdr.message import Field, Message, is_of_type, require_message
+from rosidl_py_gen.cdr.structured_arrays import structured_codec
+from rosidl_py_gen.cdr.structured_layout import varying_field
+from rosidl_py_gen.cdr.support import readable
+from rosidl_py_gen.errors import DecodeError, EncodeError
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.cdr.support import Readable
+
+M = TypeVar("M", bound=Message)
+
+
+# --- encode: name the wrong value -----------------------------------------------------------------------------------
+
+
+def validate(message: Message) -> None:
+    """Check every value of a message against its type.
+
+    Raises:
+        EncodeError: for the first wrong value in definition order; `path` names it from the message type on.
+        TypeNotFoundError: not a generated message.
+    """
+    require_message(message)
+    _check_message(message, message._TYPE.name)
+
+
+def _check_message(message: Message, path: str) -> None:
+    for field in message._TYPE.fields:
+        try:
+            value = message._get_plain(field)
+        except AttributeError:
+            raise EncodeError(f"{path}.{field.ros_name}", "the field is not set") from None
+        except FieldValueError as problem:
+            raise EncodeError(f"{path}.{field.ros_name}{_index(problem.index)}", problem.reason) from None
+        _check_field(value, field, f"{path}.{field.ros_name}")
+
+
+def _check_field(value: Any, field: Field, path: str) -> None:
+    kind = field.type
+    if kind.arity is Arity.SCALAR:
+        _check_element(value, field, path)
+        return
+    primitive = kind.primitive
+    if primitive is not None:
+        try:
+            value = coerce(value, primitive.code)
+        except FieldValueError as problem:
+            raise EncodeError(path + _index(problem.index), problem.reason) from None
+    elif isinstance(value, np.ndarray) and field.cls is not None and not varying_field(field.cls):
+        try:
+            value = structured_codec(field.cls).to_wire_dtype(value)
+        except FieldValueError as problem:
+            raise EncodeError(path + _index(problem.index), problem.reason) from None
+    elif not isinstance(value, (list, tuple)):
+        raise EncodeError(path, f"expected a list of {field.type.base}, found {short_repr(value)}")
+    if kind.arity is Arity.ARRAY and len(value) != kind.capacity:
+        raise EncodeError(path, f"expected exactly {kind.capacity} elements, found {len(value)}")
+    if kind.arity is Arity.BOUNDED and len(value) > kind.capacity:
+        raise EncodeError(path, f"expected at most {kind.capacity} elements, found {len(value)}")
+    if len(value) > MAX_COUNT:
+        raise EncodeError(path, f"expected at most {MAX_COUNT} elements, found {len(value)}")
+    if primitive is None and not isinstance(value, np.ndarray):
+        for index, item in enumerate(value):
+            _check_element(item, field, f"{path}[{index}]")
+
+
+def _index(index: int | None) -> str:
+    return "" if index is None else f"[{index}]"
+
+
+def _check_element(value: Any, field: Field, path: str) -> None:
+    kind = field.type
+    if field.cls is not None:
+        if not is_of_type(value, field.cls):
+            raise EncodeError(path, f"expected {field.cls._TYPE.name}, found {short_repr(value)}")
+        _check_message(value, path)
+    elif kind.is_string:
+        reason = _string_problem(value, kind)
+        if reason:
+            raise EncodeError(path, reason)
+    else:
+        assert kind.primitive is not None
+        reason = scalar_problem(value, kind.primitive.code)
+        if reason:
+            raise EncodeError(path, reason)
+
+
+def _string_problem(value: Any, kind: FieldType) -> str:
+    if not isinstance(value, str):
+        return f"expected str, found {short_repr(value)}"
+    if kind.string_bound and len(value) > kind.string_bound:
+        return f"expected at most {kind.string_bound} characters, found {len(value)}"
+    try:
+        str.encode(value, "utf-16-le" if kind.base == "wstring" else "utf-8")
+    except UnicodeEncodeError as error:
+        return f"expected text without lone surrogates, found one at character {error.start}"
+    return ""
+
+
+def encode_slow(message: Message, error: Exception) -> bytes:
+    """Called by generated code when its fast path failed: name the wrong value, or write what is right but unusual.
+
+    Unusual but right is an array that is not contiguous; the message is written again from a copy of it.
+
+    Raises:
+        EncodeError: the wrong value's path.
+    """
+    if isinstance(error, EncodeError):
+        raise error
+    validate(message)
+    strided: list[str] = []
+    clone = _contiguous(message, strided)
+    if strided:
+        return clone._encode()
+    raise EncodeError(message._TYPE.name, f"cannot be encoded: {error}") from error
+
+
+def _contiguous(message: M, strided: list[str]) -> M:
+    """A copy that shares all but strided arrays; `strided` receives the names of their fields."""
+    clone = object.__new__(type(message))
+    for field in message._TYPE.fields:
+        value = message._get_plain(field)
+        if field.cls is not None and isinstance(value, np.ndarray):
+            pass
+        elif isinstance(value, np.ndarray) and not value.flags.c_contiguous:
+            strided.append(field.ros_name)
+            value = np.ascontiguousarray(value)
+        elif field.cls is not None:
+            scalar = field.type.arity is Arity.SCALAR
+            value = _contiguous(value, strided) if scalar else [_contiguous(item, strided) for item in value]
+        clone._set_plain(field, value)
+    return clone
+
+
+# --- decode: name the wrong byte, read the other byte order ---------------------------------------------------------
+
+
+def decode_slow(cls: type[M], data: Readable, copy: bool, error: Exception | None = None, arrays: bool = False) -> M:
+    """Called by generated code when the fast path failed or the data are not little endian.
+
+    Raises:
+        DecodeError: the field and the byte where the data stop making sense.
+    """
+    try:
+        fixed, view = readable(data, copy)
+    except TypeError as wrong:
+        raise DecodeError(cls._TYPE.name, 0, str(wrong)) from None
+    if len(fixed) < HEADER_BYTES:
+        raise DecodeError(
+            cls._TYPE.name, len(fixed), f"expected a 4-byte encapsulation header, found {len(fixed)} bytes"
+        )
+    if fixed[0] != 0 or fixed[1] > 1:
+        raise DecodeError(
+            cls._TYPE.name, 0, f"expected encapsulation 0000 or 0001 (plain CDR), found {bytes(fixed[:2]).hex()}"
+        )
+    message = _CdrReader(fixed, view, big_endian=fixed[1] == 0, arrays=arrays).message(cls, cls._TYPE.name)
+    if error is not None and fixed[1] == 1:
+        raise DecodeError(cls._TYPE.name, HEADER_BYTES, f"cannot be decoded: {error}") from error
+    return message
+
+
+def encoded_length(cls: type[Message], data: Readable) -> int:
+    """How many bytes of an encoded message its fields take, header included: what is behind them is not theirs.
+
+    Raises:
+        DecodeError: as `decode`.
+    """
+    fixed, view = readable(data, False)
+    if len(fixed) < HEADER_BYTES:
+        raise DecodeError(cls._TYPE.name, len(fixed), "expected a 4-byte encapsulation header")
+    reader = _CdrReader(fixed, view, big_endian=fixed[1] == 0, arrays=True)
+    reader.message(cls, cls._TYPE.name)
+    return reader.pos
+
+
+def read_message(
+    cls: type[M], data: bytes | bytearray | memoryview, view: bytes | bytearray | memoryview, pos: int, arrays: bool
+) -> tuple[M, int]:
+    """Read a little-endian message that begins at an offset; returns it and the offset behind it.
+
+    Raises:
+        DecodeError: the path begins at this message.
+    """
+    reader = _CdrReader(data, view, big_endian=False, arrays=arrays)
+    reader.pos = pos
+    return reader.message(cls, cls._TYPE.name), reader.pos
+
+
+class _CdrReader:
+    """A cursor over one message's bytes; `pos` is an offset into the data, header included."""
+
+    def __init__(
+        self,
+        data: bytes | bytearray | memoryview,
+        view: bytes | bytearray | memoryview,
+        big_endian: bool,
+        arrays: bool,
+    ) -> None:
+        self.data = data
+        self.view = view
+        self.order: Literal["<", ">"] = ">" if big_endian else "<"
+        self.arrays = arrays
+        self.pos = HEADER_BYTES
+
+    def take(self, size: int, align: int, path: str, what: str) -> int:
+        """Skip padding, claim `size` bytes, return where they begin."""
+        start = align_offset(self.pos, align)
+        left = max(0, len(self.data) - start)
+        if size > left:
+            raise DecodeError(path, start, f"expected {size} bytes of {what}, found {left}")
+        self.pos = start + size
+        return start
+
+    def scalar(self, code: str, size: int, path: str) -> Any:
+        start = self.take(size, size, path, DTYPES[code].name)
+        (value,) = struct.unpack_from(self.order + code, self.data, start)
+        return value
+
+    def count(self, path: str, what: str) -> int:
+        start = self.take(COUNT_BYTES, COUNT_BYTES, path, what)
+        (value,) = struct.unpack_from(self.order + COUNT_CODE, self.data, start)
+        return int(value)
+
+    def message(self, cls: type[M], path: str) -> M:
+        result = object.__new__(cls)
+        if not cls._TYPE.fields:
+            self.take(len(EMPTY_MESSAGE), 1, path, "an empty message")
+        for field in cls._TYPE.fields:
+            result._set_plain(field, self.field(field, f"{path}.{field.ros_name}"))
+        return result
+
+    def field(self, field: Field, path: str) -> Any:
+        kind = field.type
+        if kind.arity is Arity.SCALAR:
+            return self.element(field, path)
+        count = self.count(path, "an element count") if has_count(kind) else kind.capacity
+        if kind.arity is Arity.BOUNDED and count > kind.capacity:
+            raise DecodeError(path, self.pos - COUNT_BYTES, f"expected at most {kind.capacity} elements, found {count}")
+        if kind.primitive is not None:
+            return self.numbers(kind.primitive.code, count, path)
+        if self.arrays and field.cls is not None and not varying_field(field.cls):
+            return self.records(field.cls, count, path)
+        if count * min_element_size(kind) > len(self.data) - self.pos:
+            left = len(self.data) - self.pos
+            raise DecodeError(path, self.pos, f"expected {count} elements, found {left} bytes")
+        return [self.element(field, f"{path}[{index}]") for index in range(count)]
+
+    def numbers(self, code: str, count: int, path: str) -> Any:
+        dtype = DTYPES[code]
+        if count == 0:
+            return EMPTY[code]
+        start = self.take(count * dtype.itemsize, dtype.itemsize, path, f"{count} {dtype.name}")
+        if code == "?":
+            return view_of_bools(self.view, count, start)
+        values = np.frombuffer(self.view, dtype.newbyteorder(">" if self.order == ">" else "<"), count, start)
+        if self.order == ">" and dtype.itemsize > 1:
+            values = values.astype(dtype)
+            values.flags.writeable = isinstance(self.view, bytearray)
+        return values
+
+    def records(self, cls: type[Message], count: int, path: str) -> Any:
+        try:
+            known = structured_codec(cls)
+        except FieldValueError as problem:
+            raise DecodeError(path, self.pos, problem.reason) from None
+        if count == 0:
+            return known.empty
+        begin, end = known.element_range(self.pos, count)
+        begin = self.take(end - begin, known.align, path, f"{count} {cls._TYPE.name}")
+        return known.read_elements(self.view, begin, count, self.order)
+
+    def element(self, field: Field, path: str) -> Any:
+        kind = field.type
+        if field.cls is not None:
+            return self.message(field.cls, path)
+        if kind.base == "string":
+            return self.string(path)
+        if kind.base == "wstring":
+            return self.wstring(path)
+        assert kind.primitive is not None
+        return self.scalar(kind.primitive.code, kind.primitive.size, path)
+
+    def string(self, path: str) -> str:
+        length = self.count(path, "a string length")
+        if length == 0:
+            return ""
+        start = self.take(length, 1, path, "a string")
+        if self.data[start + length - 1]:
+            raise DecodeError(path, start + length - 1, f"expected NUL, found {self.data[start + length - 1]:#04x}")
+        try:
+            return str(self.data[start : start + length - 1], "utf-8")
+        except UnicodeDecodeError as error:
+            raise DecodeError(path, start + error.start, f"expected UTF-8, found {error.reason}") from None
+
+    def wstring(self, path: str) -> str:
+        count = self.count(path, "a wstring length")
+        start = self.take(WSTRING_UNIT_BYTES * count, WSTRING_UNIT_BYTES, path, f"{count} wstring units")
+        units = np.frombuffer(self.data, self.order + "u4", count, start)
+        if count and units.max() > MAX_WSTRING_UNIT:
+            index = int((units > MAX_WSTRING_UNIT).argmax())
+            found = int(units[index])
+            raise DecodeError(path, start + WSTRING_UNIT_BYTES * index, f"expected a UTF-16 unit, found {found:#x}")
+        try:
+            return units.astype("<u2").tobytes().decode("utf-16-le")
+        except UnicodeDecodeError as error:
+            raise DecodeError(path, start + 2 * error.start, f"expected UTF-16, found {error.reason}") from None

@@ -1,0 +1,130 @@
+"""What encoders and decoders of rclpy's flavour call besides `support`: `array.array`, lists of bytes and of bools."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Collection, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError, sequence_converter, short_repr
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    Buffer = bytes | bytearray | memoryview
+
+BYTES = tuple(bytes([number]) for number in range(256))
+_MOST_BY_SLICE = 1 << 14  # bytes of which a second copy costs less than a memoryview
+
+
+def _reader(code: str) -> Callable[[Buffer, int, int], array[Any]]:
+    size = array(code).itemsize
+
+    def read(view: Buffer, count: int, at: int) -> array[Any]:
+        length = size * count
+        if at + length > len(view):  # slices do not complain
+            raise FieldValueError("the data end inside a sequence")
+        if length <= _MOST_BY_SLICE and type(view) is not memoryview:
+            return array(code, view[at : at + length])
+        values = array(code)
+        values.frombytes(memoryview(view)[at : at + length])
+        return values
+
+    return read
+
+
+def _buffer(code: str) -> Callable[[object], Any]:
+    convert = sequence_converter(code)
+
+    def buffer(value: object) -> Any:
+        return value if type(value) is array and value.typecode == code else convert(value)
+
+    return buffer
+
+
+array_of_int8s = _reader("b")
+array_of_uint8s = _reader("B")
+array_of_int16s = _reader("h")
+array_of_uint16s = _reader("H")
+array_of_int32s = _reader("i")
+array_of_uint32s = _reader("I")
+array_of_int64s = _reader("q")
+array_of_uint64s = _reader("Q")
+array_of_float32s = _reader("f")
+array_of_float64s = _reader("d")
+
+buffer_of_int8s = _buffer("b")
+buffer_of_uint8s = _buffer("B")
+buffer_of_int16s = _buffer("h")
+buffer_of_uint16s = _buffer("H")
+buffer_of_int32s = _buffer("i")
+buffer_of_uint32s = _buffer("I")
+buffer_of_int64s = _buffer("q")
+buffer_of_uint64s = _buffer("Q")
+buffer_of_float32s = _buffer("f")
+buffer_of_float64s = _buffer("d")
+
+
+def _slice(view: Buffer, count: int, at: int) -> Buffer:
+    if at + count > len(view):
+        raise FieldValueError("the data end inside a sequence")
+    return view[at : at + count]
+
+
+def list_of_bools(view: Buffer, count: int, at: int) -> list[bool]:
+    """Bytes as bools; any byte but 0 is True."""
+    return [number != 0 for number in _slice(view, count, at)]
+
+
+def list_of_bytes(view: Buffer, count: int, at: int) -> list[bytes]:
+    """Bytes one by one."""
+    return [BYTES[number] for number in _slice(view, count, at)]
+
+
+def joined_bytes(value: Any) -> bytes:
+    """The inverse of `list_of_bytes`.
+
+    Raises:
+        FieldValueError: an element is not bytes of length 1; `index` says which.
+    """
+    if not isinstance(value, (list, tuple)):
+        value = as_list(value)
+        if not isinstance(value, list):
+            raise FieldValueError(f"expected a list of bytes of length 1, found {short_repr(value)}")
+    for index, item in enumerate(value):
+        if not isinstance(item, (bytes, bytearray)) or len(item) != 1:
+            raise FieldValueError(f"expected bytes of length 1, found {short_repr(item)}", index)
+    return b"".join(value)
+
+
+def fixed_bytes(value: Any, count: int) -> bytes:
+    """`joined_bytes` of exactly `count` elements."""
+    joined = joined_bytes(value)
+    if len(joined) != count:
+        raise FieldValueError(f"expected exactly {count} elements, found {len(joined)}")
+    return joined
+
+
+def as_list(value: Any) -> Any:
+    """A collection as a list, as rclpy takes sets, deques, views of dicts and arrays; what is none, as it is.
+
+    An array of structures stays one: it stands for a list of messages.
+    """
+    if isinstance(value, (list, tuple, str, bytes, bytearray, array, Mapping)) or not isinstance(value, Collection):
+        return value
+    return value if isinstance(value, np.ndarray) and value.dtype.names is not None else [*value]
+
+
+def to_array(value: Any, code: str) -> array[Any]:
+    """``array.array(code, value)``, which rclpy's setters call; a fitting numpy array is copied as a whole.
+
+    Raises:
+        TypeError, OverflowError, ValueError: what `array.array` raises.
+    """
+    if type(value) is np.ndarray and value.ndim == 1 and value.dtype is DTYPES[code]:
+        values = array(code)
+        values.frombytes(np.ascontiguousarray(value).data.cast("B") if value.size else b"")
+        return values
+    return array(code, value)

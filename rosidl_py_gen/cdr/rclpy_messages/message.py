@@ -1,0 +1,225 @@
+"""The base classes of rclpy's flavour: messages, services and actions that behave as those of a ROS installation.
+
+Source: the messages that rosidl_generator_py of Jazzy makes, which `tests/rclpy_flavour` compares with.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from rosidl_py_gen.base.fieldtype import Arity
+from rosidl_py_gen.base.names import py_name
+from rosidl_py_gen.cdr.message import Action, Field, Message, Service
+from rosidl_py_gen.cdr.rclpy_messages import slot_types
+from rosidl_py_gen.cdr.rclpy_messages.fields import CHECK, FieldSlot, field_slot, from_plain, property_of, to_plain
+from rosidl_py_gen.cdr.rclpy_messages.names import IDL_NAMES, idl_text, slot
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.base.fieldtype import FieldType
+
+
+class RclpyMeta(type):
+    """The class of a class of this flavour; each has one of its own, as rclpy's have."""
+
+    _TYPE_SUPPORT: ClassVar[Any] = None
+
+    def __init__(cls, name: str, bases: tuple[type, ...], namespace: dict[str, Any]) -> None:
+        super().__init__(name, bases, namespace)
+        if "_TYPE" in namespace:
+            type(cls)._TYPE_SUPPORT = namespace["_TYPE"]
+        if "_DEFAULTS" in namespace:
+            _complete(cls, namespace)
+
+    @classmethod
+    def __import_type_support__(cls) -> None:
+        """Nothing to do: there is no C library to load."""
+
+
+def metaclass(name: str, module: str) -> type[RclpyMeta]:
+    """The class of the class `name`."""
+    return type(f"Metaclass_{name}", (RclpyMeta,), {"__module__": module})
+
+
+def _complete(cls: Any, namespace: dict[str, Any]) -> None:
+    """What the table of fields says of a message class: properties, defaults, constants that stay what they are."""
+    defaults = namespace["_DEFAULTS"]
+    fields = cls._TYPE.fields
+    cls._HELD = {field.py_name: field_slot(cls, field, defaults.get(field.ros_name)) for field in fields}
+    for name, one in cls._HELD.items():
+        setattr(cls, name, property_of(one))
+    fixed = {name: value for name, value in namespace.items() if name.isupper() and not name.startswith("_")}
+    for name, value in fixed.items():
+        setattr(type(cls), name, property(lambda _, value=value: value))  # type: ignore[misc]
+    for field in fields:
+        if field.ros_name in defaults:
+            name, make = f"{field.ros_name.upper()}__DEFAULT", cls._HELD[field.py_name].default
+            setattr(cls, name, make())
+            setattr(type(cls), name, property(lambda _, make=make: make()))  # type: ignore[misc]
+    cls.__slots__ = [*(f"_{name}" for name in cls._HELD), "_check_fields"]
+
+
+def wide_rclpy_message(cls: Any) -> Any:
+    """Return the class with the slots and constants of the class's table; `cls` must not be used afterwards."""
+    info = cls._TYPE
+    namespace = {key: value for key, value in vars(cls).items() if key not in ("__dict__", "__weakref__")}
+    namespace["__slots__"] = tuple(slot(field.py_name) for field in info.fields)
+    namespace["_DEFAULTS"] = {
+        field.ros_name: _rclpy_value(field.type.base, info.values[field.ros_name])
+        for field in info.fields
+        if field.ros_name in info.values
+    }
+    namespace |= {py_name(name): _rclpy_value(base, value) for name, base, value in info.constants}
+    return type(cls)(cls.__name__, cls.__bases__, namespace)
+
+
+def _rclpy_value(base: str, value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_rclpy_value(base, one) for one in value]
+    return bytes([value]) if base == "byte" else value
+
+
+class _LazyClassAttribute:
+    """A class attribute that is made when it is first used."""
+
+    def __init__(self, name: str, make: Any) -> None:
+        self.name = name
+        self.make = make
+
+    def __get__(self, instance: object, owner: type) -> Any:
+        value = self.make(owner)
+        setattr(owner, self.name, value)
+        return value
+
+
+def _slot_types(cls: type[Message]) -> tuple[Any, ...]:
+    try:
+        known = import_module("rosidl_parser.definition")
+    except ImportError:
+        known = slot_types
+    return tuple(_slot_type(field.type, known) for field in cls._TYPE.fields)
+
+
+def _slot_type(kind: FieldType, known: Any) -> Any:
+    if kind.is_message:
+        package, folder, name = kind.base.split("/")
+        found = known.NamespacedType([package, folder], name)
+    elif kind.is_string:
+        letter = "W" if kind.base == "wstring" else ""
+        bound = kind.string_bound
+        found = (
+            getattr(known, f"Bounded{letter}String")(bound) if bound else getattr(known, f"Unbounded{letter}String")()
+        )
+    else:
+        found = known.BasicType(IDL_NAMES.get(kind.base, kind.base))
+    match kind.arity:
+        case Arity.ARRAY:
+            return known.Array(found, kind.capacity)
+        case Arity.BOUNDED:
+            return known.BoundedSequence(found, kind.capacity)
+        case Arity.UNBOUNDED:
+            return known.UnboundedSequence(found)
+        case _:
+            return found
+
+
+class RclpyMessage(Message):
+    """Base of every message of this flavour. Fields are given by name; what is assigned is converted as rclpy does."""
+
+    __slots__ = ("_CHECK",)
+    __hash__ = None
+    _DEFAULTS: ClassVar[dict[str, Any]]
+    _HELD: ClassVar[dict[str, FieldSlot]]
+    _CHECK: bool  # not set in what was received
+    SLOT_TYPES: ClassVar[Any] = _LazyClassAttribute("SLOT_TYPES", _slot_types)
+    _fields_and_field_types: ClassVar[Any] = _LazyClassAttribute(
+        "_fields_and_field_types", lambda cls: {field.ros_name: idl_text(field.type) for field in cls._TYPE.fields}
+    )
+
+    def __init__(self, **kwargs: Any) -> None:
+        """Raises AssertionError, when fields are checked, for what is no field; nothing for it otherwise."""
+        self._CHECK = checked = kwargs.get("check_fields", CHECK)
+        if checked and (unknown := sorted(kwargs.keys() - self._HELD.keys() - {"check_fields"})):
+            raise AssertionError(f"Invalid arguments passed to constructor: {', '.join(unknown)}")
+        for name, one in self._HELD.items():
+            if name not in kwargs:
+                one.put(self, one.default())
+            else:
+                value = kwargs[name]
+                setattr(self, name, one.convert(value) if one.convert is not None and one.array_code else value)
+
+    @classmethod
+    def get_fields_and_field_types(cls) -> dict[str, str]:
+        """The fields and their types as IDL spells them, such as ``sequence<float, 3>``."""
+        return dict(cls._fields_and_field_types)
+
+    @property
+    def _check_fields(self) -> bool:
+        try:
+            return self._CHECK
+        except AttributeError:
+            return CHECK
+
+    @_check_fields.setter
+    def _check_fields(self, value: bool) -> None:
+        self._CHECK = value
+
+    def _get_plain(self, field: Field) -> Any:
+        one = self._HELD[field.py_name]
+        return to_plain(one, one.get(self))
+
+    def _set_plain(self, field: Field, value: Any) -> None:
+        one = self._HELD[field.py_name]
+        one.put(self, from_plain(one, value))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, self.__class__):
+            return False
+        return all(_equal(one.get(self), one.get(other)) for one in self._HELD.values())
+
+    def __repr__(self) -> str:
+        inside = ", ".join(f"{name}={_shown(one, one.get(self))}" for name, one in self._HELD.items())
+        package = type(self).__module__.rpartition(".")[0]
+        return f"{package}.{type(self).__name__}({inside})"
+
+    def __reduce__(self) -> Any:
+        return _restored, (type(self), [one.get(self) for one in self._HELD.values()], self._check_fields)
+
+
+def _restored(cls: type[RclpyMessage], values: list[Any], checked: bool) -> RclpyMessage:
+    message = object.__new__(cls)
+    message._CHECK = checked
+    for one, value in zip(cls._HELD.values(), values, strict=True):
+        one.put(message, value)
+    return message
+
+
+def _equal(left: Any, right: Any) -> bool:
+    if isinstance(left, np.ndarray) or isinstance(right, np.ndarray):
+        return bool(np.array_equal(left, right))
+    return bool(left == right)
+
+
+def _shown(one: FieldSlot, value: Any) -> str:
+    """As rclpy shows it: arrays of numbers without ``array(``."""
+    kind = one.field.type
+    text = repr(value)
+    if one.convert is None or kind.arity is Arity.ARRAY:
+        return text
+    return text[len("array('X', ") : -1] if len(value) else "[]"
+
+
+class RclpyService(Service[Any, Any]):
+    """Base of every service of this flavour."""
+
+    def __init__(self) -> None:
+        raise NotImplementedError("Service classes can not be instantiated")
+
+
+class RclpyAction(Action[Any, Any, Any]):
+    """Base of every action of this flavour; `Impl` has the services and messages behind it."""
+
+    def __init__(self) -> None:
+        raise NotImplementedError("Action classes can not be instantiated")

@@ -1,0 +1,117 @@
+"""The interface files of a source package.
+
+If its CMakeLists.txt calls `rosidl_generate_interfaces` with literal names and globs, these are its files, as in a
+build; conditions are not decided, so every branch counts. Otherwise all interface files below the package folder are.
+"""
+
+from __future__ import annotations
+
+import os
+import posixpath
+from pathlib import Path
+
+from rosidl_py_gen.base.generated_files import is_generated
+from rosidl_py_gen.base.names import KINDS, RosName, did_you_mean, split_ros_name
+from rosidl_py_gen.compiler.frontend.cmake_reader import GENERATE, UNKNOWN, CMakeArgument, CMakeScript, inside
+from rosidl_py_gen.compiler.frontend.files import UnreadableError, files_below, interface_name, is_of_package, read_text
+from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface, read_source
+from rosidl_py_gen.compiler.frontend.model import MAX_PROBLEMS, Diagnostics, Location, SourceText, messages_of
+from rosidl_py_gen.errors import Diagnostic, display_path
+
+
+class CMakeInterfaceList:
+    """The files of a source package.
+
+    Attributes:
+        files: by interface name.
+        complete: they are the list of CMakeLists.txt; otherwise all files below the package folder.
+        problems, notes: listed files that do not exist; assumptions and skipped files.
+    """
+
+    def __init__(self, package: str, folder: Path) -> None:
+        self.complete = True
+        self.problems: list[Diagnostic] = []
+        self.notes: list[Diagnostic] = []
+        self._package, self._folder = package, folder
+        self._text = ""
+        self._paths: dict[RosName, dict[str, int]] = {}  # of each interface, and where they are listed
+        try:
+            self._text = read_text(folder, "CMakeLists.txt")
+            self._add_listed()
+        except UnreadableError as error:
+            self._add_all(error)
+        self.files = self._chosen()
+
+    def _add_listed(self) -> None:
+        script = CMakeScript(self._folder, self._text)
+        calls = [words[1:] for name, words in script.calls if name == GENERATE]
+        own = [words for words in calls if all(word.text != "SKIP_INSTALL" for word in words)]  # others are for tests
+        unknown: list[int] = []
+        for words in own or calls:
+            keyword = ""
+            for word in words:
+                if word.text.isupper():
+                    keyword = word.text if word.text in ("DEPENDENCIES", "LIBRARY_NAME") else ""
+                elif keyword:
+                    keyword = "" if keyword == "LIBRARY_NAME" else keyword
+                elif word.text == UNKNOWN:
+                    unknown.append(word.offset)
+                else:
+                    self._add(word, script.creates_files)
+        if unknown or not (self._paths or self.problems):
+            raise UnreadableError(f"{GENERATE}() has no list of literal names and globs", *unknown[:1])
+
+    def _add(self, word: CMakeArgument, may_be_created: bool) -> None:
+        base, colon, relative = word.text.rpartition(":")  # an absolute base folder may stand in front
+        path = inside(posixpath.join(base, relative) if colon else relative)
+        name = interface_name(self._package, relative)
+        if path is None or not is_of_package(self._folder, path):
+            self._report(self.notes, word.offset, f'"{path or word.text[:80]}" is not in the package folder; skipped')
+        elif name is None and not is_generated(self._folder / path):  # a glob may match our own output
+            self._report(self.problems, word.offset, f'"{path}" is not an interface file (.msg, .srv, .action or .idl)')
+        elif name is not None and os.path.isfile(self._folder / path):
+            self._paths.setdefault(name, {}).setdefault(path, word.offset)
+        elif name is not None and may_be_created:
+            raise UnreadableError(f'"{path}" may be made by the build', word.offset)
+        elif name is not None and word.certain and len(self.problems) < MAX_PROBLEMS:
+            holder, file = os.path.split(self._folder / path)
+            hint = did_you_mean(
+                file, os.listdir(holder) if os.path.isdir(holder) and os.access(holder, os.R_OK) else ()
+            )
+            self._report(self.problems, word.offset, f'"{path}" is listed here, but there is no such file{hint}')
+
+    def _add_all(self, reason: UnreadableError) -> None:
+        self.complete = False
+        self._report(self.notes, reason.offset, f"{reason}; all interface files below the package folder are used")
+        try:
+            for path in files_below(self._folder):
+                if (name := interface_name(self._package, path)) and is_of_package(self._folder, path):
+                    self._paths.setdefault(name, {}).setdefault(path, -1)
+        except UnreadableError as error:
+            self._report(self.problems, -1, str(error))
+
+    def _chosen(self) -> dict[RosName, Path]:
+        """Return one file for each interface: of several the first one that compiles."""
+        chosen = {name: min(found, key=lambda path: self._rank(name, path)) for name, found in self._paths.items()}
+        rest = [(path, name) for name, found in self._paths.items() for path in found if path != chosen[name]]
+        for path, name in [one for one in rest if not one[0].endswith(".idl")][:1]:
+            more = f" and {len(rest) - 1} more are" if len(rest) > 1 else " is"
+            text = f'"{path}"{more} skipped: "{chosen[name]}" defines the same interface'
+            self._report(self.notes, self._paths[name][path], text)
+        return {name: self._folder / path for name, path in sorted(chosen.items())}
+
+    def _rank(self, name: RosName, path: str) -> tuple[bool | str, ...]:
+        findings = Diagnostics()
+        source = read_source(self._folder / path, path, findings) if len(self._paths[name]) > 1 else None
+        interface = parse_interface(name, source, findings) if source is not None else None
+        bases = {item.type.base for one in messages_of(interface) for item in one.fields} if interface else set()
+        needs = [split_ros_name(base) for base in bases if base.startswith(f"{self._package}/msg/")]
+        is_wrong = bool(findings.problems) or any(need not in self._paths for need in needs)
+        is_elsewhere = posixpath.dirname(path) not in KINDS
+        return path.endswith(".idl"), is_wrong, self._paths[name][path] < 0, is_elsewhere, "ros1" in path, path
+
+    def _report(self, problems: list[Diagnostic], offset: int, text: str) -> None:
+        if len(problems) < MAX_PROBLEMS:
+            line, start = self._text.count("\n", 0, offset) + 1, self._text.rfind("\n", 0, max(0, offset)) + 1
+            source = SourceText(display_path(self._folder / "CMakeLists.txt"), self._text, "txt")
+            problems.append(Location(source, line * (offset >= 0), offset - start + 1).problem(text))

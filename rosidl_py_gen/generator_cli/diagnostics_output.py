@@ -1,0 +1,69 @@
+"""The output of this command line: text, problems and notes, on a terminal and as JSON.
+
+The other modules print only by these functions, because names and texts of definitions are not trusted.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import click
+
+from rosidl_py_gen.base.output import json_text, printable_lines
+from rosidl_py_gen.errors import Diagnostic, printable
+
+
+def rows(problems: Iterable[Diagnostic]) -> list[dict[str, str | int]]:
+    """Problems or notes for JSON."""
+    return [{"path": one.path, "line": one.line, "column": one.column, "text": one.text} for one in problems]
+
+
+def print_json(data: Any) -> None:
+    """JSON for programs, on standard output."""
+    echo(json_text(data, indent=2))
+
+
+def echo(*parts: str | tuple[str, str], err: bool = False) -> None:
+    """Print one or more lines.
+
+    Args:
+        parts: texts; those with a style, ``"bold"`` or a colour, are pairs of the text and the style.
+        err: print to standard error.
+    """
+    shown = (part if isinstance(part, tuple) else (part, "") for part in parts)
+    text = "".join(_styled(printable_lines(text), style) for text, style in shown)
+    click.echo(text, err=err, color=False if os.environ.get("NO_COLOR") else None)
+
+
+def _styled(text: str, style: str) -> str:
+    if style == "bold":
+        return click.style(text, bold=True)
+    return click.style(text, fg=style) if style else text
+
+
+def print_problems(problems: Iterable[Diagnostic]) -> None:
+    """Each with its place, its line and a caret, on standard error."""
+    for problem in problems:
+        first, *rest = problem.with_caret().split("\n")
+        where = first.removesuffix(printable(problem.text))
+        echo((where, "bold"), (first[len(where) :], "red"), err=True)
+        for line in rest:
+            print_line(line)
+
+
+def print_notes(notes: Iterable[Diagnostic]) -> None:
+    """What was assumed, a line each, on standard error."""
+    for note in notes:
+        print_line(f"note: {note}", "yellow")
+
+
+def print_line(text: str, colour: str = "") -> None:
+    """A line on standard error."""
+    echo((text, colour), err=True)
+
+
+def count(problems: Sequence[Diagnostic]) -> str:
+    """How many there are, in words."""
+    return "1 problem" if len(problems) == 1 else f"{len(problems)} problems"

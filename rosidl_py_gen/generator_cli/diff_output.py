@@ -1,0 +1,155 @@
+"""How a comparison looks, as text and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.compiler.compatibility.wire_compatibility import ReadResult
+from rosidl_py_gen.errors import printable
+from rosidl_py_gen.generator_cli import diagnostics_output
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.compiler.compatibility.compare import (
+        Comparison,
+        ConstantChange,
+        FieldChange,
+        MessageChange,
+        TypeChange,
+    )
+
+_READ = {
+    ReadResult.SAME: "read as before",
+    ReadResult.TRUNCATED: "read without what is gone",
+    ReadResult.RENAMED: "read under new names",
+    ReadResult.DEPENDS_ON_VALUES: "read as before only for some values",
+    ReadResult.FAILS: "not read",
+    ReadResult.MISREAD: "read wrongly, or not at all",
+}
+_SIGNS = {"added": "+", "removed": "-"}
+_COLOURS = {"+": "green", "-": "red", "~": "yellow"}
+
+
+def show(found: Comparison, breaking: Sequence[str]) -> None:
+    """Print a comparison."""
+    for name in found.removed:
+        _line(f"- {name}", "red")
+    for name in found.added:
+        _line(f"+ {name}", "green")
+    for one in found.changed:
+        _line(f"~ {one.name}", "yellow")
+        for text, colour in _details(one):
+            _line(f"    {text}", colour)
+    if found.not_compared:
+        names = ", ".join(found.not_compared)
+        _line(f"not compared, as one side does not have them: {names}")
+    counts = (
+        f"{len(found.changed)} changed, {len(found.added)} added, {len(found.removed)} removed, "
+        f"{len(found.same)} unchanged"
+    )
+    sorts = ", ".join(sorted(sort.value for sort in found.sorts()))
+    parts = [counts, *([f"changes of {sorts}"] if sorts else [])]
+    _line("; ".join([*parts, f"breaking: {', '.join(breaking)}" if breaking else "not breaking"]))
+
+
+def _line(text: str, colour: str = "") -> None:
+    diagnostics_output.echo((printable(text), colour))
+
+
+def _details(change: TypeChange) -> Iterator[tuple[str, str]]:
+    is_one = [one.name for one in change.messages] == [change.name]
+    if not is_one:
+        yield from _hashes(change)
+    for message in change.messages:
+        indent = "" if is_one else "  "
+        if not is_one:
+            yield message.name.removeprefix(f"{change.name}_"), "yellow"
+        for text, colour in _of_message(message):
+            yield indent + text, colour
+    if change.used_by:
+        yield f"changes with it: {', '.join(change.used_by)}", ""
+
+
+def _hashes(change: TypeChange | MessageChange) -> Iterator[tuple[str, str]]:
+    if change.old_hash == change.new_hash:
+        yield f"hash      {change.old_hash}, as before", ""
+    else:
+        yield f"hash      {change.old_hash}", ""
+        yield f"       -> {change.new_hash}", ""
+
+
+def _of_message(change: MessageChange) -> Iterator[tuple[str, str]]:
+    yield from _hashes(change)
+    for kind, changes in (("field   ", change.fields), ("constant", change.constants)):
+        for one in changes:
+            sign, text = _told(one)
+            yield f"{kind}  {sign} {text}{f'  ({one.place})' if one.place else ''}", _COLOURS[sign]
+    if change.through:
+        yield f"contains  ~ {', '.join(change.through)}", ""
+    yield f"old data  {_READ[change.old_data.reading]}", "" if change.old_data.reading is ReadResult.SAME else "red"
+    for reason in change.old_data.reasons:
+        yield f"          {reason}", ""
+
+
+def _told(one: FieldChange | ConstantChange) -> tuple[str, str]:
+    """Sign and words."""
+    match one.what:
+        case "added" | "removed":
+            return _SIGNS[one.what], f"{one.name}: {one.after or one.before}"
+        case "renamed":
+            return "~", f"{one.after}: was {one.before}, as far as one can tell"
+        case "moved":
+            return "~", f"{one.name}: moved from place {one.before} to {one.after}"
+        case "type" | "changed":
+            return "~", f"{one.name}: {one.before} -> {one.after}"
+        case _:
+            return "~", f"{one.name}: {one.what} {one.before or 'none'} -> {one.after or 'none'}"
+
+
+def document(old: str, new: str, found: Comparison, breaking: Sequence[str], notes: Sequence[str]) -> dict[str, Any]:
+    """A comparison for programs."""
+    return {
+        "old": old,
+        "new": new,
+        "added": list(found.added),
+        "removed": list(found.removed),
+        "changed": [
+            {
+                "name": one.name,
+                "old_hash": one.old_hash,
+                "new_hash": one.new_hash,
+                "sorts": sorted(sort.value for sort in one.sorts()),
+                "used_by": list(one.used_by),
+                "messages": [_message(message) for message in one.messages],
+            }
+            for one in found.changed
+        ],
+        "not_compared": list(found.not_compared),
+        "unchanged": len(found.same),
+        "sorts": sorted(sort.value for sort in found.sorts()),
+        "breaking": list(breaking),
+        "notes": list(notes),
+    }
+
+
+def _message(change: MessageChange) -> dict[str, Any]:
+    return {
+        "name": change.name,
+        "old_hash": change.old_hash,
+        "new_hash": change.new_hash,
+        "fields": [_entry(one) for one in change.fields],
+        "constants": [_entry(one) for one in change.constants],
+        "contains": list(change.through),
+        "old_data": {"reading": change.old_data.reading.value, "reasons": list(change.old_data.reasons)},
+    }
+
+
+def _entry(one: FieldChange | ConstantChange) -> dict[str, Any]:
+    return {
+        "what": one.what,
+        "name": one.name,
+        "before": one.before,
+        "after": one.after,
+        "place": one.place,
+        "sort": one.sort.value,
+    }

@@ -1,0 +1,216 @@
+"""The definitions of a git revision, in a folder of their own while they are read.
+
+Decides what is taken: interface files and what says which of them belong to a package, by their objects, so that
+nothing is checked out, no filter or hook of the repository runs, and nothing is fetched. What the user typed never
+reaches git but behind a check: a revision becomes the hash of a commit first.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, NamedTuple
+
+from rosidl_py_gen.errors import RosidlError, printable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+_SUFFIXES = (".msg", ".srv", ".action", ".idl")
+_NAMES = ("package.xml", "CMakeLists.txt", "COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE", "pyvenv.cfg")
+_MAX_FILES = 50_000
+_MAX_BYTES = 64 << 20
+"""Of all definitions of a revision; those of all packages of ROS 2 together have some 10 MB."""
+_HASH = re.compile(r"[0-9a-f]{40,64}\Z")
+_FILE, _LINK, _SUBMODULE = ("100644", "100755", "100664"), "120000", "160000"
+_OF_HOOKS = ("GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE", "GIT_PREFIX")
+"""What git tells its hooks, relative to folders of theirs."""
+
+
+class RevisionError(RosidlError):
+    """A git revision is not there or cannot be read; the text says why."""
+
+
+class _GitTreeEntry(NamedTuple):
+    mode: str
+    object: str
+    size: int
+    path: str
+
+
+@contextmanager
+def checked_out(text: str, beside: str) -> Iterator[tuple[Path | None, str, list[str]]]:
+    """The definitions of ``REVISION`` or ``REVISION:PATH`` in a temporary folder.
+
+    Args:
+        beside: a folder in the repository; without PATH, it is the one that is meant.
+
+    Yields:
+        The folder, None when the revision does not have it; what stands for it in texts; what has to be said.
+
+    Raises:
+        RevisionError: no repository, revision or such path; too large.
+    """
+    revision, path = _split(text)
+    place = Path(beside)
+    if not place.is_dir():
+        raise RevisionError(f"{beside}: there is no such folder")
+    top = Path(_git(["rev-parse", "--show-toplevel"], place, f'"{text}" is neither a file nor a revision: {beside}'))
+    if revision.startswith("-") or not revision:
+        raise RevisionError(f'"{text}": expected a git revision, such as main, v1.2 or HEAD~1:src/my_msgs')
+    if revision == "HEAD" and path is None and _is_unborn(top):
+        yield None, "HEAD:", ["there is no commit yet: everything is new"]
+        return
+    commit = _git(
+        ["rev-parse", "--verify", "--quiet", f"{revision}^{{commit}}"], top, f'no revision "{revision}" in {top}'
+    )
+    if not _HASH.match(commit):
+        raise RevisionError(f'"{revision}" is not one revision')
+    inside = _inside(path, place, top)
+    shown = f"{revision}:{inside}" if inside else f"{revision}:"
+    entries = _entries(commit, inside, top, shown)
+    if entries is None:
+        if path is not None:
+            raise RevisionError(f"{printable(shown)}: there is no such folder in this revision")
+        yield None, shown, [f"{printable(shown)} is not there: everything is new"]
+        return
+    wanted, notes = _wanted(entries, shown)
+    if not wanted:
+        if path is not None:
+            raise RevisionError(f"{printable(shown)}: there are no definitions in this folder")
+        yield None, shown, [*notes, f"{printable(shown)} has no definitions: everything is new"]
+        return
+    with TemporaryDirectory(prefix="rosidl-py-gen-diff-") as folder:
+        # A package without package.xml is called as its folder.
+        root = Path(folder) / (PurePosixPath(inside).name or top.name or "root")
+        _write(root, wanted, _contents(wanted, top, shown))
+        yield root, shown if not inside else f"{revision}:{inside}", notes
+
+
+def _is_unborn(top: Path) -> bool:
+    """Whether nothing was ever committed here: hooks run before the first commit, too."""
+    if _run(["rev-parse", "--verify", "--quiet", "HEAD"], top).returncode == 0:
+        return False
+    listed = _run(["rev-list", "--max-count=1", "--all"], top)
+    return listed.returncode == 0 and not listed.stdout.strip()
+
+
+def _split(text: str) -> tuple[str, str | None]:
+    """``HEAD@{1 day ago}:src`` -> revision and path, None when there is none."""
+    depth = 0
+    for number, char in enumerate(text):
+        depth += (char == "{") - (char == "}")
+        if char == ":" and depth <= 0:
+            return text[:number], text[number + 1 :]
+    return text, None
+
+
+def _inside(path: str | None, place: Path, top: Path) -> str:
+    """The folder that is meant, from the top of the repository, with slashes; empty for all of it."""
+    if path is None or path.startswith(("./", "../")) or path == ".":
+        wanted = os.path.realpath(place if path is None else path)
+        relative = os.path.relpath(wanted, os.path.realpath(top))
+        found = Path(relative).as_posix()
+    else:
+        found = str(PurePosixPath(path)).strip("/")
+    parts = [part for part in found.split("/") if part not in ("", ".")]
+    if ".." in parts or "\0" in found:
+        raise RevisionError(f'"{printable(found)}" is outside of {top}')
+    return "/".join(parts)
+
+
+def _entries(commit: str, inside: str, top: Path, shown: str) -> list[_GitTreeEntry] | None:
+    """All files below a folder of a revision; None when there is no such folder."""
+    if inside:
+        kind = _run(["cat-file", "-t", f"{commit}:{inside}"], top)
+        if kind.returncode or kind.stdout.strip() != b"tree":
+            return None
+    listed = _run(["ls-tree", "-r", "-z", "-l", f"{commit}:{inside}"], top)
+    if listed.returncode:
+        raise RevisionError(f"{printable(shown)}: {_reason(listed)}")
+    found = []
+    for line in listed.stdout.split(b"\0"):
+        told, _, name = line.partition(b"\t")
+        parts = told.decode("ascii", "replace").split()
+        if len(parts) == 4:
+            size = int(parts[3]) if parts[3].isdigit() else 0
+            found.append(_GitTreeEntry(parts[0], parts[2], size, os.fsdecode(name)))
+    return found
+
+
+def _wanted(entries: Sequence[_GitTreeEntry], shown: str) -> tuple[list[_GitTreeEntry], list[str]]:
+    relevant = [one for one in entries if one.path.endswith(_SUFFIXES) or PurePosixPath(one.path).name in _NAMES]
+    wanted = [one for one in relevant if one.mode in _FILE]
+    size = sum(one.size for one in wanted)
+    if len(wanted) > _MAX_FILES or size > _MAX_BYTES:
+        raise RevisionError(
+            f"{printable(shown)}: has {len(wanted)} files of definitions with {size} bytes; expected at most "
+            f"{_MAX_FILES} with {_MAX_BYTES}: name the folder of the packages, as REVISION:PATH"
+        )
+    for one in wanted:
+        parts = one.path.split("/")
+        if any(part in ("", ".", "..") or "\\" in part or (os.name == "nt" and ":" in part) for part in parts):
+            raise RevisionError(f"{printable(shown)}: {printable(one.path)!r} is no path of a file")
+    notes = []
+    skipped = {
+        "submodules are not looked into": [one.path for one in entries if one.mode == _SUBMODULE],
+        "links are not followed": [one.path for one in entries if one.mode == _LINK],
+    }
+    for what, paths in skipped.items():
+        if paths:
+            more = f" and {len(paths) - 3} more" if len(paths) > 3 else ""
+            notes.append(printable(f"{shown}: {what}: {', '.join(paths[:3])}{more}"))
+    has_definitions = any(one.path.endswith(_SUFFIXES) for one in wanted)
+    return wanted if has_definitions else [], notes
+
+
+def _contents(wanted: Sequence[_GitTreeEntry], top: Path, shown: str) -> list[bytes]:
+    asked = "".join(f"{one.object}\n" for one in wanted).encode()
+    done = _run(["cat-file", "--batch"], top, asked)
+    found, at = [], 0
+    for one in wanted:
+        end = done.stdout.find(b"\n", at)
+        head = done.stdout[at:end].split() if end >= 0 else []
+        if len(head) != 3 or head[1] != b"blob":
+            raise RevisionError(
+                f"{printable(shown)}: {printable(one.path)} is not in this clone, which is a partial one"
+            )
+        start, size = end + 1, int(head[2])
+        found.append(done.stdout[start : start + size])
+        at = start + size + 1
+    return found
+
+
+def _write(root: Path, wanted: Sequence[_GitTreeEntry], contents: Sequence[bytes]) -> None:
+    for one, data in zip(wanted, contents, strict=True):
+        path = root.joinpath(*one.path.split("/"))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+
+
+def _git(arguments: list[str], folder: Path, otherwise: str) -> str:
+    done = _run(arguments, folder)
+    if done.returncode:
+        reason = _reason(done)
+        raise RevisionError(printable(f"{otherwise}: {reason}" if reason else otherwise))
+    return os.fsdecode(done.stdout).rstrip("\n")
+
+
+def _run(arguments: list[str], folder: Path, given: bytes = b"") -> subprocess.CompletedProcess[bytes]:
+    environment = {name: value for name, value in os.environ.items() if name not in _OF_HOOKS}
+    environment |= {"LC_ALL": "C", "GIT_OPTIONAL_LOCKS": "0", "GIT_NO_LAZY_FETCH": "1", "GIT_TERMINAL_PROMPT": "0"}
+    try:
+        return subprocess.run(["git", *arguments], cwd=folder, env=environment, input=given, capture_output=True)
+    except FileNotFoundError:
+        raise RevisionError("there is no git here, which reads revisions") from None
+    except ValueError:  # a NUL in an argument
+        raise RevisionError("a revision has no NUL in it") from None
+
+
+def _reason(done: subprocess.CompletedProcess[bytes]) -> str:
+    lines = done.stderr.decode("utf-8", "replace").strip().splitlines()
+    return lines[0].removeprefix("fatal: ")[:300] if lines else ""

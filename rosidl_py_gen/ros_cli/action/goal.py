@@ -1,0 +1,162 @@
+"""``action send_goal``.
+
+Decides what Ctrl-C does at each moment: before the goal is sent it ends the command; afterwards it cancels the goal,
+which may mean to hear first whether it was accepted at all.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rosidl_py_gen.ros_cli import ToolError, options, terminal_output, verb
+
+if TYPE_CHECKING:
+    import asyncio
+
+    from rosidl_py_gen.cdr import Message
+    from rosidl_py_gen.ros_cli.command_node import NetworkOptions
+    from rosidl_py_gen.runtime import ActionClient, ClientGoal, GoalStatus
+
+
+@click.command("send_goal")
+@options.action_argument()
+@click.argument("words", nargs=-1, metavar="[TYPE] [GOAL]", shell_complete=options.call_completion("action"))
+@click.option("--stdin", is_flag=True, help="Read the goal from standard input.")
+@click.option("-f", "--feedback", "show_feedback", is_flag=True, help="Print the feedback.")
+@options.timeout("Wait so long for the server and its answers; the result is waited for without a limit.", default_s=10)
+@options.paths
+@options.as_json
+@options.node_options
+@verb
+async def send_goal(
+    network: NetworkOptions,
+    action: str,
+    words: tuple[str, ...],
+    stdin: bool,
+    show_feedback: bool,
+    timeout_s: float,
+    paths: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """Send a goal and wait for its result; GOAL is YAML or JSON, what it leaves out has its default.
+
+    Ctrl-C cancels the goal, and again does not wait for the answer. The exit code is 0 when the goal succeeded, 1 when
+    it was rejected, aborted or canceled, 130 after Ctrl-C.
+
+    \b
+    rosidl-py action send_goal /fibonacci '{order: 5}' --feedback
+    rosidl-py action send_goal /fibonacci example_interfaces/action/Fibonacci '{order: 5}' --json
+    """
+    from rosidl_py_gen.ros_cli import message_text, types
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.ros_cli.name_lookup import find_action
+    from rosidl_py_gen.runtime import WaitTimeoutError
+
+    type_name, text = message_text.type_and_values(words, stdin=stdin)
+    show = _Printer(as_json)
+    async with CommandNode(network) as session:
+        show.say("Waiting for an action server to become available...")
+        name = await types.preload_while_waiting(find_action(session, action, timeout_s))
+        cls: Any = await types.action_class(session, name, type_name, paths)
+        goal = message_text.message_from(cls.Goal, text)
+        client = session.node.create_action_client(cls, name)
+        try:
+            await client.wait_for_server(timeout_s)
+        except WaitTimeoutError as error:
+            raise ToolError(str(error)) from None
+        show.message("Sending goal", goal)
+        return await _follow(client, goal, show, show_feedback, timeout_s)
+
+
+async def _follow(
+    client: ActionClient[Any], goal: Message, show: _Printer, show_feedback: bool, timeout_s: float
+) -> int:
+    """From sending the goal to its end; returns the exit code."""
+    import asyncio
+
+    from rosidl_py_gen.runtime import GoalRejectedError, GoalStatus
+
+    sending = asyncio.ensure_future(client.send_goal(goal, timeout_s))
+    try:
+        handle = await asyncio.shield(sending)
+        show.say(f"Goal accepted with ID: {handle.goal_id.hex()}")
+        show.say("")
+        if show_feedback:
+            async for feedback in handle.feedback():
+                show.feedback(feedback)
+        status = await _end(handle, show)
+    except GoalRejectedError:
+        raise ToolError("Goal was rejected.") from None
+    except asyncio.CancelledError:
+        await _cancel(sending, show, timeout_s)
+        return 130
+    return 0 if status is GoalStatus.SUCCEEDED else 1
+
+
+async def _end(handle: ClientGoal[Any], show: _Printer, timeout_s: float | None = None) -> GoalStatus:
+    status, result = await handle.result(timeout_s)
+    show.result(handle.goal_id, status, result)
+    return status
+
+
+async def _cancel(sending: asyncio.Task[ClientGoal[Any]], show: _Printer, timeout_s: float) -> None:
+    """Cancel the goal, if it is accepted, and wait for its end.
+
+    Raises:
+        ToolError: it may still be running; says why.
+    """
+    from rosidl_py_gen.runtime import ActionTimeoutError, CancelError, GoalRejectedError
+
+    terminal_output.note("Canceling goal...")
+    with suppress(GoalRejectedError):
+        try:
+            handle = await sending
+            try:
+                await handle.cancel(timeout_s)
+            except CancelError as error:
+                terminal_output.note(str(error))
+            await _end(handle, show, timeout_s)
+        except ActionTimeoutError as error:
+            raise ToolError(f"the goal may still be running: {error}") from None
+
+
+class _Printer:
+    """What happens to a goal, as ``ros2 action send_goal`` prints it, or lines of JSON: each feedback, and the end."""
+
+    def __init__(self, as_json: bool) -> None:
+        self._as_json = as_json
+
+    def say(self, text: str, style: str = "") -> None:
+        """Only for people."""
+        if not self._as_json:
+            terminal_output.line(text, style)
+
+    def message(self, heading: str, message: Message) -> None:
+        """Only for people."""
+        from rosidl_py_gen.ros_cli import message_text
+
+        if not self._as_json:
+            shown = message_text.to_yaml(message_text.to_plain(message)).rstrip("\n").replace("\n", "\n    ")
+            terminal_output.block(f"{heading}:\n    {shown}\n")
+
+    def feedback(self, feedback: Message) -> None:
+        """One of many."""
+        from rosidl_py_gen import to_dict
+
+        self.message("Feedback", feedback)
+        if self._as_json:
+            terminal_output.json_line({"feedback": to_dict(feedback)})
+
+    def result(self, goal_id: bytes, status: GoalStatus, result: Message) -> None:
+        """The end."""
+        from rosidl_py_gen import to_dict
+        from rosidl_py_gen.runtime import GoalStatus
+
+        self.message("Result", result)
+        self.say(f"Goal finished with status: {status.name}", "green" if status is GoalStatus.SUCCEEDED else "red")
+        if self._as_json:
+            found = {"goal_id": goal_id.hex(), "status": status.name, "result": to_dict(result)}
+            terminal_output.json_line(found)

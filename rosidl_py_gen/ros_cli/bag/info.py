@@ -1,0 +1,174 @@
+"""``bag info``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.ros_cli import options, terminal_output, verb
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.bags import BagReader, BagTopic
+    from rosidl_py_gen.runtime import QoSProfile
+
+
+@click.command("info")
+@options.bag_path
+@click.option(
+    "-v", "--verbose", "is_verbose", is_flag=True, help="Also where the definition of each topic's type comes from."
+)
+@options.paths
+@options.as_json
+@verb
+def info(path: str, is_verbose: bool, paths: Sequence[str], as_json: bool) -> int:
+    """Print what a bag holds. One whose recorder was killed is read to the end for it.
+
+    \b
+    rosidl-py bag info my_bag
+    rosidl-py bag info my_bag --json | jq '.topics[].name'
+    rosidl-py bag info humble_bag --verbose --path ~/ws/src
+    """
+    from rosidl_py_gen.bags import BagReader
+
+    with BagReader(path, search_path=paths, skip_damaged=True) as reader:
+        channels = _counted(reader)
+        if as_json:
+            terminal_output.document(_told(reader, channels, is_verbose))
+        else:
+            _show(reader, channels, is_verbose)
+    return 0
+
+
+def _counted(reader: BagReader) -> list[BagTopic]:
+    """The channels with their counts; where a file does not tell them, it is read for them."""
+    from collections import Counter
+
+    if all(one.count is not None for one in reader.channels):
+        return reader.channels
+    found = Counter(message.channel.key for message in reader.raw_messages())
+    return [replace(one, count=found[one.key]) for one in reader.channels]
+
+
+def _messages(channels: Sequence[BagTopic]) -> int:
+    return sum(one.count or 0 for one in channels)
+
+
+def _size(reader: BagReader) -> int:
+    return sum(file.stat().st_size for file in reader.files)
+
+
+def _told(reader: BagReader, channels: Sequence[BagTopic], is_verbose: bool) -> dict[str, Any]:
+    from rosidl_py_gen.bags.metadata import qos_profiles
+    from rosidl_py_gen.ros_cli.bag.selection import damaged_rows
+
+    return {
+        "path": str(reader.path),
+        "files": [file.name for file in reader.files],
+        "size": _size(reader),
+        "storage": _storage(reader),
+        "has_index": reader.has_index,
+        "unread_bytes": reader.unread_bytes,
+        "damaged": damaged_rows(reader.damaged),
+        "start_ns": reader.start_ns,
+        "end_ns": reader.end_ns,
+        "duration_ns": reader.end_ns - reader.start_ns,
+        "messages": _messages(channels),
+        "topics": [
+            {
+                "name": topic.name,
+                "type": topic.type_name,
+                "count": topic.count,
+                "serialization_format": topic.message_encoding,
+                "type_hash": topic.type_hash,
+                "has_definition": bool(topic.definition),
+                "offered_qos": [_qos(profile) for profile in qos_profiles(topic.offered_qos)],
+                **(_definition(reader, topic) if is_verbose else {}),
+            }
+            for topic in channels
+        ],
+    }
+
+
+def _definition(reader: BagReader, topic: BagTopic) -> dict[str, Any]:
+    try:
+        found = reader.definition(topic)
+    except RosidlError as error:
+        return {"definition": None, "problem": str(error)}
+    return {"definition": found.origin, "is_recorded": found.is_recorded, "definition_hash": found.type_hash}
+
+
+def _definition_text(reader: BagReader, topic: BagTopic) -> str:
+    told = _definition(reader, topic)
+    if told["definition"] is None:
+        return str(told["problem"])
+    return str(told["definition"]) + ("" if told["is_recorded"] else " (by its name alone)")
+
+
+def _storage(reader: BagReader) -> str:
+    names = (file.name.removesuffix(".zstd") for file in reader.files)
+    return "sqlite3" if next(names, "").endswith(".db3") else "mcap"
+
+
+def _qos(profile: QoSProfile) -> dict[str, Any]:
+    policies = (profile.history, profile.reliability, profile.durability, profile.liveliness)
+    names = ("history", "reliability", "durability", "liveliness")
+    return {name: policy.name.lower() for name, policy in zip(names, policies, strict=True)} | {"depth": profile.depth}
+
+
+def _show(reader: BagReader, channels: Sequence[BagTopic], is_verbose: bool) -> None:
+    from rosidl_py_gen.ros_cli.bag.selection import duration_text, size_text, time_text
+
+    rows = [
+        ("Files", ", ".join(file.name for file in reader.files)),
+        ("Bag size", size_text(_size(reader))),
+        ("Storage id", _storage(reader)),
+        ("Duration", duration_text(reader.end_ns - reader.start_ns)),
+        ("Start", time_text(reader.start_ns)),
+        ("End", time_text(reader.end_ns)),
+        ("Messages", str(_messages(channels))),
+    ]
+    if not reader.has_index:
+        advice = (
+            "`rosidl-py bag convert` makes a whole bag of this" if _messages(channels) else "there is no message in it"
+        )
+        rows.append(("Index", f"missing: the recorder did not end; {advice}"))
+    if reader.unread_bytes:
+        rows.append(("Lost", f"{size_text(reader.unread_bytes)} of an unfinished record at the end"))
+    if reader.damaged:
+        rows.append(("Damaged", f"{len(reader.damaged)} parts; `rosidl-py bag convert` saves the others"))
+    missing = sum(not topic.definition for topic in reader.channels)
+    if missing and not is_verbose:
+        rows.append(("Types", f"{missing} have no definition in the bag; --verbose says which is taken from here"))
+    for name, text in rows:
+        terminal_output.line(f"{name + ':':<12}{text}")
+    terminal_output.line()
+    shown = [[one.name, one.type_name, str(one.count), _qos_text(one)] for one in channels]
+    columns = ["topic", "type", "count", "QoS"]
+    if is_verbose:
+        shown = [[*row, _definition_text(reader, one)] for row, one in zip(shown, channels, strict=True)]
+        columns.append("definition")
+    terminal_output.table(shown, *columns)
+    _show_double(reader)
+
+
+def _show_double(reader: BagReader) -> None:
+    for name, known in reader.topics.items():
+        several = [one for one in reader.channels if one.name == name]
+        if len(several) > 1:
+            types = ", ".join(sorted({f"{one.type_name} {one.type_hash}".strip() for one in several}))
+            terminal_output.line(f"{known.name}: recorded with {len(several)} definitions: {types}")
+
+
+def _qos_text(topic: BagTopic) -> str:
+    """What all its publishers offered, in a few words."""
+    from rosidl_py_gen.bags.metadata import qos_profiles
+
+    shown = {
+        f"{profile.reliability.name}, {profile.durability.name}".lower().replace("_", " ")
+        for profile in qos_profiles(topic.offered_qos)
+    }
+    return " / ".join(sorted(shown))

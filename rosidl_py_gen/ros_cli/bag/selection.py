@@ -1,0 +1,107 @@
+"""Which part of a bag a command is about, and how bags are spoken of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from datetime import datetime
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
+from rosidl_py_gen.ros_cli import ToolError, terminal_output
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from rosidl_py_gen.bags import BagReader, DamagedPart
+
+
+class BagSelection(NamedTuple):
+    """Topics and times of a bag: ``start_ns <= log_time < end_ns``."""
+
+    topics: list[str]
+    start_ns: int
+    end_ns: int
+
+
+def select_part(reader: BagReader, topics: Sequence[str], offset_s: float, duration_s: float | None) -> BagSelection:
+    """Raises `ToolError`: no such topic, or the bag ends before."""
+    for name in topics:
+        if name not in reader.topics:
+            raise ToolError(f"{reader.path} has no topic {name}{did_you_mean(name, reader.topics)}")
+    start = reader.start_ns + round(offset_s * NS_PER_S)
+    if start > reader.end_ns:
+        raise ToolError(
+            f"{reader.path} is {duration_text(reader.end_ns - reader.start_ns)} long; nothing is left of it"
+        )
+    end = reader.end_ns + 1 if duration_s is None else min(start + round(duration_s * NS_PER_S), reader.end_ns + 1)
+    return BagSelection([*(topics or reader.topics)], start, end)
+
+
+def damaged_rows(parts: Iterable[DamagedPart]) -> list[dict[str, Any]]:
+    """Return skipped parts of recordings for JSON output."""
+    return [{**asdict(part), "file": str(part.file)} for part in parts]
+
+
+def duration_text(nanoseconds: int) -> str:
+    """Seconds with milliseconds."""
+    return f"{nanoseconds / NS_PER_S:.3f} s"
+
+
+def time_text(nanoseconds: int) -> str:
+    """Local date and time, and seconds since 1970; only those when the date is beyond the calendar."""
+    seconds, rest = sec_nanosec(nanoseconds)
+    try:
+        date = datetime.fromtimestamp(seconds).astimezone().strftime("%Y-%m-%d %H:%M:%S")
+    except (OverflowError, ValueError, OSError):
+        return f"{seconds}.{rest:09d}"
+    return f"{date}.{rest // 1_000_000:03d} ({seconds}.{rest:09d})"
+
+
+def size_text(count: float) -> str:
+    """Bytes in binary units, as rosbag2 shows them."""
+    for unit in ("B", "KiB", "MiB", "GiB"):
+        if count < 1024:
+            return f"{count:.0f} B" if unit == "B" else f"{count:.1f} {unit}"
+        count /= 1024
+    return f"{count:.1f} TiB"
+
+
+@contextmanager
+def progress_bar(total: int, what: str = "messages") -> Iterator[Callable[[float], None]]:
+    """A bar at the bottom of the terminal: how many of `total` are done; nothing elsewhere."""
+    if not terminal_output.is_terminal() or not total:
+        yield lambda done: None
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+    columns = BarColumn(), MofNCompleteColumn(), what, TimeRemainingColumn()
+    with Progress(*columns, console=_console(), transient=True) as bar:
+        task = bar.add_task("", total=total)
+        yield lambda done: bar.update(task, completed=done)
+
+
+@contextmanager
+def progress() -> Iterator[Callable[[str], None]]:
+    """A line at the bottom of the terminal that says how far it is; nothing elsewhere."""
+    if not terminal_output.is_terminal():
+        yield lambda text: None
+        return
+    from rich.live import Live
+    from rich.text import Text
+
+    with Live(Text(), console=_console(), auto_refresh=False, transient=True) as live:
+        yield lambda text: live.update(Text(text, overflow="ellipsis", no_wrap=True), refresh=True)
+
+
+def _console() -> Console:
+    """Standard error. The cursor stays to be seen: what a signal ends or stops could not bring it back."""
+    from rich import console
+
+    class Steady(console.Console):
+        def show_cursor(self, show: bool = True) -> bool:
+            return False
+
+    return Steady(stderr=True)

@@ -1,0 +1,166 @@
+"""``bag sql``: a query over bags, or over a dataset that `bag table` has written."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rosidl_py_gen.ros_cli import DAMAGED, ToolError, options, terminal_output, verb
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.bags import BagReader
+    from rosidl_py_gen.tables.query import Result
+
+
+_MOST_SHOWN = 10_000
+
+
+@click.command("sql")
+@click.argument("words", nargs=-1, required=True, type=click.Path(), metavar="QUERY BAG...")
+@click.option(
+    "-f",
+    "--format",
+    "form",
+    type=click.Choice(["table", "csv", "json", "parquet"]),
+    help="table unless --output has an ending; json is a line for each row.",
+)
+@click.option("-o", "--output", type=click.Path(), metavar="FILE", help="Instead of standard output.")
+@click.option(
+    "--memory-limit",
+    default="1GB",
+    show_default=True,
+    metavar="SIZE",
+    help="Of DuckDB, as 500MB or 8GiB; what needs more goes through a temporary folder, where that is possible.",
+)
+@options.skip_damaged
+@options.paths
+@options.as_json
+@verb
+def sql(
+    words: Sequence[str],
+    as_json: bool,
+    form: str | None,
+    output: str | None,
+    skips: bool,
+    memory_limit: str,
+    paths: Sequence[str],
+) -> int:
+    """Ask bags, or a dataset that `bag table` has written, with the SQL of DuckDB. Needs the extra tables.
+
+    Topics are tables, nested fields are a.b, and each table has columns log_time, publish_time and bag. The query
+    comes first or last; show tables lists the topics. --json prints a line for each row.
+
+    \b
+    rosidl-py bag sql 'select log_time, linear_acceleration.x from "/imu" limit 5' my_bag
+    rosidl-py bag sql 'select max(twist.twist.linear.x) from odom' dataset --format csv
+    rosidl-py bag sql my_bag 'show tables'
+    """
+    import atexit
+    import gc
+
+    from rosidl_py_gen.ros_cli.bag.selection import progress_bar
+    from rosidl_py_gen.tables.multi_bag.bag_sources import names_of
+    from rosidl_py_gen.tables.query import Database, is_dataset, named
+
+    query, bags = _ordered(words)
+    if as_json and form not in (None, "json"):
+        raise click.UsageError(f"--json is the same as --format json: expected one of --json and --format {form}")
+    form = "json" if as_json else form
+    atexit.unregister(gc.freeze)  # what DuckDB's bindings find of their own at the end they complain of
+    form = form or _form(output)
+    if form == "parquet" and output is None:
+        raise ToolError("Parquet is for files: name one with --output")
+    if output is not None and Path(output).exists():
+        raise ToolError(f"{output} exists already")
+    with ExitStack() as stack:
+        base = stack.enter_context(Database(memory_limit))
+        places = [*_each(bags)]
+        datasets = [path for path in places if is_dataset(path)]
+        names = names_of(path for path in places if path not in datasets)
+        readers = {name: _opened(stack, path, paths, skips) for name, path in names.items()}
+        topics = {topic for reader in readers.values() for topic in reader.topics}
+        counts = [
+            reader.topics[one].count
+            for reader in readers.values()
+            for one in named(query, [*topics])
+            if one in reader.topics
+        ]
+        with progress_bar(sum(one or 0 for one in counts)) as show:
+            on_error = "skip" if skips else "raise"
+            left_out = base.add(query, readers, datasets, on_error=on_error, progress=show)
+        for topic, reason in left_out.items():
+            terminal_output.note(f"left out {topic}: {reason}")
+        _give(base.run(query), form, output)
+    return DAMAGED if any(one.damaged for one in readers.values()) else 0
+
+
+def _opened(stack: ExitStack, path: str, paths: Sequence[str], skips: bool) -> BagReader:
+    from rosidl_py_gen.bags import BagReader
+
+    return stack.enter_context(BagReader(path, search_path=paths, skip_damaged=skips))
+
+
+def _ordered(words: Sequence[str]) -> tuple[str, Sequence[str]]:
+    """The query and the bags: the query comes first or last."""
+    if len(words) < 2:
+        raise click.UsageError("expected a query and a bag, as 'select * from \"/imu\"' my_bag")
+    if not _is_query(words[0]) and _is_query(words[-1]):
+        return words[-1], words[:-1]
+    return words[0], words[1:]
+
+
+def _is_query(word: str) -> bool:
+    from rosidl_py_gen.bags.remote import is_url
+
+    return len(word.split()) > 1 and not is_url(word) and not os.path.exists(word)
+
+
+def _each(bags: Iterable[str]) -> Iterator[str]:
+    """With the places that paths and URLs with ``*`` mean."""
+    from rosidl_py_gen.bags import BagError
+    from rosidl_py_gen.bags.remote import is_url
+    from rosidl_py_gen.tables.multi_bag.bag_sources import find
+
+    for bag in bags:
+        if not is_url(bag) and os.path.exists(bag):
+            yield bag
+            continue
+        found, failed = find([bag])
+        for reason in failed.values():
+            raise BagError(reason)
+        yield from (one.place for one in found)
+
+
+def _form(output: str | None) -> str:
+    suffix = Path(output or "").suffix.removeprefix(".")
+    if output is None:
+        return "table"
+    if suffix not in ("csv", "json", "parquet"):
+        raise ToolError(f"{output}: say the format with --format, or by a name that ends with .csv, .json or .parquet")
+    return suffix
+
+
+def _give(result: Result, form: str, output: str | None) -> None:
+    if form == "table":
+        _show(result, output)
+    elif output is not None:
+        result.write(output, form)
+    else:
+        terminal_output.records(result.json_lines() if form == "json" else result.csv_lines())
+
+
+def _show(result: Result, output: str | None) -> None:
+    if output is not None:
+        raise ToolError("a table is for the terminal: --format csv, json or parquet for a file")
+    rows: list[list[str]] = []
+    for row in result.rows():
+        if len(rows) == _MOST_SHOWN:
+            terminal_output.note(f"only the first {_MOST_SHOWN} rows are shown: --format csv gives all")
+            break
+        rows.append(row)
+    terminal_output.table(rows, *result.columns, fields_of_wide_rows=True)

@@ -1,0 +1,85 @@
+"""Small YAML files that commands of ``bag`` are given: as trees whose nodes know their places.
+
+Decides what may be written there at all. The files are a stranger's: they are read as trees of texts, without anchors,
+tags or anything else that could grow or run, and whatever is wrong is an error at its place.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn, TypeAlias
+
+import yaml
+
+from rosidl_py_gen.base.yaml_text import UNTAGGED, YamlError, compose_yaml
+from rosidl_py_gen.ros_cli import ToolError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+YamlNode: TypeAlias = yaml.Node
+YamlScalar: TypeAlias = yaml.ScalarNode
+_MAX_BYTES = 1 << 20
+_MAX_TEXT = 1000
+_NULLS = ("", "~", "null", "Null", "NULL")
+
+
+def read_text(path: str, what: str) -> str:
+    """The text of a file of `what`.
+
+    Raises:
+        ToolError: it is too long or no text. OSError: it cannot be read.
+    """
+    with Path(path).open("rb") as file:
+        data = file.read(_MAX_BYTES + 1)
+    if len(data) > _MAX_BYTES:
+        raise ToolError(f"{path}: expected at most {_MAX_BYTES} bytes of {what}")
+    try:
+        return data.decode()
+    except UnicodeDecodeError as error:
+        raise ToolError(f"{path}: expected UTF-8, found the byte {data[error.start]:#04x}") from None
+
+
+def parse(text: str, name: str, what: str) -> yaml.Node | None:
+    """The tree of a text, None for an empty one; `name` is shown in errors. Raises `ToolError`."""
+    try:
+        return compose_yaml(text, max_bytes=_MAX_BYTES)
+    except YamlError as error:
+        raise ToolError(error.at(name)) from None
+
+
+def entries(node: yaml.Node, name: str, expected: str) -> Iterator[tuple[yaml.ScalarNode, yaml.Node]]:
+    """Keys and values of a mapping; none for null. Raises `ToolError`."""
+    if is_null(node):
+        return
+    if not isinstance(node, yaml.MappingNode):
+        wrong(node, name, expected)
+    seen: set[str] = set()
+    for key, value in node.value:
+        written = text(key, name)
+        if written in seen:
+            wrong(key, name, f'"{written}" is there twice')
+        seen.add(written)
+        yield key, value
+
+
+def text(node: yaml.Node, name: str, expected: str = "expected a name") -> str:
+    """What is written there; ``y`` and ``no`` are texts here, whatever YAML makes of them. Raises `ToolError`."""
+    if not isinstance(node, yaml.ScalarNode) or is_null(node) or len(node.value) > _MAX_TEXT:
+        wrong(node, name, expected)
+    return str(node.value)
+
+
+def is_null(node: yaml.Node) -> bool:
+    """Whether nothing is written there, or null."""
+    return isinstance(node, yaml.ScalarNode) and node.tag == UNTAGGED and not node.style and node.value in _NULLS
+
+
+def place(node: yaml.Node, name: str) -> str:
+    """File, line and column."""
+    return f"{name}:{node.start_mark.line + 1}:{node.start_mark.column + 1}"
+
+
+def wrong(node: yaml.Node, name: str, reason: str) -> NoReturn:
+    """Raise `ToolError` that names the place."""
+    raise ToolError(f"{place(node, name)}: {reason}")

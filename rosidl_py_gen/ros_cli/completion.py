@@ -1,0 +1,205 @@
+"""Completion: names, types and fields from the live graph, from bags and from the search path.
+
+A shell shows no errors while it completes: where something cannot be read or requested, nothing is offered.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import click
+from click.shell_completion import CompletionItem
+
+from rosidl_py_gen.base.fieldtype import Arity
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.generator_cli import shells
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine, Iterable
+
+    from rosidl_py_gen.cdr import Message
+    from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions
+    from rosidl_py_gen.runtime import Node
+
+_TIMEOUT_S = 1.5
+"""Maximum time for one question to a node (its parameters, its types), unless ``--spin-time`` is longer: a user waits
+for the shell meanwhile."""
+_KINDS = {"types": "msg", "service types": "srv", "action types": "action"}
+_CALLED = {"topic": "types", "service": "service types", "action": "action types"}
+_INDEX = re.compile(r"\[[^\]]*\]\Z")
+
+
+def complete_names(what: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
+    """Complete names that `options.completion` describes; hidden ones only when a hidden part is typed."""
+    names = _or_nothing(lambda: _names(what, context))
+    return shells.items((name for name in names if "/_" in incomplete or "/_" not in name), incomplete)
+
+
+def complete_bag_names(kind: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
+    """Complete the topics, services or actions of the bags on the command line."""
+    return shells.items(_or_nothing(lambda: _bag_names(kind, context)), incomplete)
+
+
+def complete_call(kind: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
+    """Complete ``[TYPE] [VALUES]`` behind the name of a topic, service or action.
+
+    The type is that of the graph, else any on the search path. The values are all fields with their defaults.
+    """
+    words = context.params.get("words") or ()
+    if not words:
+        announced = _or_nothing(lambda: _ask(context, lambda session: _announced_types(session, kind, context)))
+        return shells.items(announced, incomplete) or complete_names(_CALLED[kind], context, incomplete)
+    if len(words) == 1 and "/" in words[0] and not context.params.get("stdin"):
+        return shells.items(_or_nothing(lambda: [_prototype(kind, words[0], context)]), incomplete)
+    return []
+
+
+def complete_fields(context: click.Context, incomplete: str) -> list[CompletionItem]:
+    """Complete the path of a field of the topic's messages."""
+    return shells.items(_or_nothing(lambda: _field_paths(_class("topic", None, context), incomplete)), incomplete)
+
+
+def _or_nothing(find: Callable[[], Iterable[str]]) -> Iterable[str]:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return find()
+    except (RosidlError, OSError, ImportError, TypeError, ValueError, KeyError, asyncio.TimeoutError):
+        return []
+
+
+def _names(what: str, context: click.Context) -> list[str]:
+    paths = context.params.get("paths") or ()
+    if what in _KINDS:
+        from rosidl_py_gen.ros_cli.types import interface_names
+
+        return interface_names(_KINDS[what], paths)
+    if what in ("interfaces", "packages"):
+        from rosidl_py_gen.ros_cli.definitions import known_names
+
+        return known_names(what, paths)
+    return _ask(context, lambda session: _live_names(what, session, context))
+
+
+def _ask(context: click.Context, request: Callable[[CommandNode], Coroutine[Any, Any, list[str]]]) -> list[str]:
+    """Run a request on a node of its own once the graph is known."""
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
+
+    network: NetworkOptions = context.params.get("network", {})
+
+    async def main() -> list[str]:
+        async with CommandNode(network) as session:
+            await session.wait_for_discovery()
+            return await request(session)
+
+    return asyncio.run(main())
+
+
+def _timeout_s(context: click.Context) -> float:
+    return max(context.params.get("network", {}).get("spin_time_s") or 0.0, _TIMEOUT_S)
+
+
+async def _live_names(what: str, session: CommandNode, context: click.Context) -> list[str]:
+    if what == "parameters":
+        name = context.params["node"]
+        client = session.node.create_parameter_client(name if name.startswith("/") else f"/{name}")
+        return list((await client.list(timeout_s=_timeout_s(context))).names)
+    return _listed(what, session.node)
+
+
+def _listed(what: str, node: Node) -> list[str]:
+    services = [name for name, _ in node.get_service_names_and_types()]
+    match what:
+        case "topics":
+            return [name for name, _ in node.get_topic_names_and_types() if "/_action/" not in name]
+        case "services":
+            return services
+        case "actions":
+            mark = "/_action/send_goal"
+            return [name.removesuffix(mark) for name in services if name.endswith(mark)]
+        case "nodes":
+            return node.get_node_names()
+    raise ValueError(what)
+
+
+def _bag_names(kind: str, context: click.Context) -> list[str]:
+    from rosidl_py_gen.bags import BagReader
+    from rosidl_py_gen.ros_cli.name_lookup import topic_owner
+
+    given = context.params
+    names: set[str] = set()
+    for place in filter(None, (given.get("path"), *(given.get("inputs") or ()), *(given.get("bags") or ()))):
+        with BagReader(place) as reader:
+            owners = (topic_owner(one.name, one.type_name) for one in reader.topics.values())
+            names |= {one.name for one in owners if one.kind == kind}
+    return sorted(names)
+
+
+# ----------------------------------------------------------------------------------------------------- types and values
+
+
+async def _announced_types(session: CommandNode, kind: str, context: click.Context) -> list[str]:
+    from rosidl_py_gen.ros_cli import types
+
+    return types.announced_types(session, kind, _full_name(session, kind, context))
+
+
+def _full_name(session: CommandNode, kind: str, context: click.Context) -> str:
+    name = context.params[kind]
+    resolve = session.node.resolve_topic_name if kind == "topic" else session.node.resolve_service_name
+    return resolve(name if name.startswith("/") else f"/{name}")
+
+
+def _prototype(kind: str, type_name: str, context: click.Context) -> str:
+    from rosidl_py_gen import to_dict
+    from rosidl_py_gen.ros_cli.message_text import to_yaml
+
+    cls: Any = _class(kind, type_name, context)
+    filled_in = {"topic": cls, "service": getattr(cls, "Request", None), "action": getattr(cls, "Goal", None)}[kind]
+    return to_yaml(to_dict(filled_in()), flow=True).rstrip("\n")
+
+
+def _class(kind: str, type_name: str | None, context: click.Context) -> Any:
+    """Return the class of a topic's messages, of a service or of an action: an installed one, else of the graph."""
+    from rosidl_py_gen import get_action, get_message, get_service
+    from rosidl_py_gen.ros_cli import types
+
+    name = type_name or context.params.get("type_name")
+    paths = context.params.get("paths") or ()
+    if name:
+        get: Any = {"topic": get_message, "service": get_service, "action": get_action}[kind]
+        try:
+            return get(name, path=paths)
+        except RosidlError:
+            pass
+    resolve: Any = {"topic": types.message_class, "service": types.service_class, "action": types.action_class}[kind]
+    found: list[Any] = []
+
+    async def request(session: CommandNode) -> list[str]:
+        full = _full_name(session, kind, context)
+        found.append(await asyncio.wait_for(resolve(session, full, name, paths), _timeout_s(context)))
+        return []
+
+    _ask(context, request)
+    return found[0]
+
+
+def _field_paths(cls: type[Message], incomplete: str) -> list[str]:
+    """Return the fields beside the incomplete one, and what is inside it when it is the only one."""
+    *parents, last = incomplete.split(".")
+    for name in parents:
+        fields = {field.ros_name: field for field in cls._TYPE.fields}
+        inner = fields[_INDEX.sub("", name)].cls
+        if inner is None:
+            return []
+        cls = inner
+    before = "".join(f"{name}." for name in parents)
+    fitting = [field for field in cls._TYPE.fields if field.ros_name.startswith(last)]
+    paths = [before + field.ros_name for field in fitting]
+    if len(fitting) == 1 and fitting[0].cls is not None:
+        index = "" if fitting[0].type.arity is Arity.SCALAR else "[0]"
+        paths += [f"{paths[0]}{index}.{field.ros_name}" for field in fitting[0].cls._TYPE.fields]
+    return paths

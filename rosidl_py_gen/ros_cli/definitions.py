@@ -1,0 +1,82 @@
+"""List and read definitions for the commands of ``interface``, which need neither network nor DDS."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.compiler.frontend.definition_text import full_name, read_checked
+from rosidl_py_gen.compiler.frontend.missing import missing_package
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
+from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+from rosidl_py_gen.errors import TypeNotFoundError
+from rosidl_py_gen.ros_cli import ToolError, terminal_output
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    from rosidl_py_gen.base.names import RosName
+    from rosidl_py_gen.compiler.frontend.search_path import SearchPath
+
+KINDS = {"msg": "Messages", "srv": "Services", "action": "Actions"}
+
+
+def known_names(what: str, paths: Sequence[str] = ()) -> list[str]:
+    """Return types or packages, for completion."""
+    search = scan_search_path(paths)
+    names = names_of(search, "", KINDS)
+    return (
+        sorted({*search.packages, *(name.package for name in names)}) if what == "packages" else list(map(str, names))
+    )
+
+
+def names_of(search: SearchPath, package: str, kinds: Collection[str]) -> list[RosName]:
+    """Return the interfaces of a package, or of all. Raises `ToolError`: there is no such package."""
+    from rosidl_py_gen.type_loading.generated import generated_names
+
+    generated = [
+        name for name in generated_names() if name.package not in search.packages and package in ("", name.package)
+    ]
+    if package and package not in search.packages and not generated:
+        if package in search.refused:
+            raise ToolError(str(search.refused[package]))
+        raise ToolError(missing_package(search, package, f"no package {package}"))
+    found = [one for one in search.packages.values() if package in ("", one.name)]
+    names = [*(name for one in found for name in one.files), *generated]
+    return sorted(name for name in names if name.kind in kinds)
+
+
+def name_or_stdin(text: str) -> str:
+    """Return the text, or for ``-`` a line of standard input."""
+    if text == "-":
+        text = sys.stdin.readline().strip() if sys.stdin is not None else ""
+        if not text:
+            raise ToolError("expected the name of an interface on standard input, found nothing")
+    return text
+
+
+def read_definition(search: SearchPath, text: str) -> tuple[InterfaceRegistry, RosName]:
+    """Read a definition from the search path, a generated package, or else what nodes said of it once."""
+    text = name_or_stdin(text)
+    name = full_name(search, text)
+    library = InterfaceRegistry(search)
+    try:
+        read_checked(library, name)
+    except TypeNotFoundError:
+        from rosidl_py_gen.ros_cli.cached_definitions import cached_registry
+
+        kept = _generated(text) or cached_registry(text)
+        if kept is None:
+            raise
+        return kept
+    return library, name
+
+
+def _generated(text: str) -> tuple[InterfaceRegistry, RosName] | None:
+    from rosidl_py_gen.type_loading.generated import generated_library
+
+    found = generated_library(text)
+    if found is None:
+        return None
+    terminal_output.note(found[2])
+    return found[:2]

@@ -1,0 +1,146 @@
+"""Messages and requests of viewers, decoded: small ones on the event loop, large ones in a thread.
+
+The thread is a daemon: asyncio and the interpreter would wait for a pool's thread before the process can end.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from concurrent.futures import Executor, Future
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from rosidl_py_gen import decode, from_json
+from rosidl_py_gen.base.fieldtype import Arity
+from rosidl_py_gen.cdr.typesupport import referenced_classes
+from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli.foxglove import limits
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rosidl_py_gen import Message
+    from rosidl_py_gen.cdr.message import Field
+
+T = TypeVar("T")
+_Job = tuple["Future[Any]", "Callable[[], Any]"]
+
+
+class Worker(Executor):
+    """One daemon thread that runs functions in order; a cancelled function is skipped.
+
+    It pauses after each function for as long as that took: much of the work holds the interpreter.
+    """
+
+    def __init__(self) -> None:
+        self._jobs: SimpleQueue[_Job | None] = SimpleQueue()
+        self._thread: threading.Thread | None = None
+
+    async def run(self, function: Callable[..., T], *args: Any) -> T:
+        """Run a function in the thread and return its result."""
+        return await asyncio.get_running_loop().run_in_executor(self, function, *args)
+
+    def submit(self, function: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        """Queue a function; called by the event loop."""
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._work, name="rosidl-py foxglove", daemon=True)
+            self._thread.start()
+        future: Future[T] = Future()
+        self._jobs.put((future, lambda: function(*args, **kwargs)))
+        return future
+
+    def _work(self) -> None:
+        while job := self._jobs.get():
+            future, function = job
+            began = time.monotonic()
+            if future.set_running_or_notify_cancel():
+                try:
+                    future.set_result(function())
+                except BaseException as error:
+                    future.set_exception(error)
+            del job, future, function  # results may be large
+            if (took_s := time.monotonic() - began) > limits.PAUSE_FROM_S:
+                time.sleep(took_s)
+
+    def close(self) -> None:
+        """Stop the thread after the queued functions; does not wait."""
+        self._jobs.put(None)
+
+
+class Decoder:
+    """Decodes messages of one class, and refuses those that would take memory out of proportion."""
+
+    def __init__(self, cls: type[Message], encoding: str = "cdr") -> None:
+        self._cls = cls
+        self._is_json = encoding == "json"
+        self._has_nested = _has_variable_elements(cls)
+        counted: dict[Any, int] = {}
+        _count_values(cls, counted)
+        self._defaults = max(counted.values())
+
+    async def run(self, data: bytes, worker: Worker, convert: Callable[[Message], T]) -> T:
+        """Return `convert(message)`.
+
+        Raises:
+            RosidlError: the data is no message of the class, or exceeds a limit.
+        """
+        values = self._require_small(data)
+        if max(len(data), values) <= limits.MAX_INLINE:
+            return convert(self._decoded(data))
+        return await worker.run(lambda: convert(self._decoded(data)))
+
+    def _decoded(self, data: bytes) -> Message:
+        if self._is_json:
+            return from_json(self._cls, data)
+        if self._cls._TYPE.fields:
+            return decode(self._cls, data, arrays=True)
+        return self._cls()  # viewers do not always encode a message without fields as ROS 2 does
+
+    def _require_small(self, data: bytes) -> int:
+        """Return the number of values that the message may have."""
+        if not self._is_json:
+            if self._has_nested and len(data) > limits.MAX_NESTED_BYTES:
+                most = f"expected at most {limits.MAX_NESTED_BYTES}"
+                kind = "a type with a sequence of strings, or of messages that vary in size"
+                raise ToolError(f"got {len(data)} bytes, {most} for {kind}")
+            return 0
+        if len(data) > limits.MAX_TEXT:
+            raise ToolError(f"got {len(data)} bytes of JSON, expected at most {limits.MAX_TEXT}; CDR may be larger")
+        values = data.count(b"{") * self._defaults
+        if values > limits.MAX_DEFAULTS:
+            raise ToolError(f"got JSON for up to {values} values, expected at most {limits.MAX_DEFAULTS}; use CDR")
+        return values
+
+
+def _classes(cls: type[Message]) -> list[Any]:
+    return [*referenced_classes(cls).values()]
+
+
+def _has_variable_elements(cls: type[Message]) -> bool:
+    """Return True if a sequence has strings, or a sequence or array has messages that vary in size."""
+    fields = [field for one in _classes(cls) for field in one._TYPE.fields]
+    elements: list[Any] = [field.cls for field in fields if field.cls and field.type.arity is not Arity.SCALAR]
+    return any("string" in field.type.base and _is_sequence(field) for field in fields) or any(
+        "string" in field.type.base or _is_sequence(field)
+        for element in elements
+        for one in _classes(element)
+        for field in one._TYPE.fields
+    )
+
+
+def _is_sequence(field: Field) -> bool:
+    return field.type.arity not in (Arity.SCALAR, Arity.ARRAY)
+
+
+def _count_values(cls: Any, counted: dict[Any, int]) -> int:
+    """Return how many values a new message has; eight numbers of an array count as one."""
+    if cls not in counted:
+        total = 1
+        for field in cls._TYPE.fields:
+            each = _count_values(field.cls, counted) if field.cls else 1
+            size = field.type.capacity if field.type.arity is Arity.ARRAY else 1
+            total += each * size if field.cls or "string" in field.type.base else 1 + size // 8
+        counted[cls] = total
+    return counted[cls]

@@ -1,0 +1,300 @@
+"""The Foxglove WebSocket protocol without I/O: what viewers say is read, what they are told is written.
+
+Decides what is no message of the protocol, and nothing about what is answered. Both names of it stand for the same
+messages: texts are JSON with an ``op``, bytes begin with a number that says what they are, all little-endian. Source:
+the specification that is published for `foxglove.websocket.v1`; `foxglove.sdk.v1` is what the SDK calls it since.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import math
+import reprlib
+import struct
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rosidl_py_gen.errors import RosidlError, printable
+from rosidl_py_gen.ros_cli.foxglove.limits import MAX_ENTRIES, MAX_NAME, MAX_STATUS_LENGTH, MAX_TEXT, MAX_VALUES
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
+WARNING, ERROR = 1, 2
+"""Levels of a status."""
+_MESSAGE, _TIME, _RESPONSE = struct.Struct("<BIQ"), struct.Struct("<BQ"), struct.Struct("<BIII")
+_PUBLISHED, _CALL = struct.Struct("<I"), struct.Struct("<III")
+_CDR, _SCHEMA = "cdr", "ros2msg"
+
+
+class ProtocolError(RosidlError):
+    """The viewer said what is no message of the protocol, or what it may not say now."""
+
+
+# ----------------------------------------------------------------------------------------------------- what viewers say
+
+
+class ClientAdvertisement(NamedTuple):
+    """A topic that a viewer wants to publish on."""
+
+    topic: str
+    encoding: str
+    schema_name: str
+    schema_encoding: str
+    schema: bytes
+
+
+class ServiceCallRequest(NamedTuple):
+    """A request to a service."""
+
+    service: int
+    number: int
+    encoding: str
+    data: bytes
+
+
+class ClientMessage(NamedTuple):
+    """One message of a viewer.
+
+    Attributes:
+        op: as in JSON; `publish` and `call` for what is bytes.
+        what: to `subscribe`, numbers of subscriptions and their channels; to `advertise`, numbers of channels and their
+            `ClientAdvertisement`; to end something, numbers of it; to `publish`, number of a channel and data; to
+            `call`, a `ServiceCallRequest`; names of parameters, or names and values to set.
+        id: of a question about parameters that wants an answer.
+    """
+
+    op: str
+    what: Any
+    id: str | None = None
+
+
+def read(message: str | bytes) -> ClientMessage:
+    """What a viewer says; raises `ProtocolError`."""
+    try:
+        if isinstance(message, bytes):
+            return _read_bytes(message)
+        if len(message) > MAX_TEXT:
+            raise ValueError(f"got a text of {len(message)} characters, expected at most {MAX_TEXT}")
+        said = json.loads(message, parse_constant=_no_number, parse_int=_integer)
+        key, read_one = _READ[said["op"]]
+        what = [read_one(one) for one in _entries(key, said[key])] if key else None
+        if said["op"] == "setParameters":
+            _require_few_values(what or [])
+        return ClientMessage(said["op"], what, None if said.get("id") is None else _name(said["id"]))
+    except KeyError as missing:
+        raise ProtocolError(f"Invalid message: there is no {_short(missing.args[0])}") from None
+    except (TypeError, ValueError, IndexError, RecursionError, struct.error) as error:
+        raise ProtocolError(f"Invalid message: {printable(str(error), 200)}") from None
+
+
+def _read_bytes(message: bytes) -> ClientMessage:
+    if message[0] == 1:
+        return ClientMessage("publish", (*_PUBLISHED.unpack_from(message, 1), message[1 + _PUBLISHED.size :]))
+    if message[0] != 2:
+        raise ValueError(f"no opcode {message[0]}")
+    service, number, length = _CALL.unpack_from(message, 1)
+    begin = 1 + _CALL.size
+    end = begin + length
+    if length > MAX_NAME:
+        raise ValueError(f"got an encoding of {length} bytes, expected at most {MAX_NAME}")
+    return ClientMessage("call", ServiceCallRequest(service, number, message[begin:end].decode(), message[end:]))
+
+
+def _no_number(text: str) -> float:
+    raise ValueError(f"{text} is no number of JSON")
+
+
+def _integer(text: str) -> int:
+    """Return an integer that fits into 64 bits; Python's own take quadratic time."""
+    if len(text) > 20 or not -(1 << 63) <= (value := int(text)) < 1 << 63:
+        raise ValueError(f"got the number {text:.30} of {len(text)} digits, expected -2^63 to 2^63 - 1")
+    return value
+
+
+def _short(value: Any) -> str:
+    """Return a representation of bounded length; of a large list the time is bounded, too."""
+    return f"{reprlib.repr(value):.50}"
+
+
+def _number(value: Any) -> int:
+    if type(value) is not int or not 0 <= value < 1 << 32:
+        raise ValueError(f"expected a number from 0 to {(1 << 32) - 1}, found {_short(value)}")
+    return value
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise ValueError(f"expected a text, found {_short(value)}")
+    return value
+
+
+def _name(value: Any) -> str:
+    if len(_text(value)) > MAX_NAME:
+        raise ValueError(f"got {_short(value)} of {len(value)} characters, expected at most {MAX_NAME}")
+    return value  # type: ignore[no-any-return]
+
+
+def _entries(key: str, value: Any) -> list[Any]:
+    if not isinstance(value, list):
+        raise ValueError(f"expected a list, found {_short(value)}")
+    if len(value) > MAX_ENTRIES:
+        raise ValueError(f"got {len(value)} {key}, expected at most {MAX_ENTRIES} in a message; send several")
+    return value
+
+
+def _require_few_values(wanted: list[tuple[str, Any]]) -> None:
+    count = sum(len(value) for _, value in wanted if isinstance(value, list))
+    if count > MAX_VALUES:
+        raise ValueError(f"got {count} values in lists, expected at most {MAX_VALUES} in a message")
+
+
+def _offer(one: Mapping[str, Any]) -> tuple[int, ClientAdvertisement]:
+    topic, encoding, name = (_name(one[key]) for key in ("topic", "encoding", "schemaName"))
+    schema_encoding, schema = _name(one.get("schemaEncoding") or ""), _text(one.get("schema") or "")
+    return _number(one["id"]), ClientAdvertisement(topic, encoding, name, schema_encoding, schema.encode())
+
+
+def _wanted(one: Mapping[str, Any]) -> tuple[str, Any]:
+    name, value = _name(one["name"]), one.get("value")
+    if one.get("type") == "byte_array":
+        try:
+            value = base64.b64decode(_text(value), validate=True)
+        except binascii.Error as error:
+            raise ValueError(f"{_short(name)} is no base64: {error}") from None
+    for item in value if isinstance(value, list) else (value,):
+        if isinstance(item, list | dict) or (item is None and value is not None):
+            raise ValueError(f"a parameter has a value, or a list of values, not {_short(value)}")
+        if isinstance(item, float) and not math.isfinite(item):
+            raise ValueError(f"the number for {_short(name)} is beyond the range of a double")
+    return name, value
+
+
+_READ: dict[str, tuple[str, Callable[[Any], Any]]] = {
+    "subscribe": ("subscriptions", lambda one: (_number(one["id"]), _number(one["channelId"]))),
+    "unsubscribe": ("subscriptionIds", _number),
+    "advertise": ("channels", _offer),
+    "unadvertise": ("channelIds", _number),
+    "getParameters": ("parameterNames", _name),
+    "setParameters": ("parameters", _wanted),
+    "subscribeParameterUpdates": ("parameterNames", _name),
+    "unsubscribeParameterUpdates": ("parameterNames", _name),
+    "subscribeConnectionGraph": ("", _text),
+    "unsubscribeConnectionGraph": ("", _text),
+    "fetchAsset": ("", _text),
+}
+"""Key of a list, and what reads one of it."""
+
+
+# ------------------------------------------------------------------------------------------------ what viewers are told
+
+
+def _say(op: str, **fields: Any) -> str:
+    return json.dumps({"op": op, **fields}, separators=(",", ":"), allow_nan=False)
+
+
+def server_info(name: str, capabilities: list[str], encodings: list[str], session: str) -> str:
+    """What comes first."""
+    return _say("serverInfo", name=name, capabilities=capabilities, supportedEncodings=encodings, sessionId=session)
+
+
+def status(text: str, level: int = WARNING) -> str:
+    """What is wrong."""
+    return _say("status", level=level, message=printable(text, MAX_STATUS_LENGTH))
+
+
+def channel(number: int, topic: str, type_name: str, definition: str) -> dict[str, Any]:
+    """A topic of CDR, for `advertise`."""
+    named = {"id": number, "topic": topic, "encoding": _CDR, "schemaName": type_name}
+    return {**named, "schema": definition, "schemaEncoding": _SCHEMA}
+
+
+def advertise(channels: Iterable[dict[str, Any]]) -> str:
+    """New topics."""
+    return _say("advertise", channels=list(channels))
+
+
+def unadvertise(channels: list[int]) -> str:
+    """Topics that are gone."""
+    return _say("unadvertise", channelIds=channels)
+
+
+def service(number: int, name: str, type_name: str, texts: tuple[str, str]) -> dict[str, Any]:
+    """A service with CDR, for `advertise_services`; `texts` define request and response."""
+    halves = {
+        half.lower(): {"encoding": _CDR, "schemaName": f"{type_name}_{half}", "schemaEncoding": _SCHEMA, "schema": text}
+        for half, text in zip(("Request", "Response"), texts, strict=True)
+    }
+    return {"id": number, "name": name, "type": type_name, **halves}
+
+
+def advertise_services(services: Iterable[dict[str, Any]]) -> str:
+    """New services."""
+    return _say("advertiseServices", services=list(services))
+
+
+def unadvertise_services(services: list[int]) -> str:
+    """Services that are gone."""
+    return _say("unadvertiseServices", serviceIds=services)
+
+
+def message_data(subscription: int, time_ns: int, data: bytes) -> bytes:
+    """A message of a topic."""
+    return _MESSAGE.pack(1, subscription, time_ns) + data
+
+
+def time(time_ns: int) -> bytes:
+    """The time of the server."""
+    return _TIME.pack(2, time_ns)
+
+
+def response(call: ServiceCallRequest, data: bytes) -> bytes:
+    """The answer of a service, in the encoding of the request."""
+    encoding = call.encoding.encode()
+    return _RESPONSE.pack(3, call.service, call.number, len(encoding)) + encoding + data
+
+
+def failure(call: ServiceCallRequest, text: str) -> str:
+    """Why there is no answer of a service."""
+    return _say(
+        "serviceCallFailure", serviceId=call.service, callId=call.number, message=printable(text, MAX_STATUS_LENGTH)
+    )
+
+
+def parameter_values(values: Mapping[str, Any], id: str | None = None) -> str:
+    """Parameters by name, those that are unset left out; `id` is that of the request."""
+    told = [{"name": name, **_value(value)} for name, value in values.items() if value is not None]
+    return _say("parameterValues", parameters=told, **({} if id is None else {"id": id}))
+
+
+def _value(value: Any) -> dict[str, Any]:
+    """The value, with its type where JSON does not tell; JSON has no infinity, and no NaN."""
+    if isinstance(value, bytes):
+        return {"type": "byte_array", "value": base64.b64encode(value).decode()}
+    if isinstance(value, float):
+        return {"type": "float64", "value": value if math.isfinite(value) else None}
+    if isinstance(value, tuple | list) and value and isinstance(value[0], float):
+        return {"type": "float64_array", "value": [one if math.isfinite(one) else None for one in value]}
+    return {"value": value}
+
+
+Names = dict[str, list[str]]
+Graph = tuple[Names, Names, Names]
+"""Nodes that publish a topic, subscribe to one, and serve a service, by name."""
+NO_GRAPH: Graph = ({}, {}, {})
+
+
+def graph_update(before: Graph, now: Graph) -> str:
+    """What has changed from one graph to another."""
+    changed = [
+        [{"name": name, key: new.get(name, [])} for name in old | new if old.get(name) != new.get(name)]
+        for old, new, key in zip(before, now, ("publisherIds", "subscriberIds", "providerIds"), strict=True)
+    ]
+    return _say(
+        "connectionGraphUpdate",
+        **dict(zip(("publishedTopics", "subscribedTopics", "advertisedServices"), changed, strict=True)),
+        removedTopics=[name for name in before[0] | before[1] if name not in now[0] and name not in now[1]],
+        removedServices=[name for name in before[2] if name not in now[2]],
+    )

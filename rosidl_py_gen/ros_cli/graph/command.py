@@ -1,0 +1,223 @@
+"""``graph``: which nodes are connected through which topics, services and actions.
+
+Decides what belongs into the picture: an action is one thing, not two topics and three services; what every node has
+is left out. How it is drawn is in `graph/text.py` and `graph/svg.py`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.base.output import printable_line
+from rosidl_py_gen.ros_cli import ToolError, options, terminal_output, verb
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions
+    from rosidl_py_gen.ros_cli.graph.picture import Edge, Picture
+    from rosidl_py_gen.runtime import NamesAndTypes, Node
+
+
+_ENDINGS = {".svg": "svg", ".mmd": "mermaid", ".mermaid": "mermaid", ".md": "markdown", ".json": "json", ".txt": "text"}
+_ACTION, _GOAL = "/_action/", "/_action/send_goal"
+_EVERY_TOPIC = ("/rosout", "/parameter_events")
+_EVERY_PACKAGE = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
+
+
+@click.command("graph")
+@options.output_format_options("svg")
+@click.option(
+    "--node",
+    "nodes",
+    multiple=True,
+    metavar="NAME",
+    shell_complete=options.completion("nodes"),
+    help="Only these nodes and what they are connected with; * stands for anything, may be given several times.",
+)
+@click.option(
+    "--topic",
+    "topics",
+    multiple=True,
+    metavar="NAME",
+    shell_complete=options.completion("topics"),
+    help="Only these topics, services or actions; as --node.",
+)
+@click.option("-a", "--all", "everything", is_flag=True, help="Show hidden names and what every node has, too.")
+@options.node_options
+@verb
+async def graph(
+    network: NetworkOptions,
+    kind: str | None,
+    as_json: bool,
+    output: str | None,
+    nodes: tuple[str, ...],
+    topics: tuple[str, ...],
+    everything: bool,
+) -> int:
+    """Show which nodes are connected through which topics, services and actions.
+
+    Parameter services, /rosout and /parameter_events, which every node has, are left out.
+
+    \b
+    rosidl-py graph
+    rosidl-py graph -o graph.svg
+    rosidl-py graph --node '/camera*' --format mermaid
+    """
+    import asyncio
+
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
+
+    kind = "json" if as_json else kind or _kind_of(output)
+    async with CommandNode(network) as session:
+        await session.wait_for_node_names()
+        picture = _filtered(_picture(session, everything), nodes, topics)
+    if output is None and kind == "text":
+        from rosidl_py_gen.ros_cli.graph.text import print_text
+
+        print_text(picture)
+        return 0
+    text = _drawn(picture, kind)
+    if output is None:
+        terminal_output.block(text.rstrip("\n"))
+    else:
+        await asyncio.to_thread(Path(output).write_text, text, encoding="utf-8")
+        terminal_output.note(f"wrote {output}: {len(picture.nodes)} nodes")
+    return 0
+
+
+def _kind_of(output: str | None) -> str:
+    """What the ending of a file says; text without a file."""
+    if output is None:
+        return "text"
+    ending = Path(output).suffix.lower()
+    if ending not in _ENDINGS:
+        raise ToolError(f"{output}: the ending says how to draw; expected one of {', '.join(_ENDINGS)}, or --format")
+    return _ENDINGS[ending]
+
+
+def _drawn(picture: Picture, kind: str) -> str:
+    from rosidl_py_gen.ros_cli.graph import svg as graph_svg
+    from rosidl_py_gen.ros_cli.graph import text as graph_text
+
+    draw: dict[str, Callable[[Picture], str]] = {
+        "svg": graph_svg.svg,
+        "mermaid": graph_text.mermaid,
+        "markdown": lambda picture: f"```mermaid\n{graph_text.mermaid(picture)}```\n",
+        "json": graph_text.as_json,
+        "text": lambda picture: "".join(f"{printable_line(line)}\n" for line, _ in graph_text.lines(picture)),
+    }
+    return draw[kind](picture)
+
+
+def _picture(session: CommandNode, everything: bool) -> Picture:
+    from rosidl_py_gen.ros_cli.graph.picture import Picture
+
+    node = session.node
+    found: set[Edge] = set()
+    names = []
+    for info in node.get_nodes():
+        full = info.fully_qualified_name
+        if full != node.fully_qualified_name and (everything or not info.name.startswith("_")):
+            names.append(full)
+            found.update(_edges_of(node, info.name, info.namespace, full, everything))
+    found.update(_edges_without_node(node, everything))
+    strangers = {edge.node for edge in found} - set(names)
+    return Picture(session.context.domain_id, sorted({*names, *strangers}), sorted(found), _apart(node, found))
+
+
+def _apart(node: Node, edges: Iterable[Edge]) -> frozenset[tuple[str, str, str]]:
+    """Publisher's node, topic and subscriber's node of those whose endpoints all do not match."""
+    match: dict[tuple[str, str, str], bool] = {}
+    for topic in {edge.name for edge in edges if edge.kind == "topic"}:
+        apart = {
+            (one.writer.endpoint_gid, one.reader.endpoint_gid) for one in node.incompatible_endpoints_of_topic(topic)
+        }
+        for writer, reader in product(
+            node.get_publishers_info_by_topic(topic), node.get_subscriptions_info_by_topic(topic)
+        ):
+            pair = writer.node_text, topic, reader.node_text
+            match[pair] = match.get(pair, False) or (writer.endpoint_gid, reader.endpoint_gid) not in apart
+    return frozenset(pair for pair, are_connected in match.items() if not are_connected)
+
+
+def _edges_of(node: Node, name: str, namespace: str, full: str, everything: bool) -> Iterator[Edge]:
+    from rosidl_py_gen.ros_cli.graph.picture import Edge
+
+    topics: dict[str, Callable[[str, str], NamesAndTypes]] = {
+        "publishes": node.get_publisher_names_and_types_by_node,
+        "subscribes": node.get_subscriber_names_and_types_by_node,
+    }
+    services: dict[str, Callable[[str, str], NamesAndTypes]] = {
+        "serves": node.get_service_names_and_types_by_node,
+        "calls": node.get_client_names_and_types_by_node,
+    }
+    for role, ask in topics.items():
+        for topic, types in ask(name, namespace):
+            if _is_topic(topic, everything):
+                yield Edge(full, role, "topic", topic, tuple(types))
+    for role, ask in services.items():
+        for service, types in ask(name, namespace):
+            if service.endswith(_GOAL):
+                actions = tuple(one.removesuffix("_SendGoal") for one in types)
+                yield Edge(full, role, "action", service.removesuffix(_GOAL), actions)
+            elif _ACTION not in service and (everything or _is_own(service, types)):
+                yield Edge(full, role, "service", service, tuple(types))
+
+
+def _edges_without_node(node: Node, everything: bool) -> Iterator[Edge]:
+    """Endpoints that belong to no node, or to one whose name did not arrive."""
+    from rosidl_py_gen.ros_cli.graph.picture import Edge
+
+    for topic, _ in node.get_topic_names_and_types():
+        if _is_topic(topic, everything):
+            for role, infos in (
+                ("publishes", node.get_publishers_info_by_topic(topic)),
+                ("subscribes", node.get_subscriptions_info_by_topic(topic)),
+            ):
+                for info in infos:
+                    if not info.has_node_name:
+                        yield Edge(info.node_text, role, "topic", topic, (info.topic_type,))
+
+
+def _is_topic(topic: str, everything: bool) -> bool:
+    return _ACTION not in topic and (everything or not (topic in _EVERY_TOPIC or "/_" in topic))
+
+
+def _is_own(service: str, types: Iterable[str]) -> bool:
+    """Whether the node has it for a purpose of its own."""
+    return "/_" not in service and not any(one.startswith(_EVERY_PACKAGE) for one in types)
+
+
+def _filtered(picture: Picture, nodes: tuple[str, ...], topics: tuple[str, ...]) -> Picture:
+    if not nodes and not topics:
+        return picture
+    chosen_nodes = _matching(nodes, picture.nodes, "node")
+    chosen_names = _matching(topics, sorted({edge.name for edge in picture.edges}), "topic, service or action")
+    names = {
+        (edge.kind, edge.name)
+        for edge in picture.edges
+        if (not nodes or edge.node in chosen_nodes) and (not topics or edge.name in chosen_names)
+    }
+    edges = [edge for edge in picture.edges if (edge.kind, edge.name) in names]
+    shown = chosen_nodes if nodes else {edge.node for edge in edges}
+    return replace(picture, nodes=sorted(shown), edges=edges)
+
+
+def _matching(patterns: tuple[str, ...], known: list[str], what: str) -> set[str]:
+    found: set[str] = set()
+    for text in patterns:
+        pattern = text if text.startswith(("/", "*", "(")) else f"/{text}"
+        matches = [name for name in known if fnmatchcase(name, pattern)]
+        if not matches:
+            hint = did_you_mean(pattern, known) or f"; there are {len(known)}"
+            raise ToolError(f"no {what} {pattern}{hint}")
+        found.update(matches)
+    return found

@@ -1,0 +1,173 @@
+"""The graph as an SVG picture: publishers, topics and subscribers in columns; below clients, services and servers.
+
+Decides the layout: three columns whose order is changed until few lines cross. A node that publishes and subscribes
+stands on both sides. Libraries that lay out graphs need the programs of graphviz, or are not maintained, and lines
+between three columns need none. Text is monospaced, so that boxes fit without measuring.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.errors import printable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from rosidl_py_gen.ros_cli.graph.picture import Edge, Picture
+
+_CHAR, _SMALL = 7.25, 6.05
+"""Width of a character of 12 and of 10 pixels."""
+_ROW, _GAP, _PAD, _MARGIN, _BETWEEN, _HEAD = 40, 12, 10, 24, 110, 26
+_MAX_CHARS = 60
+_SWEEPS = 6
+_STYLE = (
+    "text{font:12px monospace;fill:#1b2733}.type{font-size:10px;fill:#5b6b7a}.head{font-size:11px;fill:#7a8794}"
+    "rect{stroke-width:1}.node{fill:#e8f0fe;stroke:#4a7dbd}.topic{fill:#eef7ee;stroke:#5c9a63}"
+    ".service{fill:#fff4e2;stroke:#c98a2b}.action{fill:#fdecef;stroke:#c0566d}"
+    "path{fill:none;stroke:#8a99a8;stroke-width:1.2}.arrow{fill:#8a99a8;stroke:none}"
+)
+_ARROW = (
+    '<defs><marker id="arrow" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="8" markerHeight="8" orient="auto">'
+    '<path class="arrow" d="M0 1L8 4L0 7z"/></marker></defs>'
+)
+
+
+@dataclass
+class _Box:
+    """Something with a place; `y` is its middle."""
+
+    name: str
+    kind: str
+    types: str = ""
+    x: float = 0
+    y: float = 0
+    width: float = 0
+
+
+def svg(picture: Picture) -> str:
+    """A complete SVG file."""
+    parts = [
+        _ColumnLayout(
+            [edge for edge in picture.edges if edge.kind == "topic"], ("publishers", "topics", "subscribers")
+        ),
+        _ColumnLayout(
+            [edge for edge in picture.edges if edge.kind != "topic"], ("clients", "services, actions", "servers")
+        ),
+    ]
+    connected = {edge.node for edge in picture.edges}
+    alone = [name for name in picture.nodes if name not in connected]
+    drawn: list[str] = []
+    y = float(_MARGIN)
+    width = 300.0
+    for part in parts:
+        if part.edges:
+            part.place(y)
+            drawn += part.draw()
+            y, width = part.bottom + _MARGIN, max(width, part.right)
+    for text in [f"no connections: {', '.join(alone)}"] if alone else [] if connected else ["no nodes"]:
+        drawn.append(f'<text x="{_MARGIN}" y="{y + 12:.0f}" class="head">{_shown(text, 400)}</text>')
+        y, width = y + _MARGIN, max(width, min(len(text), 400) * _CHAR)
+    size = f"{width + 2 * _MARGIN:.0f}", f"{y + _MARGIN:.0f}"
+    head = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{size[0]}" height="{size[1]}" '
+        f'viewBox="0 0 {size[0]} {size[1]}"><style>{_STYLE}</style>{_ARROW}'
+        f'<rect width="100%" height="100%" fill="#fff"/>'
+    )
+    return "\n".join([head, *drawn, "</svg>"]) + "\n"
+
+
+class _ColumnLayout:
+    """Three columns and the lines between them."""
+
+    def __init__(self, edges: list[Edge], heads: tuple[str, str, str]) -> None:
+        self.edges = edges
+        self.bottom = self.right = 0.0
+        self._heads = heads
+        into = ("publishes", "calls")
+        middle: dict[tuple[str, str], _Box] = {}
+        sides: tuple[dict[str, _Box], dict[str, _Box]] = ({}, {})
+        self._lines: list[tuple[_Box, _Box]] = []
+        for edge in edges:
+            box = middle.setdefault((edge.kind, edge.name), _Box(edge.name, edge.kind, ", ".join(edge.types)))
+            is_left = edge.role in into
+            node = sides[not is_left].setdefault(edge.node, _Box(edge.node, "node"))
+            self._lines.append((node, box) if is_left else (box, node))
+        self._columns = [list(sides[0].values()), list(middle.values()), list(sides[1].values())]
+
+    def place(self, top: float) -> None:
+        """Find the order and the places of all boxes."""
+        self._order()
+        tallest = max(map(len, self._columns)) * (_ROW + _GAP)
+        x = float(_MARGIN)
+        for column in self._columns:
+            width = max([len(self._heads[0]) * _CHAR, *(_width(box) for box in column)])
+            y = top + _HEAD + (tallest - len(column) * (_ROW + _GAP)) / 2
+            for number, box in enumerate(column):
+                box.x, box.y, box.width = x, y + number * (_ROW + _GAP) + _ROW / 2, width
+            x += width + _BETWEEN
+        self._top, self.bottom, self.right = top, top + _HEAD + tallest, x - _BETWEEN
+
+    def _order(self) -> None:
+        """Put each box at the mean place of those it is connected with, column by column, to and fro."""
+        neighbours: dict[int, list[_Box]] = {}
+        for left, right in self._lines:
+            neighbours.setdefault(id(left), []).append(right)
+            neighbours.setdefault(id(right), []).append(left)
+        self._number()
+        for sweep in range(_SWEEPS):
+            for column in self._columns if sweep % 2 else reversed(self._columns):
+                column.sort(key=lambda box: _mean([other.y for other in neighbours[id(box)]]))
+                self._number()
+
+    def _number(self) -> None:
+        for column in self._columns:
+            for number, box in enumerate(column):
+                box.y = (number + 0.5) / len(column)
+
+    def draw(self) -> Iterator[str]:
+        """The elements, lines first."""
+        for left, right in self._lines:
+            start, end = left.x + left.width, right.x
+            bend = (end - start) / 2
+            yield (
+                f'<path d="M{start:.1f} {left.y:.1f}C{start + bend:.1f} {left.y:.1f} {end - bend:.1f} {right.y:.1f} '
+                f'{end:.1f} {right.y:.1f}" marker-end="url(#arrow)"/>'
+            )
+        for head, column in zip(self._heads, self._columns, strict=True):
+            if column:
+                yield f'<text x="{column[0].x:.1f}" y="{self._top + 12:.1f}" class="head">{head}</text>'
+            for box in column:
+                yield from _draw(box)
+
+
+def _width(box: _Box) -> float:
+    name, types = min(len(box.name), _MAX_CHARS), min(len(box.types), _MAX_CHARS)
+    return max(name * _CHAR, types * _SMALL) + 2 * _PAD
+
+
+def _mean(places: Sequence[float]) -> float:
+    return sum(places) / len(places)
+
+
+def _draw(box: _Box) -> Iterator[str]:
+    round_ = _ROW / 2 if box.kind == "topic" else 4
+    text_y = box.y - 3 if box.types else box.y + 4
+    full = f"{box.name} {box.types}".rstrip()
+    yield f"<g><title>{_shown(full, 1000)}</title>"
+    yield (
+        f'<rect class="{box.kind}" x="{box.x:.1f}" y="{box.y - _ROW / 2:.1f}" width="{box.width:.1f}" '
+        f'height="{_ROW}" rx="{round_:.0f}"/>'
+    )
+    middle = box.x + box.width / 2
+    yield f'<text x="{middle:.1f}" y="{text_y:.1f}" text-anchor="middle">{_shown(box.name)}</text>'
+    if box.types:
+        y = box.y + 13
+        yield f'<text class="type" x="{middle:.1f}" y="{y:.1f}" text-anchor="middle">{_shown(box.types)}</text>'
+    yield "</g>"
+
+
+def _shown(text: str, most: int = _MAX_CHARS) -> str:
+    return escape(printable(text if len(text) <= most else f"{text[: most - 3]}..."))

@@ -1,0 +1,124 @@
+"""``bag play``: what a run of it is."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import nullcontext
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.ros_cli import DAMAGED, AsyncCommand, ToolError, terminal_output
+from rosidl_py_gen.ros_cli.bag.qos_overrides import read_qos_overrides
+from rosidl_py_gen.ros_cli.bag.selection import progress
+from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, first_of
+from rosidl_py_gen.ros_cli.keyboard import read_keys
+from rosidl_py_gen.ros_cli.playback.controls import PLAYER, serve
+from rosidl_py_gen.ros_cli.playback.player import Player
+from rosidl_py_gen.ros_cli.playback.recording import Recording
+from rosidl_py_gen.ros_cli.playback.selection import part_of, played
+from rosidl_py_gen.ros_cli.playback.senders import unplayable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from rosidl_py_gen.ros_cli.bag.selection import BagSelection
+    from rosidl_py_gen.ros_cli.playback.command import PlayOptions
+    from rosidl_py_gen.runtime import QoSProfile
+
+_LISTENERS_S = 2.0
+"""Until everybody who listens is known; those on Fast DDS are up to a second late (docs/internals/dds.md 6)."""
+_RATE_STEP = 0.1
+
+
+def play_bag(network: NetworkOptions, options: PlayOptions) -> AsyncCommand:
+    """Play what the options say. Raises as `read_qos_overrides`."""
+    overrides = read_qos_overrides(options.qos_file)
+    return AsyncCommand(_open(network, options, overrides), endless=options.loop)
+
+
+async def _open(network: NetworkOptions, options: PlayOptions, overrides: Mapping[str, QoSProfile]) -> int:
+    with Recording(options.bags, options.paths, options.storage) as recording:
+        topics = _playable(recording, played(recording, options))
+        part = part_of(recording, topics, options)
+        await _play(network, recording, part, options, overrides)
+        return DAMAGED if recording.is_damaged else 0
+
+
+def _playable(recording: Recording, topics: Sequence[str]) -> list[str]:
+    """Without the topics that ROS 2 cannot have.
+
+    Raises:
+        ToolError: nothing is left.
+    """
+    left = {}
+    for _, channel in recording.channels:
+        if channel.name not in topics:
+            continue
+        if reason := unplayable(channel):
+            terminal_output.note(f"{channel.name} [{channel.type_name}] is left out: {reason}")
+        else:
+            left[channel.name] = True
+    if topics and not left:
+        raise ToolError(f"{recording.name}: none of its topics can be played")
+    return [name for name in topics if name in left]
+
+
+async def _play(
+    network: NetworkOptions,
+    recording: Recording,
+    part: BagSelection,
+    options: PlayOptions,
+    overrides: Mapping[str, QoSProfile],
+) -> None:
+    node_options = {"start_type_description_service": True}  # others may not have the types
+    async with CommandNode(network, overrides=node_options) as session:
+        player = Player(session, recording, part, options, overrides)
+        serve(session.node, player)
+        await session.wait_for_discovery()
+        if network.get("spin_time_s") is None:
+            await asyncio.gather(
+                player.senders.wait_for_subscribers(_LISTENERS_S), player.requests.wait_for_servers(_LISTENERS_S)
+            )
+        await asyncio.sleep(options.delay_s)
+        await _play_with_keys(player, options)
+        await asyncio.gather(player.senders.wait_acknowledged(options.acked_ms), player.requests.wait_for_responses())
+        sent = player.requests.count
+        told = f" and sent {sent} requests" if options.publish_requests or options.actions_as_client else ""
+        terminal_output.note(f"published {player.count - sent} messages of {len(part.topics)} topics{told}")
+
+
+async def _play_with_keys(player: Player, options: PlayOptions) -> None:
+    """Play as long as it is to be, and let keys steer it."""
+    actions: dict[str, Callable[[], object]] = {
+        "space": player.toggle,
+        "right": player.step,
+        "up": lambda: player.change_rate(_RATE_STEP),
+        "down": lambda: player.change_rate(-_RATE_STEP),
+    }
+    with nullcontext(False) if options.no_keys else read_keys(actions) as has_keys, progress() as show:
+        usage = "space: pause, →: next message, ↑↓: rate; Ctrl-C ends it" if has_keys else "Ctrl-C ends it"
+        if has_keys and not terminal_output.is_terminal():
+            terminal_output.note(usage)
+        if options.start_paused and not has_keys:
+            terminal_output.note(f"paused, until the service {PLAYER}/resume is called")
+
+        def show_state() -> None:
+            show(f"{player.state()}; {usage}")
+
+        helpers = [player.publish_clock(options.clock_hz)] if options.clock_hz else []
+        if options.progress_hz:
+            player.on_change = show_state
+        if options.progress_hz > 0:
+            helpers.append(_again(show_state, 1 / options.progress_hz))
+        await first_of(_play_repeatedly(player, options.loop), *helpers)
+
+
+async def _play_repeatedly(player: Player, is_loop: bool) -> None:
+    await player.play()
+    while is_loop and not player.is_stopped:
+        await player.play()
+
+
+async def _again(show: Callable[[], None], every_s: float) -> None:
+    while True:
+        show()
+        await asyncio.sleep(every_s)

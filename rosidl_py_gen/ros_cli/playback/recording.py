@@ -1,0 +1,95 @@
+"""One or several bags that are played as one."""
+
+from __future__ import annotations
+
+from heapq import heappop, heappush, merge
+from operator import attrgetter
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.bags import BagReader
+from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli.name_lookup import topic_owner
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from rosidl_py_gen.bags import BagTopic, RawMessage
+
+_KINDS = {".db3": "sqlite3", ".mcap": "mcap"}
+
+
+class Recording:
+    """Bags whose messages are played by their times; use it with ``with``.
+
+    Args:
+        storage: what all files have to be, if the user said so.
+
+    Raises:
+        ToolError: a bag of another storage. BagError, OSError: as `BagReader`.
+    """
+
+    def __init__(self, places: Sequence[str], paths: Sequence[str], storage: str | None = None) -> None:
+        self._readers: list[BagReader] = []
+        try:
+            for place in places:
+                self._readers.append(BagReader(place, search_path=paths, skip_damaged=True))
+                _require_storage(self._readers[-1], storage)
+        except BaseException:
+            self.close()
+            raise
+        self.name = ", ".join(str(one.path) for one in self._readers)
+        """The paths, for messages."""
+        self.channels: list[tuple[BagReader, BagTopic]] = [
+            (reader, channel) for reader in self._readers for channel in reader.channels
+        ]
+        """What was recorded, and which bag knows its definition; one that is in several bags is there several times."""
+        self.owners = {channel.name: topic_owner(channel.name, channel.type_name) for _, channel in self.channels}
+        """What each topic belongs to."""
+        self.topics = sorted(self.owners)
+        filled = [one for one in self._readers if one.end_ns]
+        self.start_ns = min((one.start_ns for one in filled), default=0)
+        """Log time of the first message; 0 when there is none."""
+        self.end_ns = max((one.end_ns for one in filled), default=0)
+        """Log time of the last message."""
+
+    def messages(self, topics: Sequence[str], start_ns: int, end_ns: int) -> Iterator[RawMessage]:
+        """Those with ``start_ns <= log_time < end_ns``, by log time."""
+        each = [
+            reader.raw_messages([one for one in topics if one in reader.topics], start_ns=start_ns, end_ns=end_ns)
+            for reader in self._readers
+        ]
+        return each[0] if len(each) == 1 else merge(*each, key=attrgetter("log_time"))
+
+    @property
+    def is_damaged(self) -> bool:
+        """True if damaged parts were skipped so far."""
+        return any(one.damaged for one in self._readers)
+
+    def close(self) -> None:
+        """May be called twice."""
+        for one in self._readers:
+            one.close()
+
+    def __enter__(self) -> Recording:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _require_storage(reader: BagReader, storage: str | None) -> None:
+    for file in reader.files:
+        found = _KINDS.get(file.suffix if file.suffix in _KINDS else file.with_suffix("").suffix, "")
+        if storage is not None and found != storage:
+            raise ToolError(f"{file} is {found}, not {storage}; leave out --storage, as files say what they are")
+
+
+def by_publish_time(messages: Iterable[RawMessage], ahead: int) -> Iterator[RawMessage]:
+    """Put in the order of their publish times those of which at most `ahead` others came too early."""
+    waiting: list[tuple[int, int, RawMessage]] = []
+    for number, message in enumerate(messages):
+        heappush(waiting, (message.publish_time, number, message))
+        if len(waiting) > ahead:
+            yield heappop(waiting)[2]
+    while waiting:
+        yield heappop(waiting)[2]

@@ -1,0 +1,95 @@
+"""The time of a recording while it is played."""
+
+from __future__ import annotations
+
+import asyncio
+
+from rosidl_py_gen.base.stamps import NS_PER_S
+from rosidl_py_gen.ros_cli.command_node import now_s
+
+
+class Timeline:
+    """Passes at a rate, stands still while it is paused, and jumps. Made on the loop it goes with.
+
+    Args:
+        at_ns: its time now, nanoseconds.
+    """
+
+    def __init__(self, at_ns: int, rate: float, *, is_paused: bool = False) -> None:
+        self._at_ns = at_ns
+        self._since_s = now_s()
+        self._rate = rate
+        self._is_paused = is_paused
+        self._waiting: asyncio.Future[bool] | None = None
+        self._changes = 0
+
+    @property
+    def rate(self) -> float:
+        """2.0 is twice as fast."""
+        return self._rate
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether it stands still."""
+        return self._is_paused
+
+    def now_ns(self) -> int:
+        """The time of the recording."""
+        if self._is_paused:
+            return self._at_ns
+        return self._at_ns + round((now_s() - self._since_s) * self._rate * NS_PER_S)
+
+    def pause(self) -> None:
+        """Stand still."""
+        self.jump(self.now_ns())
+        self._is_paused = True
+
+    def resume(self) -> None:
+        """Go on."""
+        self.jump(self.now_ns())
+        self._is_paused = False
+
+    def set_rate(self, rate: float) -> bool:
+        """Go on at another rate; False, and no change, when it is none."""
+        if not 0 < rate < float("inf"):
+            return False
+        self.jump(self.now_ns())
+        self._rate = rate
+        return True
+
+    def jump(self, at_ns: int) -> None:
+        """Be at another time. Whoever waits looks again what is due."""
+        self._at_ns, self._since_s = at_ns, now_s()
+        self.wake()
+
+    def wake(self) -> None:
+        """Let `until` return."""
+        self._changes += 1
+        if self._waiting is not None and not self._waiting.done():
+            self._waiting.set_result(False)
+
+    async def until(self, at_ns: int | None) -> bool:
+        """Wait for a time, None for ever; False when something changed before, and what to wait for may be another."""
+        if not self._is_paused and at_ns is not None:
+            left_s = self._since_s + (at_ns - self._at_ns) / NS_PER_S / self._rate - now_s()
+            if left_s <= 0:
+                before = self._changes
+                await asyncio.sleep(0)
+                return before == self._changes
+        else:
+            left_s = None
+        loop = asyncio.get_running_loop()
+        waiting: asyncio.Future[bool] = loop.create_future()
+        self._waiting = waiting
+        due = None if left_s is None else loop.call_later(left_s, _say_due, waiting)
+        try:
+            return await waiting
+        finally:
+            self._waiting = None
+            if due is not None:
+                due.cancel()
+
+
+def _say_due(waiting: asyncio.Future[bool]) -> None:
+    if not waiting.done():
+        waiting.set_result(True)

@@ -1,0 +1,185 @@
+"""The executables of a package, read from its sources: nothing of them is run.
+
+Console scripts of setup.py (by its syntax tree), setup.cfg and pyproject.toml, the files that CMakeLists.txt installs
+as PROGRAMS, and Python files that it installs into ``lib/<package>``. An installed package has the console scripts of
+its distribution, and what is in ``lib/<package>`` of its prefix.
+"""
+
+from __future__ import annotations
+
+import configparser
+import os
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from rosidl_py_gen.compiler.frontend.files import UnreadableError, read_text
+from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.type_loading.package_files import cmake_installs
+from rosidl_py_gen.type_loading.setup_py import SetupSyntaxError, setup_calls
+
+_ENTRY = re.compile(r"\s*([^\s=]+)\s*=\s*([\w.]+)\s*:\s*([\w.]+)\s*(?:\[.*\])?\s*")
+_TOML_LINE = re.compile(r"""\s*(?:"([^"]+)"|'([^']+)'|([\w-]+))\s*=\s*(?:"([^"\\]*)"|'([^']*)')\s*(?:#.*)?""")
+_GROUP = "console_scripts"
+
+
+@dataclass(frozen=True)
+class Executable:
+    """One executable.
+
+    Attributes:
+        name: what `ros2 run` calls it.
+        folder: is put in front of `sys.path`.
+        source: the file that names it.
+        file: the script that is run, or None.
+        module: has the function that is called, or None.
+        function: with dots for attributes, or None.
+    """
+
+    name: str
+    folder: Path
+    source: Path
+    file: Path | None = None
+    module: str | None = None
+    function: str | None = None
+
+
+def of_sources(folder: Path) -> dict[str, Executable]:
+    """The executables of a source package by name.
+
+    Raises:
+        ToolError: a file that names them cannot be read.
+    """
+    found: dict[str, Executable] = {}
+    for reader, name in ((_setup_py, "setup.py"), (_setup_cfg, "setup.cfg"), (_pyproject, "pyproject.toml")):
+        if (folder / name).is_file():
+            texts, root = reader(_text(folder, name), folder / name)
+            for one in _scripts(texts, folder / root, folder / name):
+                found.setdefault(one.name, one)
+    if (folder / "CMakeLists.txt").is_file():
+        for one in _programs(folder):
+            found.setdefault(one.name, one)
+    return found
+
+
+def of_distribution(package: str) -> dict[str, Executable]:
+    """The console scripts of a package that pip installed."""
+    from importlib.metadata import PackageNotFoundError, distribution
+
+    try:
+        installed = distribution(package)
+    except PackageNotFoundError:
+        return {}
+    place = Path(str(installed.locate_file("")))
+    texts = [f"{one.name} = {one.value}" for one in installed.entry_points if one.group == _GROUP]
+    return {one.name: one for one in _scripts(texts, place, place)}
+
+
+def of_prefixes(package: str) -> dict[str, Executable]:
+    """What AMENT_PREFIX_PATH has of a package in ``lib/<package>``."""
+    found: dict[str, Executable] = {}
+    for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
+        folder = Path(prefix, "lib", package)
+        try:
+            names = sorted(os.listdir(folder))
+        except OSError:
+            continue
+        for name in names:
+            path = folder / name
+            if path.is_file() and os.access(path, os.X_OK):
+                found.setdefault(name, Executable(name, folder, folder, file=path))
+    return found
+
+
+def _text(folder: Path, name: str) -> str:
+    try:
+        return read_text(folder, name)
+    except UnreadableError as error:
+        raise ToolError(f"{folder / name}: {error.reason}") from error
+
+
+def _scripts(texts: Iterable[str], folder: Path, source: Path) -> Iterator[Executable]:
+    for text in texts:
+        found = _ENTRY.fullmatch(text)
+        if found is None:
+            if text.strip():
+                raise ToolError(f'{source}: expected "name = module:function", found "{text.strip()[:200]}"')
+            continue
+        yield Executable(found[1], folder, source, module=found[2], function=found[3])
+
+
+# --- setup.py ---------------------------------------------------------------------------------------------------------
+
+
+def _setup_py(text: str, source: Path) -> tuple[list[str], str]:
+    """Return the console scripts, and where modules are below the package's folder."""
+    try:
+        calls = setup_calls(text, source.parent)
+    except SetupSyntaxError as error:
+        raise ToolError(f"{source}: {error}") from error
+    texts: list[str] = []
+    root = ""
+    for given in calls:
+        points = given.get("entry_points")
+        listed = points.get(_GROUP) if isinstance(points, dict) else None
+        if isinstance(points, str):
+            listed = _section(points, _GROUP)
+        if isinstance(listed, str):
+            listed = listed.splitlines()
+        texts += [one for one in listed or () if isinstance(one, str)] if isinstance(listed, list | tuple) else []
+        folders = given.get("package_dir")
+        if isinstance(folders, dict) and isinstance(folders.get(""), str):
+            root = folders[""]
+    return texts, root
+
+
+# --- setup.cfg, pyproject.toml ----------------------------------------------------------------------------------------
+
+
+def _setup_cfg(text: str, source: Path) -> tuple[list[str], str]:
+    parser = configparser.ConfigParser(interpolation=None, strict=False)
+    try:
+        parser.read_string(text)
+    except configparser.Error as error:
+        raise ToolError(f"{source}: {error}".replace("\n", " ")) from error
+    root = re.search(r"^\s*=\s*(\S+)", parser.get("options", "package_dir", fallback=""), re.MULTILINE)
+    return parser.get("options.entry_points", _GROUP, fallback="").splitlines(), root[1] if root else ""
+
+
+def _pyproject(text: str, source: Path) -> tuple[list[str], str]:
+    """The lines of the table ``[project.scripts]``; Python 3.10 has no parser for all of TOML."""
+    lines = (_TOML_LINE.fullmatch(line) for line in _section(text, "project.scripts"))
+    texts = [f"{one[1] or one[2] or one[3]} = {one[4] or one[5] or ''}" for one in lines if one]
+    return texts, "" if not (source.parent / "src").is_dir() else "src"
+
+
+def _section(text: str, name: str) -> list[str]:
+    """The lines below ``[name]``."""
+    found: list[str] = []
+    is_inside = False
+    for line in text.splitlines():
+        if line.lstrip().startswith("["):
+            is_inside = line.strip().partition("]")[0].lstrip("[").strip() == name
+        elif is_inside:
+            found.append(line)
+    return found
+
+
+# --- CMakeLists.txt ---------------------------------------------------------------------------------------------------
+
+
+def _programs(folder: Path) -> Iterator[Executable]:
+    """Yield what is installed as PROGRAMS, and Python files that go into ``lib/<package>`` in another way."""
+    source = folder / "CMakeLists.txt"
+    try:
+        installs = cmake_installs(folder)
+    except UnreadableError as error:
+        raise ToolError(f"{source}: {error.reason}") from error
+    for one in installs:
+        is_program = one.kind == "PROGRAMS"
+        if is_program or (one.kind in ("FILES", "DIRECTORY") and one.destination.startswith("lib/")):
+            for name, path in one.files():
+                file = folder / path
+                if is_program or (file.suffix == ".py" and "/" not in name):
+                    yield Executable(name, folder, source, file=file)

@@ -1,0 +1,146 @@
+"""A program, run as `python` runs it: `__main__`, `sys.argv`, `sys.path`, exit code, traceback, signals."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.machinery import ModuleSpec, SourceFileLoader
+from pathlib import Path
+from types import CodeType, ModuleType, TracebackType
+from typing import Any
+
+from rosidl_py_gen.ros_cli import ToolError, report
+from rosidl_py_gen.ros_cli.program_runner.traceback_filter import filter_traceback, refused_arguments
+
+_OURS = str(Path(__file__).parents[1])
+
+
+@dataclass(frozen=True)
+class Program:
+    """What is run.
+
+    Attributes:
+        name: `sys.argv[0]`.
+        arguments: what follows it.
+        folder: is put in front of `sys.path`.
+        place: the script, or the folder around which the workspace is.
+        file: the script; None for others.
+        module: the module that is `__main__`, or has the function of a console script.
+        function: the function of a console script, with dots for attributes; None for others.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    folder: str
+    place: Path
+    file: Path | None = None
+    module: str | None = None
+    function: str | None = None
+
+    def start(self) -> None:
+        """Run it. Ends as the program ends: with its exit code, an exception whose traceback was printed, a signal."""
+        sys.path[:1] = [self.folder]
+        sys.argv[:] = [self.name, *self.arguments]
+        try:
+            self._body()()
+        except SystemExit:
+            raise
+        except ToolError as error:  # there is no such module
+            report(str(error))
+            sys.exit(1)
+        except BaseException as error:
+            if refused := refused_arguments(error):
+                report(refused)
+                sys.exit(1)
+            # As the interpreter does it, without our frames; what follows, such as the end by SIGINT, is its own part.
+            error.__traceback__ = _without_ours(error.__traceback__)
+            filter_traceback(error)
+            sys.excepthook(type(error), error, error.__traceback__)
+            sys.excepthook = _nothing
+            raise
+
+    def _body(self) -> Callable[[], Any]:
+        """What is called."""
+        if self.function is not None:
+            return self._console_script
+        if self.module is not None:
+            spec = _spec(self.module)
+            code = _code(spec)
+            sys.argv[0] = spec.origin or self.name
+            main = _main_module(spec.loader, spec.origin, spec)
+        else:
+            assert self.file is not None
+            path = os.path.abspath(self.file)
+            loader = SourceFileLoader("__main__", path)
+            code = loader.source_to_code(loader.get_data(path), path)
+            main = _main_module(loader, path, None)
+        return lambda: exec(code, main.__dict__)
+
+    def _console_script(self) -> None:
+        """What the script of an installed package does."""
+        assert self.module is not None and self.function is not None
+        main = _main_module(None, None, None)
+        found: Any = importlib.import_module(self.module)
+        for name in self.function.split("."):
+            found = getattr(found, name)
+        main.__dict__[self.function.rpartition(".")[2]] = found
+        sys.exit(found())
+
+
+def _main_module(loader: Any, file: str | None, spec: ModuleSpec | None) -> ModuleType:
+    """A fresh `__main__`, with what the interpreter puts there."""
+    main = ModuleType("__main__")
+    main.__loader__ = loader
+    main.__spec__ = spec
+    main.__package__ = None if spec is None else spec.parent
+    if file is not None:
+        main.__file__ = file
+        main.__dict__["__cached__"] = None if spec is None else spec.cached
+    main.__dict__["__builtins__"] = sys.modules["builtins"]
+    main.__annotations__ = {}
+    sys.modules["__main__"] = main
+    return main
+
+
+def _spec(name: str) -> ModuleSpec:
+    """Where the module for ``-m`` is: of a package its `__main__`."""
+    try:
+        spec = importlib.util.find_spec(name)
+        if spec is not None and spec.submodule_search_locations is not None:
+            spec = importlib.util.find_spec(f"{name}.__main__")
+            if spec is None:
+                raise ToolError(f'"{name}" is a package without a module __main__, and cannot be run')
+    except ModuleNotFoundError as missing:
+        if missing.name is None or not (name == missing.name or name.startswith(missing.name + ".")):
+            raise
+        spec = None
+    except ValueError as wrong:
+        raise ToolError(f'expected the name of a module, found "{name}": {wrong}') from wrong
+    if spec is None:
+        raise ToolError(f'no module "{name}" in {os.getcwd()}, in the workspace, or on sys.path')
+    return spec
+
+
+def _code(spec: ModuleSpec) -> CodeType:
+    get = getattr(spec.loader, "get_code", None)
+    code = get(spec.name) if get is not None else None
+    if not isinstance(code, CodeType):
+        raise ToolError(f'the module "{spec.name}" has no code that could be run')
+    return code
+
+
+def _without_ours(traceback: TracebackType | None) -> TracebackType | None:
+    while traceback is not None:
+        file = traceback.tb_frame.f_code.co_filename
+        if not file.startswith((_OURS, "<frozen importlib")) and file != importlib.__file__:
+            break
+        traceback = traceback.tb_next
+    return traceback
+
+
+def _nothing(kind: type[BaseException], error: BaseException, traceback: TracebackType | None) -> None:
+    """The exception was printed."""

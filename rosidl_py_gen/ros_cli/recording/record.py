@@ -1,0 +1,112 @@
+"""``bag record``: from the command line to a bag that is closed.
+
+Decides what is written where: the storage, its compression, and what is said at the end.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import ExitStack
+from datetime import datetime
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.bags import BagWriter, SqliteWriter
+from rosidl_py_gen.ros_cli import AsyncCommand, terminal_output
+from rosidl_py_gen.ros_cli.bag.qos_overrides import read_qos_overrides
+from rosidl_py_gen.ros_cli.bag.selection import progress, size_text
+from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, first_of
+from rosidl_py_gen.ros_cli.keyboard import read_keys
+from rosidl_py_gen.ros_cli.recording.controls import serve
+from rosidl_py_gen.ros_cli.recording.recorder import Recorder
+from rosidl_py_gen.ros_cli.recording.selection import Selection
+from rosidl_py_gen.ros_cli.recording.writer import WriterThread
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from rosidl_py_gen.ros_cli.recording.command import RecordOptions
+    from rosidl_py_gen.runtime import QoSProfile
+
+
+def record_bag(network: NetworkOptions, options: RecordOptions) -> AsyncCommand:
+    """Record what the options say. Raises as `Selection` and `read_qos_overrides`."""
+    selection, qos = Selection(options), read_qos_overrides(options.qos_file)
+    return AsyncCommand(_record(network, partial(_writer, options), options, selection, qos), endless=True)
+
+
+def _writer(options: RecordOptions) -> BagWriter | SqliteWriter:
+    """The bag; raises as its class."""
+    path = options.output or f"rosbag2_{datetime.now():%Y_%m_%d-%H_%M_%S}"
+    packs_files = options.packing == "file"
+    common: dict[str, Any] = {
+        "split_bytes": options.split_bytes,
+        "split_s": options.split_s,
+        "packing": options.packing,
+        "packing_threads": options.threads or (-1 if packs_files else 0),  # one message is too small for several
+        "custom_data": options.custom_data,
+    }
+    if options.storage == "sqlite3":
+        return SqliteWriter(path, **common)
+    inside = options.compression or ("zstd" if options.packing == "none" else "none")
+    return BagWriter(path, compression="" if inside == "none" else inside, **common)
+
+
+async def _record(
+    network: NetworkOptions,
+    create: Callable[[], BagWriter | SqliteWriter],
+    options: RecordOptions,
+    selection: Selection,
+    qos: Mapping[str, QoSProfile],
+) -> int:
+    loop = asyncio.get_running_loop()
+    failed = asyncio.Event()
+    writer: WriterThread | None = None
+    recorder: Recorder | None = None
+    # Others have the types of the services from this node; nobody has rosbag2_interfaces installed for it.
+    overrides = {"start_type_description_service": True, "use_sim_time": options.sim_time}
+    try:
+        # The network first, so that no bag is made where nothing can be heard.
+        async with CommandNode(network, name=options.node_name, overrides=overrides) as session:
+            writer = WriterThread(
+                create(),
+                partial(loop.call_soon_threadsafe, failed.set),
+                max_bytes=options.cache_bytes,
+                snapshots=options.snapshots,
+            )
+            recorder = Recorder(session, writer, options, selection, qos)
+            serve(session.node, recorder, snapshots=options.snapshots)
+            with ExitStack() as kept:
+                if not options.no_keys and kept.enter_context(read_keys({"space": recorder.toggle_paused})):
+                    terminal_output.note("space pauses and goes on")
+                if options.start_paused:
+                    terminal_output.note("paused from the beginning")
+                show = kept.enter_context(progress())
+                end = () if options.duration_s is None else (asyncio.sleep(options.duration_s),)
+                await first_of(failed.wait(), recorder.run(), recorder.report(show), *end)
+    finally:
+        if writer is not None:
+            writer.end()
+            _say_end(writer, recorder, as_json=options.as_json)
+    return 0
+
+
+def _say_end(writer: WriterThread, recorder: Recorder | None, *, as_json: bool) -> None:
+    topics = 0 if recorder is None else len(recorder.recorded)
+    received, early = (0, 0) if recorder is None else (recorder.dropped, recorder.early)
+    dropped = writer.dropped + received
+    if as_json:
+        terminal_output.document(
+            {"path": str(writer.path), "messages": writer.messages, "topics": topics, "dropped": dropped}
+        )
+        return
+    terminal_output.note(
+        f"recorded {writer.messages} messages of {topics} topics, {size_text(writer.bytes)}, in {writer.path}"
+    )
+    if early:
+        terminal_output.note(f"{early} messages came before the first time of /clock, and are left out")
+    if writer.dropped and writer.is_snapshot_mode:
+        terminal_output.note(f"{writer.dropped} messages are larger than --max-cache-size, and in no snapshot")
+        dropped = received
+    if dropped:
+        terminal_output.note(f"{dropped} messages came faster than they could be written, and are missing")

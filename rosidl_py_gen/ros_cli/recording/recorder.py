@@ -1,0 +1,247 @@
+"""Receives what is recorded, and hands it to the writer.
+
+Decides when a topic is subscribed to: before its definition is known, so that nothing is missed while peers are asked.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen import compile_definition, get_message, type_hash, type_name
+from rosidl_py_gen.bags import BagTopic
+from rosidl_py_gen.bags.metadata import qos_text
+from rosidl_py_gen.bags.writer import topic_of
+from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.errors import ClosedError, InvalidNameError, RosidlError, TypeNotFoundError
+from rosidl_py_gen.ros_cli import ToolError, terminal_output, types
+from rosidl_py_gen.ros_cli.bag.selection import size_text
+from rosidl_py_gen.ros_cli.command_node import now_s
+from rosidl_py_gen.ros_cli.name_lookup import TopicOwner
+from rosidl_py_gen.ros_cli.recording.selection import owner_of
+from rosidl_py_gen.runtime import AdaptiveSubscription, validate_full_name
+from rosidl_py_gen.type_loading.from_description import definition_text
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from rosidl_py_gen.cdr import Message
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.ros_cli.recording.command import RecordOptions
+    from rosidl_py_gen.ros_cli.recording.selection import Selection
+    from rosidl_py_gen.ros_cli.recording.writer import WriterThread
+    from rosidl_py_gen.runtime import QoSProfile
+
+_DEPTH = 1000
+"""Messages that may come while this process does something else."""
+_PROGRESS_S = 0.5
+_MISSING = {
+    "topic": "{}",
+    "service": "events of the service {}, whose introspection may be off,",
+    "action": "anything of the action {}",
+}
+
+
+class Recorder:
+    """Subscribes to what is wanted, as `qos` says for a topic, or as its publishers offer it."""
+
+    def __init__(
+        self,
+        session: CommandNode,
+        writer: WriterThread,
+        options: RecordOptions,
+        selection: Selection,
+        qos: Mapping[str, QoSProfile],
+    ) -> None:
+        self._session = session
+        self._node = session.node
+        self._writer = writer
+        self._options = options
+        self._selection = selection
+        self._qos = qos
+        self._followed: list[AdaptiveSubscription[bytes]] = []
+        self._has_looked = False
+        self._compiling = asyncio.Lock()
+        self._tasks: list[asyncio.Task[None]] = []
+        self._owners: set[TopicOwner] = set()  # of what is recorded
+        self.is_paused = options.start_paused
+        """Whether messages are left out."""
+        self.recorded: set[str] = set()
+        """Topics that are recorded."""
+        self._refused: set[str] = set()
+        self.early = 0
+        """Messages that came before the first time of ``/clock``, and were left out."""
+
+    # ------------------------------------------------------------------------------------------------------- steering
+
+    def pause(self) -> None:
+        """Leave out what comes."""
+        if not self.is_paused:
+            self.is_paused = True
+            self._note("paused")
+
+    def resume(self) -> None:
+        """Record what comes."""
+        if self.is_paused:
+            self.is_paused = False
+            self._note("recording goes on")
+
+    def toggle_paused(self) -> None:
+        """The one or the other."""
+        (self.resume if self.is_paused else self.pause)()
+
+    def split(self) -> None:
+        """Go on in a new file."""
+        if not self._writer.split():
+            self._note(f"{self._writer.path} is one file, and not split")
+
+    def snapshot(self) -> bool:
+        """Write what is kept; False when an earlier snapshot is still being written."""
+        is_done = self._writer.snapshot()
+        self._note(f"snapshot into {self._writer.path}" if is_done else "no snapshot: the last one is being written")
+        return is_done
+
+    def _note(self, text: str) -> None:
+        if not self._options.as_json:
+            terminal_output.note(text)
+
+    # ------------------------------------------------------------------------------------------------------- recording
+
+    @property
+    def dropped(self) -> int:
+        """Messages that were not taken in time."""
+        return sum(one.dropped for one in self._followed)
+
+    async def run(self) -> None:
+        """Record what is there, and what appears, for ever."""
+        try:
+            await self._session.wait_for_discovery()
+            self._look()
+            for named in self._selection.named:
+                if named not in self._owners:
+                    what = _MISSING[named.kind].format(named.name)
+                    if self._options.no_discovery:
+                        raise ToolError(f"nobody publishes {what}, and --no-discovery waits for nobody")
+                    terminal_output.note(f"nobody publishes {what} yet; waiting for it")
+            pause_s = self._options.polling_ms / 1000
+            await asyncio.sleep(pause_s)
+            self._look()
+            async for _ in self._node.graph_changes():
+                self._look()
+                await asyncio.sleep(pause_s)
+        finally:
+            for task in self._tasks:
+                task.cancel()
+            await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    async def report(self, show: Any) -> None:
+        """Say how far it is, for ever."""
+        began = now_s()
+        while True:
+            dropped = f", {self.dropped} dropped" if self.dropped else ""
+            text = f"{self._writer.messages} messages of {len(self.recorded)} topics, {size_text(self._writer.bytes)}"
+            kept = f", {self._writer.snapshot_size_text}" if self._writer.snapshot_size_text else ""
+            what = "paused after" if self.is_paused else "recording for"
+            show(f"{what} {now_s() - began:.0f} s: {text}{kept}{dropped}; Ctrl-C ends it")
+            await asyncio.sleep(_PROGRESS_S)
+            for task in self._tasks:
+                if task.done():
+                    task.result()  # its failure is ours
+
+    def _look(self) -> None:
+        """Begin with new topics."""
+        if self._has_looked and self._options.no_discovery:
+            return
+        self._has_looked = True
+        for name, kinds in self._node.get_topic_names_and_types():
+            if (
+                name in self.recorded
+                or not self._selection.takes(name, kinds[0])
+                or not self._has_required_endpoints(name)
+            ):
+                continue
+            if not self._is_valid(name, kinds[0]):
+                continue
+            self.recorded.add(name)
+            self._owners |= {TopicOwner("topic", name), owner_of(name, kinds[0])}
+            if len(kinds) > 1:
+                terminal_output.note(f"{name} has several types, {', '.join(kinds)}: recording those of {kinds[0]}")
+            self._tasks.append(asyncio.ensure_future(self._record(name, kinds[0])))
+
+    def _is_valid(self, topic: str, kind: str) -> bool:
+        """Return True if ROS allows the names; a program without ROS may have others, which are noted once."""
+        if topic in self._refused:
+            return False
+        try:
+            validate_full_name(topic)
+            split_ros_name(kind)
+        except InvalidNameError as error:
+            self._refused.add(topic)
+            terminal_output.note(f"skipped a topic: {str(error).splitlines()[0]}")
+            return False
+        return True
+
+    def _has_required_endpoints(self, topic: str) -> bool:
+        if self._options.no_leaves and not self._node.count_subscribers(topic):
+            return False
+        return self._options.unpublished or self._node.count_publishers(topic) > 0
+
+    async def _record(self, topic: str, kind: str) -> None:
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        offered = [one.qos_profile for one in publishers if one.topic_type == kind]
+        cls = types.opaque_class(self._session, topic, kind)
+        following: AdaptiveSubscription[bytes] = AdaptiveSubscription(
+            self._node,
+            topic,
+            cls,
+            qos=self._qos.get(topic),
+            depth=_DEPTH,
+            raw=True,
+            note=lambda text: terminal_output.note(f"{topic}: {text}"),
+        )
+        async with following as messages:
+            self._followed.append(messages)
+            self._writer.add_topic(await self._bag_topic(topic, kind, offered))
+            self._note(f"recording {topic} [{kind}]")
+            with suppress(ClosedError):  # the node ends
+                while True:
+                    data, info = await messages.receive_with_info()
+                    self._take(topic, data, info.received_timestamp_ns, max(0, info.source_timestamp_ns))
+
+    def _take(self, topic: str, data: bytes, received_ns: int, published_ns: int) -> None:
+        if self.is_paused:
+            return
+        if self._options.sim_time:
+            received_ns = self._node.clock.now_ns()
+            if received_ns <= 0:
+                self.early += 1
+                return
+        self._writer.enqueue(topic, data, received_ns, published_ns)
+
+    async def _bag_topic(self, topic: str, kind: str, qos: Sequence[Any]) -> BagTopic:
+        """The topic as the bag keeps it; without definition when it cannot be found."""
+        async with self._compiling:
+            with suppress(RosidlError):  # in a thread: what arrives meanwhile is to have its own time
+                await asyncio.to_thread(get_message, kind, path=tuple(self._options.paths))
+        try:
+            cls = await types.message_class(self._session, topic, kind, self._options.paths)
+            return await self._topic_of(topic, cls, qos)
+        except RosidlError as error:
+            terminal_output.note(f"{topic}: recorded without a definition of {kind}: {error}")
+        hashes = [one.topic_type_hash for one in self._node.get_publishers_info_by_topic(topic)]
+        return BagTopic(topic, kind, type_hash=(hashes or [""])[0], offered_qos=qos_text(qos))
+
+    async def _topic_of(self, topic: str, cls: type[Message], qos: Sequence[Any]) -> BagTopic:
+        """What belongs to an action has its text; one that is installed nowhere is asked for as a whole."""
+        try:
+            return topic_of(topic, cls, qos)
+        except TypeNotFoundError:
+            owner = owner_of(topic, type_name(cls))
+            if owner.kind != "action":
+                raise
+            action = await types.action_class(self._session, owner.name, paths=self._options.paths)
+            text = definition_text(action)
+            if type_hash(compile_definition(type_name(cls), text)) != type_hash(cls):
+                raise
+            return BagTopic(topic, type_name(cls), text, type_hash=type_hash(cls), offered_qos=qos_text(qos))

@@ -1,0 +1,85 @@
+"""``service call``.
+
+Decides that requests and responses are shown as rclpy's own `repr` shows them, as with ``ros2 service call``.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rosidl_py_gen.ros_cli import AsyncCommand, options, terminal_output, verb
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.cdr import Message
+    from rosidl_py_gen.ros_cli.command_node import NetworkOptions
+    from rosidl_py_gen.runtime import Client
+
+
+@click.command("call")
+@options.service_argument()
+@click.argument("words", nargs=-1, metavar="[TYPE] [VALUES]", shell_complete=options.call_completion("service"))
+@click.option("--stdin", is_flag=True, help="Read the values from standard input.")
+@click.option(
+    "-r", "--rate", type=click.FloatRange(0, min_open=True), metavar="HZ", help="Call again and again, so often."
+)
+@click.option("-f", "--full-length", is_flag=True, help="Show long arrays and texts in full.")
+@options.timeout("Wait so long for the server, and for each response.", default_s=10)
+@options.paths
+@options.as_json
+@options.node_options
+@verb
+def call(
+    network: NetworkOptions,
+    service: str,
+    words: tuple[str, ...],
+    stdin: bool,
+    rate: float | None,
+    full_length: bool,
+    timeout_s: float,
+    paths: tuple[str, ...],
+    as_json: bool,
+) -> AsyncCommand:
+    """Call a service; VALUES are YAML or JSON, what they leave out has its default.
+
+    The type is found out when it is not given. --json prints the response alone.
+
+    \b
+    rosidl-py service call /add_two_ints '{a: 1, b: 2}'
+    rosidl-py service call /add_two_ints example_interfaces/srv/AddTwoInts '{a: 1, b: 2}'
+    rosidl-py service call /status std_srvs/srv/Trigger --rate 2 --json
+    """
+    import asyncio
+
+    from rosidl_py_gen import to_dict
+    from rosidl_py_gen.ros_cli import message_text, types
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.ros_cli.service.info import find_service
+
+    async def main() -> int:
+        type_name, text = message_text.type_and_values(words, stdin=stdin)
+        async with CommandNode(network) as session:
+            name = await types.preload_while_waiting(find_service(session, service, timeout_s))
+            cls: Any = await types.service_class(session, name, type_name, paths)
+            request = message_text.message_from(cls.Request, text)
+            client = session.node.create_client(cls, name)
+            loop = asyncio.get_running_loop()
+            while True:
+                began = loop.time()
+                await one_call(client, request)
+                if rate is None:
+                    return 0
+                await asyncio.sleep(began + 1 / rate - loop.time())
+
+    async def one_call(client: Client[Any, Any], request: Message) -> None:
+        truncate = None if full_length else message_text.TRUNCATE
+        if not as_json:
+            terminal_output.lines([f"requester: making request: {message_text.shown(request, truncate)}", ""])
+        response = await client.call(request, timeout_s)
+        if as_json:
+            (terminal_output.document if rate is None else terminal_output.json_line)(to_dict(response))
+        else:
+            terminal_output.lines(["response:", message_text.shown(response, truncate), ""])
+
+    return AsyncCommand(main(), endless=rate is not None)

@@ -1,0 +1,87 @@
+"""``service echo``: the events of ``<service>/_service_event``.
+
+Decides that an event shows its kind by name. Clients and servers publish these when their introspection is on.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rosidl_py_gen.ros_cli import AsyncCommand, options, terminal_output, verb
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.cdr import Message
+    from rosidl_py_gen.ros_cli.command_node import NetworkOptions
+
+
+_PATIENCE_S = 1.0
+"""Whoever publishes events is discovered together with the service."""
+
+
+@click.command("echo")
+@options.service_argument()
+@click.argument("type_name", metavar="[TYPE]", required=False, shell_complete=options.call_completion("service"))
+@click.option("--once", is_flag=True, help="End after the first event.")
+@click.option("-f", "--full-length", is_flag=True, help="Show long arrays and texts in full.")
+@click.option("--flow-style", is_flag=True, help="Print each event on one line.")
+@options.paths
+@options.as_json
+@options.node_options
+@verb
+def echo(
+    network: NetworkOptions,
+    service: str,
+    type_name: str | None,
+    once: bool,
+    full_length: bool,
+    flow_style: bool,
+    paths: tuple[str, ...],
+    as_json: bool,
+) -> AsyncCommand:
+    """Print requests and responses as they pass, of servers and clients whose introspection is on.
+
+    \b
+    rosidl-py service echo /add_two_ints
+    """
+    from rosidl_py_gen.ros_cli import message_text, types
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.ros_cli.service.info import find_service
+    from rosidl_py_gen.runtime import WaitTimeoutError
+    from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
+
+    async def main() -> int:
+        async with CommandNode(network) as session:
+            name = await types.preload_while_waiting(find_service(session, service))
+            cls: Any = await types.service_class(session, name, type_name, paths)
+            events = session.node.create_subscription(cls.Event, f"{name}/_service_event", qos=SERVICES_DEFAULT)
+            try:
+                await events.wait_for_publishers(_PATIENCE_S)
+            except WaitTimeoutError:
+                terminal_output.note(
+                    f"nobody publishes {name}/_service_event: introspection is off at all servers and clients of "
+                    f"{name}; waiting until somebody turns it on (configure_introspection)"
+                )
+            async for event in events:
+                shown = _plain(event, None if full_length else message_text.TRUNCATE)
+                if as_json:
+                    (terminal_output.document if once else terminal_output.json_line)(shown)
+                else:
+                    terminal_output.block(message_text.to_yaml(shown, flow=flow_style) + "---")
+                if once:
+                    break
+        return 0
+
+    return AsyncCommand(main(), endless=True)
+
+
+def _plain(event: Message, truncate: int | None) -> dict[str, Any]:
+    from rosidl_py_gen.ros_cli import message_text
+    from rosidl_py_gen.runtime import ServiceEventType
+
+    shown = message_text.to_plain(event, truncate=truncate)
+    with suppress(ValueError):  # a peer may send any number
+        shown["info"]["event_type"] = ServiceEventType(shown["info"]["event_type"]).name
+    return shown

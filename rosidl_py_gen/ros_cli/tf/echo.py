@@ -1,0 +1,118 @@
+"""``tf echo``: one transform, again and again, in the form of tf2_echo."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from rosidl_py_gen.base.stamps import sec_nanosec
+from rosidl_py_gen.ros_cli import AsyncCommand, ToolError, options, terminal_output, verb
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from rosidl_py_gen.ros_cli.command_node import NetworkOptions
+    from rosidl_py_gen.tf import Transform
+
+
+@click.command("echo")
+@click.argument("target")
+@click.argument("source")
+@click.option("--once", is_flag=True, help="Print one and stop.")
+@options.report_count
+@click.option(
+    "-r",
+    "--rate",
+    "rate_hz",
+    type=click.FloatRange(0, min_open=True),
+    default=1.0,
+    show_default=True,
+    metavar="HZ",
+    help="Lookups per second.",
+)
+@click.option(
+    "-p", "--precision", type=click.IntRange(0, 17), metavar="N", default=3, show_default=True, help="Digits."
+)
+@options.timeout("Wait so long for the first one.", 10)
+@options.as_json
+@options.node_options
+@verb
+def echo(
+    network: NetworkOptions,
+    target: str,
+    source: str,
+    once: bool,
+    times: int | None,
+    rate_hz: float,
+    precision: int,
+    timeout_s: float,
+    as_json: bool,
+) -> AsyncCommand:
+    """Print where SOURCE is in TARGET, again and again: the transform from SOURCE to TARGET.
+
+    \b
+    rosidl-py tf echo map base_link
+    rosidl-py tf echo odom lidar --once --json
+    """
+    import asyncio
+
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.tf import InvalidTransformError, TransformBuffer, TransformError, TransformTimeoutError
+
+    wanted = 1 if once else times
+
+    async def main() -> int:
+        left = wanted
+        async with CommandNode(network) as session:
+            buffer = TransformBuffer(session.node)
+            try:
+                await buffer.wait_for_transform(target, source, timeout_s=timeout_s)
+            except (TransformTimeoutError, InvalidTransformError) as error:
+                raise ToolError(f'no transform from "{source}" to "{target}": {error}') from None
+            while left is None or left > 0:
+                try:
+                    _show(buffer.lookup_transform(target, source), precision, as_json)
+                    left = None if left is None else left - 1
+                except TransformError as error:
+                    terminal_output.note(f"warning: {error}")
+                if left != 0:
+                    await asyncio.sleep(1 / rate_hz)
+        return 0
+
+    return AsyncCommand(main(), endless=wanted is None)
+
+
+def _show(found: Transform, precision: int, as_json: bool) -> None:
+    import numpy as np
+
+    from rosidl_py_gen.numpy import quaternion_to_euler
+
+    euler = np.array(quaternion_to_euler(found.rotation))
+    if as_json:
+        terminal_output.document(
+            {
+                "target": found.target,
+                "source": found.source,
+                "stamp_ns": found.stamp,
+                "translation": found.translation.tolist(),
+                "rotation": found.rotation.tolist(),
+                "euler": euler.tolist(),
+            },
+            in_stream=True,
+        )
+        return
+
+    def shown(numbers: np.ndarray[tuple[int, ...], np.dtype[np.float64]], between: str = ", ") -> str:
+        return between.join(f"{round(number, precision) + 0.0:.{precision}f}" for number in numbers.tolist())
+
+    seconds, rest = sec_nanosec(found.stamp)
+    rows = "\n".join(f"  {shown(row, '  ')}" for row in found.matrix)
+    terminal_output.block(
+        f"At time {seconds}.{rest:09}\n"
+        f"- Translation: [{shown(found.translation)}]\n"
+        f"- Rotation: in Quaternion (xyzw) [{shown(found.rotation)}]\n"
+        f"- Rotation: in RPY (radian) [{shown(euler)}]\n"
+        f"- Rotation: in RPY (degree) [{shown(np.degrees(euler))}]\n"
+        f"- Matrix:\n{rows}"
+    )

@@ -1,0 +1,140 @@
+"""``tf monitor``: how often transforms come and how late they are, once a second."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rosidl_py_gen.base.stamps import NS_PER_S
+from rosidl_py_gen.ros_cli import AsyncCommand, ToolError, options, terminal_output, verb
+
+if TYPE_CHECKING:
+    from collections import deque
+
+    from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions
+    from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameArrivals
+
+
+_EVERY_S = 1.0
+_HEADINGS = ("frame", "parent", "rate", "delay", "max_delay", "publishers")
+
+
+@click.command("monitor")
+@click.argument("frames", nargs=-1)
+@options.report_count
+@click.option(
+    "-w",
+    "--window",
+    type=click.IntRange(2),
+    default=1000,
+    show_default=True,
+    metavar="COUNT",
+    help="How many transforms of each frame count.",
+)
+@options.as_json
+@options.node_options
+@verb
+def monitor(
+    network: NetworkOptions, frames: Sequence[str], times: int | None, window: int, as_json: bool
+) -> AsyncCommand:
+    """Print once a second how often the transform of each frame comes, and how old it is then.
+
+    With two FRAMES only those between them, and how old what is known of the whole way is.
+
+    \b
+    rosidl-py tf monitor
+    rosidl-py tf monitor map lidar
+    """
+    if len(frames) not in (0, 2):
+        raise ToolError(f"expected no frame or two, between which to look, got {len(frames)}")
+    if len({*frames}) == 1:
+        raise ToolError(f"{frames[0]} and {frames[1]} are the same frame; expected two")
+    return AsyncCommand(_Monitor(frames, times, window, as_json).run(network), endless=times is None)
+
+
+class _Monitor:
+    def __init__(self, way: Sequence[str], times: int | None, window: int, as_json: bool) -> None:
+        from collections import deque
+
+        from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameStatistics
+
+        self._way, self._times, self._as_json = way, times, as_json
+        self._frames = FrameStatistics(window)
+        self._ages_ns: deque[int] = deque(maxlen=window)
+        self._noted = ""
+
+    async def run(self, network: NetworkOptions) -> int:
+        from rosidl_py_gen.ros_cli.command_node import CommandNode, first_of
+        from rosidl_py_gen.ros_cli.tf.frame_statistics import listeners
+
+        async with CommandNode(network) as session:
+            await session.wait_for_discovery()
+            feeding = listeners(session.node, self._frames, self._note_age)
+            await first_of(self._report(session), *feeding)
+        return 0
+
+    def _note_age(self, arrived_ns: int) -> None:
+        if self._way and (age_ns := self._frames.age_ns(self._way[0], self._way[1], arrived_ns)) is not None:
+            self._ages_ns.append(age_ns)
+
+    async def _report(self, session: CommandNode) -> None:
+        import asyncio
+
+        from rosidl_py_gen.ros_cli.tf.frame_statistics import names_of
+        from rosidl_py_gen.ros_cli.tf.text import plain
+
+        left = self._times
+        while left is None or left > 0:
+            await asyncio.sleep(_EVERY_S)
+            shown = self._wanted()
+            if not shown:
+                continue
+            names = names_of(session.node)
+            if self._as_json:
+                age = _mean_and_most(self._ages_ns)
+                whole = {"net_delay_s": age and {"mean": age[0], "max": age[1]}} if self._way else {}
+                terminal_output.document({"frames": [plain(one, names) for one in shown], **whole}, in_stream=True)
+            else:
+                terminal_output.table((_row(one, names) for one in shown), *_HEADINGS)
+                if self._way and (age := _mean_and_most(self._ages_ns)) is not None:
+                    target, source = self._way
+                    terminal_output.line(f"{source} in {target}: net delay {age[0]:.3f} s, max {age[1]:.3f} s", "bold")
+            left = None if left is None else left - 1
+
+    def _wanted(self) -> list[FrameArrivals]:
+        from rosidl_py_gen.tf import TransformError
+
+        if not self._way:
+            if not self._frames.frames:
+                self._say("no transforms yet")
+            return sorted(self._frames.frames.values(), key=lambda one: one.name)
+        try:
+            return self._frames.between(*self._way)
+        except TransformError as error:
+            self._say(str(error))
+        return []
+
+    def _say(self, text: str) -> None:
+        if text != self._noted:
+            self._noted = text
+            terminal_output.note(text)
+
+
+def _mean_and_most(values_ns: deque[int]) -> tuple[float, float] | None:
+    return (sum(values_ns) / len(values_ns) / NS_PER_S, max(values_ns) / NS_PER_S) if values_ns else None
+
+
+def _row(frame: FrameArrivals, names: dict[Any, str]) -> list[str]:
+    from rosidl_py_gen.ros_cli.tf.frame_statistics import sources
+
+    rate, delay = frame.rate_hz, frame.delay_s
+    return [
+        frame.name,
+        frame.parent,
+        "static" if frame.is_static else "" if rate is None else f"{rate:.3f}",
+        "" if delay is None else f"{delay[0]:.3f}",
+        "" if delay is None else f"{delay[1]:.3f}",
+        ", ".join(sources(frame, names)),
+    ]

@@ -1,0 +1,131 @@
+"""``tf tree``: listen for a while, or read a recording, then show the frames."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rosidl_py_gen.base.output import printable_line
+from rosidl_py_gen.ros_cli import AsyncCommand, ToolError, options, terminal_output, verb
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.ros_cli.command_node import NetworkOptions
+    from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameStatistics
+
+
+_TYPE = "tf2_msgs/msg/TFMessage"
+_ENDINGS = {".png": "png", ".mmd": "mermaid", ".mermaid": "mermaid", ".md": "markdown", ".json": "json", ".txt": "text"}
+
+
+@click.command("tree")
+@options.output_format_options("png")
+@click.option(
+    "--wait-time",
+    "wait_s",
+    type=click.FloatRange(0, 3600),
+    default=2.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="How long to listen.",
+)
+@click.option("--bag", metavar="PATH", type=click.Path(), help="The frames of a recording, nothing of the network.")
+@options.node_options
+@verb
+def tree(
+    network: NetworkOptions, kind: str | None, as_json: bool, output: str | None, wait_s: float, bag: str | None
+) -> AsyncCommand | int:
+    """Show which frame has which parent, how often transforms come, how late, and from which node.
+
+    \b
+    rosidl-py tf tree
+    rosidl-py tf tree -o frames.png
+    rosidl-py tf tree --bag drive.mcap --format mermaid
+    """
+    kind = _kind_of(kind, as_json, output)
+    return AsyncCommand(_of_network(network, kind, output, wait_s)) if bag is None else _of_recording(bag, kind, output)
+
+
+async def _of_network(network: NetworkOptions, kind: str, output: str | None, wait_s: float) -> int:
+    import asyncio
+
+    from rosidl_py_gen.ros_cli.command_node import CommandNode, first_of
+    from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameStatistics, listeners, names_of
+
+    frames = FrameStatistics()
+    async with CommandNode(network) as session:
+        await session.wait_for_discovery()
+        await first_of(asyncio.sleep(wait_s), *listeners(session.node, frames))
+        await session.wait_for(session.node.node_names_complete, 1.0)
+        names = names_of(session.node)
+    await asyncio.to_thread(_show, frames, names, kind, output)
+    return 0
+
+
+def _of_recording(path: str, kind: str, output: str | None) -> int:
+    """Show the frames of a recording, at its end."""
+    from rosidl_py_gen.bags import BagReader
+    from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameStatistics
+
+    frames = FrameStatistics(window=10_000)
+    with BagReader(path) as reader:
+        topics = [name for name, topic in reader.topics.items() if topic.type_name == _TYPE]
+        if not topics:
+            raise ToolError(f"{path} has no topic of {_TYPE}")
+        for one in reader.messages(topics):
+            frames.add_message(one.message, one.log_time, one.topic, static=one.topic.endswith("/tf_static"))
+        _show(frames, {name: name for name in topics}, kind, output)
+    return 0
+
+
+def _kind_of(kind: str | None, as_json: bool, output: str | None) -> str:
+    """How it is to be drawn; raises `ToolError` for an ending that does not say."""
+    if as_json or kind is not None or output is None:
+        found = "json" if as_json else kind or "text"
+    else:
+        ending = Path(output).suffix.lower()
+        if ending not in _ENDINGS:
+            raise ToolError(
+                f"{output}: the ending says how to draw; expected one of {', '.join(_ENDINGS)}, or --format"
+            )
+        found = _ENDINGS[ending]
+    if found == "png":
+        if output is None:
+            raise ToolError("a PNG picture is no text; give a file: -o frames.png")
+        from rosidl_py_gen.ros_cli.tf import png  # noqa: F401 - what is missing is told before anybody waits
+    return found
+
+
+def _show(frames: FrameStatistics, names: dict[Any, str], kind: str, output: str | None) -> None:
+    """Print it, or write the file."""
+    from rosidl_py_gen.ros_cli.tf import text
+
+    for problem in text.problems(frames):
+        terminal_output.note(f"warning: {problem}")
+    if kind == "png":
+        from rosidl_py_gen.ros_cli.tf import png
+
+        assert output is not None
+        png.write(frames, names, Path(output))
+    elif output is None and kind == "text":
+        for line, style in text.lines(frames, names):
+            terminal_output.line(line, style)
+    elif output is None:
+        terminal_output.block(_drawn(frames, names, kind).rstrip("\n"))
+    else:
+        Path(output).write_text(_drawn(frames, names, kind), encoding="utf-8")
+    if output is not None:
+        terminal_output.note(f"wrote {output}: {len(frames.frames) + len(frames.roots())} frames")
+
+
+def _drawn(frames: FrameStatistics, names: dict[Any, str], kind: str) -> str:
+    from rosidl_py_gen.ros_cli.tf import text
+
+    if kind == "json":
+        return text.as_json(frames, names)
+    if kind == "mermaid":
+        return text.mermaid(frames, names)
+    if kind == "markdown":
+        return f"```mermaid\n{text.mermaid(frames, names)}```\n"
+    return "".join(f"{printable_line(line)}\n" for line, _ in text.lines(frames, names))

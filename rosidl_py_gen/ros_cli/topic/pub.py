@@ -1,0 +1,206 @@
+"""``topic pub``.
+
+Decides when messages go out: one text is published again and again, each of the documents of standard input once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncGenerator, AsyncIterator, Sequence
+from contextlib import aclosing, suppress
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rosidl_py_gen.ros_cli import AsyncCommand, ToolError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli.topic import qos as topic_qos
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.cdr import Message
+    from rosidl_py_gen.ros_cli.command_node import NetworkOptions
+    from rosidl_py_gen.runtime import Publisher, Rate
+
+
+_ACKNOWLEDGED_S = 5.0
+_NOTE_EVERY_S = 1.0
+_STDIN = "-"
+
+
+@click.command("pub")
+@options.topic_argument()
+@click.argument("words", metavar="[TYPE] [VALUES]", nargs=-1, shell_complete=options.call_completion("topic"))
+@click.option(
+    "-r", "--rate", type=click.FloatRange(0, min_open=True), metavar="HZ", help="Messages a second.  [default: 1]"
+)
+@click.option("-1", "--once", is_flag=True, help="Publish one message and end.")
+@click.option("-t", "--times", type=click.IntRange(1), metavar="N", help="Publish N messages and end.")
+@click.option(
+    "-w",
+    "--wait-matching-subscriptions",
+    "wait",
+    type=click.IntRange(0),
+    metavar="N",
+    help="Wait for so many subscriptions first.  [default: 1 with --once, --times or -, else 0]",
+)
+@click.option(
+    "--timeout",
+    "--max-wait-time-secs",
+    "timeout_s",
+    type=click.FloatRange(0),
+    metavar="SECONDS",
+    help="How long to wait for the topic, 5 if not given, and for subscriptions, without end if not given.",
+)
+@click.option(
+    "-p",
+    "--print",
+    "print_every",
+    type=click.IntRange(0),
+    default=1,
+    metavar="N",
+    help="Print every N-th message only; 0 prints none.",
+)
+@click.option(
+    "--keep-alive",
+    "keep_alive_s",
+    type=click.FloatRange(0),
+    default=0.1,
+    show_default=True,
+    metavar="SECONDS",
+    help="Stay this long after the last message.",
+)
+@topic_qos.qos_options
+@options.paths
+@options.as_json
+@options.node_options
+@verb
+def pub(
+    network: NetworkOptions,
+    topic: str,
+    words: tuple[str, ...],
+    rate: float | None,
+    once: bool,
+    times: int | None,
+    wait: int | None,
+    timeout_s: float | None,
+    print_every: int,
+    keep_alive_s: float,
+    qos: dict[str, Any],
+    paths: tuple[str, ...],
+    as_json: bool,
+) -> AsyncCommand:
+    """Publish messages.
+
+    \b
+    rosidl-py topic pub /chatter std_msgs/msg/String 'data: hello' --rate 10
+    rosidl-py topic pub --once /goal geometry_msgs/msg/PoseStamped '{header: auto, pose: {position: {x: 1}}}'
+    rosidl-py topic echo --json /a | rosidl-py topic pub /b -
+
+    VALUES is YAML or JSON; what it leaves out has its default. "header: auto" and "stamp: now" are set for each
+    message. With - each document of standard input is published once. TYPE may be left out for a topic that is there.
+    """
+    import asyncio
+
+    from rosidl_py_gen.ros_cli import message_text, types
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.ros_cli.name_lookup import find_topic, full_topic_name
+    from rosidl_py_gen.runtime import WaitTimeoutError
+    from rosidl_py_gen.runtime import qos as presets
+
+    type_name, text = message_text.type_and_values(words)
+    most = 1 if once else times
+
+    async def main() -> int:
+        async with CommandNode(network) as session:
+            if type_name is None:
+                name = await types.preload_while_waiting(find_topic(session, topic, timeout_s))
+            else:
+                name = full_topic_name(session, topic)
+            cls = await types.message_class(session, name, type_name, paths)
+            ready = (
+                None if text == _STDIN else message_text.message_and_stamps(cls, text)
+            )  # before anybody is waited for
+            profile = topic_qos.given(qos, presets.DEFAULT) or presets.DEFAULT
+            publisher: Publisher[Any] = session.node.create_publisher(cls, name, profile)
+            ends = most is not None or ready is None
+            await _subscribed(publisher, int(ends) if wait is None else wait, timeout_s)
+            if not as_json:
+                terminal_output.line("publisher: beginning loop")
+            made = _again_and_again(*ready) if ready else _from_stdin(cls)
+            hz = rate or (1.0 if ready else None)
+            async with aclosing(made) as several:
+                await publish_each(publisher, several, None if hz is None else session.node.create_rate(hz))
+            began = asyncio.get_running_loop().time()
+            with suppress(WaitTimeoutError):
+                await publisher.wait_for_acknowledged(_ACKNOWLEDGED_S)
+            await asyncio.sleep(began + keep_alive_s - asyncio.get_running_loop().time())
+        return 0
+
+    async def publish_each(publisher: Publisher[Any], several: AsyncIterator[Message], pace: Rate | None) -> None:
+        number = 0
+        async for message in several:
+            number += 1
+            if print_every and number % print_every == 0:
+                _show(number, message, as_json)
+            publisher.publish(message)
+            if number == most:
+                return
+            if pace is not None:
+                await pace.sleep()
+
+    return AsyncCommand(main(), endless=most is None and text != _STDIN)
+
+
+async def _subscribed(publisher: Publisher[Any], count: int, limit_s: float | None) -> None:
+    """Wait for so many subscriptions, and say so."""
+    import asyncio
+
+    from rosidl_py_gen.runtime import WaitTimeoutError
+
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+    patience_s = 0.1  # most are there at once, and need no note
+    while True:
+        try:
+            await publisher.wait_for_subscribers(patience_s, count=count)
+            return
+        except WaitTimeoutError as error:
+            reason = f": {error.reason}" if error.reason else ""
+        waited_s = loop.time() - began
+        if limit_s is not None and waited_s >= limit_s:
+            there = publisher.subscription_count
+            found = f"{there} subscriptions on {publisher.topic} in {limit_s:g} s, expected at least {count}"
+            raise ToolError(found + reason)
+        terminal_output.note(f"Waiting for at least {count} matching subscription(s) on {publisher.topic}...")
+        patience_s = _NOTE_EVERY_S if limit_s is None else min(_NOTE_EVERY_S, limit_s - waited_s)
+
+
+def _show(number: int, message: Message, as_json: bool) -> None:
+    from rosidl_py_gen.ros_cli import message_text
+
+    if as_json:
+        terminal_output.document(
+            {"number": number, "message": message_text.to_plain(message, truncate=None)}, in_stream=True
+        )
+    else:
+        terminal_output.lines([f"publishing #{number}: {message_text.shown(message, message_text.TRUNCATE)}", ""])
+
+
+async def _again_and_again(message: Message, stamps: Sequence[Any]) -> AsyncGenerator[Message, None]:
+    from rosidl_py_gen.ros_cli import message_text
+
+    while True:
+        message_text.set_stamps(stamps)
+        yield message
+
+
+async def _from_stdin(cls: type[Message]) -> AsyncGenerator[Message, None]:
+    from rosidl_py_gen.ros_cli import message_text
+    from rosidl_py_gen.ros_cli.topic.stdin import documents
+
+    number = 0
+    async with aclosing(documents()) as texts:
+        async for text in texts:
+            number += 1
+            try:
+                yield message_text.message_from(cls, text)
+            except ToolError as error:
+                raise ToolError(f"document {number} of standard input: {error}") from None

@@ -1,0 +1,97 @@
+"""The options for quality of service of the commands of topics, and the profile that they say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.runtime import QoSProfile
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_PRESETS = {"action_status_default": "ACTION_STATUS", "rosout_default": "ROSOUT"}
+
+
+def qos_options(command: F) -> F:
+    """Add the ``--qos-...`` options, handed on as `qos`: what the user said, None for the rest."""
+    for option in reversed(_QOS_OPTIONS):
+        command = option(command)
+    return command
+
+
+def _qos_option(name: str, into: str, **settings: Any) -> Callable[[F], F]:
+    def add_value(ctx: click.Context, param: click.Parameter, value: Any) -> None:
+        ctx.params.setdefault("qos", {})[into] = value
+
+    return click.option(name, into, expose_value=False, callback=add_value, **settings)
+
+
+_QOS_OPTIONS = (
+    _qos_option(
+        "--qos-profile",
+        "preset",
+        type=click.Choice(
+            [
+                *("default", "sensor_data", "system_default", "services_default", "parameters", "parameter_events"),
+                *("action_status_default", "rosout_default", "best_available"),
+            ]
+        ),
+        help="A preset; the other options change it.",
+    ),
+    _qos_option("--qos-depth", "depth", type=click.IntRange(0), metavar="N", help="Queue length."),
+    _qos_option("--qos-history", "history", type=click.Choice(["system_default", "keep_last", "keep_all"])),
+    _qos_option(
+        "--qos-reliability",
+        "reliability",
+        type=click.Choice(["system_default", "reliable", "best_effort", "best_available"]),
+    ),
+    _qos_option(
+        "--qos-durability",
+        "durability",
+        type=click.Choice(["system_default", "transient_local", "volatile", "best_available"]),
+    ),
+    _qos_option(
+        "--qos-liveliness",
+        "liveliness",
+        type=click.Choice(["system_default", "automatic", "manual_by_topic", "best_available"]),
+    ),
+    _qos_option(
+        "--qos-liveliness-lease-duration-seconds", "liveliness_lease_s", type=click.FloatRange(0), metavar="SECONDS"
+    ),
+)
+
+
+def given(qos: dict[str, Any], default: QoSProfile) -> QoSProfile | None:
+    """The profile that the ``--qos-...`` options say; None when there are none.
+
+    Args:
+        default: what is not said.
+
+    Raises:
+        InvalidQoSError: what is said cannot be.
+    """
+    from rosidl_py_gen.runtime import Durability, History, Liveliness, QoSProfile, Reliability
+    from rosidl_py_gen.runtime import qos as presets
+
+    kinds = {"history": History, "reliability": Reliability, "durability": Durability, "liveliness": Liveliness}
+    said = {name: value for name, value in qos.items() if value is not None}
+    if not said:
+        return None
+    profile: QoSProfile = default
+    if (preset := said.pop("preset", None)) is not None:
+        profile = getattr(presets, _PRESETS.get(preset, preset.upper()))
+    lease_s = said.pop("liveliness_lease_s", None)
+    for name, kind in kinds.items():
+        if name in said:
+            said[name] = kind[said[name].upper()]
+    profile = replace(profile, **said)
+    if profile.durability is Durability.TRANSIENT_LOCAL and profile.depth == 0:
+        profile = replace(profile, depth=1)
+    if lease_s is not None:
+        lease_ns = QoSProfile().automatic_liveliness(lease_s).liveliness_lease_ns
+        profile = replace(profile, liveliness_lease_ns=lease_ns)
+    return profile

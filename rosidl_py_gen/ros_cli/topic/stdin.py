@@ -1,0 +1,98 @@
+"""Documents that come over standard input, one by one as they come.
+
+Decides where one ends: at a line ``---``, as ``topic echo`` writes it, or at the end of a line that is JSON, as
+``topic echo --json`` writes it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import sys
+import threading
+from collections.abc import AsyncGenerator
+from concurrent.futures import CancelledError
+
+from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli.values import MAX_JSON, MAX_TEXT
+
+_AT_ONCE, _AHEAD = 1 << 16, 16
+
+
+async def documents() -> AsyncGenerator[str, None]:
+    """The texts of all documents that are not empty.
+
+    Raises:
+        ToolError: standard input is closed, cannot be read, is not UTF-8, or a document is too long.
+    """
+    lines: list[str] = []
+    length = 0
+    async for line in _lines():
+        if line.startswith(("---", "...")) and not line.strip("-. \t"):
+            if lines:
+                yield "\n".join(lines) + "\n"
+            lines, length = [], 0
+        elif not lines and line.startswith("{") and line.endswith("}"):
+            yield line
+        elif line.strip() or lines:
+            lines.append(line)
+            length += len(line) + 1
+            if length > MAX_TEXT:
+                raise ToolError(f"standard input: a document of more than {MAX_TEXT} characters")
+    if lines:
+        yield "\n".join(lines) + "\n"
+
+
+async def _lines() -> AsyncGenerator[str, None]:
+    begun: list[bytes] = []
+    length = 0
+    async for data in _chunks():
+        first, *more = data.split(b"\n")
+        begun.append(first)
+        length += len(first)
+        for line in more:
+            yield _text(b"".join(begun))
+            begun, length = [line], len(line)
+        if length > MAX_JSON:
+            raise ToolError(f"standard input: a line of more than {MAX_JSON} bytes")
+    if length:
+        yield _text(b"".join(begun))
+
+
+def _text(line: bytes) -> str:
+    try:
+        return line.decode().rstrip("\r")
+    except UnicodeDecodeError as error:
+        raise ToolError(f"standard input is not UTF-8: {error}") from None
+
+
+async def _chunks() -> AsyncGenerator[bytes, None]:
+    """What standard input says. A thread reads: no loop can watch a file, and nobody can be kept from ending by it."""
+    if sys.stdin is None or sys.stdin.closed:
+        raise ToolError("standard input is closed; expected documents of YAML or JSON there")
+    loop, queue = asyncio.get_running_loop(), asyncio.Queue[bytes | OSError](_AHEAD)
+    file = os.fdopen(os.dup(sys.stdin.fileno()), "rb", buffering=0)  # the thread's own: it may read on after us
+
+    def read() -> None:
+        data: bytes | OSError = b"?"
+        with file:
+            while data and isinstance(data, bytes):
+                try:
+                    data = os.read(file.fileno(), _AT_ONCE)
+                except OSError as error:
+                    data = error
+                put = queue.put(data)
+                try:
+                    asyncio.run_coroutine_threadsafe(put, loop).result()
+                except (RuntimeError, CancelledError):  # the loop is closed, or about to be
+                    put.close()
+                    return
+
+    threading.Thread(target=read, name="rosidl-py-stdin", daemon=True).start()
+    while True:
+        data = await queue.get()
+        if isinstance(data, OSError):
+            raise ToolError(f"standard input: {data.strerror}")
+        if not data:
+            return
+        yield data

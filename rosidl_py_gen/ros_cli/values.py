@@ -1,0 +1,162 @@
+"""Values that users write for messages and parameters: YAML or JSON, converted by the type that they are for.
+
+A number keeps its text until its type is known. So `1e-3`, which YAML 1.1 takes for a text, is a float where a float is
+expected, and `1.10` is the text "1.10" where a text is expected. The loader has no integers of YAML 1.1 (`12:30`,
+`010`, `1_000`): they are texts, which no integer field accepts.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from decimal import Decimal
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.base.fieldtype import Arity
+from rosidl_py_gen.base.yaml_text import YamlError, load_yaml
+from rosidl_py_gen.cdr.arrays import DTYPES
+from rosidl_py_gen.ros_cli import ToolError
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.cdr import Field, Message
+
+MAX_TEXT = 1 << 20
+"""Maximum length of YAML, in characters. Reading it takes some 100 times the memory of the text."""
+MAX_JSON = 1 << 28
+"""Maximum length of JSON, in characters: `topic echo --json` writes 110 MB for an image of 3840 x 2160 pixels."""
+_MAX_DIGITS = 400
+"""Maximum number of digits of an integer; float64 ends at 309."""
+_SPECIAL = re.compile(r"([-+]?)\.?(?:(inf|infinity)|nan)\Z", re.IGNORECASE)
+
+
+class Number(str):
+    """Text of a number, as the user wrote it."""
+
+    __slots__ = ()
+
+    def plain(self) -> Any:
+        """Return the number as int or float; the text where neither has room for it."""
+        for value in (as_integer(self), as_float(self)):
+            if not isinstance(value, str):
+                return value
+        return str(self)
+
+
+def parse_value(text: str) -> Any:
+    """Return the value of a YAML or JSON text; numbers are `Number`, integers of JSON are int.
+
+    Raises:
+        ToolError: the text is too long, or is not YAML; the error names line and column.
+    """
+    if len(text) <= MAX_JSON:
+        try:
+            return json.loads(text, parse_float=Number)
+        except (ValueError, RecursionError):
+            pass
+    if len(text) > MAX_TEXT:
+        limits = f"at most {MAX_TEXT} of YAML, or {MAX_JSON} of JSON"
+        raise ToolError(f"value: got {len(text)} characters; expected {limits}")
+    try:
+        return load_yaml(text, number=Number)
+    except YamlError as error:
+        raise ToolError(f"not YAML: {error}: {text[:200]!r}") from None
+
+
+def plain(value: Any) -> Any:
+    """Return a parsed value with each `Number` as int or float."""
+    if isinstance(value, Number):
+        return value.plain()
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    return [plain(item) for item in value] if isinstance(value, list) else value
+
+
+def as_integer(value: Any) -> Any:
+    """Return the int that a `Number` is: `3`, `3.0`, `3e2`, `0xff`. Any other value is returned unchanged."""
+    if not isinstance(value, Number) or _SPECIAL.match(value):
+        return value
+    digits = value.lstrip("-+")
+    if digits[:2] in ("0x", "0b"):
+        return int(value, 0)
+    try:
+        exact = Decimal(value)
+        is_integer = abs(exact.adjusted()) < _MAX_DIGITS > len(value) and exact == exact.to_integral_value()
+    except ArithmeticError:  # an exponent of 20 digits
+        return value
+    return int(exact) if is_integer else value
+
+
+def as_float(value: Any) -> Any:
+    """Return the float that a `Number`, or a text such as "NaN" and "-Infinity", is.
+
+    Any other value is returned unchanged, also a number that is not within the range of a float64.
+    """
+    if not isinstance(value, str):
+        return value
+    if special := _SPECIAL.match(value):
+        return math.nan if not special[2] else -math.inf if special[1] == "-" else math.inf
+    if not isinstance(value, Number):
+        return value
+    try:
+        number = float(int(value, 0)) if value.lstrip("-+")[:2] in ("0x", "0b") else float(value)
+    except OverflowError:
+        return value
+    return value if math.isinf(number) else number
+
+
+def as_text(value: Any) -> Any:
+    """Return the text of a number; any other value is returned unchanged."""
+    is_number = isinstance(value, Number) or (isinstance(value, int | float) and not isinstance(value, bool))
+    return str(value) if is_number else value
+
+
+def as_bool(value: Any) -> Any:
+    """Return the bool that 0 or 1 means; any other value is returned unchanged."""
+    number = as_integer(value)
+    return bool(number) if type(number) is int and number in (0, 1) else number
+
+
+def fit(cls: type[Message], values: Any) -> Any:
+    """Return parsed values for a message, each number converted to the type of its field.
+
+    What does not fit is left for `from_dict` to report.
+    """
+    if not isinstance(values, dict):
+        return plain(values)
+    fields = {field.ros_name: field for field in cls._TYPE.fields}
+    return {key: _fit(fields[key], item) if key in fields else plain(item) for key, item in values.items()}
+
+
+def _fit(field: Field, value: Any) -> Any:
+    kind = field.type
+    if field.cls is not None:
+        if kind.arity is not Arity.SCALAR and isinstance(value, list):
+            return [fit(field.cls, item) for item in value]
+        return fit(field.cls, value)
+    if kind.primitive is None:
+        convert = as_text
+    else:
+        convert = {"b": as_bool, "f": _as_float_field}.get(DTYPES[kind.primitive.code].kind, _as_integer_field)
+    if kind.arity is Arity.SCALAR:
+        return _converted(convert(value))
+    if not isinstance(value, list):
+        return plain(value)
+    if convert is _as_integer_field and set(map(type, value)) <= {int}:  # an image: nothing to convert
+        return value
+    return [_converted(convert(item)) for item in value]
+
+
+def _as_integer_field(value: Any) -> Any:
+    """Return the value for an integer field; a bool is 0 or 1, as in ros2cli."""
+    return int(value) if isinstance(value, bool) else as_integer(value)
+
+
+def _as_float_field(value: Any) -> Any:
+    """Return the value for a float field; a bool is 0.0 or 1.0, as in ros2cli."""
+    return float(value) if isinstance(value, bool) else as_float(value)
+
+
+def _converted(value: Any) -> Any:
+    """Return a value that was not converted as it is shown in an error."""
+    return plain(value) if isinstance(value, Number | list | dict) else value

@@ -1,0 +1,57 @@
+"""``rosidl-py zenoh-router``: a router in this process until a signal ends it."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+import click
+
+from rosidl_py_gen.errors import printable
+from rosidl_py_gen.ros_cli import AsyncCommand, verb
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+@click.command("zenoh-router")
+@click.option(
+    "--listen",
+    multiple=True,
+    metavar="ENDPOINT",
+    help="Where to listen instead of tcp/[::]:7447, which is every interface; may be given several times.",
+)
+@click.option(
+    "--connect",
+    multiple=True,
+    metavar="ENDPOINT",
+    help="Another router to connect with, as tcp/192.168.1.5:7447; may be given several times.",
+)
+@verb
+def zenoh_router(listen: Sequence[str], connect: Sequence[str]) -> AsyncCommand:
+    """Run a Zenoh router, through which nodes on rmw_zenoh find each other, until Ctrl-C.
+
+    One is needed on each machine; its settings are those of rmw_zenohd. ZENOH_ROUTER_CONFIG_URI and
+    ZENOH_CONFIG_OVERRIDE count. Whoever reaches it can join: see the guide for TLS and passwords.
+
+    \b
+    rosidl-py zenoh-router
+    rosidl-py zenoh-router --listen tcp/127.0.0.1:7447
+    rosidl-py zenoh-router --connect tcp/192.168.1.5:7447
+    """
+    return AsyncCommand(_serve(listen, connect), endless=True)
+
+
+async def _serve(listen: Sequence[str], connect: Sequence[str]) -> int:
+    import asyncio
+
+    from rosidl_py_gen.runtime import ZenohRouter
+
+    with ZenohRouter(os.environ, _warn, listen=listen, connect=connect, log="error") as router:
+        click.echo(printable(f"Zenoh router {router.zid} listens on {', '.join(router.endpoints)}"))
+        await asyncio.Event().wait()
+    return 0
+
+
+def _warn(sentence: str) -> None:
+    click.secho(f"warning: {printable(sentence)}", fg="yellow", err=True)

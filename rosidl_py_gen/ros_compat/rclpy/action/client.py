@@ -1,0 +1,317 @@
+"""Clients of actions."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time  # noqa: F401
+import uuid
+import weakref
+from collections import deque
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from action_msgs.msg import GoalStatus
+from action_msgs.srv import CancelGoal
+from unique_identifier_msgs.msg import UUID
+
+from rclpy.executors import await_or_execute
+from rclpy.impl.action_endpoints import ActionEndpoints, ActionWaitable
+from rclpy.qos import QoSProfile, qos_profile_action_status_default, qos_profile_services_default
+from rclpy.task import Future
+from rclpy.type_support import check_for_type_support as check_for_type_support
+from rclpy.waitable import NumberOfEntities
+from rclpy.waitable import Waitable as Waitable
+from rosidl_py_gen import runtime
+
+if TYPE_CHECKING:
+    import concurrent.futures
+    from collections.abc import Callable
+
+    from rclpy.callback_groups import CallbackGroup
+    from rclpy.node import Node
+    from rclpy.waitable import WaitSet
+
+_ENDS = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
+
+
+class ClientGoalHandle:
+    """A goal that a server answered to, accepted or not."""
+
+    def __init__(self, action_client: ActionClient, goal_id: Any, goal_response: Any) -> None:
+        self._action_client = action_client
+        self._goal_id = goal_id
+        self._goal_response = goal_response
+        self._status: int = GoalStatus.STATUS_UNKNOWN
+
+    def __eq__(self, other: object) -> bool:
+        return bool(self._goal_id == other.goal_id) if isinstance(other, ClientGoalHandle) else NotImplemented
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+    def __repr__(self) -> str:
+        return f"ClientGoalHandle <id={self.goal_id.uuid}, accepted={self.accepted}, status={self.status}>"
+
+    @property
+    def goal_id(self) -> Any:
+        """A unique_identifier_msgs/UUID."""
+        return self._goal_id
+
+    @property
+    def stamp(self) -> Any:
+        """When it was accepted, as builtin_interfaces/Time."""
+        return self._goal_response.stamp
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the server accepted it."""
+        return bool(self._goal_response.accepted)
+
+    @property
+    def status(self) -> int:
+        """A number of action_msgs/GoalStatus, as the server last published it."""
+        return self._status
+
+    def cancel_goal(self) -> Any:
+        """`cancel_goal_async`, and wait for the response, which an executor in another thread has to take."""
+        return _waited_for(self.cancel_goal_async())
+
+    def cancel_goal_async(self) -> Future[Any]:
+        """Ask for its end; a future of an action_msgs/CancelGoal response."""
+        return self._action_client._cancel_goal_async(self)
+
+    def get_result(self) -> Any:
+        """`get_result_async`, and wait for the response, which an executor in another thread has to take."""
+        return _waited_for(self.get_result_async())
+
+    def get_result_async(self) -> Future[Any]:
+        """A future of the response that has its `status` and `result`, once it ended."""
+        return self._action_client._get_result_async(self)
+
+
+def _waited_for(future: Future[Any]) -> Any:
+    done = threading.Event()
+    future.add_done_callback(lambda _: done.set())
+    done.wait()
+    return future.result()
+
+
+class _Requests:
+    """Requests to one of the services, by number, and what each is for."""
+
+    def __init__(self, client: runtime.Client[Any, Any], owner: ActionClient, endpoints: ActionEndpoints) -> None:
+        self.client = client
+        self._endpoints = endpoints
+        self.arrived: deque[tuple[int, concurrent.futures.Future[Any]]] = deque()
+        self._owner = weakref.ref(owner)
+        self._numbers = itertools.count(1)
+        self._lock = threading.Lock()
+        self._pending: dict[int, tuple[Future[Any], Any]] = {}
+
+    def send(self, request: Any, subject: Any) -> Future[Any]:
+        """`subject` is given back with the response."""
+        owner = self._owner()
+        assert owner is not None
+        future: Future[Any] = Future()
+        with self._endpoints:
+            sent = self.client.send_request(request)
+        with self._lock:
+            number = next(self._numbers)
+            self._pending[number] = future, subject
+        future.add_done_callback(partial(self._forget, number))
+        owner.add_future(future)
+        sent.add_done_callback(partial(self._on_response, number, self._endpoints.context.notify))
+        return future
+
+    def _forget(self, number: int, future: Future[Any]) -> None:
+        with self._lock:
+            pending = self._pending.pop(number, None)
+        owner = self._owner()
+        if pending is not None and owner is not None:
+            owner.remove_future(future)
+
+    def _on_response(self, number: int, notify: Callable[[], None], sent: concurrent.futures.Future[Any]) -> None:
+        if sent.cancelled() or isinstance(sent.exception(), (runtime.ServerLostError, runtime.ClosedError)):
+            return  # in rclpy such a future is pending for ever
+        self.arrived.append((number, sent))
+        notify()
+
+    def take(self) -> tuple[tuple[Future[Any], Any] | None, Any] | None:
+        """A response with future and subject of its request, None in their place when that was given up."""
+        if not self.arrived:
+            return None
+        number, sent = self.arrived.popleft()
+        with self._lock:
+            return self._pending.get(number), sent
+
+
+class ActionClient(ActionWaitable):
+    """Sends goals to the servers of an action; the executor of the node takes what they answer.
+
+    Args:
+        node: it belongs to.
+        action_type: a class such as `example_interfaces.action.Fibonacci`.
+        action_name: expanded and remapped as names of topics are.
+        callback_group: None means that of the node.
+        goal_service_qos_profile: of that service, as the following two.
+        result_service_qos_profile: by default as other services.
+        cancel_service_qos_profile: by default as other services.
+        feedback_sub_qos_profile: of the topic of feedback.
+        status_sub_qos_profile: of the topic of states, whose last message waits for those who come late.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        action_type: Any,
+        action_name: str,
+        *,
+        callback_group: CallbackGroup | None = None,
+        goal_service_qos_profile: QoSProfile = qos_profile_services_default,
+        result_service_qos_profile: QoSProfile = qos_profile_services_default,
+        cancel_service_qos_profile: QoSProfile = qos_profile_services_default,
+        feedback_sub_qos_profile: QoSProfile = QoSProfile(depth=10),  # noqa: B008  # as in rclpy
+        status_sub_qos_profile: QoSProfile = qos_profile_action_status_default,
+    ) -> None:
+        super().__init__(node, action_type, action_name, callback_group, "action_client")
+        self._action_name = action_name
+        self._goal_handles: dict[bytes, weakref.ref[ClientGoalHandle]] = {}
+        self._feedback_callbacks: dict[bytes, Callable[[Any], Any]] = {}
+        self._rosidl_ended: list[bytes] = []
+        impl = action_type.Impl
+        with self._rosidl_endpoints.under_construction() as made:
+            goal, result, cancel = (
+                made.client(impl.SendGoalService, "send_goal", goal_service_qos_profile.get_c_qos_profile()),
+                made.client(impl.GetResultService, "get_result", result_service_qos_profile.get_c_qos_profile()),
+                made.client(impl.CancelGoalService, "cancel_goal", cancel_service_qos_profile.get_c_qos_profile()),
+            )
+            feedback_qos, status_qos = feedback_sub_qos_profile, status_sub_qos_profile
+            self._rosidl_feedback = made.subscription(
+                impl.FeedbackMessage, "feedback", feedback_qos.get_c_qos_profile()
+            )
+            self._rosidl_status = made.subscription(impl.GoalStatusMessage, "status", status_qos.get_c_qos_profile())
+        services = {"goal": goal, "cancel": cancel, "result": result}
+        self._rosidl_requests = {kind: _Requests(one, self, self._rosidl_endpoints) for kind, one in services.items()}
+        node.add_waitable(self)
+
+    # ---------------------------------------------------------------------------------------------------- waitable
+
+    def is_ready(self, wait_set: WaitSet) -> bool:
+        """Whether something came."""
+        return (
+            any(requests.arrived for requests in self._rosidl_requests.values())
+            or self._rosidl_feedback.is_ready
+            or self._rosidl_status.is_ready
+        )
+
+    def take_data(self) -> dict[str, Any]:
+        """One of each kind that came: ``goal``, ``cancel``, ``result``, ``feedback``, ``status``."""
+        with self._rosidl_endpoints:
+            taken = {kind: requests.take() for kind, requests in self._rosidl_requests.items()}
+            taken |= {"feedback": self._rosidl_feedback.take(), "status": self._rosidl_status.take()}
+        return {kind: one for kind, one in taken.items() if one is not None}
+
+    async def execute(self, taken_data: dict[str, Any]) -> None:
+        """Set futures, call what wants feedback, and note states."""
+        for kind in ("goal", "cancel", "result"):
+            if kind in taken_data:
+                self._rosidl_take_response(kind, *taken_data[kind])
+        if "feedback" in taken_data:
+            message = taken_data["feedback"]
+            callback = self._feedback_callbacks.get(bytes(message.goal_id.uuid))
+            if callback is not None:
+                await await_or_execute(callback, message)
+        while self._rosidl_ended:  # not earlier: feedback that came with the result is told
+            self._feedback_callbacks.pop(self._rosidl_ended.pop(), None)
+        if "status" in taken_data:
+            self._rosidl_note_states(taken_data["status"].status_list)
+
+    def _rosidl_take_response(self, kind: str, pending: tuple[Future[Any], Any] | None, sent: Any) -> None:
+        if pending is None:
+            text = "There may be more than one action server for the action"
+            self._logger.warning(f"Ignoring unexpected {kind} response. {text} '{self._action_name}'")
+            return
+        future, goal_id = pending
+        error = sent.exception()
+        if error is not None:
+            future.set_exception(error)
+            return
+        response = sent.result()
+        if kind == "goal":
+            response = ClientGoalHandle(self, goal_id, response)
+            if response.accepted:
+                key = bytes(goal_id.uuid)
+                if key in self._goal_handles:
+                    raise RuntimeError(f"Two goals were accepted with the same ID ({response})")
+                self._goal_handles[key] = weakref.ref(response)
+        elif kind == "result":
+            self._rosidl_ended.append(bytes(goal_id.uuid))
+        future.set_result(response)
+
+    def _rosidl_note_states(self, states: list[Any]) -> None:
+        for one in states:
+            key = bytes(one.goal_info.goal_id.uuid)
+            goal = self._goal_handles.get(key, lambda: None)()
+            if goal is not None:
+                goal._status = one.status
+            if goal is None or one.status in _ENDS:
+                self._goal_handles.pop(key, None)
+
+    def get_num_entities(self) -> NumberOfEntities:
+        """Two subscriptions and three clients."""
+        return NumberOfEntities(num_subs=2, num_clients=3)
+
+    # ------------------------------------------------------------------------------------------------------- goals
+
+    def send_goal(self, goal: Any, **kwargs: Any) -> Any:
+        """`send_goal_async`, and wait for the response with the result; an executor in another thread is needed."""
+        return _waited_for(self._get_result_async(_waited_for(self.send_goal_async(goal, **kwargs))))
+
+    def send_goal_async(
+        self, goal: Any, feedback_callback: Callable[[Any], Any] | None = None, goal_uuid: Any = None
+    ) -> Future[Any]:
+        """Send a goal at once, whether a server is there or not; a future of a `ClientGoalHandle`.
+
+        Args:
+            goal: an object of the action's `Goal`; TypeError for others.
+            feedback_callback: called with each message, which has `feedback` and `goal_id`.
+            goal_uuid: a unique_identifier_msgs/UUID; None makes one.
+        """
+        self._rosidl_require(goal, self._action_type.Goal)
+        request = self._action_type.Impl.SendGoalService.Request()
+        request.goal_id = UUID(uuid=list(uuid.uuid4().bytes)) if goal_uuid is None else goal_uuid
+        request.goal = goal
+        if feedback_callback is not None:
+            self._feedback_callbacks[bytes(request.goal_id.uuid)] = feedback_callback
+        return self._rosidl_requests["goal"].send(request, request.goal_id)
+
+    @staticmethod
+    def _rosidl_require(given: Any, expected: type) -> None:
+        if not isinstance(given, expected):
+            raise TypeError(f"Expected type {expected.__name__} but received {type(given)}")
+
+    def _cancel_goal_async(self, goal_handle: ClientGoalHandle) -> Future[Any]:
+        self._rosidl_require(goal_handle, ClientGoalHandle)
+        request = CancelGoal.Request()
+        request.goal_info.goal_id = goal_handle.goal_id
+        return self._rosidl_requests["cancel"].send(request, goal_handle.goal_id)
+
+    def _get_result_async(self, goal_handle: ClientGoalHandle) -> Future[Any]:
+        self._rosidl_require(goal_handle, ClientGoalHandle)
+        request = self._action_type.Impl.GetResultService.Request(goal_id=goal_handle.goal_id)
+        return self._rosidl_requests["result"].send(request, goal_handle.goal_id)
+
+    # ------------------------------------------------------------------------------------------------------ server
+
+    def server_is_ready(self) -> bool:
+        """Whether all endpoints of a server are connected. RCLError after the context was shut down."""
+        with self._rosidl_endpoints:
+            self._rosidl_endpoints.context.require_ok()
+            services = all(requests.client.service_is_available() for requests in self._rosidl_requests.values())
+            return services and bool(self._rosidl_feedback.publisher_count and self._rosidl_status.publisher_count)
+
+    def wait_for_server(self, timeout_sec: float | None = None) -> bool:
+        """Wait until they are, or the time has passed; nobody has to spin."""
+        limit = None if timeout_sec is None else max(0.0, timeout_sec)
+        return self._rosidl_endpoints.context.wait(self.server_is_ready, limit)

@@ -1,0 +1,258 @@
+"""What happens to publishers and subscriptions beside messages, told to callbacks by the executor."""
+
+from __future__ import annotations
+
+import warnings
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum  # noqa: F401
+from typing import TYPE_CHECKING, Any, List, Optional  # noqa: F401, UP035
+
+from rclpy._rclpy_pybind11 import EnumOfC
+from rclpy._rclpy_pybind11 import UnsupportedEventTypeError as UnsupportedEventTypeError
+from rclpy.callback_groups import CallbackGroup as CallbackGroup
+from rclpy.handles import Destroyable
+from rclpy.logging import get_logger as get_logger
+from rclpy.mismatches import WatchedEndpoint, with_policy_of_c
+from rclpy.qos import qos_policy_name_from_kind as qos_policy_name_from_kind
+from rclpy.task import await_or_execute
+from rclpy.waitable import NumberOfEntities, Waitable
+from rosidl_py_gen import runtime
+
+if TYPE_CHECKING:
+    from rclpy.handles import ContextHandle, Handle
+    from rclpy.waitable import WaitSet
+
+
+class rcl_publisher_event_type_t(EnumOfC):  # as in C
+    """Events of publishers; numbers of rcl."""
+
+    RCL_PUBLISHER_OFFERED_DEADLINE_MISSED = 0
+    RCL_PUBLISHER_LIVELINESS_LOST = 1
+    RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS = 2
+    RCL_PUBLISHER_INCOMPATIBLE_TYPE = 3
+    RCL_PUBLISHER_MATCHED = 4
+
+
+QoSPublisherEventType = rcl_publisher_event_type_t
+
+
+class rcl_subscription_event_type_t(EnumOfC):  # as in C
+    """Events of subscriptions; numbers of rcl."""
+
+    RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED = 0
+    RCL_SUBSCRIPTION_LIVELINESS_CHANGED = 1
+    RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS = 2
+    RCL_SUBSCRIPTION_MESSAGE_LOST = 3
+    RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE = 4
+    RCL_SUBSCRIPTION_MATCHED = 5
+
+
+QoSSubscriptionEventType = rcl_subscription_event_type_t
+
+
+QoSRequestedDeadlineMissedInfo = runtime.CountStatus
+QoSLivelinessChangedInfo = runtime.LivelinessStatus
+QoSMessageLostInfo = runtime.CountStatus
+QoSRequestedIncompatibleQoSInfo = runtime.IncompatibleStatus
+QoSSubscriptionMatchedInfo = runtime.MatchedStatus
+QoSOfferedDeadlineMissedInfo = runtime.CountStatus
+QoSLivelinessLostInfo = runtime.CountStatus
+QoSPublisherMatchedInfo = runtime.MatchedStatus
+QoSOfferedIncompatibleQoSInfo = runtime.IncompatibleStatus
+IncompatibleTypeInfo = runtime.IncompatibleStatus
+
+
+class EventHandle(Destroyable):
+    """What was told of one kind of event and not taken."""
+
+    def __init__(self, items: deque[Any]) -> None:
+        super().__init__()
+        self.items = items
+
+    def is_ready(self) -> bool:
+        """Whether something was told."""
+        return self.is_valid and bool(self.items)
+
+
+class EventHandler(Waitable):
+    """Waits for one kind of event of a publisher or subscription.
+
+    Raises UnsupportedEventTypeError for an endpoint that was not made with a callback for that event.
+    """
+
+    def __init__(
+        self,
+        *,
+        callback_group: CallbackGroup,
+        callback: Callable[[Any], Any],
+        event_type: EnumOfC,
+        parent_impl: Handle[Any],
+    ) -> None:
+        super().__init__(callback_group)
+        self.event_type = event_type
+        self.callback = callback
+        with parent_impl:
+            items = parent_impl.events.get(int(event_type))
+            if items is None:
+                raise UnsupportedEventTypeError(
+                    f"{event_type!r}: nobody looks for this event; give event_callbacks when the endpoint is created"
+                )
+            self._rosidl_event = EventHandle(items)
+        if type(self).is_ready is EventHandler.is_ready:
+            self._rosidl_queue = items
+
+    def is_ready(self, wait_set: WaitSet) -> bool:
+        return self._rosidl_event.is_ready()
+
+    def take_data(self) -> Any:
+        with self._rosidl_event:
+            return self._rosidl_event.items.popleft() if self._rosidl_event.items else None
+
+    async def execute(self, taken_data: Any) -> None:
+        if taken_data:
+            await await_or_execute(self.callback, taken_data)
+
+    def get_num_entities(self) -> NumberOfEntities:
+        return NumberOfEntities(num_events=1)
+
+    def add_to_wait_set(self, wait_set: WaitSet) -> None:
+        with self._rosidl_event:
+            wait_set.add_event(self._rosidl_event)
+
+    def destroy(self) -> None:
+        """Look no more;"""
+        self._rosidl_event.destroy_when_not_in_use()
+
+
+class QoSEventHandler(EventHandler):
+    """The old name of `EventHandler`."""
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        text = "QoSEventHandler foo is deprecated, use EventHandler instead."
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
+        super().__init_subclass__(**kwargs)
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        text = "QoSEventHandler is deprecated, use EventHandler instead."
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
+        super().__init__(*args, **kwargs)
+
+
+class _EventCallbacks:
+    """Functions by the runtime's names of events."""
+
+    _ROSIDL_TYPES: dict[str, EnumOfC]
+    _ROSIDL_WORDS: str
+    use_default_callbacks: bool
+
+    def _rosidl_functions(self) -> dict[str, Callable[[Any], Any]]:
+        return {name: getattr(self, name) for name in self._ROSIDL_TYPES if getattr(self, name) is not None}
+
+    def _rosidl_queues(self, context: ContextHandle) -> tuple[dict[int, deque[Any]], dict[str, Callable[[Any], None]]]:
+        """For each event that is asked for: where it is kept, by number; what the runtime is to call, by name."""
+        queues = {name: deque[Any]() for name in self._rosidl_functions()}
+
+        def keep(queue: deque[Any]) -> Callable[[Any], None]:
+            def told(status: Any) -> None:
+                queue.append(with_policy_of_c(status))
+                context.notify_arrival()
+
+            return told
+
+        return {self._ROSIDL_TYPES[name].value: queue for name, queue in queues.items()}, {
+            name: keep(queue) for name, queue in queues.items()
+        }
+
+    def _rosidl_handlers(self, callback_group: CallbackGroup, impl: Handle[Any], topic_name: str) -> list[EventHandler]:
+        return [
+            EventHandler(
+                callback_group=callback_group, callback=function, event_type=self._ROSIDL_TYPES[name], parent_impl=impl
+            )
+            for name, function in {**self._rosidl_logging(impl, topic_name), **self._rosidl_functions()}.items()
+        ]
+
+    def _rosidl_watch(self, node: runtime.Node, endpoint: Any, handle: Handle[Any]) -> None:
+        """Have mismatches noticed that no function of the program is for, unless it wants none to be."""
+        kinds = [kind for kind in ("qos", "type") if f"incompatible_{kind}" not in self._rosidl_functions()]
+        queues = {kind: deque[Any]() for kind in kinds if self.use_default_callbacks}
+        for kind, queue in queues.items():
+            handle.events[self._ROSIDL_TYPES[f"incompatible_{kind}"].value] = queue
+        handle.watched = WatchedEndpoint(node, endpoint, queues)
+        handle.context.mismatches.watch(handle.watched)
+
+    def _rosidl_logging(self, impl: Handle[Any], topic_name: str) -> dict[str, Callable[[Any], Any]]:
+        """Functions that log mismatches, by name, where the program wants that."""
+        if not self.use_default_callbacks:
+            return {}
+        logger = get_logger(impl.logger_name)
+
+        def log_qos(event: runtime.IncompatibleStatus) -> None:
+            policy = qos_policy_name_from_kind(event.last_policy_kind)
+            logger.warn(f"{self._ROSIDL_WORDS.format(topic_name)} Last incompatible policy: {policy}")
+
+        def log_type(event: runtime.IncompatibleStatus) -> None:
+            logger.warn(f"Incompatible type on topic '{topic_name}', no messages will be sent to it.")
+
+        return {"incompatible_qos": log_qos, "incompatible_type": log_type}
+
+
+@dataclass(kw_only=True, eq=False)
+class SubscriptionEventCallbacks(_EventCallbacks):
+    """Functions that are told what happened to a subscription; each gets one of the `...Info` values."""
+
+    _ROSIDL_WORDS = (
+        "New publisher discovered on topic '{}', offering incompatible QoS. No messages will be received from it."
+    )
+    _ROSIDL_TYPES = {  # noqa: RUF012
+        "deadline": QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED,
+        "incompatible_qos": QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
+        "liveliness": QoSSubscriptionEventType.RCL_SUBSCRIPTION_LIVELINESS_CHANGED,
+        "message_lost": QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST,
+        "incompatible_type": QoSSubscriptionEventType.RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE,
+        "matched": QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED,
+    }
+
+    deadline: Callable[[runtime.CountStatus], Any] | None = None
+    incompatible_qos: Callable[[runtime.IncompatibleStatus], Any] | None = None
+    liveliness: Callable[[runtime.LivelinessStatus], Any] | None = None
+    message_lost: Callable[[runtime.CountStatus], Any] | None = None
+    incompatible_type: Callable[[runtime.IncompatibleStatus], Any] | None = None
+    matched: Callable[[runtime.MatchedStatus], Any] | None = None
+    use_default_callbacks: bool = True
+
+    def create_event_handlers(
+        self, callback_group: CallbackGroup, subscription: Handle[Any], topic_name: str
+    ) -> list[EventHandler]:
+        """A handler for each function, and those that log mismatches, unless `use_default_callbacks` is off."""
+        return self._rosidl_handlers(callback_group, subscription, topic_name)
+
+
+@dataclass(kw_only=True, eq=False)
+class PublisherEventCallbacks(_EventCallbacks):
+    """Functions that are told what happened to a publisher; each gets one of the `...Info` values."""
+
+    _ROSIDL_WORDS = (
+        "New subscription discovered on topic '{}', requesting incompatible QoS. No messages will be sent to it."
+    )
+    _ROSIDL_TYPES = {  # noqa: RUF012
+        "deadline": QoSPublisherEventType.RCL_PUBLISHER_OFFERED_DEADLINE_MISSED,
+        "liveliness": QoSPublisherEventType.RCL_PUBLISHER_LIVELINESS_LOST,
+        "incompatible_qos": QoSPublisherEventType.RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS,
+        "incompatible_type": QoSPublisherEventType.RCL_PUBLISHER_INCOMPATIBLE_TYPE,
+        "matched": QoSPublisherEventType.RCL_PUBLISHER_MATCHED,
+    }
+
+    deadline: Callable[[runtime.CountStatus], Any] | None = None
+    liveliness: Callable[[runtime.CountStatus], Any] | None = None
+    incompatible_qos: Callable[[runtime.IncompatibleStatus], Any] | None = None
+    incompatible_type: Callable[[runtime.IncompatibleStatus], Any] | None = None
+    matched: Callable[[runtime.MatchedStatus], Any] | None = None
+    use_default_callbacks: bool = True
+
+    def create_event_handlers(
+        self, callback_group: CallbackGroup, publisher: Handle[Any], topic_name: str
+    ) -> list[EventHandler]:
+        """A handler for each function, and those that log mismatches, unless `use_default_callbacks` is off."""
+        return self._rosidl_handlers(callback_group, publisher, topic_name)

@@ -1,0 +1,408 @@
+"""Executors: who runs callbacks, in which thread. Work is pulled; where nobody spins, nothing is taken."""
+
+from __future__ import annotations
+
+import inspect  # noqa: F401
+import os
+import threading
+import time
+import warnings
+from collections.abc import Callable, Coroutine, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack  # noqa: F401
+from threading import Condition, Lock, RLock  # noqa: F401
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, ContextManager, Generator, List, Optional, Set, Tuple, Type, TypeVar, Union  # noqa: F401, UP035
+
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.client import Client as Client
+from rclpy.clock import Clock as Clock
+from rclpy.clock_type import ClockType as ClockType
+from rclpy.context import Context as Context
+from rclpy.exceptions import InvalidHandle as InvalidHandle
+from rclpy.exceptions import NotInitializedException
+from rclpy.guard_condition import GuardCondition as GuardCondition
+from rclpy.handling import handle_entity
+from rclpy.readiness import ready_entities, ready_waitables
+from rclpy.service import Service as Service
+from rclpy.signals import SignalHandlerGuardCondition as SignalHandlerGuardCondition
+from rclpy.subscription import Subscription as Subscription
+from rclpy.task import EntityTask
+from rclpy.task import Future as Future
+from rclpy.task import Task as Task
+from rclpy.task import await_or_execute as await_or_execute
+from rclpy.timer import Timer as Timer
+from rclpy.utilities import get_default_context
+from rclpy.utilities import timeout_sec_to_nsec as timeout_sec_to_nsec
+from rclpy.waitable import NumberOfEntities as NumberOfEntities
+from rclpy.waitable import Waitable as Waitable
+from rosidl_py_gen import runtime
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+    from rclpy.handles import ContextHandle
+    from rclpy.node import Node
+
+WaitableEntityType = TypeVar("WaitableEntityType")
+_Work = tuple[Task[Any], Any, Any]
+_Found = tuple[Task[Any] | None, Any, Any]
+
+
+class TimeoutException(Exception):
+    """Nothing was ready in time."""
+
+
+class ShutdownException(Exception):
+    """The executor was shut down."""
+
+
+class ExternalShutdownException(Exception):
+    """The context was shut down."""
+
+
+class ConditionReachedException(Exception):
+    """What the executor was told to wait for holds."""
+
+
+class TimeoutObject:
+    """A time limit in seconds that may be changed while somebody waits again and again."""
+
+    timeout: float
+
+    def __init__(self, timeout: float) -> None:
+        self.timeout = timeout
+
+
+_Timeout = float | TimeoutObject | None
+_SELECTOR_RESOLUTION_S = 0.001
+"""A selector waits for whole milliseconds; what is shorter is slept through, in naps."""
+_SHORT_SLEEP_S = 0.0005
+
+
+def _never() -> bool:
+    return False
+
+
+class Executor:
+    """The base of executors: it finds what is ready. A custom one defines `spin_once` over `wait_for_ready_callbacks`.
+
+    Args:
+        context: None means the default one, which has to be initialized.
+
+    Raises:
+        RCLError: the context is shut down.
+    """
+
+    def __init__(self, *, context: Context | None = None) -> None:
+        super().__init__()
+        self._context = get_default_context() if context is None else context
+        if self._context.handle is None:
+            raise NotInitializedException("cannot create executor")
+        if not self._context.handle.ok():
+            raise RCLError("failed to create executor: the context is shut down")
+        self._rosidl_handle: ContextHandle = self._context.handle
+        self._rosidl_handle.require_ok()
+        self._nodes: set[Node] = set()
+        self._nodes_lock = threading.RLock()
+        self._tasks: list[_Work] = []
+        self._tasks_lock = threading.Lock()
+        self._is_shutdown = False
+        self._cb_iter: Iterator[_Found] | None = None
+        self._last_args: tuple[Any, ...] | None = None
+        self._last_kwargs: dict[str, Any] | None = None
+        self._context.on_shutdown(self.wake)
+
+    @property
+    def context(self) -> Context:
+        """The context it looks at."""
+        return self._context
+
+    def create_task(
+        self, callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any, **kwargs: Any
+    ) -> Task[Any]:
+        """Have a function or coroutine run while somebody spins; answers a future of its result."""
+        task: Task[Any] = Task(callback, args, kwargs, executor=self)
+        self._rosidl_keep(task, None, None)
+        self.wake()
+        return task
+
+    def shutdown(self, timeout_sec: float | None = None) -> bool:
+        """Stop: whoever spins returns. True at once, as in rclpy, whatever the time limit."""
+        self._is_shutdown = True
+        self.wake()
+        with self._nodes_lock:
+            self._nodes = set()
+        self._cb_iter = self._last_args = self._last_kwargs = None
+        return True
+
+    def add_node(self, node: Node) -> bool:
+        """Serve a node, which leaves the executor it was in; False when it is here already."""
+        with self._nodes_lock:
+            if node in self._nodes:
+                return False
+            self._nodes.add(node)
+        node.executor = self
+        self.wake()
+        return True
+
+    def remove_node(self, node: Node) -> None:
+        """Serve a node no more."""
+        with self._nodes_lock:
+            if node not in self._nodes:
+                return
+            self._nodes.remove(node)
+        self.wake()
+
+    def wake(self) -> None:
+        """Let whoever spins look again; from any thread."""
+        self._rosidl_handle.notify()
+
+    def get_nodes(self) -> list[Node]:
+        """The nodes it serves."""
+        return list(self._nodes)
+
+    def spin(self) -> None:
+        """Run callbacks until the context or the executor is shut down."""
+        while self._context.ok() and not self._is_shutdown:
+            self.spin_once()
+
+    def spin_until_future_complete(self, future: Future[Any], timeout_sec: float | None = None) -> None:
+        """Run callbacks until a future is done or cancelled, or the time has passed."""
+        self._rosidl_wake_at_end(future)
+        end = None if timeout_sec is None or timeout_sec < 0 else self._rosidl_now_s() + timeout_sec
+        left = None if timeout_sec is None or end is None else TimeoutObject(timeout_sec)
+        while self._context.ok() and not future.done() and not future.cancelled() and not self._is_shutdown:
+            self.spin_once_until_future_complete(future, left)
+            if end is not None and left is not None:
+                left.timeout = end - self._rosidl_now_s()
+                if left.timeout <= 0:
+                    return
+
+    def _rosidl_now_s(self) -> float:
+        return self._rosidl_handle.driver.loop.time()
+
+    def _rosidl_wake_at_end(self, future: Future[Any]) -> None:
+        if isinstance(future, Future):
+            future._rosidl_wake_at_end(self.wake)
+        else:
+            future.add_done_callback(lambda _: self.wake())
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Wait for one piece of work and do it.
+
+        Args:
+            timeout_sec: None or negative: wait for ever; 0: only look.
+        """
+        raise NotImplementedError
+
+    def spin_once_until_future_complete(self, future: Future[Any], timeout_sec: _Timeout = None) -> None:
+        """`spin_once`, which returns without having done anything when a future is done."""
+        raise NotImplementedError
+
+    # ---------------------------------------------------------------------------------------------------- handlers
+
+    def _make_handler(self, entity: Any, node: Node) -> Task[Any]:
+        return EntityTask(
+            self,
+            lambda: handle_entity(self, entity, self._is_shutdown),
+            lambda task: self._rosidl_keep(task, entity, node),
+        )
+
+    def _rosidl_keep(self, task: Task[Any], entity: Any, node: Node | None) -> None:
+        with self._tasks_lock:
+            self._tasks.append((task, entity, node))
+
+    def can_execute(self, entity: Any) -> bool:
+        """Whether the callback of an entity may run now: its group allows it, and it is not about to."""
+        return not entity._executor_event and bool(entity.callback_group.can_execute(entity))
+
+    # ----------------------------------------------------------------------------------------------------- waiting
+
+    def _rosidl_resumable_tasks(self, nodes: Iterable[Node]) -> Iterator[_Work]:
+        """Tasks that can go on, newest first."""
+        if not self._tasks:
+            return
+        with self._tasks_lock:
+            tasks = list(self._tasks)
+        for task, entity, node in reversed(tasks):
+            if (node is None or node in nodes) and task._rosidl_has_resumable_task():
+                task._rosidl_handed_out = True
+                yield task, entity, node
+        with self._tasks_lock:
+            self._tasks = [work for work in self._tasks if work[0]._pending()]
+
+    def _rosidl_has_resumable_task(self, nodes: Iterable[Node]) -> bool:
+        if not self._tasks:
+            return False
+        with self._tasks_lock:
+            return any(
+                task._rosidl_has_resumable_task() and (node is None or node in nodes) for task, _, node in self._tasks
+            )
+
+    def _rosidl_wait(
+        self, nodes: list[Node] | None, end: float | None, condition: Callable[[], bool]
+    ) -> list[tuple[Any, Node]]:
+        """What is ready as soon as something is; nothing when something else ends the wait."""
+        handle, has_looked, can_execute = self._rosidl_handle, False, self.can_execute
+        try:
+            while True:
+                seen = handle.news
+                chosen = self.get_nodes() if nodes is None else nodes
+                ready, limit, has_waitables = ready_entities(chosen, can_execute)
+                if not has_looked and (end is not None or ready or self._rosidl_has_resumable_task(chosen)):
+                    has_looked = True
+                    handle.driver.wait(timeout_s=0)  # what arrived meanwhile counts, too
+                    continue
+                if has_waitables:
+                    ready = ready_waitables(chosen, can_execute) + ready
+                if (
+                    ready
+                    or self._is_shutdown
+                    or not handle.ok()
+                    or condition()
+                    or self._rosidl_has_resumable_task(chosen)
+                ):
+                    return ready
+                left = None if end is None else end - self._rosidl_now_s()
+                if left is not None and left <= 0:
+                    return []
+                if left is not None and (limit is None or left < limit):
+                    limit = left
+
+                def has_changed(seen: object = seen) -> bool:
+                    return handle.news is not seen or (condition is not _never and condition())
+
+                has_looked = True
+                handle.driver.wait(has_changed, 0 if limit is not None and limit < _SELECTOR_RESOLUTION_S else limit)
+                if limit is not None and limit < _SELECTOR_RESOLUTION_S and not has_changed():
+                    time.sleep(min(limit, _SHORT_SLEEP_S))
+        except runtime.ClosedError:  # shut down meanwhile
+            return []
+
+    def _wait_for_ready_callbacks(
+        self, timeout_sec: _Timeout = None, nodes: list[Node] | None = None, condition: Callable[[], bool] = _never
+    ) -> Iterator[_Found]:
+        limit = timeout_sec.timeout if isinstance(timeout_sec, TimeoutObject) else timeout_sec
+        end = None if limit is None or limit < 0 else self._rosidl_now_s() + float(limit)
+        yielded = False
+        while not yielded and not self._is_shutdown and not condition():
+            for work in self._rosidl_resumable_tasks(self.get_nodes() if nodes is None else nodes):
+                yielded = True
+                yield work
+            if not self._context.ok():
+                what = "create timer" if limit and limit > 0 else "initialize wait set"
+                raise RCLError(f"failed to {what}: the given context is not valid")
+            ready = self._rosidl_wait(nodes, self._rosidl_now_s() if yielded else end, condition)
+            if self._is_shutdown:
+                raise ShutdownException
+            if not self._context.ok():
+                raise ExternalShutdownException
+            for number, (entity, node) in enumerate(ready):  # nothing ran since the first was found ready
+                if not number or (
+                    self.can_execute(entity) and (not isinstance(entity, Timer) or entity._rosidl_is_ready())
+                ):
+                    yielded = True
+                    entity._executor_event = True  # it is not ready again before something was taken
+                    yield None, entity, node
+            if not yielded and end is not None and self._rosidl_now_s() >= end:
+                raise TimeoutException
+        if self._is_shutdown:
+            raise ShutdownException
+        if condition():
+            raise ConditionReachedException
+
+    def wait_for_ready_callbacks(self, *args: Any, **kwargs: Any) -> _Work:
+        """The next piece of work: a task to be called, and the entity and node it is for, or None.
+
+        It takes ``timeout_sec=None``, seconds, for ever if None or negative, and 0 only looks; ``nodes=None``, only
+        these, or all of the executor; ``condition``, a function that ends the wait when it answers True.
+
+        Raises:
+            TimeoutException, ShutdownException, ExternalShutdownException, ConditionReachedException: as they say.
+        """
+        task, entity, node = self._rosidl_next_work(args, kwargs)
+        return self._make_handler(entity, node) if task is None else task, entity, node
+
+    def _rosidl_next_work(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> _Found:
+        while True:
+            if self._cb_iter is None or self._last_args != args or self._last_kwargs != kwargs:
+                self._last_args, self._last_kwargs = args, kwargs
+                self._cb_iter = self._wait_for_ready_callbacks(*args, **kwargs)
+            try:
+                return next(self._cb_iter)
+            except StopIteration:
+                self._cb_iter = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, exc_type: type[BaseException] | None, exc_val: BaseException | None, exc_tb: TracebackType | None
+    ) -> None:
+        self.shutdown()
+
+
+class SingleThreadedExecutor(Executor):
+    """Runs callbacks in the thread that spins; what they raise leaves `spin`."""
+
+    def _rosidl_spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _never) -> None:
+        try:
+            handler, entity, node = self._rosidl_next_work((timeout_sec, None, condition), {})
+        except (ShutdownException, TimeoutException, ConditionReachedException):
+            return
+        if handler is None:  # here and now, without a task
+            rest = handle_entity(self, entity, self._is_shutdown)
+            if rest is None:
+                return
+            handler = Task(rest, executor=self)
+            handler._rosidl_handed_out = True
+            self._rosidl_keep(handler, entity, node)
+        handler()
+        handler.result()
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        self._rosidl_spin_once(timeout_sec)
+
+    def spin_once_until_future_complete(self, future: Future[Any], timeout_sec: _Timeout = None) -> None:
+        self._rosidl_wake_at_end(future)
+        self._rosidl_spin_once(timeout_sec, future.done)
+
+
+class MultiThreadedExecutor(Executor):
+    """Runs callbacks in a pool of threads; what they raise leaves a later `spin_once`.
+
+    Args:
+        num_threads: None means as many as the process may use processors.
+        context: None means the default one.
+    """
+
+    def __init__(self, num_threads: int | None = None, *, context: Context | None = None) -> None:
+        super().__init__(context=context)
+        if num_threads is None:
+            affinity = getattr(os, "sched_getaffinity", None)
+            num_threads = (len(affinity(0)) if affinity is not None else os.cpu_count()) or 2
+        if num_threads == 1:
+            text = "MultiThreadedExecutor is used with a single thread.\nUse the SingleThreadedExecutor instead."
+            warnings.warn(text, stacklevel=2)
+        self._futures: list[Task[Any]] = []
+        self._executor = ThreadPoolExecutor(num_threads)
+
+    def _rosidl_spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _never) -> None:
+        try:
+            handler, _, _ = self.wait_for_ready_callbacks(timeout_sec, None, condition)
+        except (ExternalShutdownException, ShutdownException, TimeoutException, ConditionReachedException):
+            return
+        self._executor.submit(handler)
+        self._futures.append(handler)
+        for future in self._futures[:]:
+            if future.done():
+                self._futures.remove(future)
+                future.result()
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        self._rosidl_spin_once(timeout_sec)
+
+    def spin_once_until_future_complete(self, future: Future[Any], timeout_sec: _Timeout = None) -> None:
+        self._rosidl_wake_at_end(future)
+        self._rosidl_spin_once(timeout_sec, future.done)

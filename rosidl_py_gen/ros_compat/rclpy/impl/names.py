@@ -1,0 +1,93 @@
+"""Why ROS refuses a name, in the words of rcl and rmw. The rules are those of `rosidl_py_gen.runtime`."""
+
+from __future__ import annotations
+
+import re
+
+from rosidl_py_gen.runtime._rclpy_support import (
+    NameFault,
+    NameRule,
+    find_full_name_fault,
+    find_name_fault,
+    find_namespace_fault,
+    find_node_name_fault,
+)
+
+_GIVEN: dict[NameRule, str] = {
+    NameRule.EMPTY: "topic name must not be empty string",
+    NameRule.TRAILING_SLASH: "topic name must not end with a forward slash",
+    NameRule.TOKEN_FIRST_DIGIT: "topic name token must not start with a number",
+    NameRule.CHARACTER: "topic name must not contain characters other than alphanumerics, '_', '~', '{', or '}'",
+    NameRule.BRACES: "topic name must not have unmatched (unbalanced) curly braces '{}'",
+    NameRule.TILDE_PLACE: "topic name must not have tilde '~' unless it is the first character",
+    NameRule.TILDE_SLASH: "topic name must not have a tilde '~' that is not followed by a forward slash '/'",
+    NameRule.SUBSTITUTION: "substitution name must not contain characters other than alphanumerics or '_'",
+}
+"""Broken rule -> rcl's text; the same for the tables below."""
+_FULL: dict[NameRule, str] = {
+    NameRule.LEADING_SLASH: "topic name must be absolute, it must lead with a '/'",
+    NameRule.TRAILING_SLASH: "topic name must not end with a '/'",
+    NameRule.CHARACTER: "topic name must not contain characters other than alphanumerics, '_', or '/'",
+    NameRule.REPEATED_SLASH: "topic name must not contain repeated '/'",
+    NameRule.TOKEN_FIRST_DIGIT: "topic name must not have a token that starts with a number",
+    NameRule.LENGTH: "topic length should not exceed '255U - 8U'",
+}
+_NAMESPACE: dict[NameRule, str] = {
+    NameRule.LEADING_SLASH: "namespace must be absolute, it must lead with a '/'",
+    NameRule.TRAILING_SLASH: "namespace must not end with a '/', unless only a '/'",
+    NameRule.CHARACTER: "namespace must not contain characters other than alphanumerics, '_', or '/'",
+    NameRule.REPEATED_SLASH: "namespace must not contain repeated '/'",
+    NameRule.TOKEN_FIRST_DIGIT: "namespace must not have a token that starts with a number",
+    NameRule.LENGTH: "namespace should not exceed 'RMW_NAMESPACE_MAX_NAME_LENGTH'",
+}
+_NODE: dict[NameRule, str] = {
+    NameRule.EMPTY: "node name must not be empty",
+    NameRule.CHARACTER: "node name must not contain characters other than alphanumerics or '_'",
+    NameRule.FIRST_DIGIT: "node name must not start with a number",
+    NameRule.LENGTH: "node name length should not exceed '255'",
+}
+_ONLY_RCL_TAKES = re.compile(r"~[A-Za-z0-9_]|.*\{\}", re.DOTALL)
+"""``~x``, which rcl expands as ``~/`` without slash, and ``{}``, which it refuses when it expands."""
+
+Fault = tuple[str, int]
+"""Why a name is refused, and where."""
+
+
+def topic_name_error(name: str) -> Fault | None:
+    """Of a name as written, with ``~`` and substitutions; None when it is allowed."""
+    found = find_name_fault(_text(name))
+    if found is None:
+        return None
+    index, rule, _ = found
+    if rule is NameRule.SUBSTITUTION and name[index : index + 1].isdigit() and name[index - 1 : index] == "{":
+        return "substitution name must not start with a number", index
+    if rule in (NameRule.SUBSTITUTION, NameRule.TILDE_SLASH) and _ONLY_RCL_TAKES.match(name):
+        return None
+    return _GIVEN[rule], index
+
+
+def fault_of_full_topic_name(name: str) -> Fault | None:
+    """Of a fully qualified name; None when it is allowed."""
+    return ("topic name must not be empty", 0) if name == "" else _fault(find_full_name_fault(_text(name)), _FULL)
+
+
+def fault_of_namespace(namespace: str) -> Fault | None:
+    """Of a namespace that begins with ``/``; None when it is allowed."""
+    if namespace == "":
+        return "namespace must not be empty", 0
+    return _fault(find_namespace_fault(_text(namespace)), _NAMESPACE)
+
+
+def fault_of_node_name(name: str) -> Fault | None:
+    """Of a name of a node, without namespace; None when it is allowed."""
+    return _fault(find_node_name_fault(_text(name)), _NODE)
+
+
+def _text(name: str) -> str:
+    if not isinstance(name, str):
+        raise TypeError(f"a name must be a str, got {name!r:.100}")
+    return name
+
+
+def _fault(found: NameFault | None, texts: dict[NameRule, str]) -> Fault | None:
+    return None if found is None else (texts[found.rule], found.position)

@@ -1,0 +1,392 @@
+"""What a node creates and destroys: a part of `rclpy.node.Node`."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.client import Client
+from rclpy.constants import S_TO_NS
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks, UnsupportedEventTypeError
+from rclpy.exceptions import InvalidHandle
+from rclpy.guard_condition import GuardCondition
+from rclpy.handles import ContextHandle, Handle
+from rclpy.impl._fields import valid_or
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, qos_profile_services_default
+from rclpy.qos_overriding_options import QoSOverridingOptions, _declare_qos_parameters
+from rclpy.readiness import CLIENTS, SERVICES, SUBSCRIPTIONS, ServedEntity
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+from rclpy.timer import Rate, Timer
+from rclpy.type_support import check_is_valid_msg_type, check_is_valid_srv_type
+from rosidl_py_gen import runtime
+
+if TYPE_CHECKING:
+    from rclpy.clock import Clock
+    from rclpy.context import Context
+    from rclpy.waitable import Waitable
+
+_E = TypeVar("_E", Publisher, Subscription, Client, Service, Timer, GuardCondition)
+_KINDS = ("publishers", "subscriptions", "clients", "services", "timers", "guards")
+
+
+class NodeEntities:
+    """Publishers, subscriptions, clients, services, timers, guard conditions and waitables."""
+
+    if TYPE_CHECKING:  # of Node
+
+        @property
+        def context(self) -> Context: ...
+        @property
+        def handle(self) -> Handle[runtime.Node]: ...
+        def _rosidl_own_clock(self) -> Clock: ...
+        def _rosidl_resolve_name(self, name: str, only_expand: bool = False, *, is_service: bool) -> str: ...
+
+    def _rosidl_init_entities(self) -> None:
+        """Begin without entities.
+
+        Programs know the attributes of rclpy (``_timers``) and use these names for their own things, too. So each of
+        them is set beside one of ours, which counts where a program has replaced it by something else.
+        """
+        self._rosidl_publishers: list[Publisher] = []
+        self._rosidl_subscriptions: list[Subscription] = []
+        self._rosidl_clients: list[Client] = []
+        self._rosidl_services: list[Service] = []
+        self._rosidl_timers: list[Timer] = []
+        self._rosidl_guards: list[GuardCondition] = []
+        self._rosidl_waitables: list[Waitable] = []
+        self._rosidl_served: ServedEntity | None = None
+        self._rosidl_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
+        self._rosidl_rate_group: CallbackGroup = ReentrantCallbackGroup()
+        for kind in _KINDS:
+            setattr(self, f"_{kind}", getattr(self, f"_rosidl_{kind}"))
+        self._default_callback_group, self._rate_group = self._rosidl_group, self._rosidl_rate_group
+
+    # ---------------------------------------------------------------------------------------------------- what it has
+
+    @property
+    def publishers(self) -> Iterator[Publisher]:
+        """All that were created with this node, as the following ones."""
+        yield from self._rosidl_publishers
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        yield from self._rosidl_subscriptions
+
+    @property
+    def clients(self) -> Iterator[Client]:
+        yield from self._rosidl_clients
+
+    @property
+    def services(self) -> Iterator[Service]:
+        yield from self._rosidl_services
+
+    @property
+    def timers(self) -> Iterator[Timer]:
+        yield from self._rosidl_timers
+
+    @property
+    def guards(self) -> Iterator[GuardCondition]:
+        yield from self._rosidl_guards
+
+    @property
+    def waitables(self) -> Iterator[Waitable]:
+        yield from self._rosidl_waitables
+
+    def _rosidl_what_is_served(self) -> ServedEntity:
+        """For executors."""
+        if self._rosidl_served is None:
+            entities = (
+                self._rosidl_timers,
+                self._rosidl_subscriptions,
+                self._rosidl_guards,
+                self._rosidl_clients,
+                self._rosidl_services,
+            )
+            self._rosidl_served = ServedEntity(self.handle, *entities, self._rosidl_waitables)
+        return self._rosidl_served
+
+    @property
+    def default_callback_group(self) -> CallbackGroup:
+        """The group of all that is created without one: one callback at a time."""
+        return valid_or(self._default_callback_group, CallbackGroup, self._rosidl_group)
+
+    @staticmethod
+    def _rosidl_profile(qos_or_depth: QoSProfile | int) -> QoSProfile:
+        if isinstance(qos_or_depth, QoSProfile):
+            return qos_or_depth
+        if not isinstance(qos_or_depth, int):
+            raise TypeError(f"Expected QoSProfile or int, but received {type(qos_or_depth)!r}")
+        if qos_or_depth < 0:
+            raise ValueError("history depth must be greater than or equal to zero")
+        return QoSProfile(depth=qos_or_depth)
+
+    _validate_qos_or_depth_parameter = _rosidl_profile
+
+    def _rosidl_open(self) -> tuple[ContextHandle, runtime.Node]:
+        """Raises RCLError after shutdown."""
+        handle = self.handle
+        if not handle.context.ok():
+            raise RCLError("failed to create: the node's context is shut down")
+        return handle.context, handle.entity
+
+    def _rosidl_keep(self, entity: _E, group: CallbackGroup | None, kind: str) -> _E:
+        if group is not None:
+            group.add_entity(entity)
+        for entities in self._rosidl_lists(kind):
+            entities.append(entity)
+        self._rosidl_wake_executor()
+        return entity
+
+    def _rosidl_lists(self, kind: str) -> list[list[Any]]:
+        """Return our list of entities, and the one that a program has put in the place of rclpy's."""
+        kept, known = getattr(self, f"_rosidl_{kind}"), getattr(self, f"_{kind}", None)
+        return [kept, known] if isinstance(known, list) and known is not kept else [kept]
+
+    def _rosidl_wake_executor(self) -> None:
+        self.handle.context.notify()
+
+    _wake_executor = _rosidl_wake_executor
+
+    def create_publisher(
+        self,
+        msg_type: type[Any],
+        topic: str,
+        qos_profile: QoSProfile | int,
+        *,
+        callback_group: CallbackGroup | None = None,
+        event_callbacks: PublisherEventCallbacks | None = None,
+        qos_overriding_options: QoSOverridingOptions | None = None,
+        publisher_class: type[Publisher] = Publisher,
+    ) -> Publisher:
+        """Publish on a topic; `qos_profile` may be a depth.
+
+        Raises:
+            InvalidTopicNameException, NoTypeSupportImportedException, UnsupportedEventTypeError: as their names say.
+            TypeError, ValueError: `qos_profile` is no profile or depth. RCLError: the context is shut down.
+        """
+        profile = self._rosidl_profile(qos_profile)
+        group = callback_group or self.default_callback_group
+        full = self._rosidl_resolve_name(topic, is_service=False)
+        options = QoSOverridingOptions([]) if qos_overriding_options is None else qos_overriding_options
+        _declare_qos_parameters(Publisher, self, full, profile, options)  # type: ignore[arg-type]  # it is a Node
+        check_is_valid_msg_type(msg_type)
+        callbacks = PublisherEventCallbacks() if event_callbacks is None else event_callbacks
+        with self.handle:
+            context, node = self._rosidl_open()
+            queues, told = callbacks._rosidl_queues(context)
+            events = runtime.PublisherEventCallbacks(**told) if told else None
+            make = partial(node.create_publisher, msg_type, topic, profile.get_c_qos_profile(), event_callbacks=events)
+            handle = self._rosidl_with_events(make, queues)
+            callbacks._rosidl_watch(node, handle.entity, handle)
+        publisher = publisher_class(
+            handle,
+            msg_type,
+            topic,
+            profile,
+            event_callbacks=callbacks.create_event_handlers(group, handle, topic),
+            callback_group=group,
+        )
+        for handler in publisher.event_handlers:
+            self.add_waitable(handler)
+        return self._rosidl_keep(publisher, None, "publishers")
+
+    def _rosidl_with_events(self, make: Callable[[], Any], queues: dict[int, deque[Any]]) -> Handle[Any]:
+        try:
+            with self.handle.context.creating:
+                handle = self.handle.handle_of(make(), SUBSCRIPTIONS)
+        except runtime.UnsupportedEventError as error:
+            raise UnsupportedEventTypeError(str(error)) from error
+        handle.events = queues
+        return handle
+
+    def create_subscription(
+        self,
+        msg_type: type[Any],
+        topic: str,
+        callback: Callable[..., Any],
+        qos_profile: QoSProfile | int,
+        *,
+        callback_group: CallbackGroup | None = None,
+        event_callbacks: SubscriptionEventCallbacks | None = None,
+        qos_overriding_options: QoSOverridingOptions | None = None,
+        raw: bool = False,
+    ) -> Subscription:
+        """Subscribe to a topic; `qos_profile` may be a depth. The callback gets the message, bytes with `raw`; one of
+        two arguments a dict of its times and numbers as well.
+
+        Raises:
+            InvalidTopicNameException, NoTypeSupportImportedException, UnsupportedEventTypeError: as their names say.
+            TypeError, ValueError: `qos_profile` is no profile or depth. RCLError: the context is shut down.
+            RuntimeError: the callback takes neither one argument nor two.
+        """
+        profile = self._rosidl_profile(qos_profile)
+        group = callback_group or self.default_callback_group
+        full = self._rosidl_resolve_name(topic, is_service=False)
+        options = QoSOverridingOptions([]) if qos_overriding_options is None else qos_overriding_options
+        _declare_qos_parameters(Subscription, self, full, profile, options)  # type: ignore[arg-type]  # it is a Node
+        check_is_valid_msg_type(msg_type)
+        callbacks = SubscriptionEventCallbacks() if event_callbacks is None else event_callbacks
+        with self.handle:
+            context, node = self._rosidl_open()
+            queues, told = callbacks._rosidl_queues(context)
+            events = runtime.SubscriptionEventCallbacks(**told) if told else None
+            qos = profile.get_c_qos_profile()
+            make: Callable[[], Any] = partial(
+                node.create_subscription, msg_type, topic, None, qos, raw=raw, event_callbacks=events
+            )
+            handle = self._rosidl_with_events(make, queues)
+            callbacks._rosidl_watch(node, handle.entity, handle)
+        handlers = callbacks.create_event_handlers(group, handle, topic)
+        try:
+            made = Subscription(handle, msg_type, topic, callback, group, profile, raw, event_callbacks=handlers)
+        except Exception:
+            handle.destroy_when_not_in_use()
+            raise
+        for handler in handlers:
+            self.add_waitable(handler)
+        return self._rosidl_keep(made, group, "subscriptions")
+
+    def create_client(
+        self,
+        srv_type: Any,
+        srv_name: str,
+        *,
+        qos_profile: QoSProfile = qos_profile_services_default,
+        callback_group: CallbackGroup | None = None,
+    ) -> Client:
+        """Call a service. Raises InvalidServiceNameException, NoTypeSupportImportedException, RCLError."""
+        group = self.default_callback_group if callback_group is None else callback_group
+        check_is_valid_srv_type(srv_type)
+        self._rosidl_resolve_name(srv_name, is_service=True)
+        with self.handle:
+            _, node = self._rosidl_open()
+            handle = self.handle.handle_of(
+                node.create_client(srv_type, srv_name, qos_profile.get_c_qos_profile()), CLIENTS
+            )
+        made = Client(self.context, handle, srv_type, srv_name, qos_profile, group)
+        return self._rosidl_keep(made, group, "clients")
+
+    def create_service(
+        self,
+        srv_type: Any,
+        srv_name: str,
+        callback: Callable[[Any, Any], Any],
+        *,
+        qos_profile: QoSProfile = qos_profile_services_default,
+        callback_group: CallbackGroup | None = None,
+    ) -> Service:
+        """Serve: the callback gets the request and an empty response, and answers the response. Raises
+        InvalidServiceNameException, NoTypeSupportImportedException, RCLError.
+        """
+        group = self.default_callback_group if callback_group is None else callback_group
+        check_is_valid_srv_type(srv_type)
+        self._rosidl_resolve_name(srv_name, is_service=True)
+        with self.handle:
+            _, node = self._rosidl_open()
+            entity = node.create_service(srv_type, srv_name, None, qos_profile.get_c_qos_profile())
+            handle = self.handle.handle_of(entity, SERVICES)
+        made = Service(handle, srv_type, srv_name, callback, group, qos_profile)
+        return self._rosidl_keep(made, group, "services")
+
+    def create_timer(
+        self,
+        timer_period_sec: float,
+        callback: Callable[[], Any] | None,
+        callback_group: CallbackGroup | None = None,
+        clock: Clock | None = None,
+        autostart: bool = True,
+    ) -> Timer:
+        """Call a function every `timer_period_sec` seconds of the node's clock, or of `clock`; periods that were missed
+        are skipped. Without `autostart` it begins with `Timer.reset`.
+        """
+        period_ns = int(float(timer_period_sec) * S_TO_NS)
+        group = self.default_callback_group if callback_group is None else callback_group
+        self._rosidl_open()
+        with self.handle:
+            clock = self._rosidl_own_clock() if clock is None else clock
+            timer = Timer(callback, group, period_ns, clock, context=self.context, autostart=autostart)
+        return self._rosidl_keep(timer, group, "timers")
+
+    def create_guard_condition(
+        self, callback: Callable[[], Any], callback_group: CallbackGroup | None = None
+    ) -> GuardCondition:
+        """Call a function after each `GuardCondition.trigger`."""
+        group = self.default_callback_group if callback_group is None else callback_group
+        self._rosidl_open()
+        with self.handle:
+            guard = GuardCondition(callback, group, context=self.context)
+        return self._rosidl_keep(guard, group, "guards")
+
+    def create_rate(self, frequency: float, clock: Clock | None = None) -> Rate:
+        """``rate.sleep()`` keeps a loop at this frequency, in hertz, while an executor spins in another thread.
+
+        Raises ValueError unless the frequency is positive.
+        """
+        if frequency <= 0:
+            raise ValueError("frequency must be > 0")
+        group = valid_or(self._rate_group, CallbackGroup, self._rosidl_rate_group)
+        return Rate(self.create_timer(1.0 / frequency, None, group, clock), context=self.context)
+
+    def add_waitable(self, waitable: Waitable) -> None:
+        """Have the executor wait for something of the program's own."""
+        self._rosidl_waitables.append(waitable)
+        self._rosidl_wake_executor()
+
+    def remove_waitable(self, waitable: Waitable) -> None:
+        """Wait for it no more."""
+        self._rosidl_waitables.remove(waitable)
+        self._rosidl_wake_executor()
+
+    # ------------------------------------------------------------------------------------------------------ destroying
+
+    def _rosidl_destroy(self, entity: Any, kind: str) -> bool:
+        kept, *known = self._rosidl_lists(kind)
+        if entity not in kept:
+            return False
+        for entities in (kept, *known):
+            if entity in entities:
+                entities.remove(entity)
+        for handler in getattr(entity, "event_handlers", ()):
+            self._rosidl_waitables.remove(handler)
+        try:
+            entity.destroy()
+        except InvalidHandle:
+            return False
+        self._rosidl_wake_executor()
+        return True
+
+    def destroy_publisher(self, publisher: Publisher) -> bool:
+        """End it, after uses under way; False when it is not of this node (any more). So do the following ones."""
+        return self._rosidl_destroy(publisher, "publishers")
+
+    def destroy_subscription(self, subscription: Subscription) -> bool:
+        return self._rosidl_destroy(subscription, "subscriptions")
+
+    def destroy_client(self, client: Client) -> bool:
+        return self._rosidl_destroy(client, "clients")
+
+    def destroy_service(self, service: Service) -> bool:
+        return self._rosidl_destroy(service, "services")
+
+    def destroy_timer(self, timer: Timer) -> bool:
+        return self._rosidl_destroy(timer, "timers")
+
+    def destroy_guard_condition(self, guard: GuardCondition) -> bool:
+        return self._rosidl_destroy(guard, "guards")
+
+    def destroy_rate(self, rate: Rate) -> bool:
+        """End it, and wake all that sleep; False when it is not of this node (any more)."""
+        was_there = self.destroy_timer(rate._timer)
+        rate.destroy()
+        return was_there
+
+    def _rosidl_destroy_entities(self) -> None:
+        for kind in _KINDS:
+            while entities := self._rosidl_lists(kind)[0]:
+                self._rosidl_destroy(entities[0], kind)

@@ -1,0 +1,81 @@
+"""What may be given to the public functions of actions, and what is said about everything else.
+
+Decides which special values mean something: all zeros are no goal id and no stamp, because on the wire they select
+every goal (docs/internals/protocol.md 8.4).
+"""
+
+from __future__ import annotations
+
+from numbers import Integral
+from typing import Any, Literal, get_args
+
+from rosidl_py_gen.base.signatures import require_signature
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime.loop.callable_checks import require_callable
+from rosidl_py_gen.runtime.time.values import Time
+
+Policy = Literal["parallel", "reject", "preempt", "queue"]
+"""Of an action server, about goals that come while another one runs."""
+
+_ID_BYTES = 16
+_ALL = "all zeros select every goal; use cancel_all() for that"
+
+
+class ActionArgumentError(RosidlError, ValueError):
+    """The caller gave an action a value it cannot work with; the message names the argument."""
+
+
+def require_depth(name: str, value: int) -> int:
+    """1 or more. Raises `TypeError`, `ActionArgumentError`."""
+    if not isinstance(value, Integral) or isinstance(value, bool):
+        raise TypeError(f"{name} must be an int, got {value!r:.100}")
+    if value < 1:
+        raise ActionArgumentError(f"{name} must be 1 or more, got {value!r}")
+    return int(value)
+
+
+def require_goal_id(goal_id: bytes) -> bytes:
+    """16 bytes that are not all zero. Raises `TypeError`, `ActionArgumentError`."""
+    if not isinstance(goal_id, bytes | bytearray):
+        raise TypeError(f"goal_id must be 16 bytes (uuid.UUID has them in its attribute bytes), got {goal_id!r:.100}")
+    if len(goal_id) != _ID_BYTES:
+        raise ActionArgumentError(f"goal_id must be 16 bytes, got {len(goal_id)}: {goal_id.hex()[:64]}")
+    if not any(goal_id):
+        raise ActionArgumentError(f"goal_id must not be 16 zero bytes: {_ALL}")
+    return bytes(goal_id)
+
+
+def require_stamp(stamp: Any) -> Time:
+    """A `Time`, or a message with sec and nanosec, that is not zero. Raises `TypeError`, `ActionArgumentError`."""
+    if not isinstance(stamp, Time):
+        if not all(isinstance(getattr(stamp, part, None), Integral) for part in ("sec", "nanosec")):
+            raise TypeError(f"stamp must be a Time or a builtin_interfaces/Time message, got {stamp!r:.100}")
+        stamp = Time.from_msg(stamp)
+    moment: Time = stamp
+    if moment.nanoseconds == 0:
+        raise ActionArgumentError(f"stamp must not be zero, as ROS time is before the first /clock: {_ALL}")
+    return moment
+
+
+def require_server_options(
+    action: str, execute: object, goal_callback: object, cancel_callback: object, goal_policy: object
+) -> None:
+    """Raise `TypeError` or `ValueError` for what an action server cannot be made of, before anything is."""
+    for callback, name, gets in (
+        (execute, "execute", "the goal"),
+        (goal_callback, "accept", "what the client asks for"),
+    ):
+        require_callable(callback, f"{name} of action {action}")
+        if callable(callback):
+            require_signature(callback, f"{name} of action {action}", gets)
+    if not (isinstance(cancel_callback, bool) or callable(cancel_callback)):
+        raise TypeError(f"on_cancel of action {action} must be True, False or a function, got {cancel_callback!r:.100}")
+    if callable(cancel_callback):
+        require_signature(cancel_callback, f"on_cancel of action {action}", "the goal")
+    if goal_callback is not None and execute is None:
+        raise TypeError(
+            f"accept of action {action} needs execute too, else nobody serves the goals it accepts; without execute, "
+            "iterate over the server and answer each request: async for request in server"
+        )
+    if goal_policy not in get_args(Policy):
+        raise ValueError(f"policy must be one of {', '.join(get_args(Policy))}, got {goal_policy!r}")

@@ -1,0 +1,205 @@
+"""Publishers: encode, write, and never make the event loop wait.
+
+Decides what happens when a reliable reader is so slow that DDS wants the writer to wait: on the event loop's thread the
+sample goes into an outbox, whose depth is that of the publisher; on any other thread `publish` itself waits, without
+the GIL.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Generic, Literal, TypeVar
+
+from rosidl_py_gen.errors import EncodeError
+from rosidl_py_gen.runtime.entities.entity_scope import Entity, entity_repr
+from rosidl_py_gen.runtime.graph.endpoint_events import watch_events
+from rosidl_py_gen.runtime.graph.type_hashes import checked_mode
+from rosidl_py_gen.runtime.loop.blocking import blocking
+from rosidl_py_gen.runtime.loop.send_queue import RETRY_INTERVAL_S, SendQueue
+from rosidl_py_gen.runtime.transport.api import EndpointSpec
+from rosidl_py_gen.runtime.transport.qos import History
+from rosidl_py_gen.runtime.transport.qos_matching import resolve_best_available
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
+    from rosidl_py_gen.runtime.entities.message_types import MessageType
+    from rosidl_py_gen.runtime.graph.endpoint_events import PublisherEventCallbacks
+    from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
+    from rosidl_py_gen.runtime.transport.api import Writer
+    from rosidl_py_gen.runtime.transport.qos import QoSProfile
+
+T = TypeVar("T")
+
+
+class Publisher(Entity, Generic[T]):
+    """Made by `Node.create_publisher`."""
+
+    def __init__(
+        self,
+        scope: EntityScope,
+        message_type: MessageType[T],
+        topic: str,
+        qos: QoSProfile,
+        *,
+        type_hash_check: TypeCheck | None = None,
+        event_callbacks: PublisherEventCallbacks | None = None,
+    ) -> None:
+        mode = checked_mode(type_hash_check, scope.type_hash_check)
+        super().__init__(scope)
+        self._bridge = scope.bridge
+        self.topic = topic
+        """Fully qualified name, after expansion and remapping."""
+        self.message_type = message_type.ros_name
+        """``pkg/msg/Name``."""
+        is_bare = qos.avoid_ros_namespace_conventions
+        spec = EndpointSpec(topic, self.message_type, qos, message_type.type_hash, scope.number, is_bare)
+        scope.discovery.refresh()
+        peers = [endpoint.qos for endpoint in scope.graph.endpoints_on(spec.channel, writers=False)]
+        self.qos = resolve_best_available(qos, publisher=True, peers=peers)
+        """The profile in use; BEST_AVAILABLE was replaced by what the peers known at creation allow."""
+        self._encode = message_type.encode
+        self._channel = spec.channel
+        self._writer: Writer = scope.participant.create_writer(replace(spec, qos=self.qos))
+        self._write = self._writer.write
+        scope.set_type_hash_check(mode, self._writer.guid)
+        keep_all = self.qos.history is History.KEEP_ALL
+        self._outbox = SendQueue(scope.bridge, None if keep_all else max(1, self.qos.depth), scope.report_failure)
+        matched, what = self._writer.matched_readers, f"the publisher on {topic}"
+        self._events = watch_events(scope, self._writer, matched, event_callbacks, what)
+        scope.register(self, writer=self._writer.guid)
+
+    def publish(self, message: T) -> None:
+        """Send a message; from any thread. On the event loop's thread it returns at once.
+
+        Raises:
+            EncodeError: the message does not fit its type. TypeError: it is of another type.
+            ClosedError: the publisher or its node is closed, also while waiting; the message was not sent then.
+        """
+        if self._closed or self._scope.closed:
+            self._scope.require_open(True, f"the publisher on {self.topic}")
+        loop = self._bridge.bound_loop
+        if loop is None or loop.is_closed():  # the node was made before its loop
+            self._bridge.adopt_running_loop()
+        data = self._encode(message)
+        if self._outbox.waiting or not self._write(data):
+            self._send_later(partial(self._write, data))
+
+    def publish_raw(self, data: bytes) -> None:
+        """Send a message that is serialized already, 4-byte encapsulation header included.
+
+        Raises:
+            EncodeError: shorter than header and one byte, or not little-endian XCDR1 (DDS would misread it).
+            TypeError: not bytes. ClosedError.
+        """
+        if not isinstance(data, (bytes, bytearray, memoryview)):
+            raise TypeError(f"publish_raw takes bytes, got {type(data).__name__}: {data!r:.100}")
+        self._scope.require_open(self._closed, f"the publisher on {self.topic}")
+        if len(data) < 5 or bytes(data[:2]) != b"\x00\x01":
+            found = bytes(data[:4]).hex(" ")
+            reason = f"expected the header 00 01 xx xx (XCDR1, little endian) and at least one byte, found {found!r}"
+            raise EncodeError(self.message_type, f"{reason} in {len(data)} bytes")
+        if self._outbox.waiting or not self._write(data):
+            self._send_later(partial(self._write, bytes(data)))
+
+    def _publish_without_waiting(self, message: T) -> None:
+        """`publish` that returns at once on every thread; for logging, which must not hold up its caller."""
+        data = self._encode(message)
+        if not self._closed:
+            self._outbox.send(partial(self._write, data))
+
+    def _send_later(self, write: Callable[[], bool]) -> None:
+        if self._bridge.in_loop_thread():
+            self._outbox.send(write)
+            return
+        while not (self._outbox.flush() and write()):
+            time.sleep(RETRY_INTERVAL_S)
+            self._scope.require_open(self._closed, f"the publisher on {self.topic}")
+
+    @property
+    def subscription_count(self) -> int:
+        """How many subscriptions receive what is published, bare DDS readers included; 0 when it is closed."""
+        return 0 if self._closed else len(self._writer.matched_readers())
+
+    def get_subscription_count(self) -> int:
+        """Return `subscription_count`; the name in rclpy."""
+        return self.subscription_count
+
+    @property
+    def topic_name(self) -> str:
+        """The same as `topic`; the name in rclpy."""
+        return self.topic
+
+    def matched_subscriptions(self) -> list[bytes]:
+        """The GUIDs of the readers that receive what is published."""
+        return self._writer.matched_readers()
+
+    @property
+    def has_subscriptions(self) -> bool:
+        """Whether anybody receives what is published; cheaper than `subscription_count`."""
+        return not self._closed and self._writer.has_readers()
+
+    @property
+    def dropped(self) -> int:
+        """Messages that were overtaken while they waited (keep-last only) and never sent."""
+        return self._outbox.dropped
+
+    @property
+    def gid(self) -> bytes:
+        """The 16 bytes that identify this publisher in the graph."""
+        return self._writer.guid
+
+    async def wait_for_subscribers(self, timeout_s: float | None = None, *, count: int = 1) -> Literal[True]:
+        """Wait until at least `count` subscriptions are connected; raises `WaitTimeoutError` when the time passed."""
+        return await self._scope.wait_or_raise(
+            lambda: self.subscription_count >= count,
+            timeout_s,
+            lambda: self._closed,
+            lambda: f"{self.subscription_count} subscriptions on {self.topic}, expected at least {count},",
+            why=self._why_unmatched,
+        )
+
+    wait_for_subscribers_sync = blocking(wait_for_subscribers)
+
+    def _why_unmatched(self) -> str:
+        matched = self.matched_subscriptions()
+        return self._scope.why_unmatched(self._writer.guid, self._channel, is_writer=True, matched=matched).text
+
+    async def wait_for_acknowledged(self, timeout_s: float | None = None) -> Literal[True]:
+        """Wait until every reliable subscription confirmed all that was published.
+
+        Raises:
+            WaitTimeoutError: not all did in time.
+        """
+        return await self._scope.wait_or_raise(
+            lambda: self._outbox.flush() and self._writer.all_acknowledged(),
+            timeout_s,
+            lambda: self._closed,
+            lambda: f"what was published on {self.topic} was not acknowledged by all {self.subscription_count}",
+            poll_s=0.002,
+        )
+
+    wait_for_acknowledged_sync = blocking(wait_for_acknowledged)
+
+    def assert_liveliness(self) -> None:
+        """Say that this publisher is alive; needed with manual liveliness when nothing is published.
+
+        It has to come before the lease ends: peers that gave the publisher up take it back when it publishes.
+        """
+        self._scope.require_open(self._closed, f"the publisher on {self.topic}")
+        self._writer.assert_liveliness()
+
+    def __repr__(self) -> str:
+        parts = self.topic, self.message_type, self.qos.short()
+        return entity_repr(self, *parts, peers=lambda: self.subscription_count, peer="subscription")
+
+    def close(self) -> None:
+        """Stop publishing; may be called twice. What waits to be sent is dropped."""
+        if self._begin_close(self._writer.guid):
+            if self._events is not None:
+                self._events.close()
+            self._outbox.close()
+            self._writer.close()

@@ -1,0 +1,210 @@
+"""Managed nodes: callbacks, five services, the transition event, and publishers that are silent while inactive.
+
+Decides when callbacks run; states and what answers mean are `states.py`'s. One transition at a time: a request
+that comes while another is under way is refused. A transition that is cancelled is an error: it is brought to its end,
+error processing included, so that the node is never left in between. Source: docs/internals/protocol.md 12.2.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from rosidl_py_gen.base.signatures import require_signature
+from rosidl_py_gen.msgs.lifecycle_msgs import msg
+from rosidl_py_gen.msgs.lifecycle_msgs.srv import (
+    ChangeState,
+    ChangeState_Request,
+    ChangeState_Response,
+    GetAvailableStates,
+    GetAvailableStates_Response,
+    GetAvailableTransitions,
+    GetAvailableTransitions_Response,
+    GetState,
+    GetState_Response,
+)
+from rosidl_py_gen.runtime.entities.message_types import MessageType, message_type, service_type
+from rosidl_py_gen.runtime.entities.publisher import Publisher
+from rosidl_py_gen.runtime.entities.server import ServiceServer
+from rosidl_py_gen.runtime.lifecycle.transitions import (
+    LIFECYCLE_TRANSITIONS,
+    State,
+    Transition,
+    TransitionCallbackReturn,
+    TransitionError,
+    available_transitions,
+    finished_transition,
+    outcome_of,
+    requested_transition,
+)
+from rosidl_py_gen.runtime.loop.user_callback import UserCallback
+from rosidl_py_gen.runtime.transport.qos import DEFAULT, SERVICES_DEFAULT
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
+    from rosidl_py_gen.runtime.graph.endpoint_events import PublisherEventCallbacks
+    from rosidl_py_gen.runtime.names.remapping import NodeNames
+    from rosidl_py_gen.runtime.transport.qos import QoSProfile
+
+T = TypeVar("T")
+
+_CALLBACKS = {
+    State.CONFIGURING: "on_configure",
+    State.CLEANINGUP: "on_cleanup",
+    State.ACTIVATING: "on_activate",
+    State.DEACTIVATING: "on_deactivate",
+    State.SHUTTINGDOWN: "on_shutdown",
+    State.ERRORPROCESSING: "on_error",
+}
+
+
+class LifecyclePublisher(Publisher[T]):
+    """A publisher that sends only while its node is active; what is published otherwise is dropped and counted."""
+
+    def __init__(
+        self,
+        scope: EntityScope,
+        message_type: MessageType[T],
+        topic: str,
+        qos: QoSProfile,
+        is_active: Callable[[], bool],
+        event_callbacks: PublisherEventCallbacks | None = None,
+    ) -> None:
+        self._is_active = is_active
+        self.silenced = 0
+        """How many messages were dropped because the node was not active."""
+        super().__init__(scope, message_type, topic, qos, event_callbacks=event_callbacks)
+
+    def publish(self, message: T) -> None:
+        """Publish while the node is active; else the message is dropped."""
+        if self._may_publish():
+            super().publish(message)
+
+    def publish_raw(self, data: bytes) -> None:
+        """Publish bytes while the node is active; else they are dropped."""
+        if self._may_publish():
+            super().publish_raw(data)
+
+    def _may_publish(self) -> bool:
+        if self._is_active():
+            return True
+        self.silenced += 1
+        if self.silenced == 1:
+            self._scope.logger.warning(f"nothing is published on {self.topic} while the node is not active")
+        return False
+
+
+class LifecycleMachine:
+    """State, services and event of one managed node, whose ``on_...`` methods it calls."""
+
+    def __init__(self, scope: EntityScope, names: NodeNames, node: object) -> None:
+        self.state = State.UNCONFIGURED
+        self._scope = scope
+        self._node = node
+        self._event: Publisher[msg.TransitionEvent] = Publisher(
+            scope, message_type(msg.TransitionEvent), names.resolve_topic("~/transition_event"), DEFAULT
+        )
+        table: list[tuple[str, Any, Callable[[Any], Any]]] = [
+            ("change_state", ChangeState, self._on_change_state),
+            ("get_state", GetState, lambda request: GetState_Response(current_state=_state(self.state))),
+            ("get_available_states", GetAvailableStates, self._on_states),
+            (
+                "get_available_transitions",
+                GetAvailableTransitions,
+                lambda r: _transitions(available_transitions(self.state)),
+            ),
+            ("get_transition_graph", GetAvailableTransitions, lambda r: _transitions(LIFECYCLE_TRANSITIONS)),
+        ]
+        for callback in _CALLBACKS.values():
+            require_signature(getattr(node, callback), f"{callback} of a lifecycle node", "the state it comes from")
+        for name, cls, handler in table:
+            ServiceServer(scope, service_type(cls), names.resolve_service(f"~/{name}"), handler, SERVICES_DEFAULT)
+
+    async def change(self, transition_id: int = 0, label: str = "") -> TransitionCallbackReturn:
+        """Run a transition and what follows from it.
+
+        Returns:
+            What the transition's own callback said.
+
+        Raises:
+            TransitionError: it does not leave the present state. ClosedError.
+            CancelledError: whoever waits here was cancelled; the transition has ended as an error.
+        """
+        self._scope.require_open(False, "the lifecycle")
+        row = requested_transition(self.state, transition_id, label)
+        if row is None:
+            wanted = label or transition_id
+            possible = ", ".join(item.label for item in available_transitions(self.state) if item.id < 10) or "nothing"
+            raise TransitionError(f"{wanted!r} is not possible in state {self.state.label}; possible: {possible}")
+        came_from = self.state
+        self._enter(row)
+        outcome, cancelled = await self._run(came_from)
+        self._enter(finished_transition(self.state, outcome))
+        if self.state is State.ERRORPROCESSING:
+            recovered, again = await self._run(came_from)
+            self._enter(finished_transition(self.state, recovered))
+            cancelled = cancelled or again
+        if cancelled:
+            raise asyncio.CancelledError
+        return outcome
+
+    async def _run(self, came_from: State) -> tuple[TransitionCallbackReturn, bool]:
+        """What the callback of the present state says, and whether the caller was cancelled meanwhile."""
+        name = _CALLBACKS[self.state]
+        if self._scope.closed:  # by the callback before
+            return TransitionCallbackReturn.ERROR, False
+        callback = UserCallback(self._scope, getattr(self._node, name), f"{name} of a lifecycle node")
+        outcomes = [TransitionCallbackReturn.ERROR]  # stays the only one when the callback fails, or is cancelled
+        task = callback.call(came_from, on_result=lambda answer: outcomes.append(outcome_of(answer)))
+        cancelled = task is not None and await _await_uncancelled(task)
+        return outcomes[-1], cancelled
+
+    def _enter(self, row: Transition) -> None:
+        self.state = row.goal
+        if not self._scope.closed:
+            self._event.publish(msg.TransitionEvent(start_state=_state(row.start), goal_state=_state(row.goal)))
+
+    async def _on_change_state(self, request: ChangeState_Request) -> ChangeState_Response:
+        try:
+            outcome = await self.change(request.transition.id, request.transition.label)
+        except TransitionError as error:
+            self._scope.logger.warning(f"refused a change of state: {error}")
+            return ChangeState_Response(success=False)
+        return ChangeState_Response(success=outcome is TransitionCallbackReturn.SUCCESS)
+
+    def _on_transitions(self, request: object) -> GetAvailableTransitions_Response:
+        return _transitions(available_transitions(self.state))
+
+    def _on_states(self, request: object) -> GetAvailableStates_Response:
+        return GetAvailableStates_Response(available_states=[_state(state) for state in State])
+
+
+async def _await_uncancelled(task: asyncio.Future[Any]) -> bool:
+    """Wait for the end of a task, whatever that is; cancels it, and returns True, when the caller is cancelled."""
+    cancelled = False
+    while not task.done():
+        try:
+            await asyncio.wait((task,))
+        except asyncio.CancelledError:
+            cancelled = True
+            task.cancel()
+    return cancelled
+
+
+def _state(state: State) -> msg.State:
+    return msg.State(id=int(state), label=state.label)
+
+
+def _transitions(rows: Iterable[Transition]) -> GetAvailableTransitions_Response:
+    return GetAvailableTransitions_Response(
+        available_transitions=[
+            msg.TransitionDescription(
+                transition=msg.Transition(id=row.id, label=row.label),
+                start_state=_state(row.start),
+                goal_state=_state(row.goal),
+            )
+            for row in rows
+        ]
+    )

@@ -1,0 +1,122 @@
+"""The service methods of a node.
+
+Decides names and defaults as ROS users know them; what the endpoints do is in their own files.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TypeVar, overload
+
+from rosidl_py_gen.cdr import Message, Service
+from rosidl_py_gen.runtime.entities.client import Client
+from rosidl_py_gen.runtime.entities.message_types import DictMessage, service_type
+from rosidl_py_gen.runtime.entities.server import ServiceServer
+from rosidl_py_gen.runtime.transport.qos import as_profile
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
+    from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
+    from rosidl_py_gen.runtime.names.remapping import NodeNames
+    from rosidl_py_gen.runtime.transport.qos import QoSLike
+
+RequestT = TypeVar("RequestT", bound=Message)
+ResponseT = TypeVar("ResponseT", bound=Message)
+
+_DEFAULT_DEPTH = 10
+
+
+class ServiceMethods:
+    """Service methods of `Node`."""
+
+    _scope: EntityScope
+    _names: NodeNames
+
+    if TYPE_CHECKING:
+
+        def _require_open(self) -> None: ...
+
+    @overload
+    def create_service(
+        self,
+        srv_type: type[Service[RequestT, ResponseT]],
+        name: str,
+        handler: Callable[[RequestT], ResponseT | Awaitable[ResponseT]] | None = None,
+        qos: QoSLike = _DEFAULT_DEPTH,
+        *,
+        arrays: bool = False,
+        type_hash_check: TypeCheck | None = None,
+    ) -> ServiceServer[RequestT, ResponseT]: ...
+    @overload
+    def create_service(
+        self,
+        srv_type: str,
+        name: str,
+        handler: Callable[[DictMessage], DictMessage | Awaitable[DictMessage]] | None = None,
+        qos: QoSLike = _DEFAULT_DEPTH,
+        *,
+        type_hash_check: TypeCheck | None = None,
+    ) -> ServiceServer[DictMessage, DictMessage]: ...
+    def create_service(
+        self,
+        srv_type: type[Service[Any, Any]] | str,
+        name: str,
+        handler: Callable[[Any], Any] | None = None,
+        qos: QoSLike = _DEFAULT_DEPTH,
+        *,
+        arrays: bool = False,
+        type_hash_check: TypeCheck | None = None,
+    ) -> ServiceServer[Any, Any]:
+        """Serve `name`: with a handler ``(request) -> response``, plain or async; without, iterate over the requests.
+
+        `arrays`: sequences of fixed-size messages in requests are structured arrays, as in `decode`; not with text.
+        `type_hash_check`: that of `Node`, for this service.
+
+        Raises:
+            InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
+        """
+        self._require_open()
+        known = service_type(srv_type, arrays=arrays)
+        resolved = self._names.resolve_service(name)
+        server = ServiceServer(self._scope, known, resolved, handler, as_profile(qos), type_check=type_hash_check)
+        if handler is not None:
+            self._scope.with_callbacks[id(server)] = server
+        return server
+
+    @overload
+    def create_client(
+        self,
+        srv_type: type[Service[RequestT, ResponseT]],
+        name: str,
+        qos: QoSLike = _DEFAULT_DEPTH,
+        *,
+        arrays: bool = False,
+        type_hash_check: TypeCheck | None = None,
+    ) -> Client[RequestT, ResponseT]: ...
+    @overload
+    def create_client(
+        self, srv_type: str, name: str, qos: QoSLike = _DEFAULT_DEPTH, *, type_hash_check: TypeCheck | None = None
+    ) -> Client[DictMessage, DictMessage]: ...
+    def create_client(
+        self,
+        srv_type: type[Service[Any, Any]] | str,
+        name: str,
+        qos: QoSLike = _DEFAULT_DEPTH,
+        *,
+        arrays: bool = False,
+        type_hash_check: TypeCheck | None = None,
+    ) -> Client[Any, Any]:
+        """Call the service `name`.
+
+        `arrays`: sequences of fixed-size messages in responses are structured arrays, as in `decode`; not with text.
+        `type_hash_check`: that of `Node`, for this client.
+
+        Raises:
+            InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
+        """
+        self._require_open()
+        known = service_type(srv_type, arrays=arrays)
+        return Client(
+            self._scope, known, self._names.resolve_service(name), as_profile(qos), type_hash_check=type_hash_check
+        )

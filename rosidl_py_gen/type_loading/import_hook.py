@@ -1,0 +1,368 @@
+"""``from x_msgs.msg import X`` without generating: one finder that makes message packages of definitions.
+
+With rclpy's flavour the same finder has the shim: `rclpy` and its companions, which lie in a folder that is not on
+`sys.path`. Nothing installs it but `install_import_hook`. Decides which packages are ours to give: never one that can
+be imported already, unless that was asked for, and then with a warning that says so.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec, PathFinder
+from importlib.util import spec_from_file_location
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Literal
+
+from rosidl_py_gen.base.generated_files import is_generated
+from rosidl_py_gen.base.names import KINDS, RosName
+from rosidl_py_gen.base.registration import Registration
+from rosidl_py_gen.errors import DefinitionError, Diagnostic
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rosidl_py_gen.compiler.frontend.workspace import Workspace
+    from rosidl_py_gen.type_loading.class_lookup import SearchFolders
+    from rosidl_py_gen.type_loading.interface_modules import Interfaces
+
+_PARSER = ("rosidl_parser", "rosidl_parser.definition")
+"""What the `SLOT_TYPES` of rclpy's messages come from; ours stands in where it is not there."""
+RCLPY_COMPAT_DIR = Path(__file__).parents[1] / "ros_compat"
+"""What is imported by its own names where rclpy's flavour is: `rclpy`, `tf2_ros` and so on, as in site-packages."""
+
+
+class ImportHookWarning(UserWarning):
+    """Two packages of one name are there, and one of them is not used; the text says which."""
+
+
+@dataclass(frozen=True)
+class FoundPackage:
+    """A package that the import hook knows.
+
+    Attributes:
+        name: the package name.
+        folder: the source folder, or ``share/<package>`` of a package that is installed.
+        interfaces: files below `folder` that define messages, services and actions, such as ``msg/String.msg``.
+    """
+
+    name: str
+    folder: Path
+    interfaces: tuple[str, ...]
+
+    @property
+    def share(self) -> Path:
+        """The share folder: `folder`, or one of links where setup.py or CMakeLists.txt install files elsewhere."""
+        from rosidl_py_gen.type_loading.package_files import share_folder
+
+        return share_folder(self.name, self.folder)
+
+
+_lock = threading.Lock()
+_installed: _Finder | None = None
+
+
+def install_import_hook(
+    *,
+    message_api: Literal["native", "rclpy"] = "native",
+    path: SearchFolders = (),
+    workspace_of: str | os.PathLike[str] | None = None,
+    override_installed: bool = False,
+) -> Registration:
+    """Make ``import x_msgs.msg`` work for every package whose definitions are found, in this process, from now on.
+
+    Definitions are looked for in `path`, in the workspace around `workspace_of`, in AMENT_PREFIX_PATH, in installed
+    wheels,
+    and among the bundled ones. Modules are compiled in memory when they are first imported; those of rclpy's flavour
+    are kept in the user's cache.
+
+    Args:
+        message_api: ``native`` gives the classes of `get_message`; ``rclpy`` gives classes that behave as those of a ROS
+            installation: `array.array` for sequences of numbers, bytes for `byte`, rclpy's `repr` and checks; and
+            with them `rclpy` itself and its companions.
+        path: package folders, folders of packages or workspaces' `src`.
+        workspace_of: a script or folder; upwards from it a folder with a package.xml is looked for, and the workspace that
+            is in. A folder that is in no package is a workspace itself. Python packages of the workspace and of `path`,
+            which are called as the ROS package that has them, can then be imported, too.
+        override_installed: take ours also for packages that can be imported already, such as those of a sourced ROS installation.
+            Otherwise such packages stay what they are. Either way a warning says so.
+
+    Returns:
+        `close`, or the end of a ``with`` block, takes the hook away, and the modules it made out of `sys.modules`.
+
+    Raises:
+        DefinitionError: a folder of `path` holds no package, or two of one name; `workspace_of` is not there, or one
+        of them
+            is no path.
+        RuntimeError: a hook with other settings is installed; the same settings again give that hook.
+        ValueError: an unknown flavour.
+    """
+    global _installed
+    if message_api not in ("native", "rclpy"):
+        raise ValueError(f'expected the flavour "native" or "rclpy", found {message_api!r:.100}')
+    entries = [path] if isinstance(path, (str, os.PathLike)) else path
+    if not isinstance(entries, Iterable):
+        raise _wrong("path", "a folder or several", path)
+    folders = tuple(_path_text("path", entry) for entry in entries)
+    settings = (
+        message_api,
+        folders,
+        None if workspace_of is None else _path_text("workspace_of", workspace_of),
+        override_installed,
+    )
+    with _lock:
+        if _installed is None:
+            _installed = _Finder(*settings)
+            sys.meta_path.insert(0, _installed)
+            sys.meta_path.extend(_installed.last)
+        elif _installed.settings != settings:
+            raise RuntimeError("an import hook with other settings is installed; close that one first")
+        finder = _installed
+    return Registration(lambda: _remove(finder))
+
+
+def found_packages() -> dict[str, FoundPackage]:
+    """The packages that the import hook knows, by name: all with definitions, and all others of its workspace.
+
+    Returns:
+        Nothing without a hook.
+    """
+    finder = _installed
+    return {} if finder is None else finder.found()
+
+
+def _path_text(name: str, path: object) -> str:
+    try:
+        return os.fsdecode(os.fspath(path))  # type: ignore[call-overload]
+    except TypeError:
+        raise _wrong(name, "a path", path) from None
+
+
+def _wrong(name: str, expected: str, found: object) -> DefinitionError:
+    return DefinitionError(
+        Diagnostic("<install_import_hook>", 0, 0, f"{name}: expected {expected}, found {found!r:.200}")
+    )
+
+
+def _remove(finder: _Finder) -> None:
+    global _installed
+    with _lock:
+        if finder is not _installed:
+            return
+        _installed = None
+        # In place, and what others took away is away.
+        sys.meta_path[:] = [one for one in sys.meta_path if one is not finder and one not in finder.last]
+    for name, module in list(sys.modules.items()):
+        spec = getattr(module, "__spec__", None)
+        if spec is not None and (spec.loader is finder or _is_of_shim(spec)):
+            del sys.modules[name]
+            parent, _, child = name.rpartition(".")
+            if parent in sys.modules and getattr(sys.modules[parent], child, None) is module:
+                delattr(sys.modules[parent], child)
+
+
+def _is_of_shim(spec: ModuleSpec) -> bool:
+    return spec.origin is not None and Path(spec.origin).is_relative_to(RCLPY_COMPAT_DIR)
+
+
+class _FallbackFinder(MetaPathFinder):
+    """Asked when nobody else knows a module: Python packages of what was given, and of the workspace."""
+
+    def __init__(self, workspaces: Sequence[Workspace]) -> None:
+        self._workspaces = workspaces
+
+    @cached_property
+    def packages(self) -> dict[str, Path]:
+        """The folder of each package, by its name; the first of two."""
+        return {name: folder for one in reversed(self._workspaces) for name, folder in one.packages.items()}
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """What `import` asks."""
+        if path is not None or fullname not in self.packages:
+            return None
+        folder = self.packages[fullname]
+        found = PathFinder.find_spec(fullname, [str(folder), str(folder / "src")])
+        return found if found is not None and found.origin is not None else None
+
+
+class _Finder(MetaPathFinder, Loader):
+    """A finder and loader of `sys.meta_path`."""
+
+    def __init__(
+        self, message_api: str, path: Sequence[str], workspace_of: str | None, override_installed: bool
+    ) -> None:
+        from rosidl_py_gen.compiler.frontend.search_path import holds_packages, scan_search_path
+        from rosidl_py_gen.compiler.frontend.workspace import Workspace, workspace_around
+        from rosidl_py_gen.type_loading.interface_modules import Interfaces
+
+        self.settings = (message_api, tuple(path), workspace_of, override_installed)
+        self._is_rclpy, self._shadow = message_api == "rclpy", override_installed
+        workspaces = [Workspace(Path(entry).resolve()) for entry in path]
+        folders = [
+            one for one, of in zip(path, workspaces, strict=True) if holds_packages(Path(one)) or not of.packages
+        ]
+        self._sources = [Path(entry).resolve() for entry in path]
+        if workspace_of is not None and not os.path.exists(workspace_of):
+            raise _wrong("workspace_of", "a script or a folder", workspace_of)
+        workspace = None if workspace_of is None else workspace_around(Path(workspace_of).resolve())
+        if workspace is not None:
+            given = [*self._sources]
+            self._sources.append(workspace.folder)
+            roots = (place for place in workspace.roots if not any(map(place.is_relative_to, given)))
+            folders += [str(place) for place in roots if holds_packages(place)]
+            workspaces.append(workspace)
+        self._python = _FallbackFinder(workspaces)
+        self.last = [self._python] if workspaces else []
+        self._shim = {entry.name for entry in os.scandir(RCLPY_COMPAT_DIR)} if self._is_rclpy else set()
+        self._interfaces: Interfaces = Interfaces(scan_search_path(folders), folders)
+        self._others_of: dict[str, str] = {}
+        self._looking = threading.local()
+
+    # --- finding ------------------------------------------------------------------------------------------------------
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """What `import` asks; None leaves the module to the other finders."""
+        package, _, rest = fullname.partition(".")
+        if self.last and not rest and fullname in self._python.packages and self._is_plain_folder(fullname):
+            return self._python.find_spec(fullname)
+        if fullname in _PARSER and self._is_rclpy:
+            return None if self._others(fullname, path) else self._parser(fullname)
+        if fullname in self._shim:
+            return self._of_shim(fullname)
+        if package not in self._interfaces.search.packages:
+            return None
+        kind, _, module = rest.partition(".")
+        if not rest:
+            return self._package(package)
+        if kind not in KINDS or kind not in self._interfaces.kinds(package):
+            return None
+        if not module:
+            return None if self._is_others(package, kind, path) else ModuleSpec(fullname, self, is_package=True)
+        parent = sys.modules.get(f"{package}.{kind}")
+        is_ours = parent is not None and getattr(parent.__spec__, "loader", None) is self
+        return ModuleSpec(fullname, self) if is_ours and module in self._interfaces.modules(package, kind) else None
+
+    def found(self) -> dict[str, FoundPackage]:
+        """What `found_packages` says."""
+        found = {name: FoundPackage(name, folder, ()) for name, folder in self._python.packages.items()}
+        for name, package in self._interfaces.search.packages.items():
+            files = (os.path.relpath(file, package.folder).replace(os.sep, "/") for file in package.files.values())
+            found[name] = FoundPackage(name, package.folder, tuple(sorted(files)))
+        return dict(sorted(found.items()))
+
+    def _of_shim(self, name: str) -> ModuleSpec | None:
+        """A package of the shim, unless a real one stays."""
+        other, ours = self._others(name, None), PathFinder.find_spec(name, [str(RCLPY_COMPAT_DIR)])
+        if ours is None or other is None or other.origin is None:
+            return ours
+        self._warn_duplicate(name, name, other.origin, str(RCLPY_COMPAT_DIR / name))
+        return ours if self._shadow else None
+
+    def _warn_duplicate(self, package: str, name: str, other: str, ours: str) -> None:
+        """Warn once that there are two of a package."""
+        if package not in self._others_of:
+            self._others_of[package] = other
+            used, unused = (ours, other) if self._shadow else (other, ours)
+            warnings.warn(ImportHookWarning(f"{name}: taken is {used}, not {unused}"), stacklevel=2)
+
+    def _package(self, package: str) -> ModuleSpec | None:
+        """A package: that of others, which then gets our folders; that in the workspace; or one of ours."""
+        other = self._others(package, None)
+        if other is not None and other.loader is not None and other.origin:
+            return None
+        folder = self._interfaces.search.packages[package].folder
+        inside = folder / package / "__init__.py"
+        if inside.is_file() and any(folder.resolve().is_relative_to(source) for source in self._sources):
+            return spec_from_file_location(package, inside, submodule_search_locations=[str(inside.parent)])
+        return ModuleSpec(package, self, is_package=True)
+
+    def _is_others(self, package: str, kind: str, path: Sequence[str] | None) -> bool:
+        """Whether message modules of others are there, and stay."""
+        name = f"{package}.{kind}"
+        if path is None:
+            found = self._others(package, None)
+            path = found.submodule_search_locations if found is not None else None
+        other = self._others(name, path) if path is not None else None
+        if other is None or other.loader is None or not other.origin:
+            return False
+        if is_generated(Path(other.origin)) and (self._shadow or not self._is_rclpy):
+            return not self._is_rclpy  # generated by this tool: the same classes, or the same in the other flavour
+        folder = self._interfaces.search.packages[package].folder
+        self._warn_duplicate(package, name, other.origin, f"the definitions in {folder}")
+        return not self._shadow
+
+    def _others(self, fullname: str, path: Sequence[str] | None) -> ModuleSpec | None:
+        """What the other finders say."""
+        if getattr(self._looking, "name", "") == fullname:
+            return None
+        self._looking.name = fullname
+        try:
+            for finder in sys.meta_path:
+                find = getattr(finder, "find_spec", None)
+                found: ModuleSpec | None = find(fullname, path) if find is not None and finder is not self else None
+                if found is not None:
+                    return found
+        finally:
+            self._looking.name = ""
+        return None
+
+    def _is_plain_folder(self, name: str) -> bool:
+        """Return True if others find no more than a folder without ``__init__.py``, as that of a ROS package is."""
+        other = self._others(name, None)
+        is_folder = other is not None and other.origin is None and other.submodule_search_locations is not None
+        return is_folder and name not in self._interfaces.search.packages
+
+    def _parser(self, fullname: str) -> ModuleSpec | None:
+        from rosidl_py_gen.cdr import rclpy_messages
+
+        if fullname == _PARSER[0]:
+            return ModuleSpec(fullname, self, is_package=True)
+        return spec_from_file_location(fullname, Path(rclpy_messages.__path__[0], "slot_types.py"))
+
+    # --- loading ------------------------------------------------------------------------------------------------------
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType | None:
+        """None: a plain module."""
+        return None
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Fill a module of ours; raises `DefinitionError` and, where classes of others are in the way, ImportError."""
+        package, _, rest = module.__name__.partition(".")
+        kind, _, name = rest.partition(".")
+        if not kind:
+            module.__doc__ = f"The ROS interface package {package}."
+        elif name:
+            self._populate(module, self._interfaces.modules(package, kind)[name])
+        elif package in self._interfaces.search.packages:
+            self._export_lazily(module, package, kind)
+
+    def _populate(self, module: ModuleType, names: list[RosName]) -> None:
+        if len(names) > 1:
+            raise ImportError(f"{' and '.join(map(str, names))} would both be the module {module.__name__}")
+        code = self._interfaces.code(names[0]) if self._is_rclpy else None
+        for package in sorted({part.partition("/")[0] for part in code[0]} if code else ()):
+            for kind in sorted(self._interfaces.kinds(package)):
+                if self._is_others(package, kind, None):
+                    origin = self._others_of[package]
+                    text = f"{names[0]} needs {package}, and {origin} has other classes: shadow=True takes ours"
+                    raise ImportError(text, name=module.__name__)
+        self._interfaces.fill(module, names[0], code)
+
+    def _export_lazily(self, module: ModuleType, package: str, kind: str) -> None:
+        """Classes are made when they are first used, as in generated packages."""
+        from rosidl_py_gen.cdr.lazy import lazy_exports
+
+        classes = self._interfaces.classes(package, kind)
+        module.__dict__["__getattr__"], module.__dict__["__dir__"] = lazy_exports(module.__name__, classes)
+        module.__dict__["__all__"] = sorted(classes)

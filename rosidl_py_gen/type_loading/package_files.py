@@ -1,0 +1,184 @@
+"""Files that a source package installs, as its setup.py and CMakeLists.txt state, and its share folder made of links.
+
+Nothing is run. Programs look for files below ``share/<package>`` where the installation puts them: `glob("launch/*")`
+of setup.py puts them without their folder. Where an installation only copies folders, the source folder is the share
+folder. Otherwise the share folder is one of links in the user's cache: it has what the source folder has, and the
+installed files at their places.
+"""
+
+from __future__ import annotations
+
+import atexit
+import hashlib
+import os
+import posixpath
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise, takewhile
+from pathlib import Path
+
+from rosidl_py_gen.compiler.frontend.cmake_reader import UNKNOWN, CMakeScript, inside
+from rosidl_py_gen.compiler.frontend.files import UnreadableError, read_text
+from rosidl_py_gen.type_loading.description_cache import cache_home
+from rosidl_py_gen.type_loading.setup_py import SetupSyntaxError, setup_calls
+
+_LIST_ENDS = ("DESTINATION", "PERMISSIONS", "CONFIGURATIONS", "COMPONENT", "RENAME", "OPTIONAL", "TYPE", "PATTERN")
+_MORE_LIST_ENDS = (
+    *("REGEX", "FILES_MATCHING", "FILE_PERMISSIONS", "DIRECTORY_PERMISSIONS", "EXCLUDE_FROM_ALL"),
+    *("USE_SOURCE_PERMISSIONS", "MESSAGE_NEVER"),
+)
+_MAX_ENTRIES = 20_000
+"""Maximum number of links of one share folder."""
+_Tree = dict[str, "Path | _Tree"]
+
+
+@dataclass(frozen=True)
+class Install:
+    """One ``install(FILES | PROGRAMS | DIRECTORY ...)`` of a CMakeLists.txt.
+
+    Attributes:
+        folder: of the package.
+        kind: the first word.
+        paths: files and folders, relative to `folder`; a folder that ends with ``/`` is installed without its name.
+        destination: relative to the prefix.
+        rename: the new name of a file, or empty.
+    """
+
+    folder: Path
+    kind: str
+    paths: tuple[str, ...]
+    destination: str
+    rename: str = ""
+
+    def files(self) -> Iterator[tuple[str, str]]:
+        """Yield the path below `destination`, and the path below `folder`, of each file and folder that exists."""
+        for path in self.paths:
+            place = inside(path)
+            if place is None or not (self.folder / place).exists():
+                continue
+            if self.kind != "DIRECTORY" and not (self.folder / place).is_file():
+                continue
+            if self.kind == "DIRECTORY" and path.endswith("/"):
+                yield from ((name, posixpath.join(place, name)) for name in _names(self.folder / place))
+            else:
+                yield self.rename or posixpath.basename(place), place
+
+
+def cmake_installs(folder: Path) -> list[Install]:
+    """Return what the CMakeLists.txt of a package installs.
+
+    Raises:
+        UnreadableError: the file cannot be read, or lists more than a package can have.
+    """
+    found = []
+    for name, words in CMakeScript(folder, read_text(folder, "CMakeLists.txt")).calls:
+        texts = [word.text for word in words]
+        if name != "install" or texts[:1] not in (["FILES"], ["PROGRAMS"], ["DIRECTORY"]):
+            continue
+        paths = tuple(takewhile(lambda text: text not in (*_LIST_ENDS, *_MORE_LIST_ENDS), texts[1:]))
+        options = dict(pairwise(texts))
+        destination = options.get("DESTINATION", UNKNOWN)
+        found.append(Install(folder, texts[0], paths, posixpath.normpath(destination), options.get("RENAME", "")))
+    return found
+
+
+def share_folder(name: str, folder: Path) -> Path:
+    """Return the share folder of a source package: `folder` itself, or one of links.
+
+    Args:
+        name: name of the package.
+        folder: its source folder.
+    """
+    tree: _Tree = {entry: folder / entry for entry in _names(folder)}
+    is_same = True
+    for place, source in _installed(name, folder):
+        is_same &= _insert(tree, [part for part in place.split("/") if part not in ("", ".")], source)
+    if is_same:
+        return folder
+    made = (cache_home() or _temporary_home()) / "share" / hashlib.sha256(os.fsencode(folder)).hexdigest()[:24] / name
+    try:
+        made.mkdir(mode=0o700, parents=True, exist_ok=True)
+        _link(tree, made, [_MAX_ENTRIES])
+    except OSError:  # no links here, as on Windows without the right to make them
+        return folder
+    return made
+
+
+@lru_cache(maxsize=1)
+def _temporary_home() -> Path:
+    """Return a folder for links where the user wants no cache; it goes when the process ends."""
+    home = tempfile.mkdtemp(prefix="rosidl-py-gen-")
+    atexit.register(shutil.rmtree, home, ignore_errors=True)
+    return Path(home)
+
+
+def _names(folder: Path) -> list[str]:
+    with suppress(OSError):
+        return sorted(entry for entry in os.listdir(folder) if not entry.startswith("."))
+    return []
+
+
+def _installed(name: str, folder: Path) -> Iterator[tuple[str, Path]]:
+    """Yield the place below ``share/<name>`` and the source of each installed file or folder."""
+    share = f"share/{name}"
+    with suppress(UnreadableError):
+        for one in cmake_installs(folder):
+            if (one.destination + "/").startswith(f"{share}/"):
+                for below, path in one.files():
+                    yield posixpath.join(one.destination[len(share) :].lstrip("/"), below), folder / path
+    with suppress(UnreadableError, SetupSyntaxError):
+        for given in setup_calls(read_text(folder, "setup.py"), folder):
+            rows = given.get("data_files")
+            for row in rows if isinstance(rows, list) else ():
+                if not (isinstance(row, list) and len(row) == 2 and isinstance(row[0], str)):
+                    continue
+                place = posixpath.normpath(re.sub(r"[\\/]+", "/", row[0]))
+                for path in row[1] if isinstance(row[1], list) and (place + "/").startswith(f"{share}/") else ():
+                    source = inside(path) if isinstance(path, str) else None
+                    if source is not None and (folder / source).is_file():
+                        yield (
+                            posixpath.join(place[len(share) :].lstrip("/"), posixpath.basename(source)),
+                            (folder / source),
+                        )
+
+
+def _insert(tree: _Tree, parts: list[str], source: Path) -> bool:
+    """Put a file or folder at its place; True if it is there already."""
+    for index, part in enumerate(parts[:-1], 1):
+        below = tree.get(part, {})
+        if isinstance(below, Path):
+            if below.joinpath(*parts[index:]) == source:
+                return True
+            below = {entry: below / entry for entry in _names(below)}
+        tree[part] = tree = below
+    if tree.get(parts[-1]) == source:
+        return True
+    tree[parts[-1]] = source
+    return False
+
+
+def _link(tree: _Tree, folder: Path, left: list[int]) -> None:
+    """Make a folder one of links; files that programs wrote there stay."""
+    for name, source in tree.items():
+        left[0] -= 1
+        if left[0] < 0:
+            raise OSError("more files than a package installs")
+        place = folder / name
+        if place.is_symlink():
+            if isinstance(source, Path) and os.readlink(place) == str(source):
+                continue
+            place.unlink(missing_ok=True)
+        if isinstance(source, Path) and not place.exists():
+            with suppress(FileExistsError):  # another process was faster
+                place.symlink_to(source)
+        elif isinstance(source, dict) or (place.is_dir() and source.is_dir()):
+            place.mkdir(exist_ok=True)
+            _link(source if isinstance(source, dict) else {one: source / one for one in _names(source)}, place, left)
+    for entry in folder.iterdir():
+        if entry.is_symlink() and entry.name not in tree:
+            entry.unlink(missing_ok=True)

@@ -1,0 +1,168 @@
+"""Wheels of message packages, built by flit_core.
+
+A wheel has a whole package: the generated code, ``py.typed``, package.xml and the definitions, so that packages which
+use it can be made of it. The layout of nested messages is written into the code of packages that use them, so a wheel
+requires exactly the versions it was made with. A package that is already installed as a wheel is not made again.
+
+The same contents make the same bytes, at any time and on any machine with the same version of flit_core.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen import __version__
+from rosidl_py_gen.base.resources import ENTRY_POINTS
+from rosidl_py_gen.compiler.frontend.search_path import INSTALLED
+from rosidl_py_gen.compiler.generate import generate
+from rosidl_py_gen.errors import DefinitionError, Diagnostic
+from rosidl_py_gen.wheels.manifest import PackageManifest, read_manifest
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.compiler.frontend.search_path import Package, SearchPath
+
+_IMPORT = re.compile(r"^\s*(?:from|import) +([A-Za-z_][A-Za-z0-9_]*)[. ]", re.MULTILINE)
+_BUNDLED = "bundled"
+_EARLIEST = (1980, 1, 1, 0, 0, 0)
+"""Time of files in wheels where SOURCE_DATE_EPOCH is not set: the first that zip files can have."""
+
+
+@dataclass(frozen=True, slots=True)
+class BuiltWheel:
+    """A wheel on disk."""
+
+    package: str
+    path: Path
+    requires: tuple[str, ...]
+
+
+def selected_packages(search: SearchPath, wanted: list[str]) -> list[str]:
+    """Names of the packages a user means: all of the given folders when none is named.
+
+    Raises:
+        DefinitionError: no such package, or nothing but bundled ones where nothing is named.
+    """
+    for name in wanted:
+        if name not in search.packages:
+            known = ", ".join(search.packages)[:300]
+            raise DefinitionError(Diagnostic(name, 0, 0, f"there is no package of this name; there are {known}"))
+    found = wanted or [name for name, one in search.packages.items() if one.origin not in (_BUNDLED, INSTALLED)]
+    if not found:
+        raise DefinitionError(
+            Diagnostic("wheel", 0, 0, "name packages, such as std_msgs, or give the folder of your own with --path")
+        )
+    return sorted(found)
+
+
+def build(search: SearchPath, packages: list[str], out: Path, *, dependencies: bool = True) -> list[BuiltWheel]:
+    """Write the wheels of packages, and of those they use that are not installed as wheels, into a folder.
+
+    Raises:
+        DefinitionError: problems in definitions or manifests.
+        OutputError: the temporary folder cannot be written.
+        OSError: `out` cannot be written.
+    """
+    files, uses = _generated(search, packages)
+    chosen = [name for name in files if name in packages or (dependencies and _origin(search, name) != INSTALLED)]
+    out.mkdir(parents=True, exist_ok=True)
+    return [_build(search, search.packages[name], files[name], uses[name], out) for name in chosen]
+
+
+def _origin(search: SearchPath, name: str) -> str:
+    return search.packages[name].origin
+
+
+def _generated(search: SearchPath, packages: list[str]) -> tuple[dict[str, dict[str, bytes]], dict[str, set[str]]]:
+    """Generated files of each package of these and of all they use, and which others each imports."""
+    wanted = set(packages)
+    while True:
+        if more := {one for name in wanted for one in _declared(search, name)} - wanted:
+            wanted |= more
+            continue
+        with TemporaryDirectory(prefix="rosidl-py-gen-wheel-") as top:
+            try:
+                run = generate(search, sorted(wanted), Path(top))
+            except DefinitionError as error:
+                error.partial = False  # a wheel is whole or not made
+                raise
+            found = {name.package for name in run.names}
+            if found <= wanted:
+                return _read(Path(top), found)
+        wanted |= found  # whole packages, not only what is used of them
+
+
+def _declared(search: SearchPath, name: str) -> set[str]:
+    """Interface packages that a package says it depends on."""
+    return set(read_manifest(search.packages[name].folder, name).depends) & search.packages.keys()
+
+
+def _read(top: Path, packages: set[str]) -> tuple[dict[str, dict[str, bytes]], dict[str, set[str]]]:
+    files: dict[str, dict[str, bytes]] = {}
+    uses: dict[str, set[str]] = {}
+    for package in sorted(packages):
+        paths = [path for path in sorted((top / package).rglob("*")) if path.is_file()]
+        files[package] = {path.relative_to(top).as_posix(): path.read_bytes() for path in paths}
+        texts = (data.decode() for name, data in files[package].items() if name.endswith(".py"))
+        imported = {name for text in texts for name in _IMPORT.findall(text)}
+        uses[package] = (imported & packages) - {package}
+    return files, uses
+
+
+def _build(search: SearchPath, package: Package, files: dict[str, bytes], uses: set[str], out: Path) -> BuiltWheel:
+    """Write a package into a temporary folder and build its wheel in `out`; an older wheel of the name is replaced."""
+    from flit_core.common import Metadata, Module
+    from flit_core.wheel import WheelBuilder
+
+    manifest = read_manifest(package.folder, package.name)
+    requires = [_compatible_versions(__version__)]
+    for used in sorted(uses | _declared(search, package.name)):
+        version = read_manifest(search.packages[used].folder, used).version
+        requires.append(f"{used.replace('_', '-')}=={version}")
+    contents = {f"{package.name}/{name.kind}/{path.name}": path.read_bytes() for name, path in package.files.items()}
+    contents[f"{package.name}/package.xml"] = (package.folder / "package.xml").read_bytes()
+    # A pyproject.toml would lose the license of package.xml: flit_core takes only SPDX expressions from there.
+    metadata = Metadata(_metadata(package.name.replace("_", "-"), manifest, requires))
+    entry_points = {ENTRY_POINTS: {package.name: package.name}}
+    with TemporaryDirectory(prefix="rosidl-py-gen-wheel-") as folder:
+        top = Path(folder)
+        for name, data in (files | contents).items():
+            path = top / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(data)
+        partial = out / f".{package.name}.whl.part"
+        try:
+            with partial.open("wb") as file:
+                builder = WheelBuilder(top, Module(package.name, top), metadata, entry_points, file, None)
+                builder.source_time_stamp = builder.source_time_stamp or _EARLIEST
+                builder.build()
+            made = partial.replace(out / builder.wheel_filename)
+        finally:
+            partial.unlink(missing_ok=True)
+    return BuiltWheel(metadata.name, made, tuple(requires))
+
+
+def _compatible_versions(version: str) -> str:
+    """Return the requirement on versions of this package that run what this one generated: the same minor number."""
+    major, minor = version.split(".")[:2]
+    return f"rosidl-py-gen>={version},<{major}.{int(minor) + 1}"
+
+
+def _metadata(name: str, manifest: PackageManifest, requires: list[str]) -> dict[str, object]:
+    found: dict[str, object] = {
+        "name": name,
+        "version": manifest.version,
+        "summary": manifest.description[:500] or None,
+        "license": manifest.license or None,
+        "project_urls": [f"{label}, {url}" for label, url in manifest.urls if url],
+        "keywords": "ros2,rosidl",
+        "classifiers": ["Typing :: Typed"],
+        "requires_python": ">=3.10",
+        "requires_dist": requires,
+    }
+    for one in manifest.maintainers[:1]:
+        found["maintainer_email" if "<" in one else "maintainer"] = one
+    return found
