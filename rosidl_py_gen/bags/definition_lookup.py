@@ -271,6 +271,6 @@ def trailing_bytes(cls: type[Message], data: bytes | memoryview) -> str:
 
 def _guess_warning(found: TopicDefinition) -> str:
     return (
-        f"{found.origin}, taken because the bag has no definition of {found.message_class._TYPE.name}, is not the one of "
+        f"{found.origin}, taken because the bag has no definition of {found.message_class._TYPE.name}, is not that of "
         f"the recording, or the message is damaged: {_ADVICE}"
     )

@@ -84,15 +84,15 @@ def install_import_hook(
     are kept in the user's cache.
 
     Args:
-        message_api: ``native`` gives the classes of `get_message`; ``rclpy`` gives classes that behave as those of a ROS
-            installation: `array.array` for sequences of numbers, bytes for `byte`, rclpy's `repr` and checks; and
+        message_api: ``native`` gives the classes of `get_message`; ``rclpy`` gives classes that behave as those of a
+            ROS installation: `array.array` for sequences of numbers, bytes for `byte`, rclpy's `repr` and checks; and
             with them `rclpy` itself and its companions.
         path: package folders, folders of packages or workspaces' `src`.
-        workspace_of: a script or folder; upwards from it a folder with a package.xml is looked for, and the workspace that
-            is in. A folder that is in no package is a workspace itself. Python packages of the workspace and of `path`,
-            which are called as the ROS package that has them, can then be imported, too.
-        override_installed: take ours also for packages that can be imported already, such as those of a sourced ROS installation.
-            Otherwise such packages stay what they are. Either way a warning says so.
+        workspace_of: a script or folder; upwards from it a folder with a package.xml is looked for, and the workspace
+            that it is in. A folder that is in no package is a workspace itself. Python packages of the workspace and of
+            `path`, which are called as the ROS package that has them, can then be imported, too.
+        override_installed: take ours also for packages that can be imported already, such as those of a sourced ROS
+            installation. Otherwise such packages stay what they are. Either way a warning says so.
 
     Returns:
         `close`, or the end of a ``with`` block, takes the hook away, and the modules it made out of `sys.modules`.

@@ -253,7 +253,10 @@ def test_wrong_settings_change_nothing(tmp_path: Path) -> None:
     wrong: Any
     for wrong, text in (
         ({"workspace_of": 5}, "workspace_of: expected a path, found 5"),
-        ({"workspace_of": tmp_path / "nothing.py"}, "workspace_of: expected a script or a folder, found '.*nothing.py'"),
+        (
+            {"workspace_of": tmp_path / "nothing.py"},
+            "workspace_of: expected a script or a folder, found '.*nothing.py'",
+        ),
         ({"path": 5}, "path: expected a folder or several, found 5"),
         ({"path": [tmp_path, None]}, "path: expected a path, found None"),
     ):

@@ -188,7 +188,8 @@ class AppendElement(NamedTuple):
 
 Statement = (
     Load | LoadList | LoadRecords | IfElse | Assign | CheckMaxLength | CheckLength | CheckMaxLengths | EmitBytes | Write
-    | Move | Align | Create | Unpack | ReadText | CheckHeader | CheckRemaining | NewList | ReadHeavy | For | AppendElement
+    | Move | Align | Create | Unpack | ReadText | CheckHeader | CheckRemaining | NewList | ReadHeavy | For
+    | AppendElement
 )  # fmt: skip
 
 
