@@ -19,7 +19,7 @@ def error_classes() -> dict[str, set[str]]:
     bases = {
         node.name: {ast.unparse(base).rpartition(".")[2] for base in node.bases}
         for path in PACKAGE.rglob("*.py")
-        if not path.is_relative_to(PACKAGE / "rclpy")  # names and bases there are rclpy's
+        if not path.is_relative_to(PACKAGE / "ros_compat")  # names and bases there are rclpy's
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.ClassDef)
     }

@@ -1,7 +1,7 @@
 """The reference compiler of today as an oracle: two releases of the rosidl tool chain, and the comparison with ours.
 
 They come from PyPI (tests/support/environments.py), each into an environment of its own, and answer as processes that
-stay (tests/compiler/spec/rosidl_server.py). All are asked at once, and a test holds for all of them: where releases
+stay (tests/compiler/frontend/rosidl_server.py). All are asked at once, and a test holds for all of them: where releases
 differ, or we differ from them on purpose, a table in the tests says so.
 """
 

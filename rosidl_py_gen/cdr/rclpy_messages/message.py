@@ -1,6 +1,6 @@
 """The base classes of rclpy's flavour: messages, services and actions that behave as those of a ROS installation.
 
-Source: the messages that rosidl_generator_py of Jazzy makes, which `tests/rclpy_flavour` compares with.
+Source: the messages that rosidl_generator_py of Jazzy makes, which `tests/rclpy_messages` compares with.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import rosidl_py_gen
 
-FOLDER = Path(rosidl_py_gen.__file__).parent / "rclpy"
+FOLDER = Path(rosidl_py_gen.__file__).parent / "ros_compat"
 INTERFACES = Path(__file__).resolve().parents[1] / "interfaces"
 
 

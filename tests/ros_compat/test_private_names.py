@@ -16,7 +16,7 @@ from support.record_rclpy_names import RECORD
 
 import rosidl_py_gen
 
-FOLDER = Path(rosidl_py_gen.__file__).parent / "rclpy"
+FOLDER = Path(rosidl_py_gen.__file__).parent / "ros_compat"
 REAL: dict[str, dict[str, Any]] = json.loads(RECORD.read_text(encoding="utf-8"))
 PREFIX = re.compile(r"_rosidl_|_ROSIDL_|__\w+__$")
 INTERNAL = (
