@@ -45,13 +45,13 @@ _COMMANDS = {
     "completion": ("completion_script", "Print the completion script of a shell."),
     "doctor": ("doctor.check", "Check this installation, the network, and what answers on it."),
     "foxglove": ("foxglove.command", "Show topics, parameters and services live in Foxglove or Lichtblick."),
-    "graph": ("graph.show", "Nodes and topics as text, Mermaid or SVG."),
+    "graph": ("graph.command", "Nodes and topics as text, Mermaid or SVG."),
     "interface": ("interface", "Definitions of messages, services and actions."),
     "lifecycle": ("lifecycle", "Lifecycle nodes: list, get and set their states."),
     "log": ("log.follow", "Follow what all nodes log."),
     "node": ("node", "Nodes: list, info."),
     "param": ("param", "Parameters: list, get, set, describe, dump, load, delete."),
-    "run": ("run.command", "Run a program written for rclpy as it is."),
+    "run": ("program_runner.command", "Run a program written for rclpy as it is."),
     "service": ("service", "Services: list, type, call, info, echo."),
     "tf": ("tf", "Transforms: the tree of frames, one transform, rates and delays."),
     "topic": ("topic", "Topics: list, info, echo, pub, hz, bw, delay, type, find."),
@@ -116,7 +116,7 @@ def verb(function: Callable[..., Any]) -> Callable[..., None]:
     def run(**arguments: Any) -> None:
         listening: AbstractContextManager[None] = nullcontext()
         if "network" in arguments and arguments.get("bag") is None:
-            listening = import_module(f"{__name__}.session").listening(arguments["network"])
+            listening = import_module(f"{__name__}.command_node").context_opened_early(arguments["network"])
         try:
             with listening:
                 answer = function(**arguments)
