@@ -63,8 +63,8 @@ MORE = {
         "rclpy.impl.lifecycle_machine",
         "rclpy.impl.names",
         "rclpy.impl.parameter_rules",
-        "rclpy.mismatches",
-        "rclpy.readiness",
+        "rclpy.incompatible_qos",
+        "rclpy.ready_scan",
         "rclpy.task.EntityTask",
     ),
     "what stands where rclpy has classes and functions of C": (

@@ -22,8 +22,8 @@ PREFIX = re.compile(r"_rosidl_|_ROSIDL_|__\w+__$")
 INTERNAL = (
     "rclpy.handles",
     "rclpy.handling",
-    "rclpy.mismatches",
-    "rclpy.readiness",
+    "rclpy.incompatible_qos",
+    "rclpy.ready_scan",
     "rclpy.impl.",
     "rosidl_runtime_py",
 )

@@ -13,8 +13,8 @@ from rclpy._rclpy_pybind11 import EnumOfC
 from rclpy._rclpy_pybind11 import UnsupportedEventTypeError as UnsupportedEventTypeError
 from rclpy.callback_groups import CallbackGroup as CallbackGroup
 from rclpy.handles import Destroyable
+from rclpy.incompatible_qos import WatchedEndpoint, with_policy_of_c
 from rclpy.logging import get_logger as get_logger
-from rclpy.mismatches import WatchedEndpoint, with_policy_of_c
 from rclpy.qos import qos_policy_name_from_kind as qos_policy_name_from_kind
 from rclpy.task import await_or_execute
 from rclpy.waitable import NumberOfEntities, Waitable

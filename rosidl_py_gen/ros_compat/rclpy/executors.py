@@ -23,7 +23,7 @@ from rclpy.exceptions import InvalidHandle as InvalidHandle
 from rclpy.exceptions import NotInitializedException
 from rclpy.guard_condition import GuardCondition as GuardCondition
 from rclpy.handling import handle_entity
-from rclpy.readiness import ready_entities, ready_waitables
+from rclpy.ready_scan import ready_entities, ready_waitables
 from rclpy.service import Service as Service
 from rclpy.signals import SignalHandlerGuardCondition as SignalHandlerGuardCondition
 from rclpy.subscription import Subscription as Subscription

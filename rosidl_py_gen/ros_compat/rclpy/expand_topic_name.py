@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rclpy.impl.names import fault_of_namespace, fault_of_node_name, topic_name_error
+from rclpy.impl.names import namespace_error, node_name_error, topic_name_error
 from rosidl_py_gen import InvalidNameError, runtime
 
 
@@ -13,8 +13,8 @@ def expand_topic_name(topic_name: str, node_name: str, node_namespace: str) -> s
     """
     for what, name, fault in (
         ("topic name", topic_name, topic_name_error(topic_name)),
-        ("node name", node_name, fault_of_node_name(node_name)),
-        ("node namespace", node_namespace, fault_of_namespace(node_namespace)),
+        ("node name", node_name, node_name_error(node_name)),
+        ("node namespace", node_namespace, namespace_error(node_namespace)),
     ):
         if fault is not None:
             raise ValueError(f"{what} '{name}' is invalid: {fault[0]}")

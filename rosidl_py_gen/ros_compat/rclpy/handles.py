@@ -15,7 +15,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
-from rclpy.mismatches import Mismatches, WatchedEndpoint
+from rclpy.incompatible_qos import Mismatches, WatchedEndpoint
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
@@ -185,8 +185,8 @@ class Handle(Destroyable, Generic[C]):
     Attributes:
         logger_name: of the node's logger.
         events: what happened to the endpoint, as far as somebody wants to know.
-        marked: of a node: kinds of its endpoints (`readiness.Served`) of which some may be ready; executors look at no
-            others.
+        marked: for a node, the kinds of its endpoints (`ready_scan.ServedEntity`) of which some may be ready. Executors
+            check no other endpoints.
     """
 
     def __init__(

@@ -19,7 +19,7 @@ from rclpy.impl._fields import valid_or
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, qos_profile_services_default
 from rclpy.qos_overriding_options import QoSOverridingOptions, _declare_qos_parameters
-from rclpy.readiness import CLIENTS, SERVICES, SUBSCRIPTIONS, ServedEntity
+from rclpy.ready_scan import CLIENTS, SERVICES, SUBSCRIPTIONS, ServedEntity
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Rate, Timer

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Literal
 
 from rclpy.exceptions import InvalidServiceNameException, InvalidTopicNameException
-from rclpy.impl.names import fault_of_full_topic_name
+from rclpy.impl.names import full_topic_name_error
 
 
 def validate_full_topic_name(name: str, *, is_service: bool = False) -> Literal[True]:
     """True for an allowed name; InvalidTopicNameException, or InvalidServiceNameException, otherwise."""
-    fault = fault_of_full_topic_name(name)
+    fault = full_topic_name_error(name)
     if fault is not None:
         raise (InvalidServiceNameException if is_service else InvalidTopicNameException)(name, *fault)
     return True

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Literal
 
 from rclpy.exceptions import InvalidNamespaceException
-from rclpy.impl.names import fault_of_namespace
+from rclpy.impl.names import namespace_error
 
 
 def validate_namespace(namespace: str) -> Literal[True]:
     """True for ``/`` or ``/a/b``; InvalidNamespaceException otherwise."""
-    fault = fault_of_namespace(namespace)
+    fault = namespace_error(namespace)
     if fault is not None:
         raise InvalidNamespaceException(namespace, *fault)
     return True

@@ -66,19 +66,19 @@ def topic_name_error(name: str) -> Fault | None:
     return _GIVEN[rule], index
 
 
-def fault_of_full_topic_name(name: str) -> Fault | None:
+def full_topic_name_error(name: str) -> Fault | None:
     """Of a fully qualified name; None when it is allowed."""
     return ("topic name must not be empty", 0) if name == "" else _fault(find_full_name_fault(_text(name)), _FULL)
 
 
-def fault_of_namespace(namespace: str) -> Fault | None:
+def namespace_error(namespace: str) -> Fault | None:
     """Of a namespace that begins with ``/``; None when it is allowed."""
     if namespace == "":
         return "namespace must not be empty", 0
     return _fault(find_namespace_fault(_text(namespace)), _NAMESPACE)
 
 
-def fault_of_node_name(name: str) -> Fault | None:
+def node_name_error(name: str) -> Fault | None:
     """Of a name of a node, without namespace; None when it is allowed."""
     return _fault(find_node_name_fault(_text(name)), _NODE)
 
