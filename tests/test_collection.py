@@ -34,7 +34,7 @@ def test_every_file_is_collected_where_all_is_there(lacks: set[str]) -> None:
 def test_without_libddsc_files_that_import_it_are_left_out_and_few_others(lacks: set[str]) -> None:
     lacks.add("libddsc")
     assert left_out("runtime/transport/test_fast_dds_rules.py") and left_out("runtime/loop/test_bridge.py")
-    assert not left_out("runtime/endpoints/test_services.py")
+    assert not left_out("runtime/entities/test_services.py")
     files = [path.relative_to(TESTS).as_posix() for path in TESTS.rglob("test_*.py")]
     assert sum(map(left_out, files)) < len(files) / 15
 
