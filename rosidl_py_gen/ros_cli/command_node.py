@@ -44,7 +44,7 @@ _MINIMAL_NODE_OPTIONS: dict[str, Any] = {
     "enable_rosout": False,
     "start_services": False,
     "parameter_events": False,
-    "overrides": {"start_type_description_service": False},
+    "parameter_overrides": {"start_type_description_service": False},
 }
 
 
