@@ -70,7 +70,7 @@ async def _play(
     overrides: Mapping[str, QoSProfile],
 ) -> None:
     node_options = {"start_type_description_service": True}  # others may not have the types
-    async with CommandNode(network, overrides=node_options) as session:
+    async with CommandNode(network, parameter_overrides=node_options) as session:
         player = Player(session, recording, part, options, overrides)
         serve(session.node, player)
         await session.wait_for_discovery()

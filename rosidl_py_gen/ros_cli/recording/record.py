@@ -67,7 +67,7 @@ async def _record(
     overrides = {"start_type_description_service": True, "use_sim_time": options.sim_time}
     try:
         # The network first, so that no bag is made where nothing can be heard.
-        async with CommandNode(network, name=options.node_name, overrides=overrides) as session:
+        async with CommandNode(network, name=options.node_name, parameter_overrides=overrides) as session:
             writer = WriterThread(
                 create(),
                 partial(loop.call_soon_threadsafe, failed.set),
