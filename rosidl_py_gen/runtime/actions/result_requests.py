@@ -89,7 +89,7 @@ class _ResultRequest:
             "has_ended",
             "is_early",
         ),
-        *("is_retrying", "on_error", "on_reply", "pause_s", "request", "sequences", "servers"),
+        *("is_retrying", "on_error", "on_reply", "pause_s", "request", "sequences", "candidate_servers"),
     )
 
     def __init__(
