@@ -247,7 +247,7 @@ class Graph:
         return all(one.nodes for guid, one in found if one.enclave is not None and of in (None, guid)) and not any(
             self.node_of(endpoint) == UNKNOWN_NODE
             for endpoint in list(self.endpoints.values())
-            if endpoint.channel.kind != "bare"  # of the participant itself, or of no ROS
+            if endpoint.channel.kind != "unmangled"  # of the participant itself, or of no ROS
             and of in (None, endpoint.participant_guid)
         )
 

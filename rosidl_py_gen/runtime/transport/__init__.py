@@ -1,4 +1,4 @@
-"""How bytes get from endpoint to endpoint: what is asked of a transport, QoS, and three of them: memory, DDS, Zenoh.
+"""Transports that carry bytes between endpoints: the contract, QoS, and three implementations: memory, DDS, Zenoh.
 
 May import: names, logs.
 """

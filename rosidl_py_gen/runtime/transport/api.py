@@ -1,11 +1,11 @@
-"""The narrow contract between ROS things (publishers, services, the graph) and whatever carries their bytes.
+"""Contract between the runtime (publishers, services, the graph) and the transports.
 
-Bytes go in, bytes and discovery events come out; messages are never seen. Names of topics, services and types are those
-of ROS; how they are spelled on the wire is the business of who carries them: `cyclone/participant.py` over DDS,
-`zenoh/participant.py` over Zenoh, `memory.py` inside one process. Nothing above this file can tell which one it is.
+Bytes go in; bytes and discovery events come out. A transport never sees messages. Names of topics, services and types
+are those of ROS; each transport converts them to those of the wire. No code above this module can tell which transport
+is used.
 
-Threads: `write` may be called from any thread. A sink is called by the bridge on the event loop's thread, perhaps while
-the loop still waits, and takes what it wants from the queue of its reader.
+Thread rules: `Writer.write` may be called from any thread. Sinks are called by the loop binding on the event loop's
+thread, also while the loop still waits; a sink pops what it needs from the queue of its reader.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ if TYPE_CHECKING:
 
 
 class TransportError(RosidlError):
-    """The middleware refused something; the message carries its own words."""
+    """The middleware refused an operation; the message contains its reason."""
 
 
 class BackendMissingError(ExtraMissingError):
-    """The user has to install the extra that brings the middleware."""
+    """The extra that contains the middleware is not installed."""
 
 
 class DiscoveryRange(Enum):
-    """How far discovery looks for peers."""
+    """Range in which peers are discovered."""
 
     SUBNET = "subnet"
     LOCALHOST = "localhost"
@@ -47,13 +47,12 @@ class DiscoveryRange(Enum):
 
 @dataclass(frozen=True, slots=True)
 class DomainSettings:
-    """What a context needs to know before it creates a participant.
+    """Settings of a context that its participant is created with.
 
     Attributes:
-        discovery_range: how far discovery looks for peers.
-        static_peers: hosts or addresses to contact directly, in the order given.
-        cyclonedds_uri: the user's own configuration, XML or ``file://`` names separated by commas; may be empty.
-        warnings: sentences to log once.
+        static_peers: hosts or addresses to contact directly, in this order.
+        cyclonedds_uri: configuration of the user, XML or ``file://`` names separated by commas; may be empty.
+        warnings: texts to log once.
     """
 
     domain_id: int = 0
@@ -66,16 +65,31 @@ class DomainSettings:
 # ----------------------------------------------------------------------------------------------------------- contract
 
 
-class Writer(Protocol):
-    """What sends the samples of one endpoint."""
+class _Endpoint(Protocol):
+    """Common part of a writer and a reader."""
 
     @property
     def guid(self) -> bytes:
-        """16 bytes, network order."""
+        """16 bytes in network order."""
+
+    def event_counts(self, event: str) -> tuple[int, ...] | None:
+        """Return the totals of an event; None if the middleware does not report it.
+
+        Of a writer: ``deadline`` (missed deadlines), ``liveliness`` (lost liveliness), ``matched`` (matched readers).
+        Of a reader: ``deadline``, ``liveliness`` (publishers alive, publishers not alive), ``message_lost`` (lost
+        samples), ``matched`` (matched writers).
+        """
+
+    def close(self) -> None:
+        """Delete the endpoint. May be called twice."""
+
+
+class Writer(_Endpoint, Protocol):
+    """Sender of the samples of one endpoint."""
 
     @property
     def handle(self) -> int:
-        """Unsigned number that is unique among the writers of this machine's process.
+        """Unsigned number that is unique among the writers of this process.
 
         Source: docs/internals/protocol.md 5.1.
         """
@@ -84,76 +98,52 @@ class Writer(Protocol):
         """Send a sample. Never blocks and never holds the GIL inside the middleware.
 
         Returns:
-            False when a reliable reader is so far behind that the middleware wants us to wait; nothing was sent.
+            False if a reliable reader is so far behind that the middleware would block; nothing was sent.
         """
 
     def matched_readers(self) -> list[bytes]:
-        """GUIDs of the readers this writer sends to."""
+        """Return the GUIDs of the matched readers."""
 
     def has_readers(self) -> bool:
-        """Whether anybody receives what is written; cheaper than listing them."""
+        """Return True if a reader is matched; cheaper than `matched_readers`."""
 
     def all_acknowledged(self) -> bool:
-        """True when every matched reliable reader confirmed everything written so far. Never blocks."""
-
-    def event_counts(self, event: str) -> tuple[int, ...] | None:
-        """How often ``deadline`` or ``liveliness`` was not kept so far, or how many readers were ``matched``.
-
-        None where the middleware does not tell.
-        """
+        """Return True if every matched reliable reader has acknowledged all samples. Never blocks."""
 
     def assert_liveliness(self) -> None:
-        """Say that the publisher is alive (liveliness MANUAL_BY_TOPIC)."""
-
-    def close(self) -> None:
-        """Delete it; may be called twice."""
+        """Assert that the publisher is alive (liveliness MANUAL_BY_TOPIC)."""
 
 
-class Reader(Protocol):
-    """What receives the samples of one endpoint, with its queue."""
-
-    @property
-    def guid(self) -> bytes:
-        """16 bytes, network order."""
+class Reader(_Endpoint, Protocol):
+    """Receiver of the samples of one endpoint, with a queue."""
 
     @property
     def queue(self) -> ReceiveQueue:
-        """Samples received and not taken yet."""
+        """Received samples that were not taken yet."""
 
     def set_sink(self, sink: Sink | None) -> None:
-        """Call `sink` on the loop's thread whenever samples were added to the queue."""
+        """Call `sink` on the loop's thread when samples were added to the queue."""
 
     def fetch(self) -> bool:
-        """Move what has arrived into the queue, without calling the sink; returns whether there was anything."""
+        """Move received samples into the queue without calling the sink; return True if there were any."""
 
     def matched_writers(self) -> list[bytes]:
-        """GUIDs of the writers this reader receives from."""
-
-    def event_counts(self, event: str) -> tuple[int, ...] | None:
-        """``deadline``: missed ones; ``liveliness``: publishers alive, and not alive; ``message_lost``: lost ones;
-        ``matched``: writers that were.
-
-        All so far; None where the middleware does not tell.
-        """
+        """Return the GUIDs of the matched writers."""
 
     def writer_guid(self, handle: int) -> bytes | None:
-        """The GUID behind a sample's writer handle; None when it was never matched or is long gone."""
-
-    def close(self) -> None:
-        """Delete it; may be called twice."""
+        """Return the GUID of a sample's writer handle; None if the handle is unknown or expired."""
 
 
 @dataclass(frozen=True, slots=True)
 class EndpointSpec:
-    """A reader or writer to be made.
+    """Reader or writer to be created.
 
     Attributes:
-        name: fully qualified, of the topic; as it is to stand on the wire when `avoid_ros_namespace_conventions`.
+        name: fully qualified topic name; the name on the wire with `avoid_ros_namespace_conventions`.
         type: ``pkg/msg/Name``.
         type_hash: RIHS01 text; may be empty.
-        node: number of the node it belongs to, one of those announced; 0 means none.
-        is_bare: without the prefix that ROS gives its topics, where there is one.
-        ignore_local: no samples of writers of this participant.
+        node: number of the announced node that the endpoint belongs to; 0 for none.
+        ignore_local: do not receive samples of writers of the same participant.
         has_buffer: messages have, or may have, an unbounded array of bytes.
     """
 
@@ -168,86 +158,86 @@ class EndpointSpec:
 
     @property
     def channel(self) -> TopicKey:
-        """Where it meets others."""
-        return TopicKey("bare" if self.avoid_ros_namespace_conventions else "topic", self.name)
+        """Topic that the endpoint belongs to."""
+        return TopicKey("unmangled" if self.avoid_ros_namespace_conventions else "topic", self.name)
 
 
 # -------------------------------------------------------------------------------------------------------- participants
 
 
 class Participant(Protocol):
-    """One member of a domain: makes endpoints, reports discovery, and says when something arrived.
+    """Member of a domain: creates endpoints, reports discovery and received samples.
 
-    `node` is the number of the node that an endpoint belongs to, one of those announced; 0 means none.
+    `node` is the number of the announced node that an endpoint belongs to; 0 for none. The `create_` methods raise
+    `TransportError` if the middleware refuses.
     """
 
     @property
     def guid(self) -> bytes:
-        """16 bytes, network order."""
+        """16 bytes in network order."""
 
     @property
     def middleware(self) -> str:
-        """``DDS`` or what else it is, for people."""
+        """Name of the middleware for people, such as ``DDS``."""
 
     @property
     def library(self) -> str:
-        """The C library that carries it, its version and file; empty where there is none to choose."""
+        """C library of the middleware with version and file; empty if there is no choice."""
 
     @property
     def capabilities(self) -> Mapping[str, str]:
-        """What depends on that library, for people: each ``"yes"`` or why not."""
+        """Capabilities that depend on the library, each with ``"yes"`` or the reason why it is missing."""
 
     @property
     def services_unavailable_reason(self) -> str | None:
-        """Why services of peers on Fast DDS cannot be used; None when they can."""
+        """Reason why services of Fast DDS peers cannot be used; None if they can."""
 
     def incompatibility_reason(
         self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint
     ) -> IncompatibilityKind | None:
-        """Return why a writer and a reader of one topic and type are not connected; None when they are."""
+        """Return why a writer and a reader of one topic and type do not match; None if they match."""
 
     def create_writer(self, spec: EndpointSpec) -> Writer:
-        """Raises `TransportError` when the middleware refuses."""
+        """Create a writer."""
 
     def create_reader(self, spec: EndpointSpec) -> Reader:
-        """Raises `TransportError`."""
+        """Create a reader."""
 
     def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> ServiceClientTransport:
-        """Raises `TransportError`."""
+        """Create a client."""
 
     def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> ServiceServerTransport:
-        """Raises `TransportError`."""
+        """Create a server."""
 
     def announce(self, nodes: Mapping[int, NodeEntities]) -> None:
-        """Tell others which nodes we have, by number: all of them, each time. From any thread."""
+        """Announce all nodes of the participant, by number. Thread: any."""
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
-        """Report discovery to `sink`, on the loop's thread, beginning with all that is known already."""
+        """Report discovery to `sink` on the loop's thread, starting with everything that is known already."""
 
     def report_discovery(self) -> None:
-        """Report now what was discovered and not reported yet; on the loop's thread, or where no loop runs."""
+        """Report unreported discovery events now. Thread: the loop's, or any if no loop runs."""
 
     def set_wakeup(self, notify: Callable[[], None] | None) -> None:
-        """Call `notify`, from whatever thread, when `take_ready_sinks` has something. For whoever cannot watch
-        `fileno`."""
+        """Call `notify` from any thread when `take_ready_sinks` has sinks, for loops that cannot watch `fileno`."""
 
     def fileno(self) -> int | None:
-        """A descriptor that is readable while `take_ready_sinks` has something; None: only `set_wakeup` tells."""
+        """Return a descriptor that is readable while `take_ready_sinks` has sinks; None if only `set_wakeup` works."""
 
     def take_ready_sinks(self) -> list[Sink]:
-        """The sinks that have something to do, each once; the caller calls them on the loop's thread."""
+        """Return the sinks that have work, each once. The caller calls them on the loop's thread."""
 
     def detach_after_fork(self) -> None:
-        """In a forked child: touch nothing of what was inherited, now and later."""
+        """Use no inherited resource from now on. Called in a forked child."""
 
     def close(self) -> None:
-        """Delete everything; may be called twice."""
+        """Delete the participant and its endpoints. May be called twice."""
 
 
 class Transport(Protocol):
-    """Something that can join a domain."""
+    """Middleware that can join domains."""
 
     clocks: ClockFunctions
 
     def open(self, settings: DomainSettings, enclave: str = "/") -> Participant:
-        """Join the domain; settings that the transport does not know have no effect."""
+        """Join the domain. Settings that the transport does not have are ignored."""

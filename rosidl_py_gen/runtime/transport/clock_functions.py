@@ -1,4 +1,4 @@
-"""What time it is for those who meet."""
+"""Clock functions that all nodes of a transport share."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class ClockFunctions:
-    """Where the time of a transport's nodes comes from: of this machine, or of a test that lets time pass at will.
+    """Clocks of a transport: those of this machine, or those of a test with virtual time.
 
     Attributes:
         system_ns: nanoseconds since the epoch.
-        steady_ns: nanoseconds since some moment; never goes back. The event loop's `time` has to pass as this does.
+        steady_ns: nanoseconds of a monotonic clock. The event loop's `time` must run at the same speed.
     """
 
     system_ns: Callable[[], int] = time.time_ns
@@ -24,4 +24,4 @@ class ClockFunctions:
 
 
 SYSTEM_CLOCKS = ClockFunctions()
-"""The clocks of this machine."""
+"""Clocks of this machine."""

@@ -1,4 +1,4 @@
-"""What a transport reports of who is there: participants, their nodes, and endpoints by where they meet."""
+"""Discovery events of a transport: participants, their nodes, and endpoints."""
 
 from __future__ import annotations
 
@@ -8,13 +8,16 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
+GUID_PREFIX_BYTES = 12
+"""Length of the part of a GUID that all endpoints of a DDS participant share."""
+
 
 @dataclass(frozen=True, slots=True)
 class ParticipantDiscovered:
     """A participant was discovered (own ones included).
 
     Attributes:
-        enclave: None when it does not say that it is a ROS participant.
+        enclave: None if the participant does not announce that it is a ROS participant.
     """
 
     guid: bytes
@@ -23,7 +26,7 @@ class ParticipantDiscovered:
 
 @dataclass(frozen=True, slots=True)
 class NodeEntities:
-    """One node of a participant, and the GUIDs of its endpoints."""
+    """Node of a participant, and the GIDs of its endpoints."""
 
     namespace: str
     name: str
@@ -33,20 +36,21 @@ class NodeEntities:
 
 @dataclass(frozen=True, slots=True)
 class NodesAnnounced:
-    """A participant, of that GUID, told which nodes it has: all of them, each time."""
+    """The participant with that GUID announced all its nodes."""
 
     guid: bytes
     nodes: tuple[NodeEntities, ...]
 
 
 class TopicKey(NamedTuple):
-    """Where readers and writers meet: a topic, the requests or the replies of a service, or what ROS has no name for.
+    """Topic on which readers and writers match.
 
     Attributes:
-        name: fully qualified, of the topic or the service; of a bare one as it is on the wire.
+        kind: topic of ROS, requests or replies of a service, or a topic without the naming conventions of ROS.
+        name: fully qualified name of the topic or service; the name on the wire if the kind is ``unmangled``.
     """
 
-    kind: Literal["topic", "request", "reply", "bare"]
+    kind: Literal["topic", "request", "reply", "unmangled"]
     name: str
 
 
@@ -56,14 +60,14 @@ class DiscoveredEndpoint:
 
     Attributes:
         guid: 16 bytes in network order, as ROS shows it.
-        participant_guid: of the participant it belongs to.
-        type: of the message, ``pkg/msg/Name`` or ``pkg/srv/Name_Request``; as it is on the wire where that is no name
-            of ROS.
-        type_hash: RIHS01 text of the message; empty when the endpoint does not tell.
-        service_id: of a service, what both endpoints of one client or server have in common; may be empty.
-        service_hash: RIHS01 text of the service, where that is told in place of those of its messages.
-        wire_name: what the middleware calls the topic.
-        wire_type: what it calls the type.
+        participant_guid: GUID of the endpoint's participant.
+        type: of the message, ``pkg/msg/Name`` or ``pkg/srv/Name_Request``; the name on the wire if that is not one of
+            ROS.
+        type_hash: RIHS01 text of the message; empty if not announced.
+        service_id: identifier that both endpoints of one client or server share; may be empty.
+        service_hash: RIHS01 text of the service, if announced instead of those of its messages.
+        wire_name: name of the topic in the middleware.
+        wire_type: name of the type in the middleware.
     """
 
     guid: bytes
@@ -80,9 +84,9 @@ class DiscoveredEndpoint:
 
     @property
     def service_type(self) -> str | None:
-        """``pkg/srv/Name`` of ``pkg/srv/Name_Request``; None when it is no half of a service."""
-        name, _, half = self.type.rpartition("_")
-        return name if half in ("Request", "Response") and "/" in name else None
+        """``pkg/srv/Name`` if the type is a request or response of a service; else None."""
+        name, _, section = self.type.rpartition("_")
+        return name if section in ("Request", "Response") and "/" in name else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,4 @@
-"""States why a writer and a reader of one topic do not exchange messages: a kind, and the texts for people.
-
-The transport decides the kind; all texts are made here.
-"""
+"""Incompatibility of a writer and a reader of one topic: its kind, which the transport decides, and the texts."""
 
 from __future__ import annotations
 
@@ -16,10 +13,12 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
     from rosidl_py_gen.runtime.transport.qos import QoSPolicyKind
 
-_MAX_TEXT = 600
-"""Number of characters of a peer's type or hash in the text about both endpoints."""
-_MAX_PEER_TYPE, _MAX_PEER_HASH = 300, 200
-"""The same in the text about the peer."""
+_MAX_TEXT_CHARS = 600
+"""Maximum length of a type or hash in the text about both endpoints."""
+_MAX_PEER_TYPE_CHARS = 300
+"""Maximum length of a type in the text about a peer."""
+_MAX_PEER_HASH_CHARS = 200
+"""Maximum length of a hash in the text about a peer."""
 
 
 class IncompatibilityKind(Enum):
@@ -27,10 +26,10 @@ class IncompatibilityKind(Enum):
 
     TYPE = auto()
     DEFINITION = auto()
-    """They have one type by different definitions."""
+    """The definitions of the type differ."""
     QOS = auto()
     HASH_FORMAT = auto()
-    """Only one of them announces a type hash, which Zenoh has in the names that it matches."""
+    """Only one of them announces a type hash, which is part of the key that Zenoh matches."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,26 +42,26 @@ class Incompatibility:
 
     @property
     def mismatch_kind(self) -> Literal["type", "definition", "qos"]:
-        """The kind as `Mismatch` and the callbacks for events have it, which know of no format of hashes."""
+        """Kind in the terms of `Mismatch` and of event callbacks."""
         if self.kind is IncompatibilityKind.TYPE:
             return "type"
         return "definition" if self.kind is IncompatibilityKind.DEFINITION else "qos"
 
     @property
     def policies(self) -> tuple[QoSPolicyKind, ...]:
-        """The QoS policies that are incompatible; empty for other kinds."""
+        """Incompatible QoS policies; empty for other kinds."""
         if self.kind is not IncompatibilityKind.QOS:
             return ()
         return check_compatible(self.writer.qos, self.reader.qos).policies
 
     @property
     def reason(self) -> str:
-        """The text about both endpoints."""
+        """Text about both endpoints."""
         if self.kind is IncompatibilityKind.TYPE:
             return f"types differ, {_type_text(self.writer)} and {_type_text(self.reader)}"
         if self.kind is IncompatibilityKind.DEFINITION:
-            one, two = (printable(text, _MAX_TEXT) for text in _hashes(self.writer, self.reader))
-            return f"they have {_type_text(self.writer)} by different definitions, {one} and {two}"
+            writer_hash, reader_hash = (printable(text, _MAX_TEXT_CHARS) for text in _hashes(self.writer, self.reader))
+            return f"they have {_type_text(self.writer)} by different definitions, {writer_hash} and {reader_hash}"
         if self.kind is IncompatibilityKind.HASH_FORMAT:
             from rosidl_py_gen.runtime.transport.zenoh.keys import FORMAT_VARIABLE
 
@@ -73,21 +72,21 @@ class Incompatibility:
         return f"their quality of service is incompatible. {check_compatible(self.writer.qos, self.reader.qos).reason}"
 
     def reason_of(self, peer: DiscoveredEndpoint, name: str) -> str:
-        """Return the text about `peer`, one of the two, by the name of its node."""
+        """Return the text about `peer`, one of the two endpoints, which belongs to the node `name`."""
         own = self.reader if peer.is_writer else self.writer
         if self.kind is IncompatibilityKind.TYPE:
-            return f"{name} has another type, {_type_text(peer, _MAX_PEER_TYPE)}"
+            return f"{name} has another type, {_type_text(peer, _MAX_PEER_TYPE_CHARS)}"
         if self.kind is IncompatibilityKind.DEFINITION:
-            theirs, ours = (printable(text, _MAX_PEER_HASH) for text in _hashes(peer, own))
-            of = "its type" if own.channel.kind != "topic" else printable(own.type, _MAX_PEER_TYPE)
+            theirs, ours = (printable(text, _MAX_PEER_HASH_CHARS) for text in _hashes(peer, own))
+            of = "its type" if own.channel.kind != "topic" else printable(own.type, _MAX_PEER_TYPE_CHARS)
             return f"{name} has another definition of {of}, {theirs}; here it is {ours}"
-        policies = (one.name.lower() for one in self.policies)
+        policies = (policy.name.lower() for policy in self.policies)
         if differ := describe_policies(theirs=peer.qos, ours=own.qos, policies=policies):
             return f"{name} {'offers' if peer.is_writer else 'requests'} incompatible QoS: {differ}"
         return f"{name} does not match: {self.reason}"
 
 
-def _type_text(endpoint: DiscoveredEndpoint, max_chars: int = _MAX_TEXT) -> str:
+def _type_text(endpoint: DiscoveredEndpoint, max_chars: int = _MAX_TEXT_CHARS) -> str:
     return printable(endpoint.service_type or endpoint.type, max_chars)
 
 

@@ -1,7 +1,7 @@
-"""Caches positive results of a check of which peers are connected; a negative result is checked again each time.
+"""Cache of which peers are matched: a positive result is cached, a negative one is checked again each time.
 
-DDS reports when endpoints appear and disappear, but not when endpoints that are known become connected. So a positive
-result holds until the set of known endpoints changes, and a negative one may be outdated a moment later.
+DDS reports when endpoints appear and disappear, but not when discovered endpoints become matched. So a positive result
+holds until the set of discovered endpoints changes, and a negative one may be outdated a moment later.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class Versioned(Protocol):
 
 
 class MatchCache(Generic[ResultT]):
-    """Results of `check`, cached per key while they are true and the version of `endpoints` stays."""
+    """Results of `check`, cached per key while they are true and the version of `endpoints` stays the same."""
 
     def __init__(self, endpoints: Versioned, check: Callable[[Hashable], ResultT]) -> None:
         self._endpoints = endpoints
@@ -35,13 +35,13 @@ class MatchCache(Generic[ResultT]):
         if version != self._version:
             self._positive.clear()
             self._version = version
-        found = self._positive.get(key)
-        if found is None:
-            found = self._check(key)
-            if found and version == self._version:  # else another thread has found a newer version meanwhile
-                self._positive[key] = found
-        return found
+        result = self._positive.get(key)
+        if result is None:
+            result = self._check(key)
+            if result and version == self._version:  # else another thread has seen a newer version
+                self._positive[key] = result
+        return result
 
     def clear(self) -> None:
-        """Check again, as something else has changed."""
+        """Discard all results."""
         self._positive.clear()

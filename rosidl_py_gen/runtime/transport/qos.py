@@ -1,10 +1,9 @@
-"""Quality-of-service profiles: the policies with rmw's numbers, what a profile holds, and the ROS presets.
+"""Quality-of-service profiles: policies with the numbers of rmw, the profile, and the presets of ROS.
 
-Decides which values there are. When two profiles match is `matching.py`, how one becomes DDS policies is the
-transport's business (docs/internals/protocol.md 7.3). Imports nothing of ours but errors.
+Durations are integer nanoseconds with two special values: 0 means "unspecified", `INFINITE_NS` means "never".
+For matching the two are the same, because a DDS entity without the policy has an infinite period.
 
-Durations are integer nanoseconds with two special values: 0 means "unspecified", `INFINITE_NS` means "never";
-for matching the two are the same, because a DDS entity without the policy has an infinite period.
+Source: docs/internals/protocol.md 7.1, 7.3.
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ MAX_DEPTH = 2**31 - 1
 
 
 class InvalidQoSError(RosidlError, ValueError):
-    """The caller asked for a quality of service that cannot exist."""
+    """A QoS value is out of range, of the wrong type or not usable here."""
 
 
 class History(IntEnum):
-    """How many samples are kept; numbers of rmw (docs/internals/protocol.md 7.1)."""
+    """Number of samples that an endpoint retains; numbers of rmw."""
 
     SYSTEM_DEFAULT = 0
     KEEP_LAST = 1
@@ -35,7 +34,7 @@ class History(IntEnum):
 
 
 class Reliability(IntEnum):
-    """Whether lost samples are sent again; numbers of rmw."""
+    """Retransmission of lost samples; numbers of rmw."""
 
     SYSTEM_DEFAULT = 0
     RELIABLE = 1
@@ -45,7 +44,7 @@ class Reliability(IntEnum):
 
 
 class Durability(IntEnum):
-    """Whether late joiners get earlier samples; numbers of rmw."""
+    """Delivery of earlier samples to late joiners; numbers of rmw."""
 
     SYSTEM_DEFAULT = 0
     TRANSIENT_LOCAL = 1
@@ -55,7 +54,7 @@ class Durability(IntEnum):
 
 
 class Liveliness(IntEnum):
-    """Who says that a publisher is alive; numbers of rmw (2 was removed there)."""
+    """Assertion that a publisher is alive; numbers of rmw (2 was removed there)."""
 
     SYSTEM_DEFAULT = 0
     AUTOMATIC = 1
@@ -65,7 +64,7 @@ class Liveliness(IntEnum):
 
 
 class QoSPolicyKind(IntEnum):
-    """What two endpoints disagree on; numbers of rmw_qos_policy_kind_t and of rclpy."""
+    """Policy of a QoS incompatibility; numbers of rmw_qos_policy_kind_t and of rclpy."""
 
     INVALID = 1
     DURABILITY = 2
@@ -85,11 +84,11 @@ POLICIES: dict[str, type[IntEnum]] = {
     "durability": Durability,
     "liveliness": Liveliness,
 }
-"""Field of a profile -> what it may hold."""
+"""Enum class of each field of a profile that has one."""
 
 
-def policy_of(name: str, kind: type[IntEnum], value: object) -> IntEnum:
-    """The member that a plain int stands for; everything else is refused in words that name a member."""
+def _policy_member(name: str, kind: type[IntEnum], value: object) -> IntEnum:
+    """Convert a plain int to the enum member; raise `InvalidQoSError` for any other value."""
     numbers = [int(member) for member in kind]
     if value.__class__ is int and value in numbers and kind is not History:
         return kind(value)
@@ -102,13 +101,12 @@ def policy_of(name: str, kind: type[IntEnum], value: object) -> IntEnum:
     raise InvalidQoSError(reason)
 
 
-def duration_ns(what: str, seconds: float) -> int:
-    """Seconds as a period in ns; raises `InvalidQoSError`."""
-    number = isinstance(seconds, (int, float)) and not isinstance(seconds, bool)
-    if number and seconds == float("inf"):
+def _duration_ns(subject: str, seconds: float) -> int:
+    is_number = isinstance(seconds, (int, float)) and not isinstance(seconds, bool)
+    if is_number and seconds == float("inf"):
         return INFINITE_NS
-    if not number or not 0 <= seconds < INFINITE_NS / NS_PER_S:
-        raise InvalidQoSError(f"{what} must be seconds, 0 (unspecified) or more, or math.inf; got {seconds!r}")
+    if not is_number or not 0 <= seconds < INFINITE_NS / NS_PER_S:
+        raise InvalidQoSError(f"{subject} must be seconds, 0 (unspecified) or more, or math.inf; got {seconds!r}")
     return round(seconds * NS_PER_S)
 
 
@@ -117,13 +115,13 @@ def duration_ns(what: str, seconds: float) -> int:
 
 @dataclass(frozen=True, slots=True)
 class QoSProfile:
-    """One endpoint's quality of service; every builder call returns a changed copy.
+    """Quality of service of an endpoint; every builder method returns a changed copy.
 
     The default value is the ROS default profile: keep last 10, reliable, volatile. Policies are enum members; the plain
-    ints of rmw are accepted too, except for `history`, which is the first argument: a depth is meant there.
+    ints of rmw are accepted too, except for `history`: as the first argument, an int would be meant as a depth.
 
     Raises:
-        InvalidQoSError: a value of another type, or out of range.
+        InvalidQoSError: a value has the wrong type or is out of range.
     """
 
     history: History = History.KEEP_LAST
@@ -140,7 +138,7 @@ class QoSProfile:
         for name, kind in POLICIES.items():
             value: object = getattr(self, name)
             if value.__class__ is not kind:
-                object.__setattr__(self, name, policy_of(name, kind, value))
+                object.__setattr__(self, name, _policy_member(name, kind, value))
         if self.depth.__class__ is not int or not 0 <= self.depth <= MAX_DEPTH:
             raise InvalidQoSError(f"depth must be an int from 0 to {MAX_DEPTH}, got {self.depth!r}")
         for name in ("deadline_ns", "lifespan_ns", "liveliness_lease_ns"):
@@ -148,21 +146,21 @@ class QoSProfile:
             if period.__class__ is not int or not 0 <= period <= INFINITE_NS:
                 raise InvalidQoSError(f"{name} must be an int of nanoseconds from 0 to 2**63-1, got {period!r}")
         if self.avoid_ros_namespace_conventions.__class__ is not bool:
-            found = self.avoid_ros_namespace_conventions
-            raise InvalidQoSError(f"avoid_ros_namespace_conventions must be True or False, got {found!r}")
+            value = self.avoid_ros_namespace_conventions
+            raise InvalidQoSError(f"avoid_ros_namespace_conventions must be True or False, got {value!r}")
 
     def short(self) -> str:
-        """The policies that differ most often, in words: ``reliable, volatile, keep last 10``."""
+        """Return the policies that differ most often: ``reliable, volatile, keep last 10``."""
         history = f"keep last {self.depth}" if self.history is History.KEEP_LAST else self.history.name
         words = (self.reliability.name, self.durability.name, history)
         return ", ".join(word.lower().replace("_", " ") for word in words)
 
     def keep_last(self, depth: int) -> QoSProfile:
-        """Keep the newest `depth` samples; 0 counts as 1 on the wire."""
+        """Retain the newest `depth` samples; 0 counts as 1 on the wire."""
         return replace(self, history=History.KEEP_LAST, depth=depth)
 
     def keep_all(self) -> QoSProfile:
-        """Keep every sample; the depth becomes 0."""
+        """Retain every sample; the depth becomes 0."""
         return replace(self, history=History.KEEP_ALL, depth=0)
 
     def reliable(self) -> QoSProfile:
@@ -174,35 +172,35 @@ class QoSProfile:
         return replace(self, reliability=Reliability.BEST_EFFORT)
 
     def volatile(self) -> QoSProfile:
-        """Late joiners start with the next sample."""
+        """Start late joiners with the next sample."""
         return replace(self, durability=Durability.VOLATILE)
 
     def transient_local(self) -> QoSProfile:
-        """Late joiners get the samples the publisher still keeps."""
+        """Send late joiners the samples that the publisher retains."""
         return replace(self, durability=Durability.TRANSIENT_LOCAL)
 
     def deadline(self, seconds: float) -> QoSProfile:
         """Expect a sample at least every `seconds`; `math.inf` for never."""
-        return replace(self, deadline_ns=duration_ns("deadline", seconds))
+        return replace(self, deadline_ns=_duration_ns("deadline", seconds))
 
     def lifespan(self, seconds: float) -> QoSProfile:
         """Drop samples older than `seconds`; `math.inf` for never."""
-        return replace(self, lifespan_ns=duration_ns("lifespan", seconds))
+        return replace(self, lifespan_ns=_duration_ns("lifespan", seconds))
 
     def automatic_liveliness(self, lease_s: float | None = None) -> QoSProfile:
-        """The process asserts liveliness; None leaves the lease as it is."""
+        """Assert liveliness by the process; None does not change the lease."""
         return self._with_liveliness(Liveliness.AUTOMATIC, lease_s)
 
     def manual_liveliness(self, lease_s: float | None = None) -> QoSProfile:
-        """Each publish (or an explicit assertion) keeps the publisher alive; None leaves the lease as it is."""
+        """Assert liveliness by each publish or explicitly; None does not change the lease."""
         return self._with_liveliness(Liveliness.MANUAL_BY_TOPIC, lease_s)
 
     def no_ros_prefix(self) -> QoSProfile:
-        """Use the topic name as it is, without `rt/` in front (docs/internals/protocol.md 4)."""
+        """Use the topic name without the prefix `rt/` (docs/internals/protocol.md 4)."""
         return replace(self, avoid_ros_namespace_conventions=True)
 
     def _with_liveliness(self, kind: Liveliness, lease_s: float | None) -> QoSProfile:
-        lease_ns = self.liveliness_lease_ns if lease_s is None else duration_ns("liveliness lease", lease_s)
+        lease_ns = self.liveliness_lease_ns if lease_s is None else _duration_ns("liveliness lease", lease_s)
         return replace(self, liveliness=kind, liveliness_lease_ns=lease_ns)
 
 
@@ -227,18 +225,21 @@ BEST_AVAILABLE = QoSProfile(
 )
 
 QoSLike = int | QoSProfile
-"""What every endpoint accepts: a profile, or a keep-last depth on top of the default profile."""
+"""Profile, or keep-last depth of the default profile."""
 
 
 def as_profile(qos: QoSLike) -> QoSProfile:
-    """The profile of a new endpoint: `qos` itself, or the default profile with `qos` as its keep-last depth.
+    """Return `qos`, or the default profile with `qos` as its keep-last depth.
 
-    Raises `InvalidQoSError`, also for UNKNOWN policies: only what was discovered may be unknown.
+    Raises:
+        InvalidQoSError: `qos` is neither, or has an UNKNOWN policy.
     """
     if isinstance(qos, QoSProfile):
         for name, kind in POLICIES.items():
             if getattr(qos, name).name == "UNKNOWN":
-                raise InvalidQoSError(f"{name} is {kind.__name__}.UNKNOWN: only discovered endpoints have that")
+                raise InvalidQoSError(
+                    f"{name} must not be {kind.__name__}.UNKNOWN; that value only describes discovered endpoints"
+                )
         return qos
     if isinstance(qos, bool) or not isinstance(qos, int):
         raise InvalidQoSError(f"qos must be a QoSProfile or an int (keep-last depth), got {qos!r}")
@@ -246,9 +247,9 @@ def as_profile(qos: QoSLike) -> QoSProfile:
 
 
 def effective(qos: QoSProfile, *, is_writer: bool) -> QoSProfile:
-    """The profile as discovery shows it: SYSTEM_DEFAULT and unspecified values replaced by what they mean.
+    """Return the profile as discovery reports it: SYSTEM_DEFAULT and unspecified values are replaced by their meaning.
 
-    Source: docs/internals/protocol.md 6.4, 7.3 (durations that are not set are infinite, a reader has no lifespan).
+    Source: docs/internals/protocol.md 6.4, 7.3 (unspecified durations are infinite, a reader has no lifespan).
     """
     keep_all = qos.history is History.KEEP_ALL
     return replace(

@@ -1,20 +1,15 @@
-"""When two quality-of-service profiles match, and what BEST_AVAILABLE becomes.
-
-Decides with values only; texts are those of rmw. Imports `qos.py`.
-"""
+"""Compatibility of two QoS profiles with the texts of rmw, and resolution of BEST_AVAILABLE."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.runtime.transport import qos as presets
 from rosidl_py_gen.runtime.transport.qos import (
-    BEST_AVAILABLE_NS,
     INFINITE_NS,
-    SERVICES_DEFAULT,
     UNSPECIFIED_NS,
     Durability,
     Liveliness,
@@ -26,11 +21,9 @@ from rosidl_py_gen.runtime.transport.qos import (
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-_T = TypeVar("_T")
-
 
 class Compatibility(Enum):
-    """The verdict of `check_compatible`."""
+    """Verdict of `check_compatible`."""
 
     OK = "ok"
     WARNING = "warning"
@@ -39,13 +32,12 @@ class Compatibility(Enum):
 
 @dataclass(frozen=True, slots=True)
 class CompatibilityResult:
-    """Verdict and reasons.
+    """Verdict and reasons of `check_compatible`.
 
     Attributes:
-        compatibility: the verdict.
-        reason: empty when all is well, else fragments that each end in ``;``.
-        policies: those that stand against it, in the order in which DDS looks at them; as there, the lease of
-            liveliness counts as LIVELINESS. Empty unless the verdict is ERROR.
+        reason: fragments that each end in ``;``; empty if the verdict is OK.
+        policies: the incompatible policies, in the order in which DDS checks them; as there, the lease of liveliness
+            counts as LIVELINESS. Empty unless the verdict is ERROR.
     """
 
     compatibility: Compatibility
@@ -54,15 +46,15 @@ class CompatibilityResult:
 
     @property
     def matches(self) -> bool:
-        """False when the two endpoints will certainly not communicate."""
+        """False if the two endpoints will certainly not communicate."""
         return self.compatibility is not Compatibility.ERROR
 
 
 def check_compatible(offered: QoSProfile, requested: QoSProfile) -> CompatibilityResult:
-    """Say whether a publisher with `offered` and a subscription with `requested` communicate, and why not.
+    """Return whether a publisher with `offered` and a subscription with `requested` communicate, and why not.
 
-    Warnings are looked for only when there is no error, as rmw does. Unlike rmw an infinite duration counts as
-    unspecified: discovered profiles carry infinite ones, and DDS matches them.
+    As in rmw, there are no warnings if there is an error. Unlike rmw, an infinite duration counts as unspecified:
+    discovered profiles contain infinite ones, and DDS matches them.
 
     Source: docs/internals/protocol.md 7.6.
     """
@@ -77,28 +69,28 @@ def check_compatible(offered: QoSProfile, requested: QoSProfile) -> Compatibilit
 
 
 def _mismatches(offered: QoSProfile, requested: QoSProfile) -> list[tuple[QoSPolicyKind, str]]:
-    found = []
+    mismatches = []
     if offered.reliability is Reliability.BEST_EFFORT and requested.reliability is Reliability.RELIABLE:
-        found.append((QoSPolicyKind.RELIABILITY, "Best effort publisher and reliable subscription"))
+        mismatches.append((QoSPolicyKind.RELIABILITY, "Best effort publisher and reliable subscription"))
     if offered.durability is Durability.VOLATILE and requested.durability is Durability.TRANSIENT_LOCAL:
-        found.append((QoSPolicyKind.DURABILITY, "Volatile publisher and transient local subscription"))
+        mismatches.append((QoSPolicyKind.DURABILITY, "Volatile publisher and transient local subscription"))
     deadline = _duration_mismatch(
         offered.deadline_ns,
         requested.deadline_ns,
         "Subscription has a deadline, but publisher does not",
         "Subscription deadline is less than publisher deadline",
     )
-    found += [(QoSPolicyKind.DEADLINE, text) for text in deadline]
+    mismatches += [(QoSPolicyKind.DEADLINE, text) for text in deadline]
     if offered.liveliness is Liveliness.AUTOMATIC and requested.liveliness is Liveliness.MANUAL_BY_TOPIC:
         text = "Publisher's liveliness is automatic and subscription's is manual by topic"
-        found.append((QoSPolicyKind.LIVELINESS, text))
+        mismatches.append((QoSPolicyKind.LIVELINESS, text))
     lease = _duration_mismatch(
         offered.liveliness_lease_ns,
         requested.liveliness_lease_ns,
         "Subscription has a liveliness lease duration, but publisher does not",
         "Subscription liveliness lease duration is less than publisher",
     )
-    return found + [(QoSPolicyKind.LIVELINESS, text) for text in lease]
+    return mismatches + [(QoSPolicyKind.LIVELINESS, text) for text in lease]
 
 
 def _duration_mismatch(offered_ns: int, requested_ns: int, absent: str, shorter: str) -> list[str]:
@@ -110,7 +102,7 @@ def _duration_mismatch(offered_ns: int, requested_ns: int, absent: str, shorter:
     return [shorter] if requested_ns < offered_ns else []
 
 
-_DOUBTS = (
+_POSSIBLE_MISMATCHES = (
     (
         "reliability",
         Reliability.BEST_EFFORT,
@@ -137,48 +129,48 @@ _DOUBTS = (
         "Publisher's liveliness is automatic, but subscription's is {}",
     ),
 )
-"""Policy, the offer that may be too little, the request that may be too much, and what is said when both are open, the
-offer is open to such a request, the request is open to such an offer."""
-_OPEN = ("SYSTEM_DEFAULT", "UNKNOWN")
-"""What leaves its meaning to the middleware, or was not discovered."""
+"""Policy, weakest offer, strictest request, and the texts if both values are undetermined, if only the offer is, and if
+only the request is."""
+_UNDETERMINED = ("SYSTEM_DEFAULT", "UNKNOWN")
+"""Values that the middleware chooses, or that were not discovered."""
 
 
 def _possible_mismatches(offered: QoSProfile, requested: QoSProfile) -> Iterator[str]:
-    for policy, least, most, both_open, open_offer, open_request in _DOUBTS:
+    for policy, weakest, strictest, both_text, offer_text, request_text in _POSSIBLE_MISMATCHES:
         offer, request = getattr(offered, policy), getattr(requested, policy)
-        shown = offer.name.lower(), request.name.lower()
-        if offer.name in _OPEN and request.name in _OPEN:
-            yield both_open.format(*shown)
-        elif offer.name in _OPEN and request is most:
-            yield open_offer.format(shown[0])
-        elif request.name in _OPEN and offer is least:
-            yield open_request.format(shown[1])
+        names = offer.name.lower(), request.name.lower()
+        if offer.name in _UNDETERMINED and request.name in _UNDETERMINED:
+            yield both_text.format(*names)
+        elif offer.name in _UNDETERMINED and request is strictest:
+            yield offer_text.format(names[0])
+        elif request.name in _UNDETERMINED and offer is weakest:
+            yield request_text.format(names[1])
 
 
 def describe_policies(*, theirs: QoSProfile, ours: QoSProfile, policies: Iterable[str]) -> str:
     """Return the values of policies, by lower-case names: ``reliability BEST_EFFORT, here RELIABLE``."""
-    found = []
+    texts = []
     for policy in policies:
-        for name, unit in _VALUES[policy]:
-            one, other = (_value_text(getattr(profile, name), unit) for profile in (theirs, ours))
-            if one != other:
-                found.append(f"{name.removesuffix('_ns').replace('_', ' ')} {one}, here {other}")
-    return "; ".join(found)
+        for name in _FIELDS[policy]:
+            their_text, our_text = (_value_text(getattr(profile, name)) for profile in (theirs, ours))
+            if their_text != our_text:
+                texts.append(f"{name.removesuffix('_ns').replace('_', ' ')} {their_text}, here {our_text}")
+    return "; ".join(texts)
 
 
-_VALUES = {
-    "reliability": (("reliability", ""),),
-    "durability": (("durability", ""),),
-    "deadline": (("deadline_ns", "s"),),
-    "liveliness": (("liveliness", ""), ("liveliness_lease_ns", "s")),
+_FIELDS = {
+    "reliability": ("reliability",),
+    "durability": ("durability",),
+    "deadline": ("deadline_ns",),
+    "liveliness": ("liveliness", "liveliness_lease_ns"),
 }
-"""Fields of a profile that a policy consists of, and their units."""
+"""Fields of a profile that belong to a policy."""
 
 
-def _value_text(value: IntEnum | int, unit: str) -> str:
+def _value_text(value: IntEnum | int) -> str:
     if isinstance(value, IntEnum):
         return value.name
-    return "none" if value in (UNSPECIFIED_NS, INFINITE_NS) else f"{value / NS_PER_S:g} {unit}"
+    return "none" if value in (UNSPECIFIED_NS, INFINITE_NS) else f"{value / NS_PER_S:g} s"
 
 
 def find_preset(qos: QoSProfile, *, publisher: bool, peers: Sequence[QoSProfile], is_service: bool = False) -> str:
@@ -198,42 +190,28 @@ def find_preset(qos: QoSProfile, *, publisher: bool, peers: Sequence[QoSProfile]
 
 
 def resolve_best_available(profile: QoSProfile, *, publisher: bool, peers: Sequence[QoSProfile]) -> QoSProfile:
-    """Replace the BEST_AVAILABLE policies of a new endpoint by what its discovered `peers` allow.
+    """Replace BEST_AVAILABLE policies of a new endpoint by values that match its discovered peers.
 
-    `publisher` says which side is created; `peers` are the endpoints of the other side. This happens once, at
-    creation; with no peer a subscription becomes RELIABLE, TRANSIENT_LOCAL and MANUAL_BY_TOPIC, because "all of
-    nobody" holds.
+    Done once, at creation. Without peers a subscription becomes RELIABLE, TRANSIENT_LOCAL and MANUAL_BY_TOPIC, because
+    `all` of nothing is true.
+
+    Args:
+        publisher: the new endpoint is a publisher.
+        peers: profiles of the discovered endpoints of the other side.
 
     Source: docs/internals/protocol.md 7.5.
     """
-    return replace(
-        profile,
-        reliability=_unless(
-            profile.reliability,
-            Reliability.BEST_AVAILABLE,
-            Reliability.RELIABLE
-            if publisher or all(peer.reliability is Reliability.RELIABLE for peer in peers)
-            else Reliability.BEST_EFFORT,
-        ),
-        durability=_unless(
-            profile.durability,
-            Durability.BEST_AVAILABLE,
-            Durability.TRANSIENT_LOCAL
-            if publisher or all(peer.durability is Durability.TRANSIENT_LOCAL for peer in peers)
-            else Durability.VOLATILE,
-        ),
-        liveliness=_unless(
-            profile.liveliness,
-            Liveliness.BEST_AVAILABLE,
-            Liveliness.MANUAL_BY_TOPIC
-            if (any if publisher else all)(peer.liveliness is Liveliness.MANUAL_BY_TOPIC for peer in peers)
-            else Liveliness.AUTOMATIC,
-        ),
-        deadline_ns=_best_duration(profile.deadline_ns, publisher, [peer.deadline_ns for peer in peers]),
-        liveliness_lease_ns=_best_duration(
-            profile.liveliness_lease_ns, publisher, [peer.liveliness_lease_ns for peer in peers]
-        ),
+    is_reliable = publisher or all(peer.reliability is Reliability.RELIABLE for peer in peers)
+    is_transient = publisher or all(peer.durability is Durability.TRANSIENT_LOCAL for peer in peers)
+    is_manual = (any if publisher else all)(peer.liveliness is Liveliness.MANUAL_BY_TOPIC for peer in peers)
+    best = QoSProfile(
+        reliability=Reliability.RELIABLE if is_reliable else Reliability.BEST_EFFORT,
+        durability=Durability.TRANSIENT_LOCAL if is_transient else Durability.VOLATILE,
+        deadline_ns=_best_duration(publisher, [peer.deadline_ns for peer in peers]),
+        liveliness=Liveliness.MANUAL_BY_TOPIC if is_manual else Liveliness.AUTOMATIC,
+        liveliness_lease_ns=_best_duration(publisher, [peer.liveliness_lease_ns for peer in peers]),
     )
+    return _replace_best_available(profile, best)
 
 
 def without_best_available(profile: QoSProfile) -> QoSProfile:
@@ -241,25 +219,17 @@ def without_best_available(profile: QoSProfile) -> QoSProfile:
 
     Source: docs/internals/protocol.md 7.5.
     """
-    default = SERVICES_DEFAULT
-    return replace(
-        profile,
-        reliability=_unless(profile.reliability, Reliability.BEST_AVAILABLE, default.reliability),
-        durability=_unless(profile.durability, Durability.BEST_AVAILABLE, default.durability),
-        liveliness=_unless(profile.liveliness, Liveliness.BEST_AVAILABLE, default.liveliness),
-        deadline_ns=_unless(profile.deadline_ns, BEST_AVAILABLE_NS, default.deadline_ns),
-        liveliness_lease_ns=_unless(profile.liveliness_lease_ns, BEST_AVAILABLE_NS, default.liveliness_lease_ns),
-    )
+    return _replace_best_available(profile, presets.SERVICES_DEFAULT)
 
 
-def _best_duration(wanted_ns: int, publisher: bool, peers_ns: Sequence[int]) -> int:
-    if wanted_ns != BEST_AVAILABLE_NS:
-        return wanted_ns
+def _best_duration(publisher: bool, peers_ns: Sequence[int]) -> int:
     # An unspecified period is endless for DDS, so it must lose a "smallest" and win a "largest".
-    known = [INFINITE_NS if value == UNSPECIFIED_NS else value for value in peers_ns]
-    best = (min if publisher else max)(known, default=INFINITE_NS)
+    periods = [INFINITE_NS if value == UNSPECIFIED_NS else value for value in peers_ns]
+    best = (min if publisher else max)(periods, default=INFINITE_NS)
     return UNSPECIFIED_NS if best == INFINITE_NS else best
 
 
-def _unless(value: _T, unwanted: _T, default: _T) -> _T:
-    return default if value == unwanted else value
+def _replace_best_available(profile: QoSProfile, best: QoSProfile) -> QoSProfile:
+    names = ("reliability", "durability", "deadline_ns", "liveliness", "liveliness_lease_ns")
+    replaced = [name for name in names if getattr(profile, name) == getattr(presets.BEST_AVAILABLE, name)]
+    return replace(profile, **{name: getattr(best, name) for name in replaced})

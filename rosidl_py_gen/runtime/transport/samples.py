@@ -1,4 +1,4 @@
-"""What arrives, and where it waits until somebody takes it."""
+"""Received samples and the queue in which they wait until they are taken."""
 
 from __future__ import annotations
 
@@ -17,27 +17,28 @@ Payload: TypeAlias = "bytes | memoryview"
 """A sample with its 4-byte encapsulation header. Large ones are read-only views of memory that DDS allocated."""
 
 Sample: TypeAlias = "tuple[Payload, int, int, int, int | None]"
-"""Payload, source timestamp (ns since the epoch), local handle of the writer, time of reception (ns), and the number by
-which its writer counts it, where the transport tells that.
+"""Payload, source timestamp (ns since the epoch), local handle of the writer, time of reception (ns), and the writer's
+sequence number if the transport reports it.
 
-A plain tuple: this is made once per message, and a named one costs ten times as much.
+A plain tuple: it is created for each message, and a named tuple costs ten times as much.
 """
 
 Sink: TypeAlias = "Callable[[], Callable[[], None] | None]"
-"""Takes in what arrived. It calls no function of the user: what does that it answers, to be called a moment later."""
+"""Takes what was received. It does not call functions of the user; it returns a function that does, which is called
+a moment later."""
 
 _PADDING = PADDING[NETWORK_ALIGN]
 
 
 def pad_to_4_bytes(data: Payload) -> bytes:
-    """The sample as it is on the wire, in multiples of four bytes: DDS would add what lies behind it in memory."""
+    """Return the sample padded with zeros, as DDS would send up to three bytes of memory after it."""
     return bytes(data) + _PADDING[len(data) % NETWORK_ALIGN]
 
 
 class ReceiveQueue:
-    """Samples that arrived and were not taken yet: KEEP_LAST drops the oldest and counts it, KEEP_ALL keeps all.
+    """Received samples that were not taken yet: KEEP_LAST drops the oldest and counts it, KEEP_ALL retains all.
 
-    Appending and popping are single operations of a deque, so that one thread may fill while another one empties.
+    Appending and popping are single operations of a deque, so one thread may append while another one pops.
     """
 
     __slots__ = ("dropped", "items")

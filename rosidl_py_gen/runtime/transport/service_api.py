@@ -1,7 +1,7 @@
-"""The part of the contract of `port.py` that is about services: the two ends of one, and what goes through them.
+"""Contract of `api.py` for services: clients, servers, and the requests and replies between them.
 
-A request has a number, which its client's port gives; how the other side knows whose a request or a response is, is the
-business of who carries it. Calls are made on the loop's thread, but for `send`, which may come from any.
+Each client's transport numbers its requests. How a peer identifies the origin of a request or reply is up to the
+transport. Thread: loop, except for `send`, which may be called from any thread.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class ServiceSpec:
-    """A service as its clients and servers announce it.
+    """Service as its clients and servers announce it.
 
     Attributes:
         name: fully qualified.
         type: ``pkg/srv/Name``.
         type_hash: RIHS01 text of the service; may be empty, as those of its messages.
-        is_bare: without the prefixes that ROS gives its names, where there are some.
-        counts: whether an endpoint at the other side may be talked to, and is not one of another definition.
+        is_compatible: returns False for an endpoint of the other side that must not be used, because it has another
+            definition.
     """
 
     name: str
@@ -41,20 +41,20 @@ class ServiceSpec:
 
     @property
     def channels(self) -> tuple[TopicKey, TopicKey]:
-        """Where requests and replies meet."""
+        """Topics of the requests and of the replies."""
         if self.avoid_ros_namespace_conventions:
-            return TopicKey("bare", f"{self.name}Request"), TopicKey("bare", f"{self.name}Reply")
+            return TopicKey("unmangled", f"{self.name}Request"), TopicKey("unmangled", f"{self.name}Reply")
         return TopicKey("request", self.name), TopicKey("reply", self.name)
 
 
 class NoReply(NamedTuple):
-    """In the place of a response: nobody will answer; the reason is read behind "the server of /add"."""
+    """Replaces the response of a request that no server will answer; `reason` continues "the server of /add"."""
 
     reason: str = "went away before it answered"
 
 
 class IncompatiblePeer(NamedTuple):
-    """The endpoint of a peer that cannot be talked to, and why."""
+    """Endpoint of a peer that cannot be used, and the reason."""
 
     guid: bytes
     reason: str
@@ -62,12 +62,12 @@ class IncompatiblePeer(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ServerAvailability:
-    """The servers that a client has.
+    """Servers of a client.
 
     Attributes:
-        is_available: one is connected, both ways.
-        keeps: how many requests of ours the server that keeps fewest keeps; 0 when all keep all.
-        refused: one of them, where there are none but such that cannot be talked to.
+        is_available: a server is matched in both directions.
+        request_queue_depth: this participant's share of the smallest request queue of the servers; 0 if unlimited.
+        incompatible_server: a server that cannot be used, if there are no usable ones.
     """
 
     is_available: bool = False
@@ -79,98 +79,82 @@ class ServerAvailability:
 
 
 Reply: TypeAlias = "tuple[int, Payload | NoReply, bytes | None]"
-"""The number of the request, the response, and the GUID of who sent it, where that is known. A plain tuple, as one is
-made for each."""
+"""Number of the request, response, and GUID of the sender if known. A plain tuple, because it is created for each
+reply."""
 RequestId: TypeAlias = "Any"
-"""Whom a response goes to; only the port that gave it knows what it is."""
+"""Origin of a request, opaque outside of the transport that created it."""
 Request: TypeAlias = "tuple[RequestId, Payload | IncompatiblePeer | DecodeError, bytes | None, int, int]"
-"""Whom the response goes to, the request, the GUID of who sent it, where that is known, and when it was sent and
-when it came, ns since the epoch; in place of a request who cannot be served, or what is wrong with the bytes."""
+"""Origin, request, GUID of the sender if known, and the times of sending and reception in ns since the epoch. The
+request is replaced by the peer that cannot be served, or by the error in its bytes."""
 
 
-class ServiceClientTransport(Protocol):
-    """The end of a service that asks."""
+class _ServiceEndpoint(Protocol):
+    """Common part of a client and a server."""
 
     @property
     def gid(self) -> bytes:
-        """16 bytes by which ROS names it."""
+        """16 bytes that identify the client or server in ROS."""
 
     @property
     def endpoints(self) -> tuple[bytes, bytes]:
-        """By which the graph knows it: the GUID of what reads, and of what writes."""
+        """GUIDs of the reader and the writer in the graph."""
+
+    def connected(self) -> list[bytes]:
+        """Return the GUIDs of the matched writers of the other side."""
+
+    def all_acknowledged(self) -> bool:
+        """Return True if the other side has acknowledged everything that was sent."""
+
+    def set_sink(self, sink: Sink | None) -> None:
+        """Call `sink` on the loop's thread when there is something to take."""
+
+    def close(self) -> None:
+        """Delete the client or server. May be called twice."""
+
+
+class ServiceClientTransport(_ServiceEndpoint, Protocol):
+    """Client of a service."""
 
     def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
-        """Send a request to all servers that are connected. Never blocks.
+        """Send a request to all matched servers. Never blocks.
 
         Args:
-            timeout_s: how long the response is waited for at most, if that is known.
+            timeout_s: maximum time to wait for the response, if known.
 
         Returns:
-            The number of the request, counted from 1; None when it has to be tried again later.
+            The number of the request, counted from 1; None if the caller must retry later.
         """
 
     def cancel(self, number: int) -> None:
-        """Nobody waits for the response any more; it may have come. On the loop's thread."""
+        """Forget a request: its response arrived, or the caller no longer waits for it. Thread: loop."""
 
     def take(self) -> Reply | None:
-        """The next reply that arrived; None when there is none. Several servers may answer one request."""
+        """Return the next received reply, or None. Several servers may reply to one request."""
 
     def report_lost_requests(self) -> None:
-        """Servers have left: add to the replies which requests nobody will answer, behind all that arrived before."""
+        """Add a `NoReply`, after all received replies, for each request whose servers are all gone."""
 
     def servers(self) -> ServerAvailability:
-        """Who is there; costs nothing while nothing changes."""
+        """Return the availability of servers; cached while discovery does not change."""
 
     def server_endpoints(self) -> frozenset[bytes]:
-        """The GUIDs of all endpoints of servers, connected or not; the same object until they change."""
-
-    def connected(self) -> list[bytes]:
-        """The GUIDs of what is connected and sends replies."""
-
-    def all_acknowledged(self) -> bool:
-        """See `Writer`, for requests."""
-
-    def set_sink(self, sink: Sink | None) -> None:
-        """Call `sink` on the loop's thread whenever there is something to take."""
-
-    def close(self) -> None:
-        """Delete it; may be called twice."""
+        """Return the GUIDs of all endpoints of servers, matched or not; the same object until they change."""
 
 
-class ServiceServerTransport(Protocol):
-    """The end of a service that answers."""
-
-    @property
-    def gid(self) -> bytes:
-        """16 bytes by which ROS names it."""
-
-    @property
-    def endpoints(self) -> tuple[bytes, bytes]:
-        """The GUIDs of its two endpoints, as those of a `ServiceClientTransport`."""
+class ServiceServerTransport(_ServiceEndpoint, Protocol):
+    """Server of a service."""
 
     def take(self) -> Request | None:
-        """The next request that arrived; None when there is none."""
+        """Return the next received request, or None."""
 
     def send(self, to: RequestId, data: bytes) -> bool:
-        """Send a response; False when it has to be tried again later, also because clients may lose it now."""
+        """Send a response; return False if the caller must retry later, also because the client might lose it now."""
 
     def release(self) -> None:
-        """Send from now on as fast as possible, as the server closes."""
+        """Send without flow control from now on, because the server closes."""
 
     def can_reach_client(self, to: RequestId) -> bool:
-        """Whether a response would arrive, as far as that can be told."""
+        """Return False if a response would not arrive, as far as the transport can tell."""
 
     def request_origin(self, to: RequestId) -> tuple[bytes, int]:
-        """The client of a request, 16 bytes, and its number, as introspection shows them."""
-
-    def all_acknowledged(self) -> bool:
-        """See `Writer`, for responses."""
-
-    def connected(self) -> list[bytes]:
-        """The GUIDs of what is connected and sends requests."""
-
-    def set_sink(self, sink: Sink | None) -> None:
-        """Call `sink` on the loop's thread whenever there is something to take."""
-
-    def close(self) -> None:
-        """Delete it; may be called twice."""
+        """Return the GID of the client, 16 bytes, and the number of the request, as introspection reports them."""

@@ -44,9 +44,9 @@ def test_names(ros: str, dds: str) -> None:
         ("rt/ns/t", "topic", "/ns/t"),
         ("rq/ns/sRequest", "request", "/ns/s"),
         ("rr/ns/sReply", "reply", "/ns/s"),
-        ("rq/ns/sReply", "bare", "rq/ns/sReply"),
-        ("ros_discovery_info", "bare", "ros_discovery_info"),
-        ("/ns/t", "bare", "/ns/t"),
+        ("rq/ns/sReply", "unmangled", "rq/ns/sReply"),
+        ("ros_discovery_info", "unmangled", "ros_discovery_info"),
+        ("/ns/t", "unmangled", "/ns/t"),
     ],
 )
 def test_a_name_of_dds_tells_what_it_carries_and_is_found_again(dds: str, kind: str, name: str) -> None:

@@ -55,8 +55,8 @@ from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes as Types
 
 # Every server is taken for one on Fast DDS, and none for one that counts requests.
 correlation.uses_sample_identity = services.uses_sample_identity = lambda guid: True
-correlation.Answered.all_answered = lambda self: False
-cyclone._fast_dds.notice(-1)  # and there may be clients
+correlation.AnsweredServers.all_answered = lambda self: False
+cyclone._fast_dds.on_participants_pending(-1)  # and there may be clients
 
 def answer(request):
     return Types.Response(types=[len(name) for name in request.names])
@@ -182,12 +182,12 @@ def test_received_samples_are_looked_into_only_while_fast_dds_peers_may_be_there
     participant.report_discovery()
     plain = receiver(node)
     for guid, is_looked_into in ((CYCLONE_GUID, False), (FAST_GUID, True)):
-        fast_dds.notice(READER)
+        fast_dds.on_participants_pending(READER)
         assert receiver(node) != plain
-        fast_dds.look(READER)
-        fast_dds.settle(READER, [ParticipantDiscovered(guid, None)])
+        fast_dds.begin_read(READER)
+        fast_dds.end_read(READER, [ParticipantDiscovered(guid, None)])
         assert (receiver(node) != plain) is is_looked_into
-    fast_dds.settle(READER, [EntityLost(FAST_GUID)])
+    fast_dds.end_read(READER, [EntityLost(FAST_GUID)])
     assert receiver(node) == plain
 
 
@@ -196,11 +196,11 @@ def test_what_is_noticed_while_discovery_is_read_is_not_forgotten(dds: World) ->
     participant: Any = node._scope.participant
     participant.report_discovery()
     plain = receiver(node)
-    participant.fast_dds.look(READER)
-    participant.fast_dds.notice(READER)
-    participant.fast_dds.settle(READER, [])
+    participant.fast_dds.begin_read(READER)
+    participant.fast_dds.on_participants_pending(READER)
+    participant.fast_dds.end_read(READER, [])
     assert receiver(node) != plain
-    participant.fast_dds.forget(READER)
+    participant.fast_dds.forget_reader(READER)
     participant.report_discovery()
     assert receiver(node) == plain
 
@@ -481,14 +481,14 @@ async def test_ctrl_c_waits_until_cyclone_is_back(dds: World, as_fast_dds: None)
         assert len(inside) == 1
         assert (await types.call(GetParameterTypes.Request(names=["abc"]), timeout_s=10)).types.tolist() == [3]
         writer: Any = types._port._writer
-        writer._functions._plain_to_ser_ref = interrupted
+        writer._fast_dds_hooks._plain_to_ser_ref = interrupted
         before = signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
             with pytest.raises(KeyboardInterrupt):  # a sample without an identity is looked at, too
                 writer.write(correlation.add_request_header(GetParameterTypes.Request(names=["y"]).encode(), 1, 1))
         finally:
             signal.signal(signal.SIGINT, before)
-            writer._functions._plain_to_ser_ref = plain
+            writer._fast_dds_hooks._plain_to_ser_ref = plain
         assert len(inside) == 2
 
 

@@ -151,7 +151,7 @@ def test_a_depth_in_the_place_of_the_history_is_refused(depth: Any) -> None:
 def test_unknown_policies_are_shown_but_not_offered(name: str) -> None:
     kind = type(getattr(DEFAULT, name))
     discovered = replace(DEFAULT, **{name: kind["UNKNOWN"]})
-    with pytest.raises(InvalidQoSError, match=rf"{name} is {kind.__name__}\.UNKNOWN"):
+    with pytest.raises(InvalidQoSError, match=rf"{name} must not be {kind.__name__}\.UNKNOWN"):
         as_profile(discovered)
 
 

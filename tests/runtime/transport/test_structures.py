@@ -217,7 +217,7 @@ def test_nobody_but_cyclone_keeps_a_sample_with_an_identity(participant: Any, mo
 
     make = private_layout.new_sample
     monkeypatch.setattr(private_layout, "new_sample", new_sample)
-    assert writer.write_for(HEADER + b"1234", (writer.guid, 1))
+    assert writer.write_with_identity(HEADER + b"1234", (writer.guid, 1))
     assert [count(sample) for sample in made] == [1]
     API.serdata_unref(made[0])
 

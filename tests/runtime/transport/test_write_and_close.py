@@ -29,7 +29,7 @@ def test_a_domain_ends_when_threads_that_write_are_done(dds: World, monkeypatch:
 
     def slow(*given: Any) -> Any:
         began.set()
-        while not domain.is_left:
+        while not domain.is_closing:
             time.sleep(0.001)  # until the other thread is about to end the domain
         order.append("copied")
         return copy(*given)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent, NodeEntities
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
-_CHANNEL = TopicKey("bare", "ros_discovery_info")
+_CHANNEL = TopicKey("unmangled", "ros_discovery_info")
 _PREFIX_BYTES = 12
 """The part of a GUID that all endpoints of a participant share."""
 _TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"

@@ -45,7 +45,7 @@ def wire_name(channel: TopicKey) -> str:
             return request_name(channel.name)
         case "reply":
             return reply_name(channel.name)
-        case "bare":
+        case "unmangled":
             return channel.name
 
 
@@ -57,7 +57,7 @@ def channel_of(dds_name: str) -> TopicKey:
         return TopicKey("request", dds_name[2 : -len("Request")])
     if dds_name.startswith("rr/") and dds_name.endswith("Reply"):
         return TopicKey("reply", dds_name[2 : -len("Reply")])
-    return TopicKey("bare", dds_name)
+    return TopicKey("unmangled", dds_name)
 
 
 # --------------------------------------------------------------------------------------------------------- user data

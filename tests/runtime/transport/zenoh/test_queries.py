@@ -44,7 +44,7 @@ class Pair:
         """The first request that arrives, for the test to answer."""
         await until(lambda: self.reader._queries)
         identity = next(iter(self.reader._queries))
-        return identity, self.reader.claim(identity)
+        return identity, self.reader.pop_query(identity)
 
 
 @pytest.fixture
@@ -130,7 +130,7 @@ async def test_a_response_counts_that_comes_after_the_news_that_its_server_is_go
     await until(lambda: pair.reader._queries)
     caller: Any = pair.client._scope.participant
     (token,) = (text for text, ends in caller.graph._tokens.items() if pair.server._port.gid in {e.guid for e in ends})
-    caller.graph.hear(False, token)
+    caller.graph.on_token(False, token)
     caller.report_discovery()
     await until(lambda: not pair.client._servers())
     for _ in range(5):  # the client looks for what is lost in a callback of the loop
@@ -183,8 +183,8 @@ async def test_of_large_requests_that_nobody_answers_the_oldest_are_given_up(
 async def test_a_forked_child_touches_no_query(pair: Pair) -> None:
     calling = pair.call()
     await until(lambda: pair.reader._queries and pair.replies._asked)
-    pair.reader.abandon()
-    pair.replies.abandon()
+    pair.reader.detach_after_fork()
+    pair.replies.detach_after_fork()
     pair.reader.close()
     pair.replies.cancel(1)
     assert not pair.reader._queries and not pair.replies._asked
