@@ -63,19 +63,21 @@ def require_server_options(
     """Raise `TypeError` or `ValueError` for what an action server cannot be made of, before anything is."""
     for callback, name, gets in (
         (execute, "execute", "the goal"),
-        (goal_callback, "accept", "what the client asks for"),
+        (goal_callback, "goal_callback", "what the client asks for"),
     ):
         require_callable(callback, f"{name} of action {action}")
         if callable(callback):
             require_signature(callback, f"{name} of action {action}", gets)
     if not (isinstance(cancel_callback, bool) or callable(cancel_callback)):
-        raise TypeError(f"on_cancel of action {action} must be True, False or a function, got {cancel_callback!r:.100}")
+        raise TypeError(
+            f"cancel_callback of action {action} must be True, False or a function, got {cancel_callback!r:.100}"
+        )
     if callable(cancel_callback):
-        require_signature(cancel_callback, f"on_cancel of action {action}", "the goal")
+        require_signature(cancel_callback, f"cancel_callback of action {action}", "the goal")
     if goal_callback is not None and execute is None:
         raise TypeError(
-            f"accept of action {action} needs execute too, else nobody serves the goals it accepts; without execute, "
+            f"goal_callback of action {action} needs execute, else accepted goals are not executed; without execute, "
             "iterate over the server and answer each request: async for request in server"
         )
     if goal_policy not in get_args(Policy):
-        raise ValueError(f"policy must be one of {', '.join(get_args(Policy))}, got {goal_policy!r}")
+        raise ValueError(f"goal_policy must be one of {', '.join(get_args(Policy))}, got {goal_policy!r}")

@@ -1,6 +1,6 @@
 """Blocking forms of awaitable methods, for plain code: ``receive_sync`` in addition to ``receive``.
 
-The coroutine runs where `Scope.run` runs it: on the loop that runs in another thread, or on one that is kept for the
+The coroutine runs where `EntityScope.run_blocking` runs it: on the loop that runs in another thread, or on one that is kept for the
 purpose. On the loop's own thread it would wait forever, which is refused.
 """
 
@@ -30,7 +30,7 @@ def blocking(method: Callable[Concatenate[S, P], Coroutine[Any, Any, R]]) -> Cal
     @functools.wraps(method)
     def run(self: S, /, *arguments: P.args, **keywords: P.kwargs) -> R:
         coroutine = getattr(self, name)(*arguments, **keywords)  # a subclass may have its own
-        answer: R = self._scope.run(  # type: ignore[attr-defined]
+        answer: R = self._scope.run_blocking(  # type: ignore[attr-defined]
             coroutine, f"{name}_sync of {self!r}", f"'await ...{name}(...)'"
         )
         return answer

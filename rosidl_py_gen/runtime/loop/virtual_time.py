@@ -29,7 +29,7 @@ _LOOK_S = 0.05
 """How long to wait for other threads before looking whether there still are any."""
 
 
-class TestDeadlockError(RosidlError):
+class VirtualTimeDeadlockError(RosidlError):
     """A test waits for something that cannot happen any more."""
 
 
@@ -60,7 +60,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         """Run a coroutine as `asyncio.run` does, on this loop, which is closed then.
 
         Raises:
-            TestDeadlockError: `main` waits for what cannot happen, or has not ended after `limit_s`.
+            VirtualTimeDeadlockError: `main` waits for what cannot happen, or has not ended after `limit_s`.
         """
         self._end_s = time.monotonic() + self._limit_s
         asyncio.set_event_loop(self)
@@ -96,12 +96,12 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         )
 
     def advance_s(self, seconds: float | None, *, waited: bool = False) -> None:
-        """Let time pass; raises `TestDeadlockError` when there is nothing to wait for."""
+        """Let time pass; raises `VirtualTimeDeadlockError` when there is nothing to wait for."""
         if time.monotonic() > self._end_s:
             self._end_s = float("inf")
-            raise TestDeadlockError(f"not over after {self._limit_s} s{self._shown_tasks()}")
+            raise VirtualTimeDeadlockError(f"not over after {self._limit_s} s{self._shown_tasks()}")
         if seconds is None and not waited:
-            raise TestDeadlockError(f"nothing will ever wake this test{self._shown_tasks()}")
+            raise VirtualTimeDeadlockError(f"nothing will ever wake this test{self._shown_tasks()}")
         self._now_s += seconds or 0.0
 
     def _shown_tasks(self) -> str:

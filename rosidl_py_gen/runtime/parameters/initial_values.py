@@ -78,7 +78,7 @@ class InitialValues:
         holder = _OpenNode(scope, store, may_declare_more, self._closed, takes_global)
         self._given += [_OverrideSource(one, store, dict(one.values)) for one in arguments]
         if own:
-            constructor = ParameterOverrides(scope.node_name, own, "overrides=")
+            constructor = ParameterOverrides(scope.node_name, own, "parameter_overrides=")
             self._given.append(_OverrideSource(constructor, store, dict(own)))
         self._holders.append(holder)
         self._seen.append(scope.node_name)

@@ -32,7 +32,7 @@ async def fibonacci(handle: Any) -> Any:
     """The handler of the README."""
     done: list[int] = []
     for number in range(handle.request.order):
-        if handle.cancel_requested:
+        if handle.is_cancel_requested:
             return handle.canceled(Fibonacci.Result(sequence=done))
         done.append(number)
         handle.publish_feedback(Fibonacci.Feedback(sequence=done))

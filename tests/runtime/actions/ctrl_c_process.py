@@ -17,7 +17,7 @@ TRANSPORT = MemoryTransport()
 def until_cancelled(goal: Any) -> Any:
     """What the documentation recommends."""
     print("executing", flush=True)
-    while not goal.cancel_requested:
+    while not goal.is_cancel_requested:
         time.sleep(0.02)
     print("ended", flush=True)
     return Fibonacci.Result()

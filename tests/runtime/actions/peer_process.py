@@ -34,7 +34,7 @@ async def execute(goal: Any) -> Any:
     for number in range(-goal.request.order):
         goal.publish_feedback(Fibonacci.Feedback(sequence=[number]))
     for number in range(goal.request.order):
-        if goal.cancel_requested:
+        if goal.is_cancel_requested:
             return goal.canceled(Fibonacci.Result(sequence=done))
         done.append(number)
         goal.publish_feedback(Fibonacci.Feedback(sequence=done))

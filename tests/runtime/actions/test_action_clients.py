@@ -235,7 +235,7 @@ async def test_a_zero_stamp_does_not_cancel_everything(world: World, stamp: Any)
     await client.send_goal(goal())
     with pytest.raises(ActionArgumentError, match=r"stamp must not be zero.*use cancel_all\(\)"):
         await client.cancel_before(stamp)
-    assert [one.cancel_requested for one in server.goals] == [False]
+    assert [one.is_cancel_requested for one in server.goals] == [False]
     message = TimeMessage(sec=2**31 - 1)
     assert len(await client.cancel_before(message, timeout_s=5)) == 1
 
@@ -249,9 +249,9 @@ SERVER_ARGUMENTS: list[tuple[dict[str, Any], type[Exception], str]] = [
     ({"result_timeout_s": None}, TypeError, "result_timeout_s must be a number of seconds"),
     ({"result_timeout_s": "x"}, TypeError, "result_timeout_s must be a number of seconds"),
     ({"execute": 5}, TypeError, "execute of action /fib must be a function"),
-    ({"accept": 5}, TypeError, "accept of action /fib must be a function"),
-    ({"on_cancel": None}, TypeError, "on_cancel of action /fib must be True, False or a function"),
-    ({"execute": None, "accept": lambda request: True}, TypeError, "accept of action /fib needs execute too"),
+    ({"goal_callback": 5}, TypeError, "goal_callback of action /fib must be a function"),
+    ({"cancel_callback": None}, TypeError, "cancel_callback of action /fib must be True, False or a function"),
+    ({"execute": None, "goal_callback": lambda request: True}, TypeError, "goal_callback of action /fib needs execute"),
 ]
 CLIENT_ARGUMENTS: list[tuple[dict[str, Any], type[Exception], str]] = [
     ({"feedback_depth": -1}, ActionArgumentError, "feedback_depth must be 1 or more"),
@@ -332,7 +332,7 @@ def test_a_thousand_goals_leave_nothing_but_their_results(world: World) -> None:
         def accept(request: Any) -> GoalDecision:
             return GoalDecision.REJECT if request.order == 1 else GoalDecision.ACCEPT
 
-        server, client = await pair(world, accept=accept, result_timeout_s=0.3)
+        server, client = await pair(world, goal_callback=accept, result_timeout_s=0.3)
         clock = world.nodes[0].clock
         clock.enable_ros_time_override()  # no result ends before it was asked for
         ask = world.node().create_client(Fibonacci.GetResult, "fib/_action/get_result")
@@ -425,7 +425,7 @@ async def test_the_result_of_an_unfinished_goal_is_asked_for_without_a_task(worl
     assert len(client._scope._tasks) == before and client._result.pending_count == 20
     await client.cancel_all(timeout_s=5)
     assert {(await handle.result(timeout_s=5))[0] for handle in handles} == {S.CANCELED}
-    assert client._result.pending_count == client._result.client.pending_count == 0
+    assert client._result.pending_count == client._result.client.in_flight_count == 0
 
 
 @pytest.mark.every_transport
@@ -437,7 +437,7 @@ async def test_servers_that_keep_few_requests_get_the_questions_in_turn(
     _, client = await pair(world, until_canceled)
     questions = client._result.client
     servers = questions._port.servers
-    monkeypatch.setattr(questions._port, "candidate_servers", lambda: replace(servers(), keeps=3))
+    monkeypatch.setattr(questions._port, "servers", lambda: replace(servers(), request_queue_depth=3))
     handles = []
     for _ in range(10):
         handles.append(await client.send_goal(goal()))

@@ -27,13 +27,13 @@ S = GoalStatus
 
 @pytest.mark.parametrize("answer", [None, True, 1, np.True_, "yes", GoalDecision.ACCEPT])
 async def test_answers_that_accept(world: World, answer: object) -> None:
-    _, client = await pair(world, accept=lambda request: answer)
+    _, client = await pair(world, goal_callback=lambda request: answer)
     assert (await (await client.send_goal(goal())).result(timeout_s=5))[0] is S.SUCCEEDED
 
 
 @pytest.mark.parametrize("answer", [False, 0, np.False_, "", np.array([True, False]), GoalDecision.REJECT])
 async def test_answers_that_reject(world: World, answer: object) -> None:
-    server, client = await pair(world, accept=lambda request: answer)
+    server, client = await pair(world, goal_callback=lambda request: answer)
     with pytest.raises(GoalRejectedError):
         await client.send_goal(goal(), timeout_s=5)
     assert server.goals == [] and server._undecided == {}
@@ -43,7 +43,7 @@ async def test_answers_that_reject(world: World, answer: object) -> None:
     ("answer", "agreed"), [(None, True), (True, True), (1, True), (np.False_, False), (0, False), ("", False)]
 )
 async def test_answers_to_a_cancel(world: World, answer: object, agreed: bool) -> None:
-    _, client = await pair(world, until_canceled, on_cancel=lambda handle: answer)
+    _, client = await pair(world, until_canceled, cancel_callback=lambda handle: answer)
     handle = await client.send_goal(goal())
     if agreed:
         await handle.cancel(timeout_s=5)
@@ -57,7 +57,7 @@ async def test_a_callback_that_raises_cancelled_error_refuses(world: World) -> N
     async def refuse(_: Any) -> bool:
         raise asyncio.CancelledError
 
-    server, client = await pair(world, until_canceled, on_cancel=refuse)
+    server, client = await pair(world, until_canceled, cancel_callback=refuse)
     handle = await client.send_goal(goal())
     with pytest.raises(CancelRejectedError):
         await handle.cancel(timeout_s=5)
@@ -82,7 +82,7 @@ async def test_goals_that_end_while_a_cancel_is_decided_leave_an_empty_list(worl
         await decide.wait()
         return agreed
 
-    server, client = await pair(world, None, on_cancel=on_cancel)
+    server, client = await pair(world, None, cancel_callback=on_cancel)
     sent = [asyncio.ensure_future(client.send_goal(goal())) for _ in range(2)]
     accepted = [(await take(aiter_of(server))).accept() for _ in range(2)]
     waiting = asyncio.ensure_future(client.cancel_all(timeout_s=5))
@@ -103,7 +103,7 @@ async def test_one_goal_that_ends_while_its_cancel_is_decided_is_terminated(worl
         await decide.wait()
         return agreed
 
-    server, client = await pair(world, None, on_cancel=on_cancel)
+    server, client = await pair(world, None, cancel_callback=on_cancel)
     sent = asyncio.ensure_future(client.send_goal(goal()))
     accepted = (await take(aiter_of(server))).accept()
     waiting = asyncio.ensure_future((await sent).cancel(timeout_s=5))
@@ -137,7 +137,7 @@ async def test_deferred_goals_keep_to_the_policy(world: World, policy: str) -> N
     def accept(request: Any) -> GoalDecision:
         return GoalDecision.DEFER if request.order == 2 else GoalDecision.ACCEPT
 
-    server, client = await pair(world, execute, accept=accept, policy=policy)
+    server, client = await pair(world, execute, goal_callback=accept, goal_policy=policy)
     deferred = await client.send_goal(goal(2))
     first = await client.send_goal(goal(1))
     await until(lambda: running == [1])
@@ -156,7 +156,7 @@ async def test_a_deferred_goal_that_is_never_executed_does_not_hold_up_the_line(
     def accept(request: Any) -> GoalDecision:
         return GoalDecision.DEFER if request.order == 13 else GoalDecision.ACCEPT
 
-    server, client = await pair(world, accept=accept, goal_policy="queue")
+    server, client = await pair(world, goal_callback=accept, goal_policy="queue")
     await client.send_goal(goal(13))
     handles = [await client.send_goal(goal(n)) for n in (1, 2)]
     assert [(await one.result(timeout_s=5))[0] for one in handles] == [S.SUCCEEDED] * 2
@@ -193,14 +193,14 @@ async def test_whoever_waits_for_a_start_is_told_when_the_server_closes(world: W
     await asyncio.sleep(0)
     server.close()
     assert await start is False and await first.started() is True
-    assert first.cancel_requested and second.cancel_requested
+    assert first.is_cancel_requested and second.is_cancel_requested
     await asyncio.gather(*sent, return_exceptions=True)
 
 
 @pytest.mark.parametrize("by", ["defer", "accept"])
 async def test_a_cancelled_goal_that_never_started_ends_by_itself(world: World, by: str) -> None:
     if by == "accept":
-        server, client = await pair(world, fibonacci, accept=lambda request: GoalDecision.DEFER)
+        server, client = await pair(world, fibonacci, goal_callback=lambda request: GoalDecision.DEFER)
         handle = await client.send_goal(goal())
         (waiting,) = server.goals
     else:
@@ -210,4 +210,4 @@ async def test_a_cancelled_goal_that_never_started_ends_by_itself(world: World, 
         handle = await sent
     await handle.cancel(timeout_s=5)
     assert (await handle.result(timeout_s=5))[0] is S.CANCELED
-    assert server.goals == [] and await waiting.started() is False and waiting.cancel_requested
+    assert server.goals == [] and await waiting.started() is False and waiting.is_cancel_requested

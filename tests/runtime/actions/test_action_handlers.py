@@ -57,7 +57,7 @@ async def test_closing_asks_plain_handlers_to_end(world: World, caplog: pytest.L
 
     def execute(handle: Any) -> Any:
         entered.set()
-        while not handle.cancel_requested:
+        while not handle.is_cancel_requested:
             time.sleep(0.005)
         try:
             handle.canceled(result(1))
@@ -83,7 +83,7 @@ async def test_closing_asks_async_handlers_to_end(world: World) -> None:
         try:
             await asyncio.sleep(30)
         finally:
-            seen.append(handle.cancel_requested)
+            seen.append(handle.is_cancel_requested)
 
     server, client = await pair(world, execute)
     await client.send_goal(goal())
@@ -198,7 +198,7 @@ def test_a_goal_of_a_closed_world_can_still_be_asked(world: World) -> None:
         def execute(handle: Any) -> Any:
             goals.append(handle)
             entered.set()
-            while not handle.cancel_requested:
+            while not handle.is_cancel_requested:
                 time.sleep(0.005)
 
         _, client = await pair(world, execute)

@@ -56,7 +56,7 @@ async def test_every_transition_of_immediate_goals_is_published_in_order(world: 
 async def test_the_response_is_sent_before_the_status(
     world: World, monkeypatch: pytest.MonkeyPatch, accept: Any
 ) -> None:
-    server, client = await pair(world, at_once, accept=accept)
+    server, client = await pair(world, at_once, goal_callback=accept)
     written = record(monkeypatch, server)
     await (await client.send_goal(goal(), timeout_s=5)).result(timeout_s=5)
     await until(lambda: len(written) >= 4)

@@ -25,15 +25,15 @@ from typing_extensions import assert_type
 from rosidl_py_gen import get_action
 from rosidl_py_gen.cdr import Action
 from rosidl_py_gen.runtime import ActionClient, ActionServer, ClientGoal, GoalDecision, GoalStatus, Node, ServerGoal
-from rosidl_py_gen.runtime.actions.server_goal import Finished
+from rosidl_py_gen.runtime.actions.server_goal import GoalResult
 
 node = Node("n")
 """
 PROGRAM = """
-async def execute(goal: ServerGoal[Fibonacci]) -> Fibonacci.Result | Finished:
+async def execute(goal: ServerGoal[Fibonacci]) -> Fibonacci.Result | GoalResult:
     assert_type(goal.request, Fibonacci.Goal)
     goal.publish_feedback(Fibonacci.Feedback())
-    if goal.cancel_requested:
+    if goal.is_cancel_requested:
         return goal.canceled(Fibonacci.Result())
     assert_type(await goal.started(), bool)
     return Fibonacci.Result()
@@ -60,10 +60,10 @@ async def on_cancel(goal: ServerGoal[Fibonacci]) -> bool:
 
 
 async def servers() -> None:
-    server = node.create_action_server(Fibonacci, "c", execute, accept=accept, on_cancel=on_cancel)
+    server = node.create_action_server(Fibonacci, "c", execute, goal_callback=accept, cancel_callback=on_cancel)
     assert_type(server, ActionServer[Fibonacci])
     assert_type(server.goals, list[ServerGoal[Fibonacci]])
-    node.create_action_server(Fibonacci, "c", only_a_result, accept=lambda goal: goal.order > 3)
+    node.create_action_server(Fibonacci, "c", only_a_result, goal_callback=lambda goal: goal.order > 3)
     node.create_action_server(Fibonacci, "c", plain)
     node.create_action_server(Fibonacci, "c", anything)
     node.create_action_server(Fibonacci, "c", lambda goal: goal.succeed(Fibonacci.Result()))
@@ -91,7 +91,7 @@ async def untyped(found: type[Action[Any, Any, Any]]) -> None:
     async def serve(goal: ServerGoal[Any]) -> dict[str, Any]:
         return {"sequence": [goal.request["order"]]}
 
-    node.create_action_server("example_interfaces/action/Fibonacci", "c", serve, accept=lambda goal: goal["order"] > 3)
+    node.create_action_server("example_interfaces/action/Fibonacci", "c", serve, goal_callback=lambda goal: goal["order"] > 3)
     client = node.create_action_client("example_interfaces/action/Fibonacci", "c")
     goal = await client.send_goal({"order": 3})
     print((await goal.result())[1]["sequence"])
@@ -119,7 +119,7 @@ WRONG = {
     "an accept callback for another type": (
         "def accept(goal: Fibonacci.Result) -> bool: ...\n"
         "async def execute(goal: ServerGoal[Fibonacci]) -> Fibonacci.Result: ...\n"
-        'node.create_action_server(Fibonacci, "c", execute, accept=accept)',
+        'node.create_action_server(Fibonacci, "c", execute, goal_callback=accept)',
         "arg-type",
     ),
     "another result": ("def f(goal: ServerGoal[Fibonacci]) -> None: goal.succeed(Fibonacci.Feedback())", "arg-type"),

@@ -102,7 +102,7 @@ async def test_feedback_before_the_acceptance_is_kept(world: World) -> None:
 
 @pytest.mark.every_transport
 async def test_a_rejected_goal_raises_and_leaves_nothing(world: World) -> None:
-    server, client = await pair(world, accept=lambda request: request.order < 5)
+    server, client = await pair(world, goal_callback=lambda request: request.order < 5)
     with pytest.raises(GoalRejectedError, match="rejected the goal"):
         await client.send_goal(goal(9))
     assert client._goals == {} and server.goals == []
@@ -116,7 +116,7 @@ async def test_ways_to_reject(world: World, decision: object) -> None:
             raise decision
         return decision
 
-    _, client = await pair(world, accept=accept)
+    _, client = await pair(world, goal_callback=accept)
     with pytest.raises(GoalRejectedError):
         await client.send_goal(goal())
 
@@ -197,7 +197,7 @@ async def test_cancel_reaches_canceled_and_status_shows_every_step(world: World)
 
 
 async def test_cancel_outcomes_are_typed(world: World) -> None:
-    server, client = await pair(world, until_canceled, on_cancel=lambda handle: handle.request.order != 13)
+    server, client = await pair(world, until_canceled, cancel_callback=lambda handle: handle.request.order != 13)
     handle = await client.send_goal(goal(13))
     with pytest.raises(CancelRejectedError, match="refused to cancel"):
         await handle.cancel(timeout_s=5)
@@ -244,7 +244,7 @@ async def test_cancels_are_accepted_unless_on_cancel_says_otherwise(world: World
 
 
 async def test_a_server_may_refuse_every_cancel(world: World) -> None:
-    server, client = await pair(world, until_canceled, on_cancel=False)
+    server, client = await pair(world, until_canceled, cancel_callback=False)
     handle = await client.send_goal(goal())
     with pytest.raises(CancelRejectedError):
         await handle.cancel(timeout_s=5)
@@ -285,7 +285,7 @@ async def test_a_goal_keeps_when_it_was_accepted(world: World) -> None:
         told.append(handle.accepted_stamp)
         return result(1)
 
-    server, client = await pair(world, execute, accept=lambda request: GoalDecision.DEFER, result_timeout_s=0)
+    server, client = await pair(world, execute, goal_callback=lambda request: GoalDecision.DEFER, result_timeout_s=0)
     clock = world.nodes[0].clock
     clock.enable_ros_time_override()
     accepted, later, much_later = (Time(seconds=s, clock_type=ClockType.ROS_TIME) for s in (10, 20, 30))
@@ -314,7 +314,7 @@ async def test_a_goal_accepted_by_hand_has_its_stamp_at_once(world: World) -> No
 
 @pytest.mark.every_transport
 async def test_one_refusal_among_many_leaves_the_others(world: World) -> None:
-    _, client = await pair(world, until_canceled, on_cancel=lambda handle: handle.request.order != 13)
+    _, client = await pair(world, until_canceled, cancel_callback=lambda handle: handle.request.order != 13)
     await client.send_goal(goal(13))
     yes = await client.send_goal(goal(1))
     assert await client.cancel_all() == [yes.goal_id]
@@ -327,7 +327,7 @@ async def test_a_failing_on_cancel_refuses(world: World, caplog: pytest.LogCaptu
     async def on_cancel(handle: Any) -> bool:
         raise RuntimeError("cannot decide")
 
-    _, client = await pair(world, until_canceled, on_cancel=on_cancel)
+    _, client = await pair(world, until_canceled, cancel_callback=on_cancel)
     handle = await client.send_goal(goal())
     with pytest.raises(CancelRejectedError):
         await handle.cancel()
@@ -396,7 +396,7 @@ async def test_results_expire_in_real_time_too(world: World) -> None:
 
 @pytest.mark.every_transport
 async def test_deferred_goals_stay_accepted_until_they_are_executed(world: World) -> None:
-    server, client = await pair(world, accept=lambda request: GoalDecision.DEFER)
+    server, client = await pair(world, goal_callback=lambda request: GoalDecision.DEFER)
     seen = await statuses_of(world, server)
     handle = await client.send_goal(goal(1))
     await until(lambda: seen == [[1]])
@@ -411,11 +411,11 @@ async def test_deferred_goals_stay_accepted_until_they_are_executed(world: World
 
 
 async def test_a_deferred_goal_can_be_cancelled_before_it_starts(world: World) -> None:
-    server, client = await pair(world, accept=lambda request: GoalDecision.DEFER)
+    server, client = await pair(world, goal_callback=lambda request: GoalDecision.DEFER)
     handle = await client.send_goal(goal(1))
     (waiting,) = server.goals
     await handle.cancel()
-    assert waiting.cancel_requested and waiting.status is S.CANCELED and not await waiting.started()
+    assert waiting.is_cancel_requested and waiting.status is S.CANCELED and not await waiting.started()
     assert (await handle.result())[0] is S.CANCELED
     waiting.execute()
     assert waiting.status is S.CANCELED and server.goals == []
@@ -445,7 +445,7 @@ async def test_policy_queue_runs_one_after_the_other(world: World) -> None:
         running.pop()
         return result(handle.request.order)
 
-    _, client = await pair(world, execute, goal_policy="queue", on_cancel=lambda handle: True)
+    _, client = await pair(world, execute, goal_policy="queue", cancel_callback=lambda handle: True)
     handles = [await client.send_goal(goal(n)) for n in range(4)]
     await handles[2].cancel()
     cancelled.set()
@@ -569,7 +569,7 @@ async def test_cancel_requests_as_a_stream(world: World) -> None:
     with pytest.raises(AlreadyRespondedError):
         second.accept()
     assert await asked == [first.goal.goal_id]
-    assert first.goal.cancel_requested and not second.goal.cancel_requested
+    assert first.goal.is_cancel_requested and not second.goal.is_cancel_requested
     first.goal.succeed(result(1))
     second.goal.abort()
     assert [(await h.result())[0] for h in handles] == [S.SUCCEEDED, S.ABORTED]
@@ -760,7 +760,7 @@ def test_two_hundred_goals_with_random_cancels_each_end_once(world: World) -> No
         if handle.request.order < 3:
             await handle.wait_for_cancel()  # however long that takes to come
         for _ in range(dice.randrange(1, 30)):
-            if handle.cancel_requested:
+            if handle.is_cancel_requested:
                 return handle.canceled(result(handle.request.order))
             handle.publish_feedback(Fibonacci.Feedback(sequence=[handle.request.order]))
             await asyncio.sleep(0)

@@ -52,12 +52,12 @@ async def test_a_lost_result_is_asked_for_again_once_its_goal_has_ended(
     for handle in handles:
         assert (await handle.result(timeout_s=10))[0] is S.SUCCEEDED
     assert len(lost) == 3
-    assert client._result.pending_count == client._result.client.pending_count == 0
+    assert client._result.pending_count == client._result.client.in_flight_count == 0
 
 
 async def test_it_is_asked_for_until_it_comes(memory: World, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._RETRY_DELAY_S", 0.01)
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._LOOK_S", 0.005)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._CHECK_INTERVAL_S", 0.005)
     lost = lose(monkeypatch, 6)
     _, client = await pair(memory)
     handle = await client.send_goal(goal(2), timeout_s=5)
@@ -69,19 +69,19 @@ async def test_the_result_of_a_goal_that_goes_on_is_asked_for_once(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._RETRY_DELAY_S", 0.001)
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._LOOK_S", 0.001)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._CHECK_INTERVAL_S", 0.001)
     lost = lose(monkeypatch, 100)
     _, client = await pair(memory, until_canceled)
     handle = await client.send_goal(goal(), timeout_s=5)
     await until(lambda: len(lost) == 1)
-    looks, look = 0, client._result._look
+    looks, look = 0, client._result._check_servers
 
     def counted() -> None:
         nonlocal looks
         looks += 1
         look()
 
-    monkeypatch.setattr(client._result, "_look", counted)
+    monkeypatch.setattr(client._result, "_check_servers", counted)
     await until(lambda: looks > 20)
     assert lost == [handle.goal_id]
 
@@ -113,13 +113,13 @@ async def test_a_server_that_always_denies_an_ended_goal_ends_it(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._RETRY_DELAY_S", 0.001)
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._LOOK_S", 0.001)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._CHECK_INTERVAL_S", 0.001)
     lose(monkeypatch, 1000, deny=True)
     _, client = await pair(memory)
     handle = await client.send_goal(goal(0), timeout_s=5)
     with pytest.raises(UnknownGoalError, match="does not know goal"):
         await handle.result(timeout_s=10)
-    assert client._result.pending_count == client._result.client.pending_count == 0
+    assert client._result.pending_count == client._result.client.in_flight_count == 0
 
 
 async def test_a_server_that_registers_a_goal_after_its_acceptance_is_asked_again(
@@ -156,7 +156,7 @@ async def test_a_server_that_registers_a_goal_after_its_acceptance_is_asked_agai
         with pytest.raises(UnknownGoalError, match="does not know goal"):
             await wait(timeout_s=5)
     assert 2.0 <= now_s() - times_s[0] < 3.0 and len(times_s) == 8
-    assert client._result.pending_count == client._result.client.pending_count == 0
+    assert client._result.pending_count == client._result.client.in_flight_count == 0
 
 
 # --------------------------------------------------------------------------------------------------- started again
@@ -198,12 +198,12 @@ async def test_a_goal_ends_when_its_killed_server_was_started_again(monkeypatch:
 
 async def test_a_second_node_of_the_name_ends_no_goal_of_the_first(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._ACK_TIMEOUT_S", 0.05)
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._LOOK_S", 0.02)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._CHECK_INTERVAL_S", 0.02)
     _, client = await pair(dds, until_canceled)
     handle = await client.send_goal(goal(), timeout_s=5)
     dds.node("server").create_action_server(Fibonacci, "fib", fibonacci)
     (wanted,) = client._result._pending
-    await until(lambda: wanted.answer is not None)
+    await until(lambda: wanted.unknown_reply is not None)
     seen = client._result._seen_s
     await until(lambda: client._result._seen_s > seen + 0.5)
     assert not handle.is_done

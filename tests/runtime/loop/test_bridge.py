@@ -201,7 +201,7 @@ async def test_a_reader_that_was_named_for_nothing_calls_nobody(dds: World) -> N
     await until(lambda: heard)
     participant: Any = bob.context._core.participant
     for entity in (*participant.readers, 12345):
-        participant.pipe.put(entity)
+        participant.pipe.notify(entity)
     publisher.publish(Int32(data=2))  # comes through the pipe behind them
     await until(lambda: heard[-1] == 2)
     assert heard == [1, 2]

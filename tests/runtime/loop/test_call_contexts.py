@@ -147,7 +147,7 @@ async def plain_execute(alice: Node, bob: Node, calls: Calls) -> None:
 
 
 async def plain_accept(alice: Node, bob: Node, calls: Calls) -> None:
-    await _goals(alice, bob, calls, lambda handle: Fibonacci.Result(), accept=lambda goal: calls.note(True))
+    await _goals(alice, bob, calls, lambda handle: Fibonacci.Result(), goal_callback=lambda goal: calls.note(True))
     await calls.all_made()
 
 
@@ -159,7 +159,7 @@ async def async_on_cancel(alice: Node, bob: Node, calls: Calls) -> None:
     async def on_cancel(handle: object) -> Any:
         return await calls.note_later(True)
 
-    for handle in await _goals(alice, bob, calls, execute, on_cancel=on_cancel):
+    for handle in await _goals(alice, bob, calls, execute, cancel_callback=on_cancel):
         await asyncio.gather(handle.cancel(5), return_exceptions=True)
     await calls.all_made()
 

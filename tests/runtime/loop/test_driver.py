@@ -514,7 +514,7 @@ def test_an_interrupt_while_the_thread_of_a_wait_begins_ends_it(
 
     async def main() -> None:
         with monkeypatch.context() as patch:
-            patch.setattr(threading.Thread, "create_task", interrupted)
+            patch.setattr(threading.Thread, "start", interrupted)
             with pytest.raises(KeyboardInterrupt):
                 driver.wait(timeout_s=20)
 

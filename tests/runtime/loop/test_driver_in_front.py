@@ -30,7 +30,7 @@ class Arrivals:
         self.early: list[tuple[bytes, bool, asyncio.AbstractEventLoop]] = []
         self.rest: list[bytes] = []
         assert isinstance(driver.loop, SharedEventLoop)
-        driver.loop.watch(self.read_end, self._take, lambda: self.rest.append(self.early[-1][0]))
+        driver.loop.add_priority_reader(self.read_end, self._take, lambda: self.rest.append(self.early[-1][0]))
 
     def _take(self) -> bool:
         data = os.read(self.read_end, 100)
@@ -63,7 +63,7 @@ def arrivals(monkeypatch: pytest.MonkeyPatch) -> Iterator[Arrivals]:
         made.bring(b"first")
         assert made.entered == 1
         yield made
-        driver.loop.unwatch(made.read_end)  # type: ignore[attr-defined]
+        driver.loop.remove_priority_reader(made.read_end)  # type: ignore[attr-defined]
         os.close(made.read_end)
         os.close(made.write_end)
 

@@ -20,7 +20,7 @@ class Owner:
         self.closed = False
         self.reports: list[str] = []
 
-    def start(self, coroutine: Any) -> asyncio.Task[Any]:
+    def create_task(self, coroutine: Any) -> asyncio.Task[Any]:
         """See `user_function.Owner`."""
         return start_task(asyncio.get_running_loop(), coroutine)
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from rosidl_py_gen.runtime import Node, WaitTimeoutError
-from rosidl_py_gen.runtime.loop.virtual_time import TestDeadlockError, VirtualTimeLoop
+from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeDeadlockError, VirtualTimeLoop
 from rosidl_py_gen.runtime.transport.memory import MemoryTransport
 
 
@@ -68,7 +68,9 @@ def test_what_can_never_happen_fails_at_once_and_is_named(ros_loop: VirtualTimeL
     async def waits_for_nobody() -> None:
         await asyncio.get_running_loop().create_future()
 
-    with pytest.raises(TestDeadlockError, match=r"nothing will ever wake this test\n  pending: .*waits_for_nobody"):
+    with pytest.raises(
+        VirtualTimeDeadlockError, match=r"nothing will ever wake this test\n  pending: .*waits_for_nobody"
+    ):
         ros_loop.run(waits_for_nobody())
 
 
@@ -77,7 +79,7 @@ def test_what_never_ends_fails_too() -> None:
         while True:
             await asyncio.sleep(1)
 
-    with pytest.raises(TestDeadlockError, match=r"not over after 0\.2 s"):
+    with pytest.raises(VirtualTimeDeadlockError, match=r"not over after 0\.2 s"):
         VirtualTimeLoop(limit_s=0.2).run(main())
 
 

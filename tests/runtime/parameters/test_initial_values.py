@@ -38,19 +38,19 @@ async def test_a_mistyped_name_is_named_when_parameters_are_listed(
 
 
 def test_without_a_loop_it_is_named_when_the_node_closes(memory: World, caplog: pytest.LogCaptureFixture) -> None:
-    node = memory.node("drive", overrides={"sped": 2, "late": 1})
+    node = memory.node("drive", parameter_overrides={"sped": 2, "late": 1})
     node.declare_parameter("speed", 1.5)
     node.declare_parameter("late", 5)
     node.undeclare_parameter("late")
     node.close()
     assert caplog.messages == [
-        'overrides= gives the parameter sped = 2 to /drive, which declares none of that name; did you mean "speed"?'
+        'parameter_overrides= gives the parameter sped = 2 to /drive, which declares none of that name; did you mean "speed"?'
     ]
 
 
 def test_a_value_that_is_refused_is_said_once_with_its_source(memory: World, caplog: pytest.LogCaptureFixture) -> None:
     """Most programs end then, before they declare what the other values are for."""
-    node = memory.node("drive", args="--ros-args -p speed:=fast -p later:=2", overrides={"mode": 3})
+    node = memory.node("drive", args="--ros-args -p speed:=fast -p later:=2", parameter_overrides={"mode": 3})
     with pytest.raises(WrongParameterTypeError) as error:
         node.declare_parameter("speed", 1.5)
     assert str(error.value) == "parameter 'speed' is of type STRING, expected DOUBLE; the value is from -p speed:=fast"
@@ -101,7 +101,7 @@ async def test_a_lifecycle_node_has_until_it_is_configured(memory: World, caplog
             self.declare_parameter("speed", 1.0)
 
     managed = Managed("drive", context=memory.context("--ros-args -p speed:=2.0 -p nope:=1"))
-    memory.node("other", context=managed.context, overrides={"first": 1})
+    memory.node("other", context=managed.context, parameter_overrides={"first": 1})
     await listed(memory, managed)
     assert not caplog.messages
     await managed.configure()

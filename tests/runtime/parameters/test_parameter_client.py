@@ -184,7 +184,7 @@ async def test_one_name_gives_one_answer(world: World) -> None:
 async def test_remote_names_must_be_texts(world: World) -> None:
     world.node("n")
     remote: Any = world.node("other").create_parameter_client("/n")
-    for ask in (remote.get, remote.types, remote.describe):
+    for ask in (remote.get, remote.get_types, remote.describe):
         with pytest.raises(TypeError, match="a parameter's name must be a text, got 5 of type int"):
             await ask([5], 5)
         with pytest.raises(TypeError, match="must be given as a list of texts, got 5"):
@@ -239,6 +239,6 @@ def test_wrong_arguments_are_explained(
 
 def test_wrong_overrides_are_explained(world: World) -> None:
     with pytest.raises(InvalidParameterValueError, match="parameter 'a': <object"):
-        world.node("n", overrides={"a": object()})
+        world.node("n", parameter_overrides={"a": object()})
     with pytest.raises(TypeError, match="name must be a text, got 5"):
-        world.node("n", overrides={5: 1})
+        world.node("n", parameter_overrides={5: 1})

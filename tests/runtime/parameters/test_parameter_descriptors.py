@@ -112,7 +112,9 @@ def test_read_only_and_undeclared_ones_are_refused(node: Node, memory: World) ->
         node.set_descriptor("a", ParameterDescriptor())
     with pytest.raises(ParameterNotDeclaredError):
         node.set_descriptor("nope", ParameterDescriptor())
-    assert memory.node("free", allow_undeclared=True).set_descriptor("nope", ParameterDescriptor(), 3) is None
+    assert (
+        memory.node("free", allow_undeclared_parameters=True).set_descriptor("nope", ParameterDescriptor(), 3) is None
+    )
 
 
 @pytest.mark.parametrize("descriptor", [None, {}, ParameterDescriptor(read_only=1)])  # type: ignore[arg-type]

@@ -109,7 +109,7 @@ def test_values_that_do_not_fit_their_type_are_stored_nowhere(world: World, odd:
         lambda: node.set_parameter("d", odd),
         lambda: node.set_parameters([Parameter("d", odd)]),
         lambda: node.declare_parameter("new", odd, DYNAMIC),
-        lambda: world.node("late", overrides={"d": odd}),
+        lambda: world.node("late", parameter_overrides={"d": odd}),
     ]
     for call in calls:
         with pytest.raises((InvalidParameterValueError, TypeError), match=reason):

@@ -272,7 +272,7 @@ async def test_own_changes_as_a_stream(world: World) -> None:
 
 @pytest.mark.every_transport
 def test_plain_api(world: World) -> None:
-    node = world.node("n", overrides={"given": 5})
+    node = world.node("n", parameter_overrides={"given": 5})
     assert node.declare_parameter("given", 1) == 5
     assert node.declare_parameter("empty", [], ParameterDescriptor(type=ParameterType.STRING_ARRAY)) == ()
     assert node.set_parameters({"empty": [], "given": 6}) == [SetResult(True)] * 2
@@ -293,7 +293,12 @@ def test_plain_api(world: World) -> None:
 
 
 def test_command_line_and_constructor_overrides(world: World) -> None:
-    node = world.node("n", args="--ros-args -p a:=1 -p b:=2 -p other:c:=3", overrides={"a": 9}, declare_overrides=True)
+    node = world.node(
+        "n",
+        args="--ros-args -p a:=1 -p b:=2 -p other:c:=3",
+        parameter_overrides={"a": 9},
+        automatically_declare_parameters_from_overrides=True,
+    )
     assert {n: node.get_parameter(n) for n in ("a", "b")} == {"a": 9, "b": 2}
     assert not node.has_parameter("c")
 

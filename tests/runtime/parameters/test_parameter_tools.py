@@ -64,7 +64,7 @@ def test_undeclared_names_are_refused_or_raised(memory: World) -> None:
         node.set_parameter("x", 1)
     with pytest.raises(InvalidParameterValueError, match="Wrong parameter type"):
         node.set_parameter("a", "text")
-    free = memory.node("free", allow_undeclared=True)
+    free = memory.node("free", allow_undeclared_parameters=True)
     assert free.set_parameters({"x": 1}, require_declared=True) == [SetResult(True)]
 
 
