@@ -1,7 +1,6 @@
 """Blocking forms of awaitable methods, for plain code: ``receive_sync`` in addition to ``receive``.
 
-The coroutine runs where `EntityScope.run_blocking` runs it: on the loop that runs in another thread, or on one that is kept for the
-purpose. On the loop's own thread it would wait forever, which is refused.
+`EntityScope.run_blocking` runs the coroutine. A call on the event loop's own thread is refused, as it would deadlock.
 """
 
 from __future__ import annotations

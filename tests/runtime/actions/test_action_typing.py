@@ -91,7 +91,7 @@ async def untyped(found: type[Action[Any, Any, Any]]) -> None:
     async def serve(goal: ServerGoal[Any]) -> dict[str, Any]:
         return {"sequence": [goal.request["order"]]}
 
-    node.create_action_server("example_interfaces/action/Fibonacci", "c", serve, goal_callback=lambda goal: goal["order"] > 3)
+    node.create_action_server("example_interfaces/action/Fibonacci", "c", serve, goal_callback=lambda g: g["order"] > 3)
     client = node.create_action_client("example_interfaces/action/Fibonacci", "c")
     goal = await client.send_goal({"order": 3})
     print((await goal.result())[1]["sequence"])

@@ -44,7 +44,8 @@ def test_without_a_loop_it_is_named_when_the_node_closes(memory: World, caplog: 
     node.undeclare_parameter("late")
     node.close()
     assert caplog.messages == [
-        'parameter_overrides= gives the parameter sped = 2 to /drive, which declares none of that name; did you mean "speed"?'
+        "parameter_overrides= gives the parameter sped = 2 to /drive, which declares none of that name; "
+        'did you mean "speed"?'
     ]
 
 
