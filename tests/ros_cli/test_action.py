@@ -111,7 +111,7 @@ async def test_ctrl_c_cancels_a_goal_that_is_not_accepted_yet(memory: World, too
 
 
 async def test_a_goal_that_cannot_be_canceled_may_still_be_running(memory: World, tool: Tool) -> None:
-    counter = Counter(memory, on_cancel=False)
+    counter = Counter(memory, cancel_callback=False)
     process = await tool.start("action", "send_goal", "/count", "{order: 99}", "--timeout", "1.5")
     await until(lambda: bool(counter.goals), 15)
     process.send_signal(signal.SIGINT)

@@ -41,13 +41,13 @@ def test_an_error_of_several_lines_keeps_them(capsys: pytest.CaptureFixture[str]
 
 def test_help_and_completion_load_neither_the_runtime_nor_rich() -> None:
     code = (
-        "import sys, click; from rosidl_py_gen import tools\n"
+        "import sys, click; from rosidl_py_gen import ros_cli\n"
         "def load(group):\n"
         "    for name in group.list_commands(None):\n"
         "        command = group.get_command(None, name)\n"
         "        if isinstance(command, click.Group): load(command)\n"
         "ours = ['rosidl_py_gen.' + name for name in ('runtime', 'bags', 'compiler', 'tables')]\n"
-        "load(tools.root())\n"
+        "load(ros_cli.root())\n"
         "print([name for name in (*ours, 'rich', 'yaml', 'numpy', 'asyncio') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -67,7 +67,7 @@ def test_a_command_does_not_load_the_others_of_its_group() -> None:
 
 def test_numpy_and_the_node_are_loaded_while_the_context_listens() -> None:
     code = (
-        "import sys; from rosidl_py_gen.ros_cli import session\n"
+        "import sys; from rosidl_py_gen.ros_cli import command_node\n"
         "import rosidl_py_gen.ros_cli.topic.list, rosidl_py_gen.ros_cli.graph.command\n"
         "print([name for name in ('rosidl_py_gen.runtime.node.node', 'numpy') if name in sys.modules])"
     )

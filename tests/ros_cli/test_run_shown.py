@@ -30,7 +30,7 @@ from std_srvs.srv import Empty
 MAIN = threading.main_thread().ident
 
 
-WANTED = {"driver.py", "client.py"} if sys.argv[1] == "callback" else {"driver.py"}
+WANTED = {"loop_runner.py", "client.py"} if sys.argv[1] == "callback" else {"loop_runner.py"}
 
 
 def interrupt():

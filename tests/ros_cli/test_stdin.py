@@ -38,7 +38,7 @@ def test_a_thread_that_reads_on_reads_no_other_file(tmp_path: Path, monkeypatch:
         async with aclosing(stdin.documents()) as documents:
             return await anext(documents)
 
-    monkeypatch.setattr(os, "drain", late_read)
+    monkeypatch.setattr(os, "read", late_read)
     with open(tmp_path / "first", "rb") as file:
         monkeypatch.setattr(sys, "stdin", file)
         assert asyncio.run(first_document()) == '{"data": "a"}'
