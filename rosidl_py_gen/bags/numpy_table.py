@@ -303,7 +303,7 @@ def _filled(
 
 
 def _fitted(column: Column, found: list[Any], pad: Any) -> tuple[str, tuple[int, ...], list[Any]]:
-    """dtype and shape of a column, and its values with what they are padded with; raises ValueError."""
+    """Dtype and shape of a column, and its values with what they are padded with; raises ValueError."""
     length = column.length
     if length is None:
         if any(value is None for value in found):

@@ -79,7 +79,6 @@ def build_type_description(name: str, lookup: FieldLookup) -> Description:
 
 def rihs01(description: Description) -> str:
     """The hash of a full description; default values do not take part."""
-
     return _hash(
         _hashed_text(description["type_description"]),
         [_hashed_text(one) for one in description["referenced_type_descriptions"]],

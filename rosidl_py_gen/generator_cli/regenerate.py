@@ -1,5 +1,6 @@
 """``python -m rosidl_py_gen.generator_cli.regenerate [--check]``: the committed `rosidl_py_gen/msgs`, for
-maintainers."""
+maintainers.
+"""
 
 from __future__ import annotations
 

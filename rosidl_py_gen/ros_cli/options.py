@@ -289,7 +289,8 @@ class MultiValueCommand(click.Command):
 
 class SeveralArgument(click.Argument):
     """An argument of any number of words, of a `MultiValueCommand`; words behind a `MultiValueOption` option are
-    none of them."""
+    none of them.
+    """
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         option = ctx.meta.get(_OPEN)

@@ -127,7 +127,8 @@ def _told(channel: BagTopic, found: TopicDefinition) -> BagTopic:
 
 def _require_ends(cursor: BatchCursor) -> None:
     """Raises `BatchUnsupportedError` where something is behind the last field but what middlewares pad messages
-    with."""
+    with.
+    """
     rest = cursor.limit - cursor.pos
     padded = (rest < _PADDING) & ((cursor.limit & (_PADDING - 1)) == 0)
     if ((rest != 0) & ~padded).any():

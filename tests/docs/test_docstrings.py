@@ -1,6 +1,6 @@
-"""Docstrings have the form that the API pages are made from: mkdocs --strict counts every other one as a failure.
+"""Docstrings have the form that the API pages are made from, and begin with a verb or a noun phrase.
 
-griffe reads them then, but in CI only; this is the same in a second.
+mkdocs --strict counts every other form as a failure. griffe reads docstrings then, but in CI only.
 """
 
 from __future__ import annotations
@@ -13,11 +13,33 @@ from support.markdown_pages import ROOT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
     Documented = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
+KINDS = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 PACKAGE = ROOT / "rosidl_py_gen"
 MODULES = [path for path in sorted(PACKAGE.rglob("*.py")) if path.relative_to(PACKAGE).parts[0] != "msgs"]
+WORDS = {"What", "Whether", "Of", "As", "Let", "How"}
+"""Words at the beginning of sentences that do not say what an object is or does."""
+NOT_CLEAN = (
+    "rosidl_py_gen/bags",
+    "rosidl_py_gen/base",
+    "rosidl_py_gen/cdr",
+    "rosidl_py_gen/compiler",
+    "rosidl_py_gen/generator_cli",
+    "rosidl_py_gen/message_filters",
+    "rosidl_py_gen/numpy",
+    "rosidl_py_gen/ros_cli",
+    "rosidl_py_gen/ros_compat",
+    "rosidl_py_gen/runtime",
+    "rosidl_py_gen/tables",
+    "rosidl_py_gen/tf",
+    "rosidl_py_gen/type_loading",
+    "rosidl_py_gen/wheels",
+    "tests",
+)
+"""Folders that still have such docstrings."""
 SECTION = re.compile(r"(Args|Raises|Attributes):$")
 
 
@@ -63,13 +85,33 @@ def test_nothing_silences_what_strict_counts() -> None:
         assert "--strict" in build and not re.search(r" -q\b|--quiet", build)
 
 
+def documented(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield lines and texts of docstrings, those of constants included."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, KINDS):
+            yield getattr(node, "lineno", 1), ast.get_docstring(node) or ""
+        elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            yield node.lineno, node.value.value
+
+
+def test_docstrings_begin_with_a_verb_or_a_noun_phrase() -> None:
+    paths = [*MODULES, *(path for path in (ROOT / "tests").rglob("*.py") if "golden" not in path.parts)]
+    wrong = [
+        f"{path.relative_to(ROOT)}:{line}: {text.splitlines()[0]}"
+        for path in paths
+        if not any(path.is_relative_to(ROOT / folder) for folder in NOT_CLEAN)
+        for line, text in documented(path)
+        if text.split() and text.split()[0].strip(",.:;") in WORDS
+    ]
+    assert wrong == []
+
+
 def test_docstrings_can_be_read_by_griffe() -> None:
-    kinds = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
     wrong = [
         f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 1)}: {complaint}"
         for path in MODULES
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, kinds)
+        if isinstance(node, KINDS)
         for complaint in complaints(node)
     ]
     assert len(MODULES) > 200 and wrong == []

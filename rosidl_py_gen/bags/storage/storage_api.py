@@ -159,7 +159,8 @@ def as_table_input(
     files: list[Storage], topics: Collection[str] | None, start: int, end: int
 ) -> Iterator[MessageBlock] | Iterator[Raw]:
     """The messages of several files: in blocks where one after the other gives them by log time, else as
-    `merge_by_time`."""
+    `merge_by_time`.
+    """
     due = [(span, file) for file in files if (span := file.span()) is not None and span[0] < end and span[1] >= start]
     due.sort(key=itemgetter(0))
     if not any(one[0][1] > other[0][0] for one, other in pairwise(due)):

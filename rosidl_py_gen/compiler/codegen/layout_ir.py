@@ -101,7 +101,8 @@ class PackedRun(NamedTuple):
 
 class StringContent(NamedTuple):
     """The characters of a string; its count is in a run before, its NUL in the run behind or in a
-    `StringTerminator`."""
+    `StringTerminator`.
+    """
 
     ref: Ref
     type: FieldType

@@ -44,7 +44,6 @@ async def doctor(network: NetworkOptions, report: bool, paths: tuple[str, ...], 
     rosidl-py doctor --domain 42 --discovery localhost
     rosidl-py doctor --report > report.txt
     """
-
     sections: Sections = {}
 
     def done(name: str, findings: list[Finding]) -> None:

@@ -58,7 +58,8 @@ class _AdvertisedTopic:
 
 class TopicBridge:
     """Keeps what viewers see like what there is: `refresh` after changes of the graph, `serve` after those of
-    viewers."""
+    viewers.
+    """
 
     def __init__(
         self, session: CommandNode, server: Server, clock: ViewerClock, *, paths: Sequence[str], hidden: bool

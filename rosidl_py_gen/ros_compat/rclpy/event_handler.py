@@ -122,7 +122,7 @@ class EventHandler(Waitable):
             wait_set.add_event(self._rosidl_event)
 
     def destroy(self) -> None:
-        """Look no more;"""
+        """Stop calling back."""
         self._rosidl_event.destroy_when_not_in_use()
 
 

@@ -84,7 +84,8 @@ class RequestFlowControl:
 
     def __init__(self, name: str, batch_interval_s: float | None = None) -> None:
         """`batch_interval_s`: after so long without another one all that was sent counts as taken; None: only
-        answers tell."""
+        answers tell.
+        """
         self._name = name
         self._pause_s = batch_interval_s
         self._patience_s = _STALL_TIMEOUT_S

@@ -65,7 +65,8 @@ class TypeHashFilter(Generic[W]):
 
     def accepts(self, writer: W) -> bool:
         """Whether samples of a writer that is not in `accepted_writers` may be handed out; counts those that may
-        not."""
+        not.
+        """
         if self._mode == "error":
             endpoint = self._endpoint(self._guid_of(writer))
             if endpoint is None:

@@ -71,7 +71,8 @@ class EventLoop(asyncio.SelectorEventLoop):
 
     def run_priority_readers(self, timeout: float | None) -> bool:
         """Wait, and call the functions of `add_priority_reader`, without a round of the loop; whether it has to make
-        one now."""
+        one now.
+        """
         descriptors = self._watching.select_priority(timeout)
         for descriptor in descriptors:
             if descriptor in self._callbacks:

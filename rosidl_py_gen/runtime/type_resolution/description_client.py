@@ -134,7 +134,8 @@ async def _call_with_retry(
 
 def decode_description(who: str, answer: bytes) -> srv.GetTypeDescription_Response:
     """Decode what `request_type_description` gives; raises `TypeDescriptionError` with the reason of the node,
-    `who`."""
+    `who`.
+    """
     response = srv.GetTypeDescription_Response.decode(answer)
     if not response.successful:
         raise TypeDescriptionError(f"{who}: {printable(response.failure_reason[:500])}")

@@ -160,7 +160,8 @@ class ZenohParticipant:
 
     def _describe_service(self, kind: EntityKind, service: ServiceSpec, qos: QoSProfile, node: int) -> _Description:
         """`_endpoint_description` for a service; our own graph knows the hashes of the messages, which no token
-        tells."""
+        tells.
+        """
         told = self._endpoint_description(kind, service.name, service.type, service.type_hash, qos, node)
         halves = [service.request_hash, service.response_hash]
         if kind is EntityKind.CLIENT:
