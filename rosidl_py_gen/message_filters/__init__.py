@@ -1,6 +1,6 @@
-"""Messages of several topics that belong together by their stamps: exact and approximate synchronizers, and a cache.
+"""Filters that combine messages of several topics by their stamps: exact and approximate synchronizers, and a cache.
 
-Which messages make a set is as in the Python of ROS 2's message_filters.
+The synchronizers make the same sets of messages as the Python package message_filters of ROS 2.
 """
 
 from rosidl_py_gen.message_filters.cache import Cache as Cache

@@ -1,8 +1,8 @@
-"""What hands messages on, and where they come from.
+"""Base class of filters, and subscriptions as the start of a chain of filters.
 
-Decides that filters make chains: one calls back for what it lets through, and another one may be what it calls back.
-Plain callbacks are called at once, where the message came. The coroutine of an async one is what `signal_message`
-answers, so that whoever called first, a subscription mostly, awaits it and hears of its failure.
+A filter passes messages to its callbacks; a callback may be the `add` of another filter. Plain callbacks are called at
+once, on the thread where the message arrives. `signal_message` returns the coroutine of an async callback, so that the
+first caller, usually a subscription, awaits it and reports its failure.
 """
 
 from __future__ import annotations
@@ -35,31 +35,31 @@ DEPTH = 10
 
 
 class MessageFilter:
-    """Hands on what it is given: the start of a chain that is fed by hand, and what all filters have.
+    """Filter that passes every message on: the start of a chain that is fed by hand, and the base of all filters.
 
-    With a callback it calls that; without any, what comes out waits until it is received, and when `queue_size` wait,
-    the oldest goes.
+    Without a callback, output waits to be received; when `queue_size` messages wait, the oldest is dropped.
 
     Args:
-        callback: plain or async; an async one is awaited set by set.
-        queue_size: how much waits for who receives, or for an async callback.
+        callback: plain or async function; calls of an async one are awaited one after the other.
+        queue_size: maximum number of messages that wait to be received, or for an async callback.
     """
 
     def __init__(self, callback: Callable[..., object] | None = None, *, queue_size: int = DEPTH) -> None:
-        self._setup(callback, 1, queue_size, ())
+        self._setup(callback, queue_size, ())
 
     def _setup(
-        self, callback: Callable[..., object] | None, width: int, queue_size: int, inputs: tuple[MessageFilter, ...]
+        self, callback: Callable[..., object] | None, queue_size: int, inputs: tuple[MessageFilter, ...], width: int = 1
     ) -> None:
         self._width, self._depth = width, check_queue_size("queue_size", queue_size)
         self._outputs: RegistrationSet[_Output] = RegistrationSet()
         self._waiting: deque[Any] = deque(maxlen=self._depth)
         self._waiters = Waiters()
         self._links: list[Registration] = []
-        self._watching: asyncio.Task[None] | None = None
+        self._watch_task: asyncio.Task[None] | None = None
         self._closed = False
+        self._clock: Clock | None = None
         self.dropped = 0
-        """What nobody received in time."""
+        """Number of messages or sets that were dropped from full queues."""
         self._inputs = inputs
         self._nodes: tuple[Node, ...] = tuple({id(node): node for one in inputs for node in one._nodes}.values())
         if callback is not None:
@@ -68,35 +68,38 @@ class MessageFilter:
     # ------------------------------------------------------------------------------------------------------- callbacks
 
     def register_callback(self, callback: Callable[..., object]) -> Registration:
-        """Call it, plain or async, with what comes out, until the answer is closed; several are called in their order.
+        """Call a plain or async function with each output; several are called in the order of registration.
+
+        Returns:
+            Registration, which ends the calls when it is closed.
 
         Raises:
-            CallbackSignatureError, TypeError: it cannot be called with so many messages.
+            CallbackSignatureError, TypeError: the function does not accept the number of messages.
         """
         if not callable(callback):
             raise TypeError(f"the callback of {self!r} must be a function, got {callback!r:.100}")
-        words = ["the message"] if self._width == 1 else [f"message {number + 1}" for number in range(self._width)]
-        require_signature(callback, f"the callback of {type(self).__name__}", *words)
+        arguments = ["the message"] if self._width == 1 else [f"message {number + 1}" for number in range(self._width)]
+        require_signature(callback, f"the callback of {type(self).__name__}", *arguments)
         self._waiting.clear()
         return self._outputs.add(_Output(self, callback, self._depth))
 
     def signal_message(self, *messages: Any) -> Coroutine[Any, Any, None] | None:
-        """Hand on, as if it had come out.
+        """Pass a message, or one of each input, to the callbacks, or let it wait to be received.
 
         Returns:
-            What is to be awaited; None unless a callback is async.
+            A coroutine to await; None if no callback is async.
         """
         if self._closed:
             return None
         if not len(self._outputs):
-            self._count(self._waiting)
-            self._waiting.append(messages[0] if self._width == 1 else messages)
+            self._enqueue(self._waiting, messages[0] if self._width == 1 else messages)
             self._waiters.wake()
             return None
         return call_all(partial(output.call, messages) for output in self._outputs)
 
-    def _count(self, waiting: deque[Any]) -> None:
-        self.dropped += len(waiting) == waiting.maxlen
+    def _enqueue(self, queue: deque[Any], item: Any) -> None:
+        self.dropped += len(queue) == queue.maxlen
+        queue.append(item)
 
     # ------------------------------------------------------------------------------------------------------- receiving
 
@@ -110,66 +113,78 @@ class MessageFilter:
         return self._waiting.popleft()
 
     async def receive(self, timeout_s: float | None = None) -> Any:
-        """The next message, or the next set of them, oldest first.
+        """Return the next message or set of messages, oldest first.
 
         Raises:
-            WaitTimeoutError: none came in `timeout_s` seconds.
-            ClosedError: this was closed, or a node that feeds it.
+            WaitTimeoutError: nothing arrived within `timeout_s`.
+            ClosedError: the filter or a node that feeds it is closed.
         """
         self._require_no_callback()
         if await self._wait(timeout_s):
             return self._waiting.popleft()
         if self._closed:
             raise ClosedError(f"{self!r} is closed")
-        raise WaitTimeoutError(f"nothing came out of {self!r} in {timeout_s} s", "; ".join(await self._why_silent()))
+        raise WaitTimeoutError(f"{self!r} passed nothing for {timeout_s} s", "; ".join(await self._why_silent()))
 
     async def _why_silent(self) -> list[str]:
-        """Return why inputs receive nothing, where that is known."""
         return [reason for one in self._inputs for reason in await one._why_silent()]
 
     async def _wait(self, timeout_s: float | None) -> bool:
-        """Whether something waits; False when the time passed or this ended."""
-        if not self._waiting and not self._closed and self._watching is None and self._nodes:
-            self._watching = asyncio.ensure_future(self._watch())
+        """Return True if a message waits; False after the timeout or when the filter is closed."""
+        if not self._waiting and not self._closed and self._watch_task is None and self._nodes:
+            self._watch_task = asyncio.ensure_future(self._watch())
         await self._waiters.wait(lambda: self._waiting or self._closed, timeout_s)
         return bool(self._waiting)
 
     async def _watch(self) -> None:
-        """Close when a node does, which nobody else would tell who waits."""
-        ends = [asyncio.ensure_future(_wait_node_closed(node)) for node in self._nodes]
+        """Close the filter when a node closes, as nothing else wakes its receivers up."""
+        waits = [asyncio.ensure_future(_wait_node_closed(node)) for node in self._nodes]
         try:
-            await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
             self.close()
         finally:
-            for end in ends:
-                end.cancel()
+            for wait in waits:
+                wait.cancel()
 
     def _require_no_callback(self) -> None:
         if len(self._outputs):
-            raise CallbackInUseError(f"{self!r} has a callback; it cannot be received from too")
+            raise CallbackInUseError(f"{self!r} has a callback; its messages cannot be received as well")
 
     # --------------------------------------------------------------------------------------------------------- chains
 
-    def _clock(self) -> Clock | None:
-        """That of the first node that feeds this."""
-        return self._nodes[0].clock if self._nodes else None
-
-    def _clear_on_time_jump(self, clear: Callable[[], object]) -> None:
-        """When the time of a node jumps back, as when a bag is played again, messages of before never match again."""
+    def _use_stamps(
+        self, clear: Callable[[], None], allow_headerless: bool = False, clock: Clock | None = None
+    ) -> None:
+        """Check the stamps of the inputs, and call `clear` when time jumps back: earlier messages never match again."""
+        if allow_headerless:
+            self._clock = clock or (self._nodes[0].clock if self._nodes else None)
+            if self._clock is None:
+                raise StampError("allow_headerless needs a clock, and no input has a node: pass clock=...")
+        else:
+            for source in self._inputs:
+                _require_stamps(source)
         for node in self._nodes:
-            self._links.append(
-                node.clock.create_jump_callback(
-                    post=lambda _: _ignored(clear()), on_clock_change=True, min_backward=Duration(nanoseconds=-1)
-                )
+            on_jump = node.clock.create_jump_callback(
+                post=lambda _: clear(), on_clock_change=True, min_backward=Duration(nanoseconds=-1)
             )
+            self._links.append(on_jump)
+
+    def _stamp_of(self, message: Any, where: str = "") -> int:
+        """Return the stamp, or the time of arrival; raises `StampError`."""
+        stamp = header_stamp(message)
+        if stamp is not None:
+            return stamp
+        if self._clock is None:
+            raise StampError(f"{where}{self!r} got a message without header.stamp: {type(message).__name__}")
+        return self._clock.now().nanoseconds
 
     def close(self) -> None:
-        """Let nothing through any more; what was not received still can be. The inputs go on. May be called twice."""
+        """Stop passing messages; waiting ones can still be received. The inputs stay open. May be called twice."""
         self._closed = True
         for link in self._links:
             link.close()
-        if self._watching is not None and self._watching.get_loop() is _loop():
-            self._watching.cancel()
+        if self._watch_task is not None and self._watch_task.get_loop() is _running_loop():
+            self._watch_task.cancel()
         self._waiters.wake()
 
     def __repr__(self) -> str:
@@ -177,15 +192,15 @@ class MessageFilter:
 
 
 class Subscriber(MessageFilter):
-    """A subscription as the beginning of a chain.
+    """Subscription as the start of a chain.
 
     Args:
-        node: whose subscription it is.
-        msg_type: a message class, or the name of a type: messages are dicts then.
-        topic: as that of `Node.create_subscription`.
+        node: node that owns the subscription.
+        msg_type: a message class, or the name of a type: messages are then dicts.
+        topic: as in `Node.create_subscription`.
         qos: a depth or a profile.
         callback: see `MessageFilter`.
-        options: what `Node.create_subscription` takes besides.
+        options: other arguments of `Node.create_subscription`.
     """
 
     def __init__(
@@ -198,12 +213,12 @@ class Subscriber(MessageFilter):
         callback: Callable[..., object] | None = None,
         **options: Any,
     ) -> None:
-        self._setup(None, 1, DEPTH, ())
+        self._setup(None, DEPTH, ())
         self._nodes = (node,)
         self._msg_type = msg_type
         self._has_bytes = bool(options.get("raw"))
         self.subscription = node.create_subscription(msg_type, topic, self.signal_message, qos, **options)
-        """Its figures are there: `dropped`, `publisher_count`, `wait_for_publishers`."""
+        """Subscription, which has `dropped`, `publisher_count` and `wait_for_publishers`."""
         if callback is not None:
             self.register_callback(callback)
 
@@ -215,7 +230,7 @@ class Subscriber(MessageFilter):
         return []
 
     def close(self) -> None:
-        """Close the subscription, too."""
+        """Close the filter and its subscription."""
         self.subscription.close()
         super().close()
 
@@ -223,69 +238,68 @@ class Subscriber(MessageFilter):
         return f"<Subscriber of {self.subscription.topic}{' closed' if self._closed else ''}>"
 
 
-def require_stamps(source: MessageFilter) -> None:
-    """Raise `StampError` where it is known that no message of `source` will have one."""
+def _require_stamps(source: MessageFilter) -> None:
+    """Raise `StampError` if the messages of a subscription have no stamp."""
     if not isinstance(source, Subscriber):
         return
     cls: Any = get_message(source._msg_type) if isinstance(source._msg_type, str) else source._msg_type
     if source._has_bytes or header_stamp(cls()) is None:
-        what = "bytes" if source._has_bytes else source.subscription.message_type
-        raise StampError(f"{source.subscription.topic}: {what} has no header.stamp to go by")
+        kind = "bytes" if source._has_bytes else source.subscription.message_type
+        raise StampError(f"{source.subscription.topic}: {kind} has no header.stamp")
 
 
 class _Output:
-    """A callback; an async one has a queue of its own, and calls of it come one after the other."""
+    """Callback of a filter; an async one has a queue, and its calls run one after the other."""
 
     def __init__(self, owner: MessageFilter, function: Callable[..., Any], depth: int) -> None:
         self._owner, self._function = owner, function
         called = getattr(type(function), "__call__", None)  # noqa: B004 - the method itself, not whether there is one
         self._is_async = inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(called)
         self._waiting: deque[tuple[Any, ...]] = deque(maxlen=depth)
-        self._turn = asyncio.Lock()
-        self._under_way = 0
+        self._lock = asyncio.Lock()
+        self._runs = 0
 
     def call(self, messages: tuple[Any, ...]) -> Coroutine[Any, Any, None] | None:
         if not self._is_async:
-            answer = self._function(*messages)
-            return answer if isinstance(answer, CoroutineType) else None
-        self._owner._count(self._waiting)
-        self._waiting.append(messages)
-        if self._under_way > len(self._waiting):  # there are enough to take all
+            result = self._function(*messages)
+            return result if isinstance(result, CoroutineType) else None
+        self._owner._enqueue(self._waiting, messages)
+        if self._runs > len(self._waiting):  # enough coroutines for all waiting messages, and one that runs
             return None
-        self._under_way += 1
+        self._runs += 1
         return self._run()
 
     async def _run(self) -> None:
         try:
-            async with self._turn:
+            async with self._lock:
                 if self._waiting:
                     await self._function(*self._waiting.popleft())
         finally:
-            self._under_way -= 1
+            self._runs -= 1
 
 
 def call_all(calls: Iterable[Callable[[], Coroutine[Any, Any, None] | None]]) -> Coroutine[Any, Any, None] | None:
-    """Call each, also behind one that fails; what is to be awaited of their answers, and raises the first failure."""
-    begun: list[Coroutine[Any, Any, None]] = []
+    """Call all functions, also after a failure; raises the first failure, or returns a coroutine that does."""
+    coroutines: list[Coroutine[Any, Any, None]] = []
     failures: list[Exception] = []
     for call in calls:
         try:
-            answer = call()
+            coroutine = call()
         except Exception as error:
             failures.append(error)
             continue
-        if answer is not None:
-            begun.append(answer)
-    if begun:
-        return begun[0] if len(begun) == 1 and not failures else _await_all(begun, failures)
+        if coroutine is not None:
+            coroutines.append(coroutine)
+    if coroutines:
+        return coroutines[0] if len(coroutines) == 1 and not failures else _await_all(coroutines, failures)
     if failures:
         raise failures[0]
     return None
 
 
-async def _await_all(begun: list[Coroutine[Any, Any, None]], failures: list[Exception]) -> None:
-    answers = await asyncio.gather(*begun, return_exceptions=True)
-    for failure in (*failures, *answers):
+async def _await_all(coroutines: list[Coroutine[Any, Any, None]], failures: list[Exception]) -> None:
+    results = await asyncio.gather(*coroutines, return_exceptions=True)
+    for failure in (*failures, *results):
         if failure is not None:
             raise failure
 
@@ -295,30 +309,34 @@ async def _wait_node_closed(node: Node) -> None:
         pass
 
 
-def _ignored(_: object) -> None:
-    """What a callback that answers nothing answers."""
-
-
-def _loop() -> asyncio.AbstractEventLoop | None:
+def _running_loop() -> asyncio.AbstractEventLoop | None:
     try:
         return asyncio.get_running_loop()
     except RuntimeError:
         return None
 
 
-def check_queue_size(what: str, value: object) -> int:
-    """A number of messages; raises `TypeError`, `ValueError` for none."""
+def check_filters(name: str, *filters: object) -> tuple[MessageFilter, ...]:
+    """Return the inputs of a filter; raises `TypeError` if one is not a filter."""
+    for source in filters:
+        if not isinstance(source, MessageFilter):
+            raise TypeError(f"{name} must be a filter, such as Subscriber(node, type, topic), got {source!r:.100}")
+    return filters  # type: ignore[return-value]
+
+
+def check_queue_size(name: str, value: object) -> int:
+    """Return a number of messages; raises `TypeError` or `ValueError` if it is not a positive integer."""
     if not isinstance(value, int) or isinstance(value, bool):
-        raise TypeError(f"{what} must be an int, how many messages are kept, got {value!r:.100}")
+        raise TypeError(f"{name} must be an int, the maximum number of messages, got {value!r:.100}")
     if value < 1:
-        raise ValueError(f"{what} must be 1 or more, got {value}")
+        raise ValueError(f"{name} must be 1 or more, got {value}")
     return value
 
 
-def slop_to_ns(what: str, seconds: object) -> int:
-    """Seconds as nanoseconds; raises `TypeError`, `ValueError` for no number, a negative one, infinity and NaN."""
+def slop_to_ns(name: str, seconds: object) -> int:
+    """Return seconds as nanoseconds; raises `TypeError` or `ValueError` if they are not finite and non-negative."""
     if not isinstance(seconds, int | float) or isinstance(seconds, bool):
-        raise TypeError(f"{what} must be a number of seconds, got {seconds!r:.100}")
+        raise TypeError(f"{name} must be a number of seconds, got {seconds!r:.100}")
     if not isfinite(seconds) or seconds < 0:
-        raise ValueError(f"{what} must be 0 or more seconds, got {seconds}")
+        raise ValueError(f"{name} must be 0 or more seconds, got {seconds}")
     return round(seconds * NS_PER_S)

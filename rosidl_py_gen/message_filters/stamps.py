@@ -1,4 +1,4 @@
-"""The time that a message is of: ``header.stamp``, of a message or of the dict that stands for one."""
+"""Stamp of a message: ``header.stamp`` of a message or of a dict with its fields."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from rosidl_py_gen.errors import RosidlError
 
 
 class StampError(RosidlError, ValueError):
-    """The caller gives messages without ``header.stamp`` to what goes by it."""
+    """A message without ``header.stamp`` was passed to a filter that needs it."""
 
 
 def header_stamp(message: Any) -> int | None:
-    """Nanoseconds; None for a message without a stamp."""
+    """Return the stamp in nanoseconds; None if the message has none."""
     try:
         if isinstance(message, dict):
             stamp = message["header"]["stamp"]

@@ -1,8 +1,8 @@
-"""Which messages make a set, as plain objects: no node, no callback. Times are nanoseconds.
+"""Matching of messages by stamps, without nodes and callbacks. Times are nanoseconds.
 
-Decides what message_filters decides: a queue of each input has one message of a time, the last one, and when it holds
-too many, those of the lowest times go, whenever they came. Where message_filters tries all combinations of what waits,
-one after the other, this looks first whether there is any; which one is found is the same.
+The results are those of message_filters: the queue of an input has one message for each time, the last one. When it is
+full, the message with the lowest time is dropped, whenever it arrived. message_filters tries all combinations of
+waiting messages one after the other; `ApproximateMatcher` first checks whether one exists.
 """
 
 from __future__ import annotations
@@ -13,42 +13,42 @@ from typing import Any
 
 
 class SyncPolicy(ABC):
-    """One queue for each input; each message is in one set at most."""
+    """Queues of waiting messages, one for each input; each message is used in at most one set."""
 
     def __init__(self, inputs: int, queue_size: int) -> None:
         self._size = queue_size
         self.queues: list[dict[int, Any]] = [{} for _ in range(inputs)]
 
     def add(self, index: int, stamp: int, message: Any) -> tuple[Any, ...] | None:
-        """Take a message of an input in; the set that it completes."""
+        """Insert a message of an input; returns the set that it completes, or None."""
         queue = self.queues[index]
         queue[stamp] = message
         while len(queue) > self._size:
             del queue[min(queue)]
-        if stamp not in queue:  # it was too old itself
+        if stamp not in queue:  # the new message was the oldest
             return None
         stamps = self._match(index, stamp)
         return None if stamps is None else tuple(one.pop(at) for one, at in zip(self.queues, stamps, strict=True))
 
     @abstractmethod
     def _match(self, index: int, stamp: int) -> list[int] | None:
-        """The times of a set with the newest message, in the order of the inputs."""
+        """Return the times of a set with the newest message, in the order of the inputs; None if it does not exist."""
 
     def clear(self) -> None:
-        """Forget what waits."""
+        """Remove all waiting messages."""
         for queue in self.queues:
             queue.clear()
 
 
 class ExactMatcher(SyncPolicy):
-    """Messages of one time."""
+    """Matcher of messages with equal stamps."""
 
     def _match(self, index: int, stamp: int) -> list[int] | None:
         return [stamp] * len(self.queues) if all(stamp in queue for queue in self.queues) else None
 
 
 class ApproximateMatcher(SyncPolicy):
-    """Messages that are less than `slop_ns` apart: of each input the one closest to the newest message, if they fit."""
+    """Matcher of messages less than `slop_ns` apart: those closest to the newest message, if they fit."""
 
     def __init__(self, inputs: int, queue_size: int, slop_ns: int) -> None:
         super().__init__(inputs, queue_size)
@@ -58,7 +58,7 @@ class ApproximateMatcher(SyncPolicy):
         slop = self._slop
         if slop <= 0:
             return None
-        nearby = []  # of each other input, the closest first
+        nearby = []  # times of each other input, closest first
         for number, queue in enumerate(self.queues):
             if number != index:
                 near = [one for one in queue if abs(one - stamp) < slop]
@@ -81,17 +81,20 @@ class ApproximateMatcher(SyncPolicy):
         return chosen
 
     def _can_complete(self, rows: list[list[int]], low: int, high: int) -> bool:
-        """Whether one of each row, which are sorted, is less than the slop apart from the others and from both ends."""
+        """Return True if one time of each sorted row fits with the others and with `low` and `high`.
+
+        A set exists if a window of length slop contains a time of each row and both ends. Only times of the rows and
+        `low` can be the start of such a window.
+        """
         slop = self._slop
         if high - low >= slop:
             return False
         if len(rows) < 2:
             return not rows or any(high - slop < one < low + slop for one in rows[0])
         starts = {low, *(one for row in rows for one in row if high - slop < one < low)}
-        return any(all(_has_stamp_in(row, start, start + slop) for row in rows) for start in starts)
+        return any(all(_has_time_in(row, start, start + slop) for row in rows) for start in starts)
 
 
-def _has_stamp_in(row: list[int], start: int, end: int) -> bool:
-    """Whether a sorted row has something from `start` to before `end`."""
+def _has_time_in(row: list[int], start: int, end: int) -> bool:
     at = bisect_left(row, start)
     return at < len(row) and row[at] < end

@@ -1,8 +1,8 @@
-"""Images, point clouds, maps, times and rotations as numpy arrays and back, without copying where that is possible.
+"""Conversions between messages and numpy arrays, `datetime` and rotations, without copying where that is possible.
 
-Functions take any object with the fields of the message: generated, compiled in memory, of another library. Those that
-make a message take its class as `cls`; without it they use the one `get_message` gives, which type checkers cannot
-know.
+Functions accept any object that has the fields of the message: generated, compiled in memory or of another library.
+Functions that make a message take its class as `cls`. Without it they use the class that `get_message` returns, which
+type checkers cannot know.
 """
 
 from rosidl_py_gen.numpy.clouds import array_to_pointcloud as array_to_pointcloud

@@ -1,8 +1,8 @@
-"""``sensor_msgs/msg/PointCloud2`` and structured arrays."""
+"""Conversions between ``sensor_msgs/msg/PointCloud2`` and structured arrays."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,19 +24,19 @@ if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
 
 _DATATYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
-"""``sensor_msgs/msg/PointField``: INT8 to FLOAT64."""
+"""Datatypes of ``sensor_msgs/msg/PointField``, from INT8 to FLOAT64."""
 _NUMBERS = {kind: number for number, kind in _DATATYPES.items()}
 _MAX_STEP = 2**31 - 1
-"""Bytes of a point that numpy can describe."""
+"""Largest size of a point that numpy can describe, in bytes."""
 
 
 @reads_message("a sensor_msgs/msg/PointCloud2")
 def pointcloud_dtype(cloud: Any) -> np.dtype[Any]:
-    """The structured dtype of one point: names, offsets and byte order of `cloud`, itemsize `point_step`.
+    """Return the structured dtype of a point: names, offsets and byte order of `cloud`, itemsize `point_step`.
 
     Raises:
         ConversionError: a field has an unknown datatype, does not fit into `point_step`, or two have one name; or
-            `point_step` is larger than numpy knows.
+            `point_step` is too large for numpy.
     """
     step = check_count(cloud.point_step, "point_step")
     if step > _MAX_STEP:
@@ -65,36 +65,36 @@ def pointcloud_dtype(cloud: Any) -> np.dtype[Any]:
 def pointcloud_to_array(
     cloud: Any, fields: Sequence[str] | None = None, *, copy: bool = False, skip_nans: bool = False
 ) -> np.ndarray[Any, np.dtype[np.void]]:
-    """The points of a ``sensor_msgs/msg/PointCloud2``: ``points["x"]`` is the column of all x.
+    """Return the points of a ``sensor_msgs/msg/PointCloud2``; ``points["x"]`` is the column of all x.
 
     Args:
-        fields: only these.
-        copy: own the result, without the bytes between fields; otherwise it shares the bytes of `cloud`, and is
+        fields: names of the fields to return; None returns all.
+        copy: return a copy without the bytes between fields; otherwise the result shares the bytes of `cloud`, and is
             read-only if those are.
-        skip_nans: leave out points that have a NaN in one of the fields; the result is a row of its own then, also for
-            an organised cloud. `is_dense` is not believed.
+        skip_nans: exclude points that have a NaN in one of the fields. The result is then a one-dimensional copy, also
+            for an organised cloud. The field `is_dense` is ignored.
 
     Returns:
-        Structured, of shape ``(width,)``, or ``(height, width)`` for an organised cloud. A field with a `count` above 1
-        is an array in each point.
+        Structured array of shape ``(width,)``, or ``(height, width)`` for an organised cloud. A field with a `count`
+        above 1 is an array in each point.
 
     Raises:
-        ConversionError: as `pointcloud_dtype`; rows or data are too short; there is no such field.
+        ConversionError: as `pointcloud_dtype`; rows or data are too short; or a field does not exist.
     """
     dtype = pointcloud_dtype(cloud)
     height, width, row_step = (check_count(getattr(cloud, name), name) for name in ("height", "width", "row_step"))
     row = width * dtype.itemsize
-    if height > 1 and row_step < row:
+    if height <= 1:
+        row_step = row
+    if row_step < row:
         raise ConversionError(f"row_step: {row_step} bytes, but {width} points of {dtype.itemsize} need {row}")
     data = flat_bytes(cloud.data, "data")
-    needed = (row_step if height > 1 else row) * (height - 1) + row if height and row else 0
+    needed = row_step * (height - 1) + row if height and row else 0
     if len(data) < needed:
         raise ConversionError(f"data: {len(data)} bytes, but {height} x {width} points need {needed}")
     if height * width and not dtype.itemsize:
         raise ConversionError(f"point_step: 0 bytes, but there are {height} x {width} points")
-    array: np.ndarray[Any, Any] = np.ndarray(
-        (height, width), dtype, data[:needed], strides=(row_step if height > 1 else row, dtype.itemsize)
-    )
+    array: np.ndarray[Any, Any] = np.ndarray((height, width), dtype, data[:needed], strides=(row_step, dtype.itemsize))
     array = array[0] if height == 1 else array.reshape(0) if not array.size else array
     if fields is not None:
         names = dtype.names or ()
@@ -104,65 +104,42 @@ def pointcloud_to_array(
         array = array[list(fields)]
     if skip_nans:
         array = array[~_has_nan(array)]
-    return array.astype(_packed(array.dtype)) if copy else array
+    if not copy:
+        return array
+    packed = [(name, array.dtype[name].newbyteorder("=")) for name in array.dtype.names or ()]
+    return array.astype(np.dtype(packed))
 
 
 def _has_nan(points: np.ndarray[Any, Any]) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """For each point."""
-    found = np.zeros(points.shape, np.bool_)
+    result = np.zeros(points.shape, np.bool_)
     for name in points.dtype.names or ():
         column = points[name]
-        if column.dtype.kind == "f":
-            found |= np.isnan(column).reshape(*points.shape, -1).any(-1) if column.size else False
-    return found
+        if column.dtype.kind == "f" and column.size:
+            result |= np.isnan(column).reshape(*points.shape, -1).any(-1)
+    return result
 
 
-def _packed(dtype: np.dtype[Any]) -> np.dtype[Any]:
-    """A type with the same fields in native byte order, without gaps."""
-    return np.dtype([(name, dtype[name].newbyteorder("=")) for name in dtype.names or ()])
-
-
-@overload
-def array_to_pointcloud(
-    array: Any,
-    *,
-    names: Sequence[str] = ...,
-    dtype: Any = ...,
-    header: Message | None = None,
-    cls: type[M],
-    is_dense: bool | None = None,
-) -> M: ...
-@overload
-def array_to_pointcloud(
-    array: Any,
-    *,
-    names: Sequence[str] = ...,
-    dtype: Any = ...,
-    header: Message | None = None,
-    cls: None = None,
-    is_dense: bool | None = None,
-) -> Any: ...
 def array_to_pointcloud(
     array: Any,
     *,
     names: Sequence[str] = ("x", "y", "z"),
     dtype: Any = None,
-    header: Any = None,
+    header: Message | None = None,
     cls: type[M] | None = None,
     is_dense: bool | None = None,
-) -> Any:
-    """A point cloud of an array; the inverse of `pointcloud_to_array`.
+) -> M:
+    """Return a point cloud message of an array; the inverse of `pointcloud_to_array`.
 
     Args:
         array: structured, of shape ``(n,)`` or ``(height, width)``; or plain numbers whose last axis has the fields
-            `names`. In one piece and without gaps it is not copied.
-        dtype: of plain numbers; None keeps the array's own, which makes FLOAT64 fields of float64. RViz and PCL read x,
-            y and z only as FLOAT32: ``"f4"``.
-        is_dense: whether all values are finite; None looks.
+            `names`. An array that is contiguous and has no gaps is not copied.
+        dtype: type of the fields of plain numbers; None keeps that of the array, which makes FLOAT64 fields of float64.
+            RViz and PCL read x, y and z only as FLOAT32: ``"f4"``.
+        is_dense: True states that all values are finite; None checks the values.
 
     Raises:
-        ConversionError: a field has a type that point clouds do not have, the shape does not fit, or a number is beyond
-            `dtype`.
+        ConversionError: a field has a type that point clouds do not have, the shape does not fit, or a number is out of
+            the range of `dtype`.
     """
     points = np.asarray(array)
     if points.dtype.names is None:
@@ -172,10 +149,9 @@ def array_to_pointcloud(
     if points.ndim not in (1, 2):
         raise ConversionError(f"array: expected one or two axes of points, got shape {points.shape}")
     points, is_big = _writable(points)
-    maker: Any = message_class(cls, "sensor_msgs/msg/PointCloud2")
     height, width = points.shape if points.ndim == 2 else (1, len(points))
     values = {"header": header} if header is not None else {}
-    return maker(
+    return message_class(cls, "sensor_msgs/msg/PointCloud2")(
         height=height,
         width=width,
         fields=[_field(points.dtype, name, cls) for name in points.dtype.names or ()],
@@ -196,27 +172,27 @@ def _structured(values: np.ndarray[Any, Any], names: Sequence[str]) -> np.ndarra
 
 
 def _as_kind(values: np.ndarray[Any, Any], kind: np.dtype[Any]) -> np.ndarray[Any, Any]:
-    """Rounded, but never another number: raises `ConversionError` for what is beyond the type."""
+    """Convert to another type with rounding; raises `ConversionError` if a number is out of its range."""
     if kind.kind not in "iuf" or values.dtype.kind not in "biuf":
         raise ConversionError(f"array: {values.dtype} as {kind}: expected numbers; point fields are {_known_types()}")
     with np.errstate(all="ignore"):
         made = values.astype(kind)
         lost = (np.isfinite(values) & ~np.isfinite(made)) if kind.kind == "f" else made != values
     if lost.any():
-        raise ConversionError(f"array: {values[lost].flat[0]!r} is beyond {kind}")
+        raise ConversionError(f"array: {values[lost].flat[0]!r} is out of the range of {kind}")
     return made
 
 
 def _writable(points: np.ndarray[Any, Any]) -> tuple[np.ndarray[Any, Any], bool]:
-    """The points in one piece and one byte order; bytes between fields are zero, never what was in memory there."""
+    """Return contiguous points of one byte order, and True if that is big-endian; bytes between fields are zero."""
     dtype = points.dtype
     kinds = {name: dtype[name].base for name in dtype.names or ()}
     for name, kind in kinds.items():
         if f"{kind.kind}{kind.itemsize}" not in _NUMBERS:
-            raise ConversionError(f'array["{name}"]: {kind} is no type of point fields; they have {_known_types()}')
-    is_mixed = len({contiguous_native(np.empty(0, kind))[1] for kind in kinds.values() if kind.itemsize > 1}) > 1
+            raise ConversionError(f'array["{name}"]: {kind} is not a type of point fields; these are {_known_types()}')
+    orders = {contiguous_native(np.empty(0, kind))[1] for kind in kinds.values() if kind.itemsize > 1}
     has_gaps = sum(dtype[name].itemsize for name in kinds) != dtype.itemsize
-    if is_mixed or has_gaps:
+    if len(orders) > 1 or has_gaps:
         formats = [dtype[name].newbyteorder("<") for name in kinds]
         offsets = [dtype.fields[name][1] for name in kinds] if dtype.fields else []
         clean = np.dtype({"names": list(kinds), "formats": formats, "offsets": offsets, "itemsize": dtype.itemsize})
@@ -224,8 +200,7 @@ def _writable(points: np.ndarray[Any, Any]) -> tuple[np.ndarray[Any, Any], bool]
         for name in kinds:
             filled[name] = points[name]
         return filled, False
-    is_big = any(contiguous_native(np.empty(0, kind))[1] for kind in kinds.values())
-    return np.ascontiguousarray(points), is_big
+    return np.ascontiguousarray(points), any(orders)
 
 
 def _known_types() -> str:
@@ -241,10 +216,10 @@ def _field(dtype: np.dtype[Any], name: str, cloud: type[Any] | None) -> Any:
 
 
 def _field_class(cloud: type[Any]) -> type[Any]:
-    found = next((field.cls for field in cloud._TYPE.fields if field.ros_name == "fields"), None)
-    if found is None:
-        raise ConversionError(f"{cloud.__name__} is no PointCloud2: it has no field called fields")
-    return found  # type: ignore[no-any-return]
+    cls: type[Any] | None = next((field.cls for field in cloud._TYPE.fields if field.ros_name == "fields"), None)
+    if cls is None:
+        raise ConversionError(f"{cloud.__name__} is not a PointCloud2: it has no field called fields")
+    return cls
 
 
 def _is_dense(points: np.ndarray[Any, Any]) -> bool:

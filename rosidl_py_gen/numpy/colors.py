@@ -1,8 +1,8 @@
-"""Pixels of one encoding as those of another.
+"""Conversion of pixels from one encoding to another.
 
-Decides what cv_bridge decides with OpenCV: brightness has the weights of BT.601, YUV is that of BT.601 in the range of
-video, 16 bits become 8 by their value and not by their upper half. Bayer patterns are interpolated bilinearly. Values
-that have no colour, depths for example, are never converted.
+Results are those of cv_bridge with OpenCV: the brightness has the weights of BT.601, YUV is BT.601 in the video range,
+and 16 bits become 8 by their value, not by their upper half. Bayer patterns are interpolated bilinearly. Values that
+have no colour, for example depths, are never converted.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from rosidl_py_gen.numpy.common import ConversionError
 Pixels = np.ndarray[Any, np.dtype[Any]]
 
 _COLORS = {f"{order}{bits}": (order, bits) for order in ("rgb", "bgr", "rgba", "bgra", "mono") for bits in (8, 16)}
-"""What can be made; all other encodings can only be converted from."""
+"""Encodings that can be converted to; all others can only be converted from."""
 _SAME = {"8UC1": "mono8", "16UC1": "mono16"}
 _PACKED = {"yuv422": (1, 0, 2), "uyvy": (1, 0, 2), "yuv422_yuy2": (0, 1, 3), "yuyv": (0, 1, 3)}
-"""Where the brightness of the first pixel, blue and red lie in the four bytes of two pixels."""
+"""Offsets of the brightness of the first pixel, of blue and of red in the four bytes of two pixels."""
 _PLANES = ("nv21", "nv24")
 _WEIGHTS = (19595, 38470, 7471)
-"""Of red, green and blue, of 65536."""
+"""Weights of red, green and blue in the brightness, in units of 1/65536."""
 
 
 def converted(array: Pixels, encoding: str, to: str) -> Pixels:
-    """The pixels of `encoding` as those of `to`; the same array when nothing changes."""
+    """Return the pixels of `encoding` converted to `to`; the same array if nothing changes."""
     if to not in _COLORS:
         hint = did_you_mean(to, _COLORS) if isinstance(to, str) else ""
         raise ConversionError(f"to: cannot convert to {to!r:.50}{hint}; expected one of {', '.join(_COLORS)}")
@@ -36,7 +36,7 @@ def converted(array: Pixels, encoding: str, to: str) -> Pixels:
         return array
     if encoding == "16UC1":
         raise ConversionError(
-            f"encoding: 16UC1 may be depths, which are no {to}; mono16 has the same numbers, which can be scaled"
+            f"encoding: 16UC1 may be depths, which cannot become {to}; mono16 has the same numbers, which can be scaled"
         )
     order, bits = _COLORS[to]
     native = array.astype(array.dtype.newbyteorder("="), copy=False)
@@ -47,17 +47,17 @@ def converted(array: Pixels, encoding: str, to: str) -> Pixels:
     if order == "mono":
         gray = channels["mono"] if "mono" in channels else _brightness(channels)
         return _as_depth(gray, dtype)
-    made = np.empty((*next(iter(channels.values())).shape, len(order)), dtype)
+    result = np.empty((*next(iter(channels.values())).shape, len(order)), dtype)
     for number, letter in enumerate(order):
         if letter == "a" and "a" not in channels:
-            made[..., number] = np.iinfo(dtype).max
+            result[..., number] = np.iinfo(dtype).max
         else:
-            made[..., number] = _as_depth(channels.get(letter, channels.get("mono", made[..., number])), dtype)
-    return made
+            result[..., number] = _as_depth(channels.get(letter, channels.get("mono", result[..., number])), dtype)
+    return result
 
 
 def _channels(array: Pixels, encoding: str) -> dict[str, Pixels] | None:
-    """Planes by the letters r, g, b and a, or one called mono; None for what has no colours."""
+    """Return the planes by the letters r, g, b and a, or one called mono; None if the encoding has no colours."""
     if encoding in _COLORS:
         order = _COLORS[encoding][0]
         return {"mono": array} if order == "mono" else {letter: array[..., at] for at, letter in enumerate(order)}
@@ -74,12 +74,12 @@ def _brightness(channels: dict[str, Pixels]) -> Pixels:
     total = np.full(channels["r"].shape, 1 << 15, np.uint32)
     for letter, weight in zip("rgb", _WEIGHTS, strict=True):
         total += channels[letter] * np.uint32(weight)
-    made: Pixels = (total >> 16).astype(channels["r"].dtype)
-    return made
+    brightness: Pixels = (total >> 16).astype(channels["r"].dtype)
+    return brightness
 
 
 def _as_depth(values: Pixels, dtype: np.dtype[Any]) -> Pixels:
-    """Values from 0 to the largest of one type, as those of another."""
+    """Scale values from the full range of their type to that of another."""
     if values.dtype == dtype:
         return values
     if dtype.itemsize == 2:
@@ -125,7 +125,7 @@ def _rgb(y: Pixels, u: Pixels, v: Pixels) -> dict[str, Pixels]:
 
 
 def _bayer(array: Pixels, pattern: str) -> dict[str, Pixels]:
-    """Each colour where the pattern has it, and the mean of its neighbours elsewhere."""
+    """Return each colour: measured where the pattern has it, elsewhere the mean of the neighbours."""
     height, width = array.shape
     if height < 2 or width < 2:
         raise ConversionError(f"height, width: a Bayer pattern has 2 x 2 pixels at least, got {height} x {width}")
@@ -142,15 +142,15 @@ def _interpolated(array: Pixels, pattern: str, letter: str) -> Pixels:
         inner_values[row::2, column::2] = array[row::2, column::2]
         inner_weights[row::2, column::2] = 1
     total, count = (_neighbours(plane, letter != "g") for plane in (values, weights))
-    made: Pixels = ((total + count // 2) // np.maximum(count, 1)).astype(array.dtype)
+    result: Pixels = ((total + count // 2) // np.maximum(count, 1)).astype(array.dtype)
     for row, column in places:
-        made[row::2, column::2] = array[row::2, column::2]
-    return made
+        result[row::2, column::2] = array[row::2, column::2]
+    return result
 
 
 def _neighbours(plane: Pixels, with_corners: bool) -> Pixels:
-    """The sum of those beside each, and of those at its corners, of which a pattern has only one kind anywhere."""
-    found: Pixels = plane[:-2, 1:-1] + plane[2:, 1:-1] + plane[1:-1, :-2] + plane[1:-1, 2:]
+    """Return for each element the sum of its direct neighbours, with corners of all eight."""
+    total: Pixels = plane[:-2, 1:-1] + plane[2:, 1:-1] + plane[1:-1, :-2] + plane[1:-1, 2:]
     if with_corners:
-        found = found + plane[:-2, :-2] + plane[:-2, 2:] + plane[2:, :-2] + plane[2:, 2:]
-    return found
+        total = total + plane[:-2, :-2] + plane[:-2, 2:] + plane[2:, :-2] + plane[2:, 2:]
+    return total

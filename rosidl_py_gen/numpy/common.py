@@ -1,9 +1,9 @@
-"""What the conversions share: the error, the bytes of a message, and the class to make."""
+"""Helpers that all conversions share: the error class, checks of fields, and the class of the result."""
 
 from __future__ import annotations
 
 from functools import wraps
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec
 
 import numpy as np
 
@@ -14,21 +14,26 @@ from rosidl_py_gen.errors import RosidlError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-M = TypeVar("M", bound=Message)
+    from typing_extensions import TypeVar
+
+    M = TypeVar("M", bound=Message, default=Any)  # without `cls` the class is not known
+else:
+    from typing import TypeVar
+
+    M = TypeVar("M", bound=Message)
 P = ParamSpec("P")
 R = TypeVar("R")
 
-
 MAX_UINT32 = 2**32 - 1
-"""Rows, columns and bytes are uint32 in all messages."""
+"""Largest value of rows, columns and sizes, which are uint32 in all messages."""
 
 
 class ConversionError(RosidlError, ValueError):
-    """The message and the array do not fit each other; names the field, what was found and what was expected."""
+    """A message and an array that do not fit; names the field, the value found and the expected one."""
 
 
 def reads_message(expected: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Lets a function whose first argument is a message raise `ConversionError` where a field of that is not there."""
+    """Make a function raise `ConversionError` if its first argument, a message, lacks a field."""
 
     def decorated(function: Callable[P, R]) -> Callable[P, R]:
         @wraps(function)
@@ -45,7 +50,7 @@ def reads_message(expected: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
 
 def flat_bytes(data: Any, field: str) -> np.ndarray[Any, np.dtype[np.uint8]]:
-    """The bytes of a field as one row, without a copy when it has them in one piece."""
+    """Return the bytes of a field as a one-dimensional array, without a copy if they are contiguous."""
     try:
         if isinstance(data, bytes | bytearray | memoryview):
             return np.frombuffer(data, np.uint8)
@@ -55,27 +60,27 @@ def flat_bytes(data: Any, field: str) -> np.ndarray[Any, np.dtype[np.uint8]]:
         raise ConversionError(f"{field}: expected bytes, got {type(data).__name__}: {error}") from None
 
 
-def as_float64(value: Any, expected: str) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """An array of float64; raises `ConversionError` for what has no numbers."""
+def as_float64(value: Any, expected: str, field: str = "") -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Return a value as an array of float64; raises `ConversionError` if it has no numbers."""
     try:
         return np.asarray(value, np.float64)
     except (TypeError, ValueError) as error:
-        raise ConversionError(f"expected {expected}, got {type(value).__name__}: {error!s:.200}") from None
+        raise ConversionError(f"{field}expected {expected}, got {type(value).__name__}: {error!s:.200}") from None
 
 
-def message_class(cls: type[M] | None, name: str) -> type[M]:
-    """The class to make: the one that was given, or the one that is installed or bundled."""
+def message_class(cls: type[M] | None, name: str) -> Callable[..., M]:
+    """Return the class of the result: `cls`, or the one that is installed or bundled."""
     return get_message(name) if cls is None else cls  # type: ignore[return-value]
 
 
 def check_count(value: Any, field: str) -> int:
-    """A number of rows or bytes; raises `ConversionError` for what is none."""
+    """Return a number of rows or bytes; raises `ConversionError` if the value is not a uint32."""
     if isinstance(value, int | np.integer) and not isinstance(value, bool) and 0 <= value <= MAX_UINT32:
         return int(value)
     raise ConversionError(f"{field}: expected a number from 0 to {MAX_UINT32}, got {value!r:.50}")
 
 
 def contiguous_native(array: np.ndarray[Any, Any]) -> tuple[np.ndarray[Any, Any], bool]:
-    """The array in one piece, in one of the two byte orders, and whether that is big-endian."""
+    """Return the array contiguous and in one byte order, and True if that is big-endian."""
     piece = np.ascontiguousarray(array)
     return piece, piece.dtype.newbyteorder(">") == piece.dtype and piece.dtype.newbyteorder("<") != piece.dtype

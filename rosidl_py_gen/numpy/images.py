@@ -1,9 +1,9 @@
-"""``sensor_msgs/msg/Image`` and arrays. The encodings are those of ``sensor_msgs/image_encodings.hpp``."""
+"""Conversions between ``sensor_msgs/msg/Image`` and arrays; encodings are those of sensor_msgs/image_encodings.hpp."""
 
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any, NamedTuple, overload
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,7 @@ _KNOWN: dict[str, tuple[str, int]] = {
     **dict.fromkeys(("yuv422", "yuv422_yuy2", "uyvy", "yuyv"), ("u1", 2)),
 }
 _PLANES = {"nv21": (3, 2), "nv24": (3, 1)}
-"""Rows of bytes for each row of the picture: a plane of brightness, then one of colour."""
+"""Rows of bytes and the rows of pixels that they store: a plane of brightness, then one of colour."""
 _GENERIC = re.compile(r"(8U|8S|16U|16S|32S|32F|64F)C([0-9]{0,4})")
 _KINDS = {"U": "u", "S": "i", "F": "f"}
 _DEFAULT_ENCODING = {("u1", 1): "mono8", ("u2", 1): "mono16", ("u1", 3): "rgb8", ("u1", 4): "rgba8", ("u2", 3): "rgb16"}
@@ -38,7 +38,7 @@ _DEFAULT_ENCODING = {("u1", 1): "mono8", ("u2", 1): "mono16", ("u1", 3): "rgb8",
 class _Layout(NamedTuple):
     dtype: np.dtype[Any]
     channels: int
-    rows: tuple[int, int]  # of bytes: this many for that many of the picture
+    rows: tuple[int, int]  # number of rows of bytes that store a number of rows of pixels
 
 
 def _layout(encoding: Any) -> _Layout:
@@ -58,22 +58,23 @@ def _layout(encoding: Any) -> _Layout:
 
 @reads_message("a sensor_msgs/msg/Image")
 def image_to_array(image: Any, *, to: str | None = None, copy: bool = False) -> np.ndarray[Any, Any]:
-    """The pixels of a ``sensor_msgs/msg/Image``.
+    """Return the pixels of a ``sensor_msgs/msg/Image``.
 
     Args:
         to: convert to this encoding: ``rgb8``, ``bgr8``, ``rgba8``, ``bgra8``, ``mono8``, or one of these with 16. All
-            encodings with colours can be, YUV and Bayer patterns as well.
-        copy: own the result; otherwise, unless it was converted, it shares the bytes of `image`, and is read-only if
-            those are.
+            encodings with colours can be converted, YUV and Bayer patterns as well.
+        copy: return a copy; otherwise, unless it was converted, the result shares the bytes of `image`, and is
+            read-only if those are.
 
     Returns:
-        Shape ``(height, width)``, or ``(height, width, channels)`` for more than one: 3 for ``rgb8``, 2 for ``yuyv``.
-        ``nv21`` and ``nv24`` come as their planes, ``(height * 3 // 2, width)`` and ``(height * 3, width)``. Unless
-        `to` says otherwise, values are as they are: a big-endian image gives a big-endian dtype.
+        Shape ``(height, width)``, or ``(height, width, channels)`` for several channels: 3 for ``rgb8``, 2 for
+        ``yuyv``. ``nv21`` and ``nv24`` are returned as their planes, ``(height * 3 // 2, width)`` and ``(height * 3,
+        width)``.
+        Without `to`, values are unchanged: a big-endian image has a big-endian dtype.
 
     Raises:
-        ConversionError: an unknown encoding, or one without colours for `to`; `step` is shorter than a row,
-            or `data` than the image.
+        ConversionError: the encoding is unknown, or has no colours for `to`; `step` is shorter than a row, or `data`
+            than the image.
     """
     dtype, channels, (more, less) = _layout(image.encoding)
     if image.is_bigendian:
@@ -87,45 +88,36 @@ def image_to_array(image: Any, *, to: str | None = None, copy: bool = False) -> 
     data = flat_bytes(image.data, "data")
     needed = step * (rows - 1) + row if rows and row else 0
     if len(data) < needed:
-        shown = f"{rows} rows of {step} bytes"
-        raise ConversionError(f"data: {len(data)} bytes, but {shown} need {needed}")
+        raise ConversionError(f"data: {len(data)} bytes, but {rows} rows of {step} bytes need {needed}")
     array: np.ndarray[Any, Any] = np.ndarray(
         (rows, width, channels), dtype, data[:needed], strides=(step, channels * dtype.itemsize, dtype.itemsize)
     )
     shaped = array[:, :, 0] if channels == 1 else array
-    if to is not None:
-        made = converted(shaped, image.encoding, to)
-        if made is not shaped:
-            return made
-    return shaped.copy() if copy else shaped
+    result = shaped if to is None else converted(shaped, image.encoding, to)
+    return result.copy() if copy and result is shaped else result
 
 
-@overload
-def array_to_image(array: Any, encoding: str | None = None, *, header: Message | None = None, cls: type[M]) -> M: ...
-@overload
 def array_to_image(
-    array: Any, encoding: str | None = None, *, header: Message | None = None, cls: None = None
-) -> Any: ...
-def array_to_image(array: Any, encoding: str | None = None, *, header: Any = None, cls: type[M] | None = None) -> Any:
-    """An image message of an array; the inverse of `image_to_array`.
+    array: Any, encoding: str | None = None, *, header: Message | None = None, cls: type[M] | None = None
+) -> M:
+    """Return an image message of an array; the inverse of `image_to_array`.
 
     Args:
-        array: as `image_to_array` gives it. In one piece it is not copied: the message shares its memory.
-        encoding: None takes ``mono8``, ``mono16``, ``rgb8``, ``rgba8`` or ``rgb16`` where the shape fits, else the
-            OpenCV name, such as ``32FC1``.
+        array: pixels as `image_to_array` returns them. A contiguous array is not copied: the message shares its memory.
+        encoding: None means ``mono8``, ``mono16``, ``rgb8``, ``rgba8`` or ``rgb16`` if the shape fits, else the OpenCV
+            name, such as ``32FC1``.
         header: a ``std_msgs/msg/Header``.
-        cls: the class of the result; None means the one that `get_message` gives.
+        cls: the class of the result; None means the class that `get_message` returns.
 
     Raises:
-        ConversionError: dtype or shape do not fit the encoding, or there is no encoding for them.
+        ConversionError: dtype or shape do not fit the encoding, or no encoding fits them.
     """
     array, encoding = checked_encoding(array, encoding)
     dtype, channels, (more, less) = _layout(encoding)
     rows, width = array.shape[:2]
     piece, is_big = contiguous_native(array)
-    maker: Any = message_class(cls, "sensor_msgs/msg/Image")
     values = {"header": header} if header is not None else {}
-    return maker(
+    return message_class(cls, "sensor_msgs/msg/Image")(
         height=rows * less // more,
         width=width,
         encoding=encoding,
@@ -137,11 +129,11 @@ def array_to_image(array: Any, encoding: str | None = None, *, header: Any = Non
 
 
 def convert_pixels(array: Any, encoding: str, to: str) -> np.ndarray[Any, Any]:
-    """Pixels of one encoding as those of another; the same array when nothing changes.
+    """Return pixels of one encoding converted to another; the same array if nothing changes.
 
     Args:
-        array: as `image_to_array` gives it.
-        to: as for `image_to_array`.
+        array: pixels as `image_to_array` returns them.
+        to: an encoding, as for `image_to_array`.
 
     Raises:
         ConversionError: dtype or shape do not fit the encoding; it is unknown, or has no colours for `to`.
@@ -151,7 +143,7 @@ def convert_pixels(array: Any, encoding: str, to: str) -> np.ndarray[Any, Any]:
 
 
 def checked_encoding(array: Any, encoding: str | None) -> tuple[np.ndarray[Any, Any], str]:
-    """The array, and its encoding, which is guessed if need be; raises `ConversionError` if they do not fit."""
+    """Return the array, and its encoding, guessed if None; raises `ConversionError` if they do not fit."""
     array = np.asarray(array)
     if array.ndim not in (2, 3):
         raise ConversionError(f"array: expected rows, columns and perhaps channels, got shape {array.shape}")

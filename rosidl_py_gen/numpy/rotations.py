@@ -1,12 +1,12 @@
 """Quaternions, rotation matrices, Euler angles and homogeneous transforms.
 
-Quaternions are in the order x, y, z, w, as in ``geometry_msgs``. Euler angles are roll, pitch, yaw in radians about the
-fixed axes x, y, z (REP 103). Every function works on many at once: the last axes are one quaternion or matrix.
+Quaternions have the order x, y, z, w, as in ``geometry_msgs``. Euler angles are roll, pitch, yaw in radians about the
+fixed axes x, y, z (REP 103). Every function is vectorized: the last axes are one quaternion or matrix.
 """
 
 from __future__ import annotations
 
-from typing import Any, overload
+from typing import Any, cast
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from rosidl_py_gen.numpy.common import ConversionError, M, as_float64, message_c
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 _TOLERANCE = 1e-3
-"""How far a matrix may be from a rotation: enough for float32 and for values printed with four digits."""
+"""Largest deviation of a matrix from a rotation: enough for float32 and for values printed with four digits."""
 
 
 def _quaternions(value: Any) -> Array:
@@ -25,16 +25,16 @@ def _quaternions(value: Any) -> Array:
         raise ConversionError(f"expected quaternions x, y, z, w, got shape {quaternion.shape}")
     norm = np.linalg.norm(quaternion, axis=-1, keepdims=True)
     if not (np.isfinite(norm).all() and (norm > 0).all()):
-        raise ConversionError(f"a quaternion that is no rotation: {quaternion.tolist()!r:.200}")
+        raise ConversionError(f"expected quaternions that are rotations, got {quaternion.tolist()!r:.200}")
     unit: Array = quaternion / norm
     return unit
 
 
 def quaternion_to_matrix(quaternion: Any) -> Array:
-    """Rotation matrices of shape ``(..., 3, 3)`` of a Quaternion message, or of an array ``(..., 4)``.
+    """Return rotation matrices of shape ``(..., 3, 3)`` of a Quaternion message, or of an array ``(..., 4)``.
 
     Raises:
-        ConversionError: another shape; a quaternion that is zero or not finite. Others are normalised.
+        ConversionError: the shape is another, or a quaternion is zero or not finite. Others are normalised.
     """
     x, y, z, w = np.moveaxis(_quaternions(quaternion), -1, 0)
     rows = (
@@ -46,19 +46,20 @@ def quaternion_to_matrix(quaternion: Any) -> Array:
 
 
 def matrix_to_quaternion(matrix: Any) -> Array:
-    """Quaternions of shape ``(..., 4)`` with w >= 0, of rotation matrices ``(..., 3, 3)``.
+    """Return quaternions of shape ``(..., 4)`` with w >= 0, of rotation matrices ``(..., 3, 3)``.
 
     Raises:
-        ConversionError: another shape, or no rotation: its columns are not perpendicular of length 1, or it mirrors.
+        ConversionError: the shape is another, or a matrix is not a rotation: its columns are not perpendicular and of
+            length 1, or it mirrors.
     """
     rotation = as_float64(matrix, "matrices of 3 x 3")
     if rotation.shape[-2:] != (3, 3):
         raise ConversionError(f"expected matrices of 3 x 3, got shape {rotation.shape}")
     error = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3))
     if not ((error < _TOLERANCE).all() and (np.linalg.det(rotation) > 0).all()):
-        raise ConversionError(f"a matrix that is no rotation: {rotation.tolist()!r:.200}")
+        raise ConversionError(f"expected matrices that are rotations, got {rotation.tolist()!r:.200}")
     xx, yy, zz = (rotation[..., axis, axis] for axis in range(3))
-    # Four times the squares of x, y, z, w; the largest of them is divided by, so that none is lost.
+    # Four times the squares of x, y, z and w. Dividing by the largest of them loses no precision.
     squares = np.stack([1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz, 1 + xx + yy + zz], axis=-1)
     products = np.empty((*rotation.shape[:-2], 4, 4))
     products[..., range(4), range(4)] = squares
@@ -73,7 +74,7 @@ def matrix_to_quaternion(matrix: Any) -> Array:
 
 
 def euler_to_quaternion(roll: Any, pitch: Any, yaw: Any) -> Array:
-    """Quaternions of shape ``(..., 4)`` of angles in radians, numbers or arrays; `ConversionError` for others."""
+    """Return quaternions of shape ``(..., 4)`` of angles in radians; raises `ConversionError` for others."""
     halves = np.broadcast_arrays(*(as_float64(angle, "angles in radians") / 2 for angle in (roll, pitch, yaw)))
     (sr, sp, sy), (cr, cp, cy) = np.sin(halves), np.cos(halves)
     return np.stack(
@@ -88,7 +89,7 @@ def euler_to_quaternion(roll: Any, pitch: Any, yaw: Any) -> Array:
 
 
 def quaternion_to_euler(quaternion: Any) -> Array:
-    """Roll, pitch, yaw of shape ``(..., 3)``: pitch from -pi/2 to pi/2; roll is 0 where it points straight up or down.
+    """Return roll, pitch, yaw of shape ``(..., 3)``, pitch from -pi/2 to pi/2; roll is 0 at both ends of that range.
 
     Raises:
         ConversionError: as `quaternion_to_matrix`.
@@ -108,10 +109,10 @@ def quaternion_to_euler(quaternion: Any) -> Array:
 
 @reads_message("a transform or a pose")
 def transform_to_matrix(transform: Any) -> Array:
-    """The 4 x 4 matrix of a Transform (translation, rotation) or Pose (position, orientation), stamped or not.
+    """Return the 4 x 4 matrix of a Transform (translation, rotation) or Pose (position, orientation), stamped or not.
 
     Raises:
-        ConversionError: it is none of these, or its rotation is none.
+        ConversionError: the message is neither, or its rotation is zero or not finite.
     """
     for inner in ("transform", "pose"):
         transform = getattr(transform, inner, transform)
@@ -125,15 +126,11 @@ def transform_to_matrix(transform: Any) -> Array:
     return matrix
 
 
-@overload
-def matrix_to_transform(matrix: Any, *, cls: type[M]) -> M: ...
-@overload
-def matrix_to_transform(matrix: Any, *, cls: None = None) -> Any: ...
-def matrix_to_transform(matrix: Any, *, cls: type[M] | None = None) -> Any:
-    """A message of a 4 x 4 matrix; `cls` is Transform (what None means) or Pose.
+def matrix_to_transform(matrix: Any, *, cls: type[M] | None = None) -> M:
+    """Return a message of a 4 x 4 matrix; `cls` is Transform, the default, or Pose.
 
     Raises:
-        ConversionError: another shape or last row, or no rotation.
+        ConversionError: the matrix has another shape or last row, or is not a rotation.
     """
     values = as_float64(matrix, "a matrix of 4 x 4")
     if values.shape != (4, 4) or not np.allclose(values[3], (0, 0, 0, 1)):
@@ -143,4 +140,4 @@ def matrix_to_transform(matrix: Any, *, cls: type[M] | None = None) -> Any:
     turn = message.rotation if hasattr(message, "rotation") else message.orientation
     move.x, move.y, move.z = values[:3, 3].tolist()
     turn.x, turn.y, turn.z, turn.w = matrix_to_quaternion(values[:3, :3]).tolist()
-    return message
+    return cast("M", message)

@@ -1,4 +1,4 @@
-"""``sensor_msgs/msg/LaserScan`` as points."""
+"""Conversion of ``sensor_msgs/msg/LaserScan`` to points."""
 
 from __future__ import annotations
 
@@ -6,25 +6,26 @@ from typing import Any
 
 import numpy as np
 
-from rosidl_py_gen.numpy.common import ConversionError, reads_message
+from rosidl_py_gen.numpy.common import ConversionError, as_float64, reads_message
 
 
 @reads_message("a sensor_msgs/msg/LaserScan")
 def laserscan_to_points(scan: Any, *, skip_invalid: bool = True) -> np.ndarray[Any, np.dtype[np.void]]:
-    """The points that a ``sensor_msgs/msg/LaserScan`` saw, in its own frame: z is 0.
+    """Return the points that a ``sensor_msgs/msg/LaserScan`` measured, in its own frame: z is 0.
 
-    The scanner is taken not to move while it turns.
+    The scanner is assumed not to move while it turns.
 
     Args:
-        skip_invalid: leave out what is below `range_min`, above `range_max`, or NaN; otherwise these are points of NaN,
+        skip_invalid: exclude ranges below `range_min`, above `range_max`, or NaN; otherwise these are points of NaN,
             and the point of ``ranges[i]`` is ``points[i]``.
 
     Returns:
-        Structured, as `pointcloud_to_array` gives points and `array_to_pointcloud` takes them: x, y and z of float32,
-        and intensity, if the scan has some. `points_to_xyz` makes plain columns of it.
+        Structured array, as of `pointcloud_to_array` and for `array_to_pointcloud`: x, y and z of float32, and
+            intensity,
+        if the scan has intensities. `points_to_xyz` returns its plain columns.
 
     Raises:
-        ConversionError: a field is no number, or there are more or less intensities than ranges.
+        ConversionError: a field is not a number, or the numbers of intensities and ranges differ.
     """
     ranges, intensities = _numbers(scan, "ranges"), _numbers(scan, "intensities")
     if intensities.size not in (0, ranges.size):
@@ -49,38 +50,33 @@ def laserscan_to_points(scan: Any, *, skip_invalid: bool = True) -> np.ndarray[A
 
 
 def points_to_xyz(points: Any, *, skip_nans: bool = False) -> np.ndarray[Any, np.dtype[np.floating[Any]]]:
-    """Plain columns of structured points, of `pointcloud_to_array` for example: shape ``(..., 3)``, x, y and z.
+    """Return x, y and z of structured points, of `pointcloud_to_array` for example, with shape ``(..., 3)``.
 
     Args:
-        skip_nans: leave out points of which one of the three is NaN; the result has shape ``(n, 3)`` then.
+        skip_nans: exclude points of which x, y or z is NaN; the result then has shape ``(n, 3)``.
 
     Raises:
-        ConversionError: there is no x, y or z, or it is no number.
+        ConversionError: x, y or z is missing, or not a number.
     """
-    given = np.asarray(points)
-    names = given.dtype.names or ()
+    array = np.asarray(points)
+    names = array.dtype.names or ()
     for name in ("x", "y", "z"):
-        if name not in names or given.dtype[name].kind not in "iuf" or given.dtype[name].shape:
-            raise ConversionError(f"points: expected numbers x, y and z, got {given.dtype!s:.200}")
-    kinds = {given.dtype[name].newbyteorder("=") for name in ("x", "y", "z")}
-    columns = np.stack([given[name] for name in ("x", "y", "z")], -1).astype(
-        np.result_type(np.float32, *kinds), copy=False
-    )
-    if not skip_nans:
-        return columns
-    rows = columns.reshape(-1, 3)
-    kept: np.ndarray[Any, np.dtype[np.floating[Any]]] = rows[~np.isnan(rows).any(-1)]
-    return kept
+        if name not in names or array.dtype[name].kind not in "iuf" or array.dtype[name].shape:
+            raise ConversionError(f"points: expected numbers x, y and z, got {array.dtype!s:.200}")
+    kinds = {array.dtype[name].newbyteorder("=") for name in ("x", "y", "z")}
+    columns = np.stack([array[name] for name in ("x", "y", "z")], -1)
+    rows: np.ndarray[Any, Any] = columns.astype(np.result_type(np.float32, *kinds), copy=False)
+    if skip_nans:
+        rows = rows.reshape(-1, 3)
+        rows = rows[~np.isnan(rows).any(-1)]
+    return rows
 
 
 def _numbers(scan: Any, name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
-    try:
-        found = np.asarray(getattr(scan, name), np.float64)
-    except (TypeError, ValueError) as error:
-        raise ConversionError(f"{name}: expected numbers: {error!s:.200}") from None
-    if found.ndim != 1:
-        raise ConversionError(f"{name}: expected a row of numbers, got shape {found.shape}")
-    return found
+    values = as_float64(getattr(scan, name), "numbers", f"{name}: ")
+    if values.ndim != 1:
+        raise ConversionError(f"{name}: expected a row of numbers, got shape {values.shape}")
+    return values
 
 
 def _number(scan: Any, name: str) -> float:

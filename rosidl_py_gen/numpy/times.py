@@ -1,12 +1,12 @@
-"""``builtin_interfaces`` Time and Duration, and Python's `datetime`.
+"""Conversions between ``builtin_interfaces`` Time and Duration, and Python's `datetime`.
 
-Python counts microseconds: converting to it drops the last three digits of the nanoseconds, downwards.
+Python counts microseconds: converting to it drops the last three digits of the nanoseconds, rounding down.
 """
 
 from __future__ import annotations
 
 from datetime import datetime, timedelta, timezone
-from typing import Any, overload
+from typing import Any
 
 from rosidl_py_gen.base.stamps import sec_nanosec, stamp_ns
 from rosidl_py_gen.numpy.common import ConversionError, M, message_class
@@ -23,47 +23,38 @@ def _nanoseconds(message: Any) -> int:
 
 
 def time_to_datetime(stamp: Any) -> datetime:
-    """The moment of a Time message, with the time zone UTC."""
+    """Return the moment of a Time message, with the time zone UTC."""
     return _EPOCH + timedelta(microseconds=_nanoseconds(stamp) // 1000)
 
 
-@overload
-def datetime_to_time(moment: datetime, *, cls: type[M]) -> M: ...
-@overload
-def datetime_to_time(moment: datetime, *, cls: None = None) -> Any: ...
-def datetime_to_time(moment: datetime, *, cls: type[M] | None = None) -> Any:
-    """A Time message of a moment.
+def datetime_to_time(moment: datetime, *, cls: type[M] | None = None) -> M:
+    """Return a Time message of a moment.
 
     Raises:
-        ConversionError: `moment` is none, or has no time zone, so that it means another moment on another machine; or
-            it is outside of 1901 to 2038.
+        ConversionError: `moment` is not a datetime; has no time zone, so that it means another moment on another
+            machine; or is not from 1901 to 2038.
     """
     if not isinstance(moment, datetime):
         raise ConversionError(f"expected a datetime, got {moment!r:.100}")
     if moment.tzinfo is None:
         raise ConversionError(f"{moment} has no time zone; local time is moment.astimezone()")
-    return _split((moment - _EPOCH) // _MICROSECOND * 1000, cls, "builtin_interfaces/msg/Time")
+    return _from_nanoseconds((moment - _EPOCH) // _MICROSECOND * 1000, cls, "builtin_interfaces/msg/Time")
 
 
 def duration_to_timedelta(duration: Any) -> timedelta:
-    """The length of a Duration message."""
+    """Return the length of a Duration message."""
     return timedelta(microseconds=_nanoseconds(duration) // 1000)
 
 
-@overload
-def timedelta_to_duration(length: timedelta, *, cls: type[M]) -> M: ...
-@overload
-def timedelta_to_duration(length: timedelta, *, cls: None = None) -> Any: ...
-def timedelta_to_duration(length: timedelta, *, cls: type[M] | None = None) -> Any:
-    """A Duration message of a length of time; raises `ConversionError` for what is none, or beyond 68 years."""
+def timedelta_to_duration(length: timedelta, *, cls: type[M] | None = None) -> M:
+    """Return a Duration message; raises `ConversionError` if `length` is not a timedelta or exceeds 68 years."""
     if not isinstance(length, timedelta):
         raise ConversionError(f"expected a timedelta, got {length!r:.100}")
-    return _split(length // _MICROSECOND * 1000, cls, "builtin_interfaces/msg/Duration")
+    return _from_nanoseconds(length // _MICROSECOND * 1000, cls, "builtin_interfaces/msg/Duration")
 
 
-def _split(nanoseconds: int, cls: type[M] | None, name: str) -> M:
+def _from_nanoseconds(nanoseconds: int, cls: type[M] | None, name: str) -> M:
     sec, nanosec = sec_nanosec(nanoseconds)
     if not -(2**31) <= sec < 2**31:
         raise ConversionError(f"{sec} seconds do not fit the int32 of {name}")
-    maker: Any = message_class(cls, name)
-    return maker(sec=sec, nanosec=nanosec)  # type: ignore[no-any-return]
+    return message_class(cls, name)(sec=sec, nanosec=nanosec)

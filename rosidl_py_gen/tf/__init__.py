@@ -1,6 +1,6 @@
 """Transforms between coordinate frames: a buffer fed by ``/tf`` and ``/tf_static``, and broadcasters.
 
-What is right and what is an error is as in tf2.
+Results and errors are those of tf2.
 """
 
 from rosidl_py_gen.tf.broadcaster import StaticTransformBroadcaster as StaticTransformBroadcaster

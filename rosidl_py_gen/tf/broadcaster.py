@@ -1,4 +1,4 @@
-"""Telling others of transforms."""
+"""Publishers of transforms."""
 
 from __future__ import annotations
 
@@ -16,23 +16,19 @@ if TYPE_CHECKING:
 
 
 class TransformBroadcaster:
-    """Publishes transforms that change, on ``/tf``."""
+    """Publisher of transforms that change, on ``/tf``."""
 
     def __init__(self, node: Node) -> None:
         self._cls: Any = get_message("tf2_msgs/msg/TFMessage")
         self._publisher = node.create_publisher(self._cls, "/tf", DEPTH)
 
     def send(self, transforms: Any) -> None:
-        """Publish one or several: TransformStamped messages or `Transform` objects.
-
-        Raises:
-            EncodeError: something else.
-        """
-        self._publisher.publish(self._cls(transforms=messages(transforms)))
+        """Publish one or several TransformStamped messages or `Transform` objects; raises `EncodeError` for others."""
+        self._publisher.publish(self._cls(transforms=_to_messages(transforms)))
 
 
 class StaticTransformBroadcaster:
-    """Publishes transforms that do not change, on ``/tf_static``; who subscribes later gets them, too."""
+    """Publisher of transforms that do not change, on ``/tf_static``; later subscribers receive them as well."""
 
     def __init__(self, node: Node) -> None:
         self._cls: Any = get_message("tf2_msgs/msg/TFMessage")
@@ -41,19 +37,18 @@ class StaticTransformBroadcaster:
         self._sent: dict[str, Any] = {}
 
     def send(self, transforms: Any) -> None:
-        """Publish one or several together with all that were sent before; the last one of each child frame counts.
+        """Publish one or several transforms with all that were sent before; a child frame has only its last one.
 
         Raises:
-            EncodeError: something else than TransformStamped messages or `Transform` objects.
+            EncodeError: a value is neither a TransformStamped message nor a `Transform`.
         """
-        given = messages(transforms)
-        encode(self._cls(transforms=given))  # says what is no transform
-        sent = {**self._sent, **{without_slash(message.child_frame_id): message for message in given}}
+        new = _to_messages(transforms)
+        encode(self._cls(transforms=new))  # raises if one is not a transform
+        sent = self._sent | {without_slash(message.child_frame_id): message for message in new}
         self._publisher.publish(self._cls(transforms=list(sent.values())))
         self._sent = sent
 
 
-def messages(transforms: Any) -> list[Any]:
-    """One or several transforms as messages."""
+def _to_messages(transforms: Any) -> list[Any]:
     several = transforms if isinstance(transforms, Iterable) else (transforms,)
     return [one.to_message() if isinstance(one, Transform) else one for one in several]

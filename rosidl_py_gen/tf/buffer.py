@@ -1,17 +1,17 @@
-"""The buffer a program asks: fed by hand or by a node, from any thread."""
+"""The transform buffer of a program, fed by a node or by hand, from any thread."""
 
 from __future__ import annotations
 
 import asyncio
 import threading
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.registration import Registration, RegistrationSet
-from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.base.stamps import nanoseconds as nanoseconds_of
+from rosidl_py_gen.base.stamps import NS_PER_S, nanoseconds
 from rosidl_py_gen.base.waiters import Waiters
 from rosidl_py_gen.message_filters.filters import call_all
 from rosidl_py_gen.runtime import Durability, Duration, QoSProfile
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 DEPTH = 100
 _UNLIMITED_QUEUE = 1 << 31
-"""Of calls under way: an async callback of a filter may itself wait for a transform, which must come in meanwhile."""
+"""Number of concurrent calls: an async callback of a filter may wait for a transform of a later message."""
 T = TypeVar("T")
 
 
@@ -36,12 +36,12 @@ class TransformBuffer:
     """Transforms of the last seconds, and the static ones.
 
     Example:
-        ``buffer = TransformBuffer(node)``, then ``await buffer.wait_for("map", "base_link")``.
+        ``buffer = TransformBuffer(node)``, then ``await buffer.wait_for_transform("map", "base_link")``.
 
     Args:
-        node: subscribes to ``/tf`` and ``/tf_static``; None leaves feeding to `set_transform`. When the time of its
-            clock jumps back, as simulated time does when a bag is played again, what moves is forgotten.
-        cache_time_s: how long transforms are kept.
+        node: subscribes to ``/tf`` and ``/tf_static``; with None, `set_transform` is the only source. If the node's
+            clock jumps back, for example when a bag is played again, all transforms that are not static are removed.
+        cache_time_s: age in seconds beyond which transforms are removed.
     """
 
     def __init__(self, node: Node | None = None, *, cache_time_s: float = 10.0) -> None:
@@ -49,57 +49,50 @@ class TransformBuffer:
         self._lock = threading.Lock()
         self._waiters = Waiters()
         self._callbacks: RegistrationSet[Callable[[], Coroutine[Any, Any, None] | None]] = RegistrationSet()
-        self._tasks: set[asyncio.Future[None]] = set()
-        """What async callbacks of filters do, where transforms are given by hand."""
-        self._logger = None if node is None else node.logger
+        self._tasks: set[asyncio.Future[None]] = set()  # async callbacks that `set_transform` started
         if node is not None:
-            self._listen(node)
+            self._subscribe(node)
 
-    def _listen(self, node: Node) -> None:
-        cls: Any = get_message("tf2_msgs/msg/TFMessage")
-        node.create_subscription(
-            cls, "/tf", lambda message: self._take(message, False), DEPTH, concurrency=_UNLIMITED_QUEUE
-        )
-        latched = QoSProfile(depth=DEPTH, durability=Durability.TRANSIENT_LOCAL)
-        node.create_subscription(
-            cls, "/tf_static", lambda message: self._take(message, True), latched, concurrency=_UNLIMITED_QUEUE
-        )
+    def _subscribe(self, node: Node) -> None:
+        def insert_all(message: Any, is_static: bool) -> Coroutine[Any, Any, None] | None:
+            for transform in message.transforms:
+                try:
+                    self._insert(transform, is_static)
+                except InvalidTransformError as error:
+                    node.logger.warning(f"ignored a transform: {error}", throttle_s=1.0)
+            return self._run_callbacks()
 
-        def forget(_: TimeJump) -> None:
+        def on_time_jump(_: TimeJump) -> None:
             self.clear()
 
-        node.clock.create_jump_callback(post=forget, on_clock_change=True, min_backward=Duration(nanoseconds=-1))
-
-    def _take(self, message: Any, is_static: bool) -> Coroutine[Any, Any, None] | None:
-        for transform in message.transforms:
-            try:
-                self._insert(transform, is_static)
-            except InvalidTransformError as error:
-                if self._logger is not None:
-                    self._logger.warning(f"ignored a transform: {error}", throttle_s=1.0)
-        return self._run_callbacks()
+        cls: Any = get_message("tf2_msgs/msg/TFMessage")
+        latched = QoSProfile(depth=DEPTH, durability=Durability.TRANSIENT_LOCAL)
+        for topic, is_static, qos in (("/tf", False, DEPTH), ("/tf_static", True, latched)):
+            callback = partial(insert_all, is_static=is_static)
+            node.create_subscription(cls, topic, callback, qos, concurrency=_UNLIMITED_QUEUE)
+        node.clock.create_jump_callback(post=on_time_jump, on_clock_change=True, min_backward=Duration(nanoseconds=-1))
 
     # ---------------------------------------------------------------------------------------------------- feeding
 
     def set_transform(self, transform: Any, *, static: bool = False) -> None:
-        """Take in a ``geometry_msgs/msg/TransformStamped``, or a `Transform`.
+        """Insert a ``geometry_msgs/msg/TransformStamped`` or a `Transform`.
 
         Raises:
-            InvalidTransformError: something else, frames are empty or equal, values are not finite, the quaternion's
-                length is not 1, or the transform is older than what is kept.
+            InvalidTransformError: the value is neither; frames are empty or equal; values are not finite; the length of
+                the quaternion is not 1; or the transform is older than the cache time.
         """
         self._insert(transform.to_message() if isinstance(transform, Transform) else transform, static)
-        answer = self._run_callbacks()
-        if answer is not None:
-            task = asyncio.ensure_future(answer)
+        coroutine = self._run_callbacks()
+        if coroutine is not None:
+            task = asyncio.ensure_future(coroutine)
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
 
     def _insert(self, message: Any, is_static: bool) -> None:
         try:
             child, stamp = message.child_frame_id, nanoseconds(message.header.stamp)
-            move, turn = message.transform.translation, message.transform.rotation
-            link = Link(message.header.frame_id, (move.x, move.y, move.z), (turn.x, turn.y, turn.z, turn.w))
+            xyz, turn = message.transform.translation, message.transform.rotation
+            link = Link(message.header.frame_id, (xyz.x, xyz.y, xyz.z), (turn.x, turn.y, turn.z, turn.w))
         except (AttributeError, TypeError) as error:
             expected = "a geometry_msgs/msg/TransformStamped or a Transform"
             raise InvalidTransformError(f"expected {expected}, got {type(message).__name__}: {error!s:.200}") from error
@@ -107,7 +100,10 @@ class TransformBuffer:
             self._tree.insert(child, stamp, link, is_static=is_static)
 
     def register_callback(self, callback: Callable[[], Coroutine[Any, Any, None] | None]) -> Registration:
-        """Call it behind each arrival of transforms, on the thread where they come, until the answer is closed."""
+        """Call a function after each arrival of transforms, on the thread where they arrive.
+
+        Closing the returned registration ends the calls.
+        """
         return self._callbacks.add(callback)
 
     def _run_callbacks(self) -> Coroutine[Any, Any, None] | None:
@@ -115,61 +111,64 @@ class TransformBuffer:
         return call_all(self._callbacks)
 
     def clear(self) -> None:
-        """Forget what moves; static transforms stay, because nobody sends them again."""
+        """Remove all transforms that are not static; static ones stay, because they are not sent again."""
         with self._lock:
             self._tree.clear()
 
-    # ------------------------------------------------------------------------------------------------------ asking
+    # ----------------------------------------------------------------------------------------------------- lookups
 
     def lookup_transform(self, target: str, source: str, time: Any = None) -> Transform:
-        """How coordinates in `source` become coordinates in `target`.
+        """Return the transform of coordinates in `source` to coordinates in `target`.
 
         Args:
-            time: a `Time`, a Time message or nanoseconds; None or 0 takes the newest that is known of all frames
-                in between. Between two transforms it is interpolated.
+            time: a `Time`, a Time message or nanoseconds; None or 0 means the latest time at which all transforms
+                between the frames are known. Between two transforms the result is interpolated.
 
         Raises:
-            UnknownFrameError, ConnectivityError, ExtrapolationError: as their names say, all of them `TransformError`.
+            UnknownFrameError, ConnectivityError, ExtrapolationError: the transform is not known; all are
+                `TransformError`.
             InvalidTransformError: a frame is empty or begins with ``/``.
         """
         with self._lock:
-            stamp, translation, rotation = self._tree.lookup(target, source, nanoseconds(time))
+            stamp, translation, rotation = self._tree.lookup(target, source, 0 if time is None else nanoseconds(time))
         return Transform(target, source, stamp, np.array(translation), np.array(rotation))
 
     def lookup_transform_full(
         self, target: str, target_time: Any, source: str, source_time: Any, fixed: str
     ) -> Transform:
-        """Where something that `source` saw at one time is in `target` at another, as `fixed` did not move in between.
+        """Return the transform from `source` at one time to `target` at another, by way of a frame that does not move.
 
-        Its stamp is that of `target`. Errors as `lookup_transform`.
+        Its stamp is that of `target`. Raises as `lookup_transform`.
         """
         with self._lock:
             self._tree.require(target=target, source=source, fixed=fixed)
-        before, after = (
-            self.lookup_transform(fixed, source, source_time),
-            self.lookup_transform(target, fixed, target_time),
-        )
-        return after @ before
+        before = self.lookup_transform(fixed, source, source_time)
+        return self.lookup_transform(target, fixed, target_time) @ before
 
     def transform(self, message: T, target: str) -> T:
-        """A message in another frame, by the transform of its own time; see `Transform.transform`.
+        """Return a message transformed to another frame at its own time; see `Transform.transform`.
 
         Raises:
-            ConversionError: no message with a frame, or one that cannot be transformed. Others as `lookup_transform`.
+            ConversionError: the message has no header, or cannot be transformed.
+            TransformError: as `lookup_transform`.
         """
         return self.lookup_transform(target, *frame_and_stamp(message)).transform(message)
 
     def transform_at(self, message: T, target: str, target_time: Any, fixed: str) -> T:
-        """As `transform`, to where the message is in `target` at another time, as `fixed` does not move in between."""
+        """Return a message transformed to `target` at another time, by way of a frame that does not move."""
         return self.lookup_transform_full(target, target_time, *frame_and_stamp(message), fixed).transform(message)
 
     async def wait_and_transform(self, message: T, target: str, *, timeout_s: float | None = None) -> T:
-        """As `transform`, once that is possible; raises `TransformTimeoutError` as `wait_for_transform`."""
-        found = await self.wait_for_transform(target, *frame_and_stamp(message), timeout_s=timeout_s)
-        return found.transform(message)
+        """Wait until `transform` is possible, and return its result.
+
+        Raises:
+            TransformTimeoutError: as `wait_for_transform`.
+        """
+        transform = await self.wait_for_transform(target, *frame_and_stamp(message), timeout_s=timeout_s)
+        return transform.transform(message)
 
     def can_transform(self, target: str, source: str, time: Any = None) -> bool:
-        """Whether `lookup_transform` would give something."""
+        """Return True if `lookup_transform` returns a transform."""
         try:
             self.lookup_transform(target, source, time)
         except (TransformError, InvalidTransformError):
@@ -179,32 +178,29 @@ class TransformBuffer:
     async def wait_for_transform(
         self, target: str, source: str, time: Any = None, *, timeout_s: float | None = None
     ) -> Transform:
-        """Wait until `lookup_transform` gives a transform.
+        """Wait until `lookup_transform` returns a transform.
 
         Raises:
-            TransformTimeoutError: what was missing to the end.
+            TransformTimeoutError: the transform was not known within `timeout_s`; the text has the last reason.
             InvalidTransformError: a frame is empty or begins with ``/``.
         """
-        found: list[Transform] = []
-        reason = [""]
+        transform: Transform | None = None
+        reason = ""
 
-        def is_there() -> bool:
+        def has_transform() -> bool:
+            nonlocal transform, reason
             try:
-                found.append(self.lookup_transform(target, source, time))
+                transform = self.lookup_transform(target, source, time)
             except TransformError as error:
-                reason[0] = str(error)
-            return bool(found)
+                reason = str(error)
+            return transform is not None
 
-        if await self._waiters.wait(is_there, timeout_s):
-            return found[0]
-        raise TransformTimeoutError(f"after {timeout_s:.6g} s: {reason[0]}")
+        await self._waiters.wait(has_transform, timeout_s)
+        if transform is None:
+            raise TransformTimeoutError(f"after {timeout_s:.6g} s: {reason}")
+        return transform
 
     def frames(self) -> dict[str, FrameInfo]:
-        """Every frame that was ever named, with parent, times and how many transforms are kept."""
+        """Return all known frames, with parent, times and number of transforms."""
         with self._lock:
             return self._tree.frames()
-
-
-def nanoseconds(time: Any) -> int:
-    """The nanoseconds of None (0), a number, a `Time` or a message."""
-    return 0 if time is None else nanoseconds_of(time)

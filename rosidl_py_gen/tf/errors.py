@@ -1,4 +1,6 @@
-"""Why a transform cannot be told."""
+"""Errors of transforms."""
+
+from __future__ import annotations
 
 from typing import Literal
 
@@ -6,11 +8,11 @@ from rosidl_py_gen.errors import RosidlError
 
 
 class TransformError(RosidlError, LookupError):
-    """There is no such transform, now or at that time."""
+    """The transform is not known, or not at that time."""
 
 
 class UnknownFrameError(TransformError):
-    """No transform names this frame; tf2's LookupException. A loop between frames is one, too."""
+    """No transform names this frame, or the frames form a loop; tf2's LookupException."""
 
 
 class ConnectivityError(TransformError):
@@ -22,7 +24,7 @@ class ExtrapolationError(TransformError):
 
     Attributes:
         frame: child frame of the transform that has no data at that time.
-        direction: where that time is, seen from the data: ``past`` or ``future``.
+        direction: position of that time relative to the data: ``past`` or ``future``.
     """
 
     def __init__(self, text: str, *, frame: str = "", direction: Literal["", "past", "future"] = "") -> None:
@@ -32,8 +34,8 @@ class ExtrapolationError(TransformError):
 
 
 class TransformTimeoutError(TransformError, TimeoutError):
-    """What was waited for did not come; the text has the last reason."""
+    """A transform was not known within the timeout; the text has the last reason."""
 
 
 class InvalidTransformError(RosidlError, ValueError):
-    """No transform: equal or empty frames, values that are not finite, no rotation, or older than the buffer keeps."""
+    """A transform with equal or empty frames, values that are not finite, no rotation, or too old for the buffer."""

@@ -1,7 +1,4 @@
-"""The transforms of one frame over time, as a plain object.
-
-Times are nanoseconds. Decides which transforms are taken, how long they are kept, and what lies between two of them.
-"""
+"""Transforms of one frame over time. Times are nanoseconds."""
 
 from __future__ import annotations
 
@@ -14,9 +11,11 @@ from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tf.quaternion_math import Quaternion, Vector, lerp, slerp
 
 _MAX_REFUSED = 2
-"""Number of transforms in a row, with rising stamps, that a frame refuses as too old; the next one replaces the newer
-ones. tf2 refuses all of them until it is cleared: one stamp far in the future would block the frame for ever. A larger
-number blocks it longer, with a smaller one a late packet could replace what is right."""
+"""Number of transforms in a row, with rising stamps, that a frame refuses as too old; the next replaces newer ones.
+
+tf2 refuses all of them until it is cleared: one stamp far in the future would block the frame for ever. A larger number
+blocks the frame longer; with a smaller one a late packet could replace correct transforms.
+"""
 
 
 class Link(NamedTuple):
@@ -29,12 +28,12 @@ class Link(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class FrameInfo:
-    """Transforms of one frame over time.
+    """Summary of the transforms of one frame.
 
     Attributes:
-        parent: of the newest transform; None for the root of a tree.
-        oldest, newest: nanoseconds, None for static frames and roots.
-        count: transforms that are kept.
+        parent: parent in the newest transform; None for the root of a tree.
+        oldest, newest: nanoseconds; None for static frames and roots.
+        count: number of stored transforms.
     """
 
     parent: str | None
@@ -45,7 +44,7 @@ class FrameInfo:
 
 
 class StaticFrame:
-    """A frame that never moves: the last transform counts, at all times."""
+    """Frame that never moves: its last transform is valid at all times."""
 
     def __init__(self) -> None:
         self.link: Link | None = None
@@ -66,7 +65,7 @@ class StaticFrame:
 
 
 class MovingFrame:
-    """A frame with transforms over time, oldest first."""
+    """Frame with transforms over time, oldest first."""
 
     def __init__(self, cache_time: int) -> None:
         self._cache_time = cache_time
@@ -75,7 +74,7 @@ class MovingFrame:
         self._refused: list[tuple[int, Link]] = []
 
     def insert(self, stamp: int, link: Link) -> bool:
-        """False when it is older than what is kept, and does not replace that; see `_MAX_REFUSED`."""
+        """Return False if the transform is too old and does not replace the newer ones; see `_MAX_REFUSED`."""
         stamps, links, refused = self.stamps, self._links, self._refused
         if stamps and stamp < stamps[-1] - self._cache_time:
             if refused and stamp <= refused[-1][0]:
@@ -86,7 +85,7 @@ class MovingFrame:
             stamps[:], links[:] = (list(column) for column in zip(*refused[:-1], strict=True))
         refused.clear()
         at = bisect_right(stamps, stamp)
-        if link not in links[bisect_left(stamps, stamp) : at]:  # else it was said again
+        if link not in links[bisect_left(stamps, stamp) : at]:  # not a repeated transform
             stamps.insert(at, stamp)
             links.insert(at, link)
         old = bisect_left(stamps, stamps[-1] - self._cache_time)
@@ -94,7 +93,7 @@ class MovingFrame:
         return True
 
     def at(self, time: int) -> Link:
-        """Raises `NoDataError`."""
+        """Return the interpolated transform at a time; raises `NoDataError`."""
         stamps, links = self.stamps, self._links
         if self.lacks(time):
             raise NoDataError
@@ -104,32 +103,32 @@ class MovingFrame:
             return links[0]
         after = bisect_right(stamps, time)
         one, two = links[after - 1], links[after]
-        if one.parent != two.parent:  # reparented in between: the older one counts until then
+        if one.parent != two.parent:  # reparented in between: the older transform is valid until then
             return one
         ratio = (time - stamps[after - 1]) / (stamps[after] - stamps[after - 1])
-        moved = lerp(one.translation, two.translation, ratio)
-        return Link(one.parent, moved, slerp(one.rotation, two.rotation, ratio))
+        rotation = slerp(one.rotation, two.rotation, ratio)
+        return Link(one.parent, lerp(one.translation, two.translation, ratio), rotation)
 
     def lacks(self, time: int) -> bool:
         """Return True if `at` has no transform for `time`."""
         return not self.stamps or (time != 0 and not self.stamps[0] <= time <= self.stamps[-1])
 
     def nearest(self, time: int) -> Link | None:
-        """The transform whose stamp is next to a time that `at` has none for."""
+        """Return the transform with the stamp nearest to a time that `at` has none for."""
         return (self._links[0 if time < self.stamps[0] else -1]) if self.stamps else None
 
     def why_not(self, time: int) -> tuple[str, Literal["", "past", "future"]]:
-        """Return in words why `at` has no transform for `time`, and the direction to extrapolate into."""
+        """Return why `at` has no transform for `time`, and the direction of the extrapolation."""
         if not self.stamps:
-            return f"nothing is in the buffer, {shown_time(time)} was asked for", ""
+            return f"has no data in the buffer; requested {format_time(time)}", ""
         first, last = self.stamps[0], self.stamps[-1]
         direction: Literal["past", "future"] = "past" if time < first else "future"
-        asked = f"needs extrapolation into the {direction}: asked for {shown_time(time)}"
+        text = f"needs extrapolation into the {direction}: requested {format_time(time)}"
         if first == last:
-            return f"{asked}, but only {shown_time(first)} is in the buffer", direction
+            return f"{text}, but only {format_time(first)} is in the buffer", direction
         if time > last:
-            return f"{asked}, {(time - last) / NS_PER_S:.6g} s after the latest, {shown_time(last)}", direction
-        return f"{asked}, {(first - time) / NS_PER_S:.6g} s before the earliest, {shown_time(first)}", direction
+            return f"{text}, {(time - last) / NS_PER_S:.6g} s after the latest, {format_time(last)}", direction
+        return f"{text}, {(first - time) / NS_PER_S:.6g} s before the earliest, {format_time(first)}", direction
 
     def latest(self) -> tuple[int, str]:
         return (self.stamps[-1], self._links[-1].parent) if self.stamps else (0, "")
@@ -144,7 +143,7 @@ class NoDataError(RosidlError):
     """A frame has no transform at that time."""
 
 
-def shown_time(time: int) -> str:
+def format_time(time: int) -> str:
     """Return a time as seconds with nine decimals."""
     sec, rest = sec_nanosec(abs(time))
     return f"{'-' if time < 0 else ''}{sec}.{rest:09}"

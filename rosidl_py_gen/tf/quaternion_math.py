@@ -1,4 +1,4 @@
-"""Rotations and translations of one transform, with plain floats: for so few numbers numpy is the slower way.
+"""Arithmetic of single rotations and translations with plain floats, which is faster than numpy for so few numbers.
 
 Quaternions are (x, y, z, w) of length 1, as everywhere in ROS.
 """
@@ -15,7 +15,7 @@ ORIGIN: Vector = (0.0, 0.0, 0.0)
 
 
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
-    """First `b`, then `a`."""
+    """Return the rotation that applies first `b`, then `a`."""
     ax, ay, az, aw = a
     bx, by, bz, bw = b
     return (
@@ -27,12 +27,12 @@ def product(a: Quaternion, b: Quaternion) -> Quaternion:
 
 
 def conjugate(q: Quaternion) -> Quaternion:
-    """The rotation back."""
+    """Return the inverse rotation."""
     return (-q[0], -q[1], -q[2], q[3])
 
 
 def rotate(q: Quaternion, v: Vector) -> Vector:
-    """The vector after the rotation."""
+    """Return a vector after a rotation."""
     x, y, z, w = q
     a, b, c = v
     # twice the cross product of the axis with v, then v + w t + axis x t
@@ -41,35 +41,34 @@ def rotate(q: Quaternion, v: Vector) -> Vector:
 
 
 def add(a: Vector, b: Vector) -> Vector:
-    """The sum."""
+    """Return the sum of two vectors."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
-def negate(v: Vector) -> Vector:
-    """The opposite."""
-    return (-v[0], -v[1], -v[2])
+def subtract(a: Vector, b: Vector) -> Vector:
+    """Return the difference of two vectors."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 def lerp(a: Vector, b: Vector, ratio: float) -> Vector:
-    """On the line from `a` (0) to `b` (1)."""
+    """Return the point on the line from `a` (ratio 0) to `b` (ratio 1)."""
     rest = 1 - ratio
     return (a[0] * rest + b[0] * ratio, a[1] * rest + b[1] * ratio, a[2] * rest + b[2] * ratio)
 
 
 def slerp(a: Quaternion, b: Quaternion, ratio: float) -> Quaternion:
-    """On the shorter arc from `a` (0) to `b` (1), with constant speed."""
+    """Return the rotation on the shorter arc from `a` (ratio 0) to `b` (ratio 1), at constant angular speed."""
     cosine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
     sign = -1.0 if cosine < 0 else 1.0
     angle = acos(min(1.0, abs(cosine)))
     if angle < 1e-9:
         return a
     one, two = sin((1 - ratio) * angle) / sin(angle), sign * sin(ratio * angle) / sin(angle)
-    return normalized(
-        (a[0] * one + b[0] * two, a[1] * one + b[1] * two, a[2] * one + b[2] * two, a[3] * one + b[3] * two)
-    )
+    x, y, z, w = (start * one + end * two for start, end in zip(a, b, strict=True))
+    return normalized((x, y, z, w))
 
 
 def normalized(q: Quaternion) -> Quaternion:
-    """The quaternion made as long as 1."""
+    """Return the quaternion scaled to length 1."""
     length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return (q[0] / length, q[1] / length, q[2] / length, q[3] / length)
