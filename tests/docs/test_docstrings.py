@@ -27,6 +27,7 @@ NOT_CLEAN = (
     "rosidl_py_gen/base",
     "rosidl_py_gen/cdr",
     "rosidl_py_gen/compiler",
+    "rosidl_py_gen/errors.py",
     "rosidl_py_gen/generator_cli",
     "rosidl_py_gen/message_filters",
     "rosidl_py_gen/numpy",
