@@ -17,9 +17,9 @@ from rosidl_py_gen.msgs.type_description_interfaces.srv import (
     GetTypeDescription_Request,
     GetTypeDescription_Response,
 )
-from rosidl_py_gen.runtime.transport.dds.names import topic_name
 from rosidl_py_gen.runtime.transport.type_names import wire_type
 from support import raw_endpoints
+from support.raw_endpoints import topic_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable

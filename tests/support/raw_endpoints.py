@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.transport.api import EndpointSpec
-from rosidl_py_gen.runtime.transport.dds.names import channel_of
-from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
+from rosidl_py_gen.runtime.transport.dds.names import channel_of, wire_name
+from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
 from rosidl_py_gen.runtime.transport.memory import MemoryParticipant
 from rosidl_py_gen.runtime.transport.type_names import ros_type
 
@@ -18,6 +18,21 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.api import Reader, Writer
 
 DEEP = QoSProfile().keep_all()
+
+
+def topic_name(name: str) -> str:
+    """Return the name of a topic in DDS."""
+    return wire_name(TopicKey("topic", name))
+
+
+def request_name(name: str) -> str:
+    """Return the name of a service's requests in DDS."""
+    return wire_name(TopicKey("request", name))
+
+
+def reply_name(name: str) -> str:
+    """Return the name of a service's replies in DDS."""
+    return wire_name(TopicKey("reply", name))
 
 
 def spec(topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "", **more: Any) -> EndpointSpec:

@@ -1,9 +1,9 @@
-"""A transport inside one process: the same behaviour as DDS, without network, threads or waiting.
+"""Transport inside one process, with the behaviour of DDS but without network, threads and delays.
 
-For tests of programs that use this package, and for our own. A `MemoryTransport` is a little world: contexts that were
-given the same one see each other. Delivery happens inside `write`, in the order of creation of the readers, so a test
-gives the same result every time. Matching, KEEP_LAST, transient-local history, lifespan and discovery follow the rules
-of DDS; deadlines and leases do not exist, because nobody here can die without saying so.
+For tests of programs that use this package, and for our own. Contexts that were given the same `MemoryTransport` see
+each other. Delivery happens inside `write`, in the order of creation of the readers, so each run gives the same result.
+Matching, KEEP_LAST, transient-local history, lifespan and discovery follow the rules of DDS. Deadlines and leases do
+not exist, because no participant can disappear without closing.
 """
 
 from __future__ import annotations
@@ -40,25 +40,25 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 _VENDOR = b"\x01\x10"
-"""Cyclone's vendor id, so that nothing treats our endpoints as foreign ones."""
-_DOMAIN_NUMBERS = itertools.count(1)
+"""Vendor id of Cyclone DDS: other code must not apply the rules for other vendors to these endpoints."""
+_TRANSPORT_NUMBERS = itertools.count(1)
 
 
 class MemoryTransport:
-    """One world; give it to `Context(transport=...)` of every node that shall take part.
+    """In-process transport; pass it to `Context(transport=...)` of every node that must communicate.
 
     Args:
-        clocks: what time it is in this world.
+        clocks: clock functions of all its nodes.
 
     Example:
-        >>> world = MemoryTransport()
-        >>> talker = Node("talker", context=Context(transport=world))  # doctest: +SKIP
+        >>> transport = MemoryTransport()
+        >>> talker = Node("talker", context=Context(transport=transport))  # doctest: +SKIP
     """
 
     def __init__(self, clocks: ClockFunctions = SYSTEM_CLOCKS) -> None:
         self.clocks = clocks
         self._lock = threading.RLock()
-        self._number = next(_DOMAIN_NUMBERS)
+        self._number = next(_TRANSPORT_NUMBERS)
         self._counter = itertools.count(1)
         self._domains: dict[int, list[MemoryParticipant]] = {}
 
@@ -75,7 +75,7 @@ class MemoryTransport:
 
 
 class MemoryParticipant:
-    """A member of a `MemoryTransport`; see `port.Participant`."""
+    """Participant of a `MemoryTransport`."""
 
     middleware = "memory"
     library = ""
@@ -102,7 +102,6 @@ class MemoryParticipant:
         self.readers: list[MemoryReader] = []
         self.service_peers = ServicePeers()
         self.nodes: tuple[NodeEntities, ...] = ()
-        """As they were announced."""
         self.closed = False
         self._notify: Callable[[], None] | None = None
         self._ready: dict[Sink, None] = {}
@@ -118,29 +117,29 @@ class MemoryParticipant:
         return self.make_reader(spec.channel, spec.type, spec.type_hash, qos=spec.qos, ignore_local=spec.ignore_local)
 
     def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> MemoryClient:
-        (requests, asks), (replies, answers) = _request_and_reply_topics(service)
+        (requests, request_type), (replies, reply_type) = _request_and_reply_topics(service)
         with self.lock:
             gid = self._next_guid(b"\xc5")
-            reader = self.make_reader(replies, *answers, qos=qos, service_id=gid.hex())
-            writer = self.make_writer(requests, *asks, qos=qos, service_id=gid.hex())
+            reader = self.make_reader(replies, *reply_type, qos=qos, service_id=gid.hex())
+            writer = self.make_writer(requests, *request_type, qos=qos, service_id=gid.hex())
         return MemoryClient(service, self.service_peers, reader, writer, gid)
 
     def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> MemoryServer:
-        (requests, asks), (replies, answers) = _request_and_reply_topics(service)
+        (requests, request_type), (replies, reply_type) = _request_and_reply_topics(service)
         with self.lock:
             gid = self._next_guid(b"\xc4")
-            writer = self.make_writer(replies, *answers, qos=qos, service_id=gid.hex())
-            reader = self.make_reader(requests, *asks, qos=qos, service_id=gid.hex())
+            writer = self.make_writer(replies, *reply_type, qos=qos, service_id=gid.hex())
+            reader = self.make_reader(requests, *request_type, qos=qos, service_id=gid.hex())
         return MemoryServer(reader, writer, gid)
 
     def make_writer(
         self, channel: TopicKey, type: str, type_hash: str = "", *, qos: QoSProfile, service_id: str = ""
     ) -> MemoryWriter:
-        """What sends samples."""
+        """Create a writer of a topic or service."""
         with self.lock:
             writer = MemoryWriter(self, self._info(channel, type, qos, type_hash, service_id, is_writer=True))
             self.writers.append(writer)
-            self._announce(writer.info)
+            self._report_to_all(writer.info)
             return writer
 
     def make_reader(
@@ -153,12 +152,12 @@ class MemoryParticipant:
         service_id: str = "",
         ignore_local: bool = False,
     ) -> MemoryReader:
-        """What receives samples."""
+        """Create a reader of a topic or service."""
         with self.lock:
             info = self._info(channel, type, qos, type_hash, service_id, is_writer=False)
             reader = MemoryReader(self, info, ignore_local)
             self.readers.append(reader)
-            self._announce(reader.info)
+            self._report_to_all(reader.info)
             for peer in self.peers:
                 for writer in peer.writers:
                     if matches(writer, reader):
@@ -188,13 +187,13 @@ class MemoryParticipant:
                 self._events += [endpoint.info for endpoint in (*peer.writers, *peer.readers)]
                 if peer.nodes:
                     self._events.append(NodesAnnounced(peer.guid, peer.nodes))
-            self.mark_ready(self._report)
+            self.mark_ready(self.report_discovery)
 
     def report(self, event: DiscoveryEvent) -> None:
-        """Report one event; nothing is kept while nobody listens."""
+        """Report one event later; it is dropped while there is no discovery sink."""
         if self._discovery_sink is not None:
             self._events.append(event)
-            self.mark_ready(self._report)
+            self.mark_ready(self.report_discovery)
 
     def announce(self, nodes: Mapping[int, NodeEntities]) -> None:
         with self.lock:
@@ -206,20 +205,16 @@ class MemoryParticipant:
     def incompatibility_reason(
         self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint
     ) -> IncompatibilityKind | None:
-        """Return why two endpoints do not match, by the rules of DDS; None when they do."""
         return None if check_compatible(writer.qos, reader.qos).matches else IncompatibilityKind.QOS
 
     def report_discovery(self) -> None:
-        self._report()
-
-    def _report(self) -> None:
         with self.lock:
             events, self._events = self._events, []
         if events and self._discovery_sink is not None:
             self.service_peers.apply(events)
             self._discovery_sink(events)
 
-    def _announce(self, event: DiscoveryEvent) -> None:
+    def _report_to_all(self, event: DiscoveryEvent) -> None:
         for peer in self.peers:
             peer.report(event)
 
@@ -230,7 +225,7 @@ class MemoryParticipant:
                 self.writers.remove(endpoint)
             else:
                 self.readers.remove(endpoint)
-            self._announce(EntityLost(endpoint.guid))
+            self._report_to_all(EntityLost(endpoint.guid))
 
     # -------------------------------------------------------------------------------------------------- waiting
 
@@ -240,13 +235,13 @@ class MemoryParticipant:
             notify()
 
     def mark_ready(self, sink: Sink) -> None:
-        """Note that `sink` has something to do."""
+        """Add a sink to the ready ones."""
         self._ready[sink] = None
         if self._notify is not None:
             self._notify()
 
     def fileno(self) -> None:
-        """Nothing to watch: whoever writes, notifies."""
+        """Return None: a writer calls the wake-up function itself."""
 
     def take_ready_sinks(self) -> list[Sink]:
         with self.lock:
@@ -255,7 +250,7 @@ class MemoryParticipant:
             return ready
 
     def detach_after_fork(self) -> None:
-        """See `port.Participant`; a copy of memory harms nobody."""
+        """Do nothing: a copy of the memory is harmless."""
 
     def close(self) -> None:
         with self.lock:
@@ -267,7 +262,7 @@ class MemoryParticipant:
             self._discovery_sink = None
             self._ready.clear()
             self.peers.remove(self)
-            self._announce(EntityLost(self.guid))
+            self._report_to_all(EntityLost(self.guid))
 
 
 class _MemoryEndpoint:
@@ -279,34 +274,35 @@ class _MemoryEndpoint:
         self.info = info
 
     def close(self) -> None:
-        """Delete it; may be called twice."""
+        """Delete the endpoint. May be called twice."""
         if not self.closed:
             self.closed = True
             self.owner.unregister(self)  # type: ignore[arg-type]  # only the two subclasses exist
 
 
 class MemoryWriter(_MemoryEndpoint):
-    """See `port.Writer`."""
+    """Writer of a `MemoryTransport`."""
 
     def __init__(self, owner: MemoryParticipant, info: DiscoveredEndpoint) -> None:
         super().__init__(owner, info)
         qos = info.qos
-        self.handle = int.from_bytes(info.guid[8:], "big")  # `MemoryReader.writer_guid` is the way back
-        keeps = qos.durability is Durability.TRANSIENT_LOCAL
-        depth = (None if qos.history is History.KEEP_ALL else max(1, qos.depth)) if keeps else 0
+        self.handle = int.from_bytes(info.guid[8:], "big")  # `MemoryReader.writer_guid` is the inverse
+        depth: int | None = 0
+        if qos.durability is Durability.TRANSIENT_LOCAL:
+            depth = None if qos.history is History.KEEP_ALL else max(1, qos.depth)
         self._history: deque[Sample] = deque(maxlen=depth)
         self._numbers = itertools.count(1)
 
     def write(self, data: Payload) -> bool:
         return self.deliver(pad_to_4_bytes(data))
 
-    def deliver(self, thing: Any) -> bool:
-        """Give a sample, or something else, to all that are connected."""
+    def deliver(self, payload: Any) -> bool:
+        """Deliver a sample, or a request object, to all matched readers."""
         if self.closed:
             raise ClosedError("this writer is closed")
         now = self.owner.time_ns()
         with self.owner.lock:
-            sample = (thing, now, self.handle, now, next(self._numbers))
+            sample = (payload, now, self.handle, now, next(self._numbers))
             self._history.append(sample)
             for peer in self.owner.peers:
                 for reader in peer.readers:
@@ -315,10 +311,10 @@ class MemoryWriter(_MemoryEndpoint):
         return True
 
     def replay(self, reader: MemoryReader) -> None:
-        """Give a late joiner what is still kept and has not expired."""
+        """Deliver the retained samples that have not expired to a late joiner."""
         if reader.qos.durability is not Durability.TRANSIENT_LOCAL:
             return
-        oldest = self.owner.time_ns() - (self.qos.lifespan_ns)
+        oldest = self.owner.time_ns() - self.qos.lifespan_ns
         for sample in self._history:
             if sample[1] >= oldest:
                 reader.receive(sample)
@@ -331,18 +327,17 @@ class MemoryWriter(_MemoryEndpoint):
             return [reader.guid for peer in self.owner.peers for reader in peer.readers if matches(self, reader)]
 
     def all_acknowledged(self) -> bool:
-        """Delivery is immediate."""
-        return True
+        return True  # delivery is immediate
 
     def event_counts(self, event: str) -> tuple[int, ...] | None:
         return None
 
     def assert_liveliness(self) -> None:
-        """Nobody can die here."""
+        """Do nothing: liveliness cannot be lost."""
 
 
 class MemoryReader(_MemoryEndpoint):
-    """See `port.Reader`."""
+    """Reader of a `MemoryTransport`."""
 
     def __init__(self, owner: MemoryParticipant, info: DiscoveredEndpoint, ignore_local: bool) -> None:
         super().__init__(owner, info)
@@ -351,16 +346,16 @@ class MemoryReader(_MemoryEndpoint):
         self._sink: Sink | None = None
 
     def receive(self, sample: Sample) -> None:
-        """Take a sample into the queue."""
+        """Add a sample to the queue."""
         self.queue.push(sample)
         if self._sink is not None:
             self.owner.mark_ready(self._sink)
 
-    def enqueue(self, thing: Any, sender: Writer) -> None:
-        """Take something that is for this reader alone."""
+    def enqueue(self, payload: Any, sender: Writer) -> None:
+        """Add an object that is for this reader alone."""
         with self.owner.lock:
             now = self.owner.time_ns()
-            self.receive((thing, now, sender.handle, now, None))
+            self.receive((payload, now, sender.handle, now, None))
 
     def set_sink(self, sink: Sink | None) -> None:
         with self.owner.lock:
@@ -369,8 +364,7 @@ class MemoryReader(_MemoryEndpoint):
                 self.owner.mark_ready(sink)
 
     def fetch(self) -> bool:
-        """Everything is in the queue already."""
-        return bool(self.queue.items)
+        return bool(self.queue.items)  # samples are delivered into the queue
 
     def matched_writers(self) -> list[bytes]:
         with self.owner.lock:
@@ -380,22 +374,24 @@ class MemoryReader(_MemoryEndpoint):
         return None
 
     def writer_guid(self, handle: int) -> bytes | None:
-        """See `port.Reader`. All GUIDs of one world begin alike, and the rest is the handle."""
+        # All GUIDs of one transport have the same first half; the handle is the second.
         return self.guid[:8] + handle.to_bytes(8, "big")
 
 
 def matches(writer: MemoryWriter, reader: MemoryReader) -> bool:
-    """Whether DDS would connect the two: names equal, QoS compatible, not told to ignore each other."""
+    """Return True if DDS would match the two: equal names, compatible QoS, not excluded by `ignore_local`."""
     if reader.ignore_local and writer.owner is reader.owner:
         return False
-    same = writer.info.channel == reader.info.channel and writer.info.type == reader.info.type
-    return same and check_compatible(writer.qos, reader.qos).matches
+    has_same_names = writer.info.channel == reader.info.channel and writer.info.type == reader.info.type
+    return has_same_names and check_compatible(writer.qos, reader.qos).matches
 
 
 def _request_and_reply_topics(
     service: ServiceSpec,
 ) -> tuple[tuple[TopicKey, tuple[str, str]], tuple[TopicKey, tuple[str, str]]]:
-    """Where requests meet, and responses, each with type and hash."""
+    """Return topic, type and hash of the requests, and of the replies."""
     requests, replies = service.channels
-    asks, answers = f"{service.type}_Request", f"{service.type}_Response"
-    return (requests, (asks, service.request_hash)), (replies, (answers, service.response_hash))
+    return (
+        (requests, (f"{service.type}_Request", service.request_hash)),
+        (replies, (f"{service.type}_Response", service.response_hash)),
+    )

@@ -1,6 +1,6 @@
-"""Clients and servers of the memory transport: a request says which client it is of, and its response goes there.
+"""Clients and servers of the memory transport: a request contains its client, to which the response is delivered.
 
-Who is there, and who is lost, is found out as on DDS, from what discovery reports.
+Servers, and requests that are lost, are found as on DDS, from discovery events.
 """
 
 from __future__ import annotations
@@ -17,21 +17,20 @@ if TYPE_CHECKING:
 
 
 class MemoryClient(EndpointPairClient):
-    """See `service_port.ServiceClientTransport`."""
+    """Client of a `MemoryTransport`."""
 
     def __init__(
         self, service: ServiceSpec, peers: ServicePeers, reader: MemoryReader, writer: MemoryWriter, gid: bytes
     ) -> None:
-        super().__init__(peers, *service.channels, reader, writer, gid)
-        self._counts = service.is_compatible
-        self._outbox = writer
+        super().__init__(service, peers, reader, writer, gid)
+        self._request_writer = writer
         self.inbox = reader
         self._sent = 0
 
     def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
-        self._outbox.deliver((self, self._sent + 1, data))
+        self._request_writer.deliver((self, self._sent + 1, data))
         self._sent += 1
-        self._asked[self._sent] = self.server_endpoints()
+        self._in_flight[self._sent] = self.server_endpoints()
         return self._sent
 
     def take(self) -> Reply | None:
@@ -42,20 +41,22 @@ class MemoryClient(EndpointPairClient):
         return number, data, self._reader.writer_guid(handle)
 
     def _find(self, _: object) -> ServerAvailability:
-        reading = self._peers.known(self._writer.matched_readers())
-        answering = self._peers.known(self._reader.matched_writers())
-        ids = [{one.service_id for one in ends if self._counts(one)} for ends in (reading, answering)]
-        clients = self._peers.on(self._requests, writers=True)
-        return ServerAvailability(
-            not ids[0].isdisjoint(ids[1]), fair_queue_share((one.qos for one in reading), clients)
+        readers = self._peers.known(self._writer.matched_readers())
+        writers = self._peers.known(self._reader.matched_writers())
+        reader_ids, writer_ids = (
+            {endpoint.service_id for endpoint in endpoints if self._service.is_compatible(endpoint)}
+            for endpoints in (readers, writers)
         )
+        clients = self._peers.on(self._requests, writers=True)
+        depth = fair_queue_share((reader.qos for reader in readers), clients)
+        return ServerAvailability(not reader_ids.isdisjoint(writer_ids), depth)
 
 
 _RequestOrigin: TypeAlias = "tuple[MemoryClient, int]"
 
 
 class MemoryServer(EndpointPairServer):
-    """See `service_port.ServiceServerTransport`."""
+    """Server of a `MemoryTransport`."""
 
     def take(self) -> Request | None:
         items: Any = self._reader.queue.items
@@ -65,19 +66,19 @@ class MemoryServer(EndpointPairServer):
         return (client, number), data, self._reader.writer_guid(handle), source_ns, received_ns
 
     def send(self, to: RequestId, data: bytes) -> bool:
-        asker: _RequestOrigin = to
-        client, number = asker
+        origin: _RequestOrigin = to
+        client, number = origin
         if self._is_connected(client):
             client.inbox.enqueue((number, data), self._writer)
         return True
 
     def can_reach_client(self, to: RequestId) -> bool:
-        asker: _RequestOrigin = to
-        return asker[0].inbox.closed or self._is_connected(asker[0])
+        origin: _RequestOrigin = to
+        return origin[0].inbox.closed or self._is_connected(origin[0])
 
     def _is_connected(self, client: MemoryClient) -> bool:
         return client.inbox.guid in self._writer.matched_readers()
 
     def request_origin(self, to: RequestId) -> tuple[bytes, int]:
-        asker: _RequestOrigin = to
-        return asker[0].gid, asker[1]
+        origin: _RequestOrigin = to
+        return origin[0].gid, origin[1]

@@ -1,7 +1,7 @@
-"""What transports have in common whose clients and servers consist of a reader and a writer each.
+"""Common part of transports whose clients and servers consist of a reader and a writer each.
 
-Decides who is asked: what was discovered of the endpoints of services, and which of them are connected. And which
-requests are lost: those that were sent while servers were there none of whom is left.
+Finds the servers of a client among the discovered endpoints, and the requests that are lost: those that were sent to
+servers of which none is left.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.api import Reader, Writer
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent, TopicKey
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
-    from rosidl_py_gen.runtime.transport.service_api import Reply, ServerAvailability
+    from rosidl_py_gen.runtime.transport.service_api import Reply, ServerAvailability, ServiceSpec
 
 
 def fair_queue_share(servers: Iterable[QoSProfile], clients: Iterable[DiscoveredEndpoint]) -> int:
-    """How many requests of ours the server that keeps fewest keeps; 0 when all keep all.
+    """Return the number of requests that this participant may have in the servers' queues; 0 if unlimited.
 
-    All clients share what a server keeps, whatever process they are in; each participant takes its part, and at least
-    one.
+    All clients share the queue of a server, in whatever process they are. So the smallest keep-last depth is divided
+    by the number of participants that have clients; each of them gets at least 1.
 
     Args:
-        servers: profiles of what the servers read.
-        clients: what clients write, ours included.
+        servers: profiles of the servers' request readers.
+        clients: request writers of all clients, own ones included.
     """
-    kept = min((qos.depth for qos in servers if qos.history is History.KEEP_LAST), default=0)
-    return kept and max(1, kept // max(1, len({one.participant_guid for one in clients})))
+    depth = min((qos.depth for qos in servers if qos.history is History.KEEP_LAST), default=0)
+    return depth and max(1, depth // max(1, len({client.participant_guid for client in clients})))
 
 
 class ServicePeers:
-    """What was discovered of the endpoints of services."""
+    """Discovered endpoints of services."""
 
     def __init__(self) -> None:
         self.version = 0
@@ -47,35 +47,35 @@ class ServicePeers:
         self._by_channel: defaultdict[TopicKey, dict[bytes, DiscoveredEndpoint]] = defaultdict(dict)
 
     def apply(self, events: Iterable[DiscoveryEvent]) -> None:
-        """Take in what discovery reports."""
+        """Record discovery events."""
         for event in events:
             if isinstance(event, DiscoveredEndpoint) and event.service_type is not None:
                 self._known[event.guid] = self._by_channel[event.channel][event.guid] = event
                 self.version += 1
             elif isinstance(event, EntityLost) and event.guid in self._known:
-                gone = self._known.pop(event.guid)
-                here = self._by_channel[gone.channel]
-                del here[event.guid]
-                if not here:  # else each name that ever was would stay
-                    del self._by_channel[gone.channel]
+                lost = self._known.pop(event.guid)
+                remaining = self._by_channel[lost.channel]
+                del remaining[event.guid]
+                if not remaining:  # else the name of each service that ever existed would be retained
+                    del self._by_channel[lost.channel]
                 self.version += 1
 
     def get(self, guid: bytes) -> DiscoveredEndpoint | None:
-        """An endpoint, if it is known."""
+        """Return the endpoint with that GUID, or None."""
         return self._known.get(guid)
 
     def on(self, channel: TopicKey, *, writers: bool) -> list[DiscoveredEndpoint]:
-        """The writers or readers of a channel."""
-        found = list(self._by_channel.get(channel, {}).values())  # at once: another thread may add some
-        return [one for one in found if one.is_writer is writers]
+        """Return the writers or readers of a topic."""
+        endpoints = list(self._by_channel.get(channel, {}).values())  # copied at once: another thread may add some
+        return [endpoint for endpoint in endpoints if endpoint.is_writer is writers]
 
     def known(self, guids: Iterable[bytes]) -> list[DiscoveredEndpoint]:
-        """What is known of endpoints, without those that are not known."""
+        """Return the endpoints with these GUIDs, without those that are not discovered."""
         return [self._known[guid] for guid in guids if guid in self._known]
 
 
 class _EndpointPair:
-    """The reader and the writer of a client or a server."""
+    """Reader and writer of a client or a server."""
 
     def __init__(self, reader: Reader, writer: Writer, gid: bytes) -> None:
         self.gid = gid
@@ -88,73 +88,65 @@ class _EndpointPair:
 
 
 class EndpointPairClient(_EndpointPair):
-    """The part of a `service_port.ServiceClientTransport` that knows its servers.
+    """Part of a `ServiceClientTransport` that knows the servers."""
 
-    Args:
-        requests: where requests go.
-        replies: where replies come from.
-    """
-
-    def __init__(
-        self, peers: ServicePeers, requests: TopicKey, replies: TopicKey, reader: Reader, writer: Writer, gid: bytes
-    ) -> None:
+    def __init__(self, service: ServiceSpec, peers: ServicePeers, reader: Reader, writer: Writer, gid: bytes) -> None:
         super().__init__(reader, writer, gid)
+        self._service = service
         self._peers = peers
-        self._requests = requests
-        self._replies = replies
-        self._asked: dict[int, frozenset[bytes]] = {}
-        """The servers that were there when a request was sent that somebody waits for."""
+        self._requests, self._replies = service.channels
+        self._in_flight: dict[int, frozenset[bytes]] = {}
+        """Endpoints of the servers that existed when a request was sent, by the number of the request."""
         self._lost: deque[int] = deque()
         self._servers: MatchCache[ServerAvailability] = MatchCache(peers, self._find)
-        self._present: frozenset[bytes] = frozenset()
-        self._present_at = -1
+        self._server_endpoints: frozenset[bytes] = frozenset()
+        self._server_endpoints_version = -1
 
     def servers(self) -> ServerAvailability:
-        """See `service_port.ServiceClientTransport`."""
+        """Return the availability of servers, see `ServiceClientTransport`."""
         return self._servers.get()
 
     def _find(self, _: object) -> ServerAvailability:
-        """Return the servers that are connected now."""
         raise NotImplementedError
 
     def server_endpoints(self) -> frozenset[bytes]:
-        """See `service_port.ServiceClientTransport`."""
+        """Return the GUIDs of all endpoints of servers, see `ServiceClientTransport`."""
         peers = self._peers
-        if peers.version != self._present_at:
-            self._present_at = peers.version
-            ends = *peers.on(self._requests, writers=False), *peers.on(self._replies, writers=True)
-            self._present = frozenset(one.guid for one in ends)
-        return self._present
+        if peers.version != self._server_endpoints_version:
+            self._server_endpoints_version = peers.version
+            endpoints = *peers.on(self._requests, writers=False), *peers.on(self._replies, writers=True)
+            self._server_endpoints = frozenset(endpoint.guid for endpoint in endpoints)
+        return self._server_endpoints
 
     def cancel(self, number: int) -> None:
-        """See `service_port.ServiceClientTransport`."""
-        self._asked.pop(number, None)
+        """Forget a request, see `ServiceClientTransport`."""
+        self._in_flight.pop(number, None)
 
     def report_lost_requests(self) -> None:
-        """See `service_port.ServiceClientTransport`."""
-        present = self.server_endpoints()
+        """Add a `NoReply` for each lost request, see `ServiceClientTransport`."""
+        endpoints = self.server_endpoints()
         self._reader.fetch()
-        lost = [number for number, servers in self._asked.items() if servers and servers.isdisjoint(present)]
+        lost = [number for number, servers in self._in_flight.items() if servers and servers.isdisjoint(endpoints)]
         for number in lost:
-            del self._asked[number]
+            del self._in_flight[number]
         self._lost.extend(lost)
 
     def _next_lost(self) -> Reply | None:
         return (self._lost.popleft(), NoReply(), None) if self._lost else None
 
     def close(self) -> None:
-        """See `service_port.ServiceClientTransport`."""
+        """Delete both endpoints. May be called twice."""
         self._writer.close()
         self._reader.close()
 
 
 class EndpointPairServer(_EndpointPair):
-    """The part of a `service_port.ServiceServerTransport` that is no correlation."""
+    """Part of a `ServiceServerTransport` that does not depend on how requests are identified."""
 
     def release(self) -> None:
-        """See `service_port.ServiceServerTransport`."""
+        """Do nothing: there is no flow control."""
 
     def close(self) -> None:
-        """See `service_port.ServiceServerTransport`."""
+        """Delete both endpoints. May be called twice."""
         self._reader.close()
         self._writer.close()

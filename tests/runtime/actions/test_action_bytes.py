@@ -8,11 +8,11 @@ import pytest
 from action_worlds import Fibonacci
 from support import raw_endpoints
 from support.node_fixtures import World, until
+from support.raw_endpoints import reply_name, request_name
 
 from rosidl_py_gen.runtime.entities.message_types import service_type
 from rosidl_py_gen.runtime.node.action_methods import ActionMethods
 from rosidl_py_gen.runtime.time.values import ClockType, Time
-from rosidl_py_gen.runtime.transport.dds.names import reply_name, request_name
 from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
 

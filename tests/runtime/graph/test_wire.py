@@ -22,11 +22,6 @@ GUID = PREFIX + b"\0\0\1\xc1"
 @pytest.mark.parametrize(
     ("ros", "dds"),
     [
-        (ddsnames.topic_name("/ns/t"), "rt/ns/t"),
-        (ddsnames.topic_name("/ns/t", prefix=False), "/ns/t"),
-        (ddsnames.request_name("/ns/s"), "rq/ns/sRequest"),
-        (ddsnames.reply_name("/ns/s"), "rr/ns/sReply"),
-        (ddsnames.request_name("/ns/s", prefix=False), "/ns/sRequest"),
         (wire_type("std_msgs/msg/String"), "std_msgs::msg::dds_::String_"),
         (wire_type("pkg/srv/X_Request"), "pkg::srv::dds_::X_Request_"),
         (wire_type("HelloWorld"), "HelloWorld"),

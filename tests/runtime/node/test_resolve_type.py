@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from support.announced_types import SERVICE_OFF, Told, fresh, teller, told_by
 from support.node_fixtures import World, until
+from support.raw_endpoints import reply_name, request_name, topic_name
 
 from rosidl_py_gen import compile_definition, get_message, get_service, type_description, type_hash
 from rosidl_py_gen.base.descriptions import build_type_description
 from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
 from rosidl_py_gen.runtime import CallTimeoutError, TypeDescriptionError, TypeNotFoundError
-from rosidl_py_gen.runtime.transport.dds.names import reply_name, request_name, topic_name
 from rosidl_py_gen.runtime.type_resolution import announcements
 
 if TYPE_CHECKING:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from support import raw_endpoints
 from support.node_fixtures import World, until
+from support.raw_endpoints import reply_name, request_name
 
 from rosidl_py_gen.runtime.parameters.values import ParameterNotDeclaredError
 from rosidl_py_gen.runtime.time.values import ClockType, Time
-from rosidl_py_gen.runtime.transport.dds.names import reply_name, request_name
 
 HEADER = "00 01 00 00"
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from support import raw_endpoints
 from support.node_fixtures import World, until
+from support.raw_endpoints import reply_name, request_name
 
 from rosidl_py_gen.runtime import (
     IntRange,
@@ -17,7 +18,6 @@ from rosidl_py_gen.runtime import (
     parameter_value,
 )
 from rosidl_py_gen.runtime.parameters.client import ParameterClient
-from rosidl_py_gen.runtime.transport.dds.names import reply_name, request_name
 
 AB = "03 00 00 00  61 62 00"  # "ab" with its NUL
 ONE = "01 00 00 00"

@@ -122,20 +122,20 @@ def test_a_client_on_cyclone_is_named_by_its_number_and_its_writer_here() -> Non
 # ------------------------------------------------------------------------------------------------------------- client
 
 
-def client_of(*readers: DiscoveredEndpoint, is_identified: bool = False) -> ClientCorrelation:
+def client_of(*readers: DiscoveredEndpoint, uses_sample_identity: bool = False) -> ClientCorrelation:
     made = ClientCorrelation(HANDLE, READER, WRITER)
-    made.update_servers({one.guid for one in readers}, is_identified=is_identified)
+    made.update_servers({one.guid for one in readers}, uses_sample_identity=uses_sample_identity)
     return made
 
 
 def test_servers_on_cyclone_get_a_header_and_others_an_identity_until_they_have_answered() -> None:
     plain = client_of(CYCLONE[0])
     assert plain.request(MESSAGE, 1) == (add_request_header(MESSAGE, HANDLE, 1), None)
-    client = client_of(FAST[0], is_identified=True)
+    client = client_of(FAST[0], uses_sample_identity=True)
     assert client.request(MESSAGE, 1) == (MESSAGE, (READER, 1))
     assert client.reply(embed_identity(MESSAGE, (READER, 1)), FAST[1].guid) == (1, MESSAGE)
     assert client.request(MESSAGE, 2) == (MESSAGE, None), "from now on it knows requests by writer and number"
-    client.update_servers({FAST[0].guid, server(b"\1\x0f\2")[0].guid}, is_identified=True)
+    client.update_servers({FAST[0].guid, server(b"\1\x0f\2")[0].guid}, uses_sample_identity=True)
     assert client.request(MESSAGE, 3) == (MESSAGE, (READER, 3)), "somebody new has not answered yet"
 
 
@@ -149,13 +149,13 @@ def test_replies_for_others_are_nobody_elses() -> None:
 
 
 def test_a_header_of_a_server_that_has_identities_is_part_of_its_message() -> None:
-    client = client_of(FAST[0], is_identified=True)
+    client = client_of(FAST[0], uses_sample_identity=True)
     assert client.reply(add_request_header(MESSAGE, HANDLE, 7), FAST[1].guid) is None
     assert client.request(MESSAGE, 1)[1] is not None, "which is no answer, either"
 
 
 def test_answers_to_others_are_no_news_of_a_server() -> None:
-    client = client_of(FAST[0], is_identified=True)
+    client = client_of(FAST[0], uses_sample_identity=True)
     assert client.reply(embed_identity(MESSAGE, (bytes(16), 1)), FAST[1].guid) is None
     assert client.request(MESSAGE, 1) == (MESSAGE, (READER, 1))
 
@@ -191,9 +191,13 @@ def test_servers_that_cannot_be_talked_to_are_named_where_there_are_no_others() 
     why = "this build is not known"
     assert found(FAST, refusal=why) == (False, False, 10, FAST[0])
     assert found(FAST, CYCLONE, refusal=why)[:2] == (True, False)
-    assert found(announced=(FAST[0],), refusal=why).refused == FAST[0], "also while they are not connected yet"
-    assert found(announced=(FAST[0], CYCLONE[0]), refusal=why).refused is None, "one may come that can be talked to"
-    assert found(announced=(), refusal=why).refused is None
+    assert found(announced=(FAST[0],), refusal=why).incompatible_server == FAST[0], (
+        "also while they are not connected yet"
+    )
+    assert found(announced=(FAST[0], CYCLONE[0]), refusal=why).incompatible_server is None, (
+        "one may come that can be talked to"
+    )
+    assert found(announced=(), refusal=why).incompatible_server is None
 
 
 @pytest.mark.parametrize(
@@ -202,11 +206,11 @@ def test_servers_that_cannot_be_talked_to_are_named_where_there_are_no_others() 
 def test_clients_share_what_a_server_keeps(kept: int, clients: int, expected: int) -> None:
     qos = QoSProfile().keep_last(kept) if kept else QoSProfile().keep_all()
     asking = tuple(replace(CYCLONE[1], guid=bytes([n]) * 16, participant_guid=bytes([n]) * 16) for n in range(clients))
-    assert found(server(b"\1\x10\1", "a", qos), clients=asking).keeps == expected
+    assert found(server(b"\1\x10\1", "a", qos), clients=asking).request_queue_depth == expected
 
 
 def test_servers_on_fast_dds_are_taken_for_what_ros_has_by_default() -> None:
-    assert found(server(b"\1\x0f\1", qos=QoSProfile().keep_all())).keeps == 10
+    assert found(server(b"\1\x0f\1", qos=QoSProfile().keep_all())).request_queue_depth == 10
 
 
 # ------------------------------------------------------------------------------------------------- who has answered

@@ -80,7 +80,7 @@ async def main():
 asyncio.run(main())
 """
 SHORT_LIFE = f"""{AS_FAST_DDS}
-from rosidl_py_gen.runtime.node import open_contexts
+from rosidl_py_gen.runtime.node import context_registry
 
 async def main():
     async with Node("mayfly") as node:
@@ -92,13 +92,13 @@ def child():  # everything in it is new
     pid = os.fork()
     if pid == 0:
         asyncio.run(main())
-        open_contexts.close_all()
+        context_registry.close_all()
         os._exit(0)
     assert os.waitpid(pid, 0)[1] == 0
 
 child()
 asyncio.run(main())
-open_contexts.close_all()
+context_registry.close_all()
 child()
 asyncio.run(main())
 if len(sys.argv) > 1:  # leave without closing anything

@@ -1,4 +1,4 @@
-"""How ROS puts nodes, topics and services on top of DDS, whatever library carries it.
+"""Mapping of nodes, topics and services of ROS to DDS, independent of the DDS library.
 
 May import: what transport may.
 """

@@ -1,11 +1,11 @@
-"""Whose a request or a reply is on DDS, and which servers a client has: bytes and GUIDs in, bytes and GUIDs out.
+"""Identification of requests and replies on DDS, and discovery of a client's servers: works on bytes and GUIDs.
 
-Two kinds of peers know that differently. Cyclone's put a header of 16 bytes between the 4 encapsulation bytes and the
-message: a number of the client and one of the request. Fast DDS has it beside the message: an `SampleIdentity`, which
-`cyclone/fast_dds_interop/sample_identity.py` puts in the place of the header, marked as what it is. Up here both are
-a client and a number, and the type of the client tells which kind it is.
+There are two formats. rmw_cyclonedds puts a header of 16 bytes between the 4 encapsulation bytes and the message: the
+number of the client and that of the request. Fast DDS sends a `SampleIdentity` as RTPS inline QoS;
+`cyclone/fast_dds_interop/sample_identity.py` embeds it in the sample instead of the header, with a mark. Here both are
+a client and a number; the type of the client (`int` or `bytes`) tells the format.
 
-Requests are numbered as the middleware numbers what a writer sends, from 1, because servers on Fast DDS count them.
+Requests are numbered as the middleware numbers the samples of a writer, from 1, because Fast DDS servers rely on it.
 
 Source: docs/internals/protocol.md 5.1 to 5.4, docs/internals/dds.md 3 and 4.
 """
@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from rosidl_py_gen.cdr.layout import HEADER_BYTES, NETWORK_ALIGN, PADDING
 from rosidl_py_gen.errors import DecodeError
+from rosidl_py_gen.runtime.transport.discovery_events import GUID_PREFIX_BYTES
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.transport.service_endpoints import fair_queue_share
 
@@ -27,45 +28,42 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.samples import Payload
 
 SampleIdentity: TypeAlias = "tuple[bytes, int]"
-"""Which request a sample is or answers, where that is said beside the message: a GUID of the client, and the number of
-its request."""
+"""GUID of a client and number of its request; sent with the request and with its reply."""
 ClientId: TypeAlias = "int | bytes"
-"""Of a peer on Cyclone its number, of others a GUID: that of the client, its reply reader or its request writer."""
+"""Number of a client of rmw_cyclonedds, or a GUID: that of the client, its reply reader or its request writer."""
 
 FAST_DDS_VENDOR = b"\x01\x0f"
-"""First bytes of every GUID that Fast DDS makes (RTPS vendor id)."""
+"""RTPS vendor id of Fast DDS, with which its GUIDs begin."""
 SERVICE_HEADER_BYTES = 16
 IDENTITY_BYTES = 24
-_PREFIX_BYTES = 12
-"""The part of a GUID that all endpoints of a participant share."""
 _READER_BIT = 0x04
-"""In the last byte of a GUID: it is a reader's."""
+"""Bit in the last byte of a GUID: the endpoint is a reader."""
 _IDENTITY_OPTIONS = b"\xfd\x5d"
-"""Stands in the two option bytes of the encapsulation header, which are zero otherwise."""
+"""Option bytes of the encapsulation header (otherwise zero) that mark an embedded identity."""
 _LITTLE = struct.Struct("<Qq")
 _BIG = struct.Struct(">Qq")
 _identity = struct.Struct("<16sq")
 _MASK = 2**64 - 1
 _FILL = PADDING[NETWORK_ALIGN]
 _LARGE_BYTES = 1024
-"""From here on a view costs less than one more copy."""
+"""Size from which a memoryview is cheaper than another copy."""
 
 
 # -------------------------------------------------------------------------------------------------------------- bytes
 
 
 def uses_sample_identity(guid: bytes) -> bool:
-    """Whether a service with that endpoint has an `SampleIdentity` beside its samples, and not a header in them."""
+    """Return True if a client or server with that endpoint uses sample identities, and not headers."""
     return guid.startswith(FAST_DDS_VENDOR)
 
 
 def embed_identity(data: Payload, identity: SampleIdentity) -> bytes:
-    """A sample with the identity behind its encapsulation header. 24 is a multiple of 8, so all stays aligned."""
+    """Insert the identity after the encapsulation header. Its 24 bytes do not change the alignment."""
     return b"".join((data[:2], _IDENTITY_OPTIONS, _identity.pack(*identity), data[HEADER_BYTES:]))
 
 
 def extract_identity(data: Payload) -> SampleIdentity | None:
-    """What `embed_identity` put in; None when it is a sample as others send it."""
+    """Return the identity that `embed_identity` inserted; None if there is none."""
     if data[2:4] != _IDENTITY_OPTIONS or len(data) < HEADER_BYTES + IDENTITY_BYTES:
         return None
     guid, sequence = _identity.unpack_from(data, HEADER_BYTES)
@@ -73,7 +71,7 @@ def extract_identity(data: Payload) -> SampleIdentity | None:
 
 
 def add_request_header(message: Payload, client: int, sequence: int) -> bytes:
-    """Put the header into an encoded message, which is little-endian; filled up as DDS wants it, in the same copy."""
+    """Insert the header into an encoded message (little-endian), and pad it for DDS in the same copy."""
     rest = message[HEADER_BYTES:] if len(message) < _LARGE_BYTES else memoryview(message)[HEADER_BYTES:]
     return b"".join(
         (message[:HEADER_BYTES], _LITTLE.pack(client & _MASK, sequence), rest, _FILL[len(message) % NETWORK_ALIGN])
@@ -81,7 +79,11 @@ def add_request_header(message: Payload, client: int, sequence: int) -> bytes:
 
 
 def parse_request_header(data: Payload) -> tuple[ClientId, int, int]:
-    """Client, number of the request, and where the message begins; raises `DecodeError` when the bytes are too few."""
+    """Return the client, the number of the request and the offset of the message.
+
+    Raises:
+        DecodeError: there are too few bytes for a header.
+    """
     identity = extract_identity(data)
     if identity is not None:
         return *identity, HEADER_BYTES + IDENTITY_BYTES
@@ -93,13 +95,13 @@ def parse_request_header(data: Payload) -> tuple[ClientId, int, int]:
 
 
 def strip_request_header(data: Payload, begin: int) -> bytes:
-    """The plain message, copied."""
+    """Return a copy of the message without the header, which ends at `begin`."""
     rest = data[begin:] if len(data) < _LARGE_BYTES else memoryview(data)[begin:]
     return b"".join((data[:2], b"\0\0", rest))
 
 
 def client_gid(client: ClientId, handle: int) -> bytes:
-    """How a server names whom a request came from: of a client on Cyclone its number and its writer's handle here."""
+    """Return the GID of a client in a server: its GUID, or its number and the local handle of its writer."""
     if isinstance(client, bytes):
         return client
     return (client & _MASK).to_bytes(8, "little") + (handle & _MASK).to_bytes(8, "little")
@@ -109,19 +111,19 @@ def client_gid(client: ClientId, handle: int) -> bytes:
 
 
 class ServerMatch(NamedTuple):
-    """The servers of a client.
+    """Servers of a client.
 
     Attributes:
-        is_available: one is connected, both ways.
-        is_identified: requests need an identity: one that is connected is on Fast DDS.
-        keeps: how many requests of ours the server that keeps fewest keeps; 0 when all keep all.
-        refused: of servers that cannot be talked to, when there are no others.
+        is_available: a server is matched in both directions.
+        uses_sample_identity: requests need an identity, because a matched server is on Fast DDS.
+        request_queue_depth: this participant's share of the smallest request queue; 0 if unlimited.
+        incompatible_server: a server that cannot be used, if there are no usable ones.
     """
 
     is_available: bool
     uses_sample_identity: bool
-    keeps: int
-    refused: DiscoveredEndpoint | None
+    request_queue_depth: int
+    incompatible_server: DiscoveredEndpoint | None
 
 
 def find_servers(
@@ -130,103 +132,113 @@ def find_servers(
     announced: Collection[DiscoveredEndpoint],
     clients: Iterable[DiscoveredEndpoint],
     refusal: str | None,
-    counts: Callable[[DiscoveredEndpoint], bool],
+    is_compatible: Callable[[DiscoveredEndpoint], bool],
 ) -> ServerMatch:
-    """Source: docs/internals/protocol.md 5.2; servers with identities have no ids, but both endpoints in one
-    participant.
+    """Find the servers that a client can call.
+
+    rmw_cyclonedds announces a service id for both endpoints of a server. The server is available if the id of a matched
+    request reader is also that of a matched reply writer; servers that announce no id are paired without one. Fast DDS
+    announces no ids: there a server is a request reader and a reply writer of one participant.
 
     Args:
-        readers: of requests, connected with the client.
-        writers: of replies, connected with the client.
-        announced: everybody who reads requests.
-        clients: everybody who writes requests, the client included.
-        refusal: why servers with identities cannot be talked to; None when they can.
-        counts: whether a server with that endpoint is one, and not one of another definition.
+        readers: request readers that are matched with the client.
+        writers: reply writers that are matched with the client.
+        announced: all discovered request readers.
+        clients: all discovered request writers, the client's included.
+        refusal: reason why Fast DDS servers cannot be used; None if they can.
+        is_compatible: returns False for an endpoint of a server with another definition.
+
+    Source: docs/internals/protocol.md 5.2.
     """
-    # Servers on Fast DDS do not tell: they are taken for what ROS has by default.
-    keeps = fair_queue_share(
-        (SERVICES_DEFAULT if uses_sample_identity(one.guid) else one.qos for one in readers), clients
+    # Fast DDS does not announce the depth of its queue: the default of ROS is assumed.
+    depth = fair_queue_share(
+        (SERVICES_DEFAULT if uses_sample_identity(reader.guid) else reader.qos for reader in readers), clients
     )
-    readers, writers = list(filter(counts, readers)), list(filter(counts, writers))
-    foreign = {one.participant_guid for one in readers if uses_sample_identity(one.guid)}
-    foreign &= {one.participant_guid for one in writers if uses_sample_identity(one.guid)}
-    ids = {one.service_id for one in readers if not uses_sample_identity(one.guid)}
-    replying = {one.service_id for one in writers if not uses_sample_identity(one.guid)}
-    told = ids - {""}
-    is_served = bool(ids and replying) and (not told or not told.isdisjoint(replying))
+    readers, writers = list(filter(is_compatible, readers)), list(filter(is_compatible, writers))
+    fast_dds = {reader.participant_guid for reader in readers if uses_sample_identity(reader.guid)}
+    fast_dds &= {writer.participant_guid for writer in writers if uses_sample_identity(writer.guid)}
+    reader_ids = {reader.service_id for reader in readers if not uses_sample_identity(reader.guid)}
+    writer_ids = {writer.service_id for writer in writers if not uses_sample_identity(writer.guid)}
+    announced_ids = reader_ids - {""}
+    is_served = bool(reader_ids and writer_ids) and (not announced_ids or not announced_ids.isdisjoint(writer_ids))
     if refusal is not None:
-        is_foreign = not is_served and bool(announced) and all(uses_sample_identity(one.guid) for one in announced)
-        return ServerMatch(is_served, False, keeps, next(iter(announced)) if is_foreign else None)
-    return ServerMatch(is_served or bool(foreign), bool(foreign), keeps, None)
+        is_unusable = not is_served and bool(announced) and all(uses_sample_identity(end.guid) for end in announced)
+        return ServerMatch(is_served, False, depth, next(iter(announced)) if is_unusable else None)
+    return ServerMatch(is_served or bool(fast_dds), bool(fast_dds), depth, None)
 
 
 class AnsweredServers:
-    """Which servers have answered, each since the last of them appeared, which may have been made anew.
+    """Set of servers that have replied since the newest server appeared, which may be a restarted one.
 
-    A server is known by its participant: what it reads and writes has that in common.
+    A server is identified by its participant, which its reader and its writer have in common.
     """
 
     def __init__(self) -> None:
         self._readers: set[bytes] = set()
         self._servers: frozenset[bytes] = frozenset()
-        self._heard: set[bytes] = set()
+        self._answered: set[bytes] = set()
 
     def set_request_readers(self, readers: set[bytes]) -> None:
-        """These are all that requests go to, or will a moment later."""
+        """Set the GUIDs of all readers that get requests, or will after they are matched."""
         if not readers <= self._readers:
-            self._heard.clear()
+            self._answered.clear()
         self._readers = readers
-        self._servers = frozenset(guid[:_PREFIX_BYTES] for guid in readers)
-        self._heard &= self._servers
+        self._servers = frozenset(guid[:GUID_PREFIX_BYTES] for guid in readers)
+        self._answered &= self._servers
 
     def on_reply(self, writer: bytes) -> None:
-        """A reply came from that writer."""
-        self._heard.add(writer[:_PREFIX_BYTES])
+        """Record a reply of that writer."""
+        self._answered.add(writer[:GUID_PREFIX_BYTES])
 
     def all_answered(self) -> bool:
-        """Whether all have answered; never, when one participant has several, whose answers cannot be told apart."""
-        return bool(self._readers) and self._heard == self._servers and len(self._servers) == len(self._readers)
+        """Return True if all servers have replied; False if a participant has several, whose replies look alike."""
+        return bool(self._readers) and self._answered == self._servers and len(self._servers) == len(self._readers)
 
 
 class ClientCorrelation:
-    """Which bytes are a request of one client, and which replies are for it.
+    """Builds the requests of one client and recognizes its replies.
 
     Args:
-        handle: a number that no other client has (docs/internals/protocol.md 5.1).
-        reader: the GUID of what it reads.
-        writer: the GUID of what it writes.
+        handle: number that no other client has (docs/internals/protocol.md 5.1).
+        reader: GUID of the client's reply reader.
+        writer: GUID of its request writer.
     """
 
     def __init__(self, handle: int, reader: bytes, writer: bytes) -> None:
         self._handle = handle
         self._reader = reader
-        self._names: tuple[ClientId, ...] = (handle, reader, writer)
-        """By which replies may call it."""
-        self._is_identified = False
+        self._own_ids: tuple[ClientId, ...] = (handle, reader, writer)
+        """Ids by which replies may name the client."""
+        self._uses_sample_identity = False
         self._answered = AnsweredServers()
 
-    def update_servers(self, readers: set[bytes], *, is_identified: bool) -> None:
-        """Requests go to these, or will a moment later; `uses_sample_identity` as in `ServerMatch`."""
-        self._is_identified = is_identified
+    def update_servers(self, readers: set[bytes], *, uses_sample_identity: bool) -> None:
+        """Set the GUIDs of the servers' request readers; `uses_sample_identity` as in `ServerMatch`."""
+        self._uses_sample_identity = uses_sample_identity
         self._answered.set_request_readers(readers)
 
     def request(self, message: bytes, number: int) -> tuple[bytes, SampleIdentity | None]:
-        """What is to be written, and what is to be said beside it.
+        """Build a request.
 
-        Once all servers have answered, the identity is left out: they know requests without one by writer and number.
+        A sample identity costs time, and only a server that does not know the client's reply reader needs it. After all
+        servers have replied it is omitted: they identify a request by writer GUID and sequence number.
+
+        Returns:
+            The payload, and the identity to send as inline QoS; None if the payload has a header or the identity is
+            not needed.
         """
-        if not self._is_identified:
+        if not self._uses_sample_identity:
             return add_request_header(message, self._handle, number), None
         return message, None if self._answered.all_answered() else (self._reader, number)
 
     def reply(self, data: Payload, server: bytes | None) -> tuple[int, bytes] | None:
-        """Number of the request and message of a reply; None when it is not for this client.
+        """Return the number of the request and the message of a reply; None if it is for another client.
 
         Raises:
-            DecodeError: there is no room for a header.
+            DecodeError: there are too few bytes for a header.
         """
         client, number, begin = parse_request_header(data)
-        if client not in self._names:  # all clients of a service see all replies
+        if client not in self._own_ids:  # all clients of a service receive all replies
             return None
         if server is not None and uses_sample_identity(server):
             if not isinstance(client, bytes):
@@ -242,14 +254,14 @@ def is_reply_reader_matched(
     client: ClientId,
     writer: DiscoveredEndpoint | None,
     matched: Callable[[], Iterable[bytes]],
-    known: Callable[[bytes], DiscoveredEndpoint | None],
+    find: Callable[[bytes], DiscoveredEndpoint | None],
 ) -> bool:
-    """Whether the reader of a client's replies is connected, or the client does not say which one that is.
+    """Return True if the client's reply reader is matched, or if the client does not tell which reader that is.
 
     Args:
-        writer: of its requests; None when that is not known, or gone.
-        matched: the readers that replies go to.
-        known: what was discovered of an endpoint.
+        writer: the client's request writer; None if unknown or gone.
+        matched: returns the GUIDs of the matched reply readers.
+        find: returns the discovered endpoint with a GUID.
 
     Source: docs/internals/protocol.md 5.2 and 5.3.
     """
@@ -257,5 +269,5 @@ def is_reply_reader_matched(
         return not client[15] & _READER_BIT or client in matched()
     if writer is None or not writer.service_id:
         return True
-    readers = map(known, matched())
+    readers = map(find, matched())
     return any(reader is not None and reader.service_id == writer.service_id for reader in readers)

@@ -1,62 +1,46 @@
-"""How ROS names appear in DDS, and the texts that ROS puts into USER_DATA.
+"""Names of ROS topics and services in DDS, and the texts that ROS puts into USER_DATA.
 
-Decides spelling only (docs/internals/protocol.md 4, 5.2, 6.1). A name that does not have the ROS shape is a bare one,
-because DDS programs that know nothing of ROS share the same domain; they are never an error. Types are in
-`type_names.py`.
+A name without the form of ROS is an unmangled topic, never an error: DDS programs that do not use ROS may share the
+domain.
+
+Source: docs/internals/protocol.md 4, 5.2, 6.1.
 """
 
 from __future__ import annotations
 
 import re
+from typing import TYPE_CHECKING, Literal
 
-from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
+from rosidl_py_gen.runtime.transport.discovery_events import GUID_PREFIX_BYTES, TopicKey
 
-TOPIC_PREFIX = "rt"
-REQUEST_PREFIX = "rq"
-REPLY_PREFIX = "rr"
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
+_AFFIXES: Mapping[Literal["topic", "request", "reply"], tuple[str, str]] = {
+    "topic": ("rt", ""),
+    "request": ("rq", "Request"),
+    "reply": ("rr", "Reply"),
+}
+"""Prefix and suffix of a name in DDS."""
 _PAIR = re.compile(rb"([A-Za-z0-9]+)=([^;]*);")
 
 
 # ------------------------------------------------------------------------------------------------------------- names
 
 
-def topic_name(fqn: str, *, prefix: bool = True) -> str:
-    """``/chatter`` -> ``rt/chatter``; without `prefix` (avoid_ros_namespace_conventions) the name stays as it is."""
-    return f"{TOPIC_PREFIX}{fqn}" if prefix else fqn
-
-
-def request_name(fqn: str, *, prefix: bool = True) -> str:
-    """``/add`` -> ``rq/addRequest``; the suffix stays without `prefix`."""
-    return f"{REQUEST_PREFIX if prefix else ''}{fqn}Request"
-
-
-def reply_name(fqn: str, *, prefix: bool = True) -> str:
-    """``/add`` -> ``rr/addReply``; the suffix stays without `prefix`."""
-    return f"{REPLY_PREFIX if prefix else ''}{fqn}Reply"
-
-
 def wire_name(channel: TopicKey) -> str:
-    """What DDS calls the topic of a channel."""
-    match channel.kind:
-        case "topic":
-            return topic_name(channel.name)
-        case "request":
-            return request_name(channel.name)
-        case "reply":
-            return reply_name(channel.name)
-        case "unmangled":
-            return channel.name
+    """Return the name in DDS: ``rt/chatter`` for topic ``/chatter``, ``rq/addRequest`` for requests of ``/add``."""
+    if channel.kind == "unmangled":
+        return channel.name
+    prefix, suffix = _AFFIXES[channel.kind]
+    return f"{prefix}{channel.name}{suffix}"
 
 
 def channel_of(dds_name: str) -> TopicKey:
-    """``rt/chatter`` is a topic, ``rq/addRequest`` and ``rr/addReply`` are halves of a service; the rest is bare."""
-    if dds_name.startswith("rt/"):
-        return TopicKey("topic", dds_name[2:])
-    if dds_name.startswith("rq/") and dds_name.endswith("Request"):
-        return TopicKey("request", dds_name[2 : -len("Request")])
-    if dds_name.startswith("rr/") and dds_name.endswith("Reply"):
-        return TopicKey("reply", dds_name[2 : -len("Reply")])
+    """Return the topic that has this name in DDS: the inverse of `wire_name`."""
+    for kind, (prefix, suffix) in _AFFIXES.items():
+        if dds_name.startswith(f"{prefix}/") and dds_name.endswith(suffix):
+            return TopicKey(kind, dds_name[len(prefix) : len(dds_name) - len(suffix)])
     return TopicKey("unmangled", dds_name)
 
 
@@ -64,52 +48,43 @@ def channel_of(dds_name: str) -> TopicKey:
 
 
 def participant_user_data(enclave: str = "/") -> bytes:
-    """What marks a participant as a ROS one."""
+    """Return the USER_DATA that marks a participant as one of ROS."""
     return f"enclave={enclave};".encode()
 
 
 def endpoint_user_data(type_hash: str, *, client_id: str = "", service_id: str = "") -> bytes:
-    """USER_DATA of an endpoint; an empty hash is left out, since peers warn about malformed ones.
+    """Return the USER_DATA of an endpoint. An empty hash is omitted, because peers warn about malformed ones.
 
     Source: docs/internals/protocol.md 6.1.
     """
-    text = ""
-    if client_id:
-        text += f"clientid={client_id};"
-    if service_id:
-        text += f"serviceid={service_id};"
-    if type_hash:
-        text += f"typehash={type_hash};"
-    return text.encode()
+    pairs = {"clientid": client_id, "serviceid": service_id, "typehash": type_hash}
+    return "".join(f"{key}={value};" for key, value in pairs.items() if value).encode()
 
 
 def parse_user_data(data: bytes) -> dict[str, str]:
-    """The pairs of ``key=value;`` text up to the first one that is malformed; trailing NULs are tolerated.
+    """Return the ``key=value;`` pairs before the first malformed one; trailing NULs are ignored.
 
     rmw reads nothing of a text with a malformed pair: an enclave with ``;`` would hide all nodes of its participant.
     """
     text = data.rstrip(b"\0")
-    found: dict[str, str] = {}
+    pairs: dict[str, str] = {}
     position = 0
-    while position < len(text):
-        pair = _PAIR.match(text, position)
-        if pair is None:
-            break
-        found[pair.group(1).decode()] = pair.group(2).decode(errors="replace")
+    while pair := _PAIR.match(text, position):
+        pairs[pair[1].decode()] = pair[2].decode(errors="replace")
         position = pair.end()
-    return found
+    return pairs
 
 
 def entity_gid(text: str) -> bytes:
-    """The 16 bytes behind an `entity_id`, which rmw_get_gid_for_client gives."""
-    return bytes(int(part, 16) for part in text.split("."))
+    """Return the 16 bytes of an `entity_id`, which rmw_get_gid_for_client returns."""
+    return bytes(int(byte, 16) for byte in text.split("."))
 
 
-def entity_id(guid_prefix: bytes, counter: int) -> str:
-    """The value of ``clientid`` and ``serviceid``: 16 bytes in hex, joined by dots.
+def entity_id(guid: bytes, counter: int) -> str:
+    """Return the value of ``clientid`` and ``serviceid``: 16 bytes in hex, joined by dots.
 
-    No leading zeros, except that the first byte takes two columns and is padded by a space
+    There are no leading zeros, but the first byte is padded to two columns by a space
     (docs/internals/protocol.md 5.2).
     """
-    first, *rest = guid_prefix[:12] + counter.to_bytes(4, "big")
+    first, *rest = guid[:GUID_PREFIX_BYTES] + counter.to_bytes(4, "big")
     return ".".join([f"{first:2x}", *(f"{byte:x}" for byte in rest)])

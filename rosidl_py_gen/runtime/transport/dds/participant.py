@@ -1,7 +1,7 @@
-"""What participants of DDS have in common, whatever library they use: how ROS puts nodes and services on top of it.
+"""Common part of DDS participants, independent of the DDS library: topics, services and nodes of ROS.
 
-Decides of which two endpoints a client or a server consists, and which one is made first: a server may answer as soon
-as a client's writer is known, so the endpoint on the reply topic is (docs/internals/protocol.md 5.2).
+A client or server consists of two endpoints. That of the reply topic is created first: a server may reply as soon as it
+knows the client's request writer (docs/internals/protocol.md 5.2).
 """
 
 from __future__ import annotations
@@ -31,10 +31,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class DdsEndpoint:
-    """A reader or writer to be made, as DDS names things.
+    """Reader or writer to be created, with names of DDS.
 
     Attributes:
-        client_id, service_id: of the client or server that it belongs to; see `entity_id`.
+        client_id: `entity_id` of the client that it belongs to, if any.
+        service_id: `entity_id` of the server that it belongs to, if any.
     """
 
     topic: str
@@ -47,7 +48,7 @@ class DdsEndpoint:
 
 
 class DdsParticipant:
-    """The part of a `port.Participant` that is the same for all of DDS."""
+    """Part of a `Participant` that is the same with every DDS library."""
 
     middleware = "DDS"
     guid: bytes
@@ -56,83 +57,82 @@ class DdsParticipant:
         self.fast_dds = fast_dds
         self.service_peers = ServicePeers()
         self._entity_numbers = itertools.count(1)
-        self._nodes: DiscoveryInfoTopic | None = None
+        self._discovery_info: DiscoveryInfoTopic | None = None
 
     def create_writer(self, spec: EndpointSpec) -> Writer:
-        """See `port.Participant`."""
+        """Create the writer of a topic, see `Participant`."""
         return self.make_writer(_dds_endpoint(spec))
 
     def create_reader(self, spec: EndpointSpec) -> Reader:
-        """See `port.Participant`."""
+        """Create the reader of a topic, see `Participant`."""
         return self.make_reader(_dds_endpoint(spec))
 
-    def make_writer(self, end: DdsEndpoint) -> ServiceWriter:
-        """What sends samples. Raises `TransportError`."""
+    def make_writer(self, endpoint: DdsEndpoint) -> ServiceWriter:
+        """Create a writer; raise `TransportError` if the middleware refuses."""
         raise NotImplementedError
 
-    def make_reader(self, end: DdsEndpoint) -> Reader:
-        """What receives samples. Raises `TransportError`."""
+    def make_reader(self, endpoint: DdsEndpoint) -> Reader:
+        """Create a reader; raise `TransportError` if the middleware refuses."""
         raise NotImplementedError
 
     # ------------------------------------------------------------------------------------------------- services
 
     def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> DdsClient:
-        """See `port.Participant`."""
+        """Create a client, see `Participant`."""
         own_id = entity_id(self.guid, next(self._entity_numbers))
-        request, reply = _halves(service, qos)
+        request, reply = _request_and_reply_endpoints(service, qos)
         reader = self.make_reader(replace(reply, client_id=own_id))
         writer = self.make_writer(replace(request, client_id=own_id))
         return DdsClient(service, self.service_peers, reader, writer, entity_gid(own_id), self.fast_dds)
 
     def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> DdsServer:
-        """See `port.Participant`."""
+        """Create a server, see `Participant`."""
         own_id = entity_id(self.guid, next(self._entity_numbers))
-        request, reply = _halves(service, qos)
+        request, reply = _request_and_reply_endpoints(service, qos)
         writer = self.make_writer(replace(reply, service_id=own_id))
         reader = self.make_reader(replace(request, service_id=own_id))
         return DdsServer(service, self.service_peers, reader, writer, entity_gid(own_id), self.fast_dds)
 
     @property
     def services_unavailable_reason(self) -> str | None:
-        """See `port.Participant`."""
+        """Reason why services of Fast DDS peers cannot be used; None if they can."""
         return self.fast_dds.refusal
 
     def incompatibility_reason(
         self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint
     ) -> IncompatibilityKind | None:
-        """See `port.Participant`."""
+        """Return why two endpoints do not match, see `Participant`."""
         return None if check_compatible(writer.qos, reader.qos).matches else IncompatibilityKind.QOS
 
     # ---------------------------------------------------------------------------------------------------- nodes
 
     def announce(self, nodes: Mapping[int, NodeEntities]) -> None:
-        """See `port.Participant`."""
-        if self._nodes is not None:
-            self._nodes.announce(nodes)
+        """Announce all nodes of the participant, see `Participant`."""
+        if self._discovery_info is not None:
+            self._discovery_info.announce(nodes)
 
     def start_discovery_info(
         self, sink: Callable[[list[DiscoveryEvent]], None]
     ) -> Callable[[list[DiscoveryEvent]], None]:
-        """Report to `sink` what others tell of their nodes; the sink for all other discovery is returned."""
-        if self._nodes is not None:
-            self._nodes.close()
-        self._nodes = nodes = DiscoveryInfoTopic(self, sink)
+        """Report nodes of peers to `sink`; return the sink for all other discovery events."""
+        self.stop_discovery_info()
+        self._discovery_info = discovery_info = DiscoveryInfoTopic(self, sink)
 
-        def take(events: list[DiscoveryEvent]) -> None:
+        def on_events(events: list[DiscoveryEvent]) -> None:
             self.service_peers.apply(events)
-            nodes.forward_events(events)
+            discovery_info.forward_events(events)
 
-        return take
+        return on_events
 
     def read_discovery_info(self) -> None:
-        """Report what has arrived already."""
-        if self._nodes is not None:
-            self._nodes.read()
+        """Report the announcements that were received already."""
+        if self._discovery_info is not None:
+            self._discovery_info.read()
 
     def stop_discovery_info(self) -> None:
-        """Announce and report nothing any more."""
-        if self._nodes is not None:
-            self._nodes.close()
+        """Stop announcing and reporting nodes."""
+        if self._discovery_info is not None:
+            self._discovery_info.close()
 
 
 def _dds_endpoint(spec: EndpointSpec) -> DdsEndpoint:
@@ -140,11 +140,9 @@ def _dds_endpoint(spec: EndpointSpec) -> DdsEndpoint:
     return DdsEndpoint(name, type, spec.qos, spec.type_hash, ignore_local=spec.ignore_local)
 
 
-def _halves(service: ServiceSpec, qos: QoSProfile) -> tuple[DdsEndpoint, DdsEndpoint]:
-    """Of the requests and of the replies."""
+def _request_and_reply_endpoints(service: ServiceSpec, qos: QoSProfile) -> tuple[DdsEndpoint, DdsEndpoint]:
     requests, replies = map(wire_name, service.channels)
-    asks, answers = (wire_type(f"{service.type}_{half}") for half in ("Request", "Response"))
     return (
-        DdsEndpoint(requests, asks, qos, service.request_hash),
-        DdsEndpoint(replies, answers, qos, service.response_hash),
+        DdsEndpoint(requests, wire_type(f"{service.type}_Request"), qos, service.request_hash),
+        DdsEndpoint(replies, wire_type(f"{service.type}_Response"), qos, service.response_hash),
     )

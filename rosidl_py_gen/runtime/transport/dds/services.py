@@ -1,4 +1,4 @@
-"""Clients and servers on DDS: each has a reader and a writer, and `correlation.py` says whose a message is."""
+"""Clients and servers on DDS. Each has a reader and a writer; `correlation.py` identifies requests and replies."""
 
 from __future__ import annotations
 
@@ -32,23 +32,19 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.service_api import Reply, Request, RequestId, ServiceSpec
 
 _RequestOrigin: TypeAlias = "tuple[ClientId, int, bytes | None, int]"
-"""What a `RequestId` is: the client, the number of its request, the GUID of its request writer (None when it vanished
-before it was known) and the local handle of that writer."""
+"""Contents of a `RequestId`: client, number of its request, GUID of its request writer (None if it disappeared before
+it was known) and local handle of that writer."""
 
 
 class ServiceWriter(Writer, Protocol):
-    """A writer that can say whose a sample is beside it."""
+    """Writer that can send a sample identity as inline QoS."""
 
     def write_with_identity(self, data: Payload, identity: SampleIdentity) -> bool:
-        """As `write`."""
+        """Send a sample with an identity; otherwise as `write`."""
 
 
 class DdsClient(EndpointPairClient):
-    """See `service_port.ServiceClientTransport`.
-
-    Args:
-        fast_dds: states whether servers on Fast DDS can be talked to.
-    """
+    """Client of a service on DDS."""
 
     def __init__(
         self,
@@ -59,19 +55,18 @@ class DdsClient(EndpointPairClient):
         gid: bytes,
         fast_dds: FastDdsInterop,
     ) -> None:
-        super().__init__(peers, *service.channels, reader, writer, gid)
-        self._service = service
+        super().__init__(service, peers, reader, writer, gid)
         self._request_writer = writer
         self._fast_dds = fast_dds
         self._refusal: str | None = None
-        """The refusal of Fast DDS that `servers` was found with."""
-        self._found_at = -1
-        """The version of the peers that requests are sent by; -1 to find the servers again with each request."""
+        """Value of `FastDdsInterop.refusal` that the result of `servers` is based on."""
+        self._servers_version = -1
+        """Version of the peers whose servers `_correlation` has; -1 to find the servers with each request."""
         self._correlation = ClientCorrelation(writer.handle, reader.guid, writer.guid)
         self._sent = 0
 
     def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
-        if self._found_at != self._peers.version:
+        if self._servers_version != self._peers.version:
             self.servers()
         number, writer = self._sent + 1, self._request_writer
         message, identity = self._correlation.request(data, number)
@@ -79,13 +74,13 @@ class DdsClient(EndpointPairClient):
             is_sent = writer.write(message) if identity is None else writer.write_with_identity(message, identity)
         except Exception:
             raise
-        except BaseException:  # it was written; what interrupted us came behind
+        except BaseException:  # a signal handler raised after the sample was written
             self._sent = number
             raise
         if not is_sent:
             return None
         self._sent = number
-        self._asked[number] = self.server_endpoints()
+        self._in_flight[number] = self.server_endpoints()
         return number
 
     def take(self) -> Reply | None:
@@ -94,12 +89,12 @@ class DdsClient(EndpointPairClient):
             data, _, handle, _, _ = items.popleft()
             server = self._reader.writer_guid(handle)
             try:
-                found = self._correlation.reply(data, server)
+                reply = self._correlation.reply(data, server)
             except DecodeError as err:
                 internal_logger().warning(f"dropped a reply on {self._service.name}: {err}", throttle_s=1.0)
                 continue
-            if found is not None:
-                return *found, server
+            if reply is not None:
+                return *reply, server
         return self._next_lost()
 
     def servers(self) -> ServerAvailability:
@@ -112,19 +107,20 @@ class DdsClient(EndpointPairClient):
     def _find(self, _: object) -> ServerAvailability:
         peers, refusal = self._peers, self._refusal
         version = peers.version
-        matched, answering = self._writer.matched_readers(), self._reader.matched_writers()
+        matched, matched_writers = self._writer.matched_readers(), self._reader.matched_writers()
         announced, clients = (peers.on(self._requests, writers=writers) for writers in (False, True))
-        known = peers.known(matched), peers.known(answering)
-        found = find_servers(*known, announced, clients, refusal, self._service.is_compatible)
-        readers = {*matched, *(one.guid for one in announced)}
-        self._correlation.update_servers(readers, is_identified=found.uses_sample_identity)
-        self._found_at = version if found.is_available else -1
-        refused = None if found.refused is None else IncompatiblePeer(found.refused.guid, refusal or "")
-        return ServerAvailability(found.is_available, found.keeps, refused)
+        pairs = peers.known(matched), peers.known(matched_writers)
+        match = find_servers(*pairs, announced, clients, refusal, self._service.is_compatible)
+        readers = {*matched, *(reader.guid for reader in announced)}
+        self._correlation.update_servers(readers, uses_sample_identity=match.uses_sample_identity)
+        self._servers_version = version if match.is_available else -1
+        server = match.incompatible_server
+        incompatible = None if server is None else IncompatiblePeer(server.guid, refusal or "")
+        return ServerAvailability(match.is_available, match.request_queue_depth, incompatible)
 
 
 class DdsServer(EndpointPairServer):
-    """See `service_port.ServiceServerTransport`."""
+    """Server of a service on DDS."""
 
     def __init__(
         self,
@@ -139,11 +135,11 @@ class DdsServer(EndpointPairServer):
         self._peers = peers
         self._reply_writer = writer
         self._fast_dds = fast_dds
-        self._listening: MatchCache[bool] = MatchCache(peers, self._listens)
-        """By client, and the GUID of its request writer."""
+        self._reachable_clients: MatchCache[bool] = MatchCache(peers, self._is_reachable)
+        """Results by client and the GUID of its request writer."""
         self._window = ReplyWindow(writer.all_acknowledged)
         self._replies = service.channels[1]
-        self._limited_at = -1
+        self._window_version = -1
 
     def take(self) -> Request | None:
         items = self._reader.queue.items
@@ -162,8 +158,8 @@ class DdsServer(EndpointPairServer):
         return (client, number, writer, handle), strip_request_header(data, begin), writer, source_ns, received_ns
 
     def send(self, to: RequestId, data: bytes) -> bool:
-        asker: _RequestOrigin = to
-        client, number, _, _ = asker
+        origin: _RequestOrigin = to
+        client, number, _, _ = origin
         if not self._is_limited():
             return self._write(data, client, number)
         is_sent = self._window.is_open(client) and self._write(data, client, number)
@@ -173,11 +169,13 @@ class DdsServer(EndpointPairServer):
 
     def _is_limited(self) -> bool:
         peers = self._peers
-        if peers.version != self._limited_at:
-            self._limited_at = peers.version
+        if peers.version != self._window_version:
+            self._window_version = peers.version
             readers = peers.on(self._replies, writers=False)
-            # Clients on Fast DDS do not announce their history: they are taken for what ROS has by default.
-            self._window.set_readers(SERVICES_DEFAULT if uses_sample_identity(one.guid) else one.qos for one in readers)
+            # Fast DDS does not announce the depth of its queue: the default of ROS is assumed.
+            self._window.set_readers(
+                SERVICES_DEFAULT if uses_sample_identity(reader.guid) else reader.qos for reader in readers
+            )
         return self._window.limit > 0
 
     def _write(self, data: bytes, client: ClientId, number: int) -> bool:
@@ -189,16 +187,16 @@ class DdsServer(EndpointPairServer):
         self._window.release()
 
     def can_reach_client(self, to: RequestId) -> bool:
-        asker: _RequestOrigin = to
-        client, _, guid, _ = asker
-        return self._listening.get((client, guid))
+        origin: _RequestOrigin = to
+        client, _, guid, _ = origin
+        return self._reachable_clients.get((client, guid))
 
-    def _listens(self, key: Any) -> bool:
+    def _is_reachable(self, key: Any) -> bool:
         client, guid = key
         writer = None if guid is None else self._peers.get(guid)
         return is_reply_reader_matched(client, writer, self._writer.matched_readers, self._peers.get)
 
     def request_origin(self, to: RequestId) -> tuple[bytes, int]:
-        asker: _RequestOrigin = to
-        client, number, _, handle = asker
+        origin: _RequestOrigin = to
+        client, number, _, handle = origin
         return client_gid(client, handle), number
