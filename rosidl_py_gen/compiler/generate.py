@@ -15,7 +15,7 @@ from rosidl_py_gen.base.generated_files import GENERATED_HEADER
 from rosidl_py_gen.base.installed_classes import PREGENERATED_PACKAGE
 from rosidl_py_gen.base.names import RosName, py_name
 from rosidl_py_gen.base.resources import interfaces_dir
-from rosidl_py_gen.compiler.codegen.module_sources import Target, module_name, module_path, package_sources
+from rosidl_py_gen.compiler.codegen.module_sources import package_sources
 from rosidl_py_gen.compiler.codegen.output_folder import (
     Changes,
     apply_changes,
@@ -23,6 +23,7 @@ from rosidl_py_gen.compiler.codegen.output_folder import (
     generated_packages,
     plan_changes,
 )
+from rosidl_py_gen.compiler.codegen.template_model import Target, module_name, module_path
 from rosidl_py_gen.compiler.frontend.model import Interface, MessageDef, messages_of
 from rosidl_py_gen.compiler.frontend.partial_selection import skip_strays, split_valid
 from rosidl_py_gen.compiler.frontend.registry import (

@@ -23,7 +23,7 @@ from rosidl_py_gen.errors import DefinitionError, Diagnostic, InvalidNameError, 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from rosidl_py_gen.compiler.codegen.module_sources import LayoutPlanner
+    from rosidl_py_gen.compiler.codegen.layout_planner import LayoutPlanner
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
 
 T = TypeVar("T")
@@ -308,11 +308,13 @@ def _from_definitions(name: RosName, path: tuple[str, ...]) -> type:
 def load_compiler() -> None:
     """Import what making a class of a definition needs, which else the first of them waits for. In any thread."""
     from rosidl_py_gen.compiler.codegen import module_sources, render  # noqa: F401
-    from rosidl_py_gen.compiler.frontend import definition_text  # noqa: F401
-    from rosidl_py_gen.compiler.frontend import search_path as find
+    from rosidl_py_gen.compiler.frontend import (
+        definition_text,  # noqa: F401
+        search_path,
+    )
 
-    find.load()
-    render.load()
+    search_path.preload()
+    render.preload()
 
 
 def _class(library: InterfaceRegistry, name: RosName, find: ClassFinder) -> type:
@@ -320,7 +322,7 @@ def _class(library: InterfaceRegistry, name: RosName, find: ClassFinder) -> type
     cls = find(library, name)
     if cls is not None:  # the compiler need not be loaded
         return cls
-    from rosidl_py_gen.compiler.codegen.module_sources import LayoutPlanner
+    from rosidl_py_gen.compiler.codegen.layout_planner import LayoutPlanner
 
     layouts, known = LayoutPlanner(library.message, max_leaves=_MAX_LEAVES), dict[str, type]()
 
@@ -361,7 +363,8 @@ def _same_definition(library: InterfaceRegistry, full_name: str, cls: type) -> b
 def _compile(
     library: InterfaceRegistry, name: RosName, layouts: LayoutPlanner, made: Callable[[RosName], type]
 ) -> type:
-    from rosidl_py_gen.compiler.codegen.module_sources import Target, module_path, module_source
+    from rosidl_py_gen.compiler.codegen.module_sources import module_source
+    from rosidl_py_gen.compiler.codegen.template_model import Target, module_path
     from rosidl_py_gen.compiler.frontend.model import messages_of
 
     global _worlds

@@ -18,7 +18,7 @@ from rosidl_py_gen.type_loading.class_lookup import get_action, get_message, get
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.compiler.codegen.module_sources import LayoutPlanner
+    from rosidl_py_gen.compiler.codegen.layout_planner import LayoutPlanner
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
@@ -108,7 +108,9 @@ class Interfaces:
         return self._digests[interface]
 
     def _compiled(self, name: RosName) -> tuple[code_cache.Parts, CodeType]:
-        from rosidl_py_gen.compiler.codegen.module_sources import LayoutPlanner, Target, module_path, module_source
+        from rosidl_py_gen.compiler.codegen.layout_planner import LayoutPlanner
+        from rosidl_py_gen.compiler.codegen.module_sources import module_source
+        from rosidl_py_gen.compiler.codegen.template_model import Target, module_path
         from rosidl_py_gen.compiler.frontend.definition_text import read_checked
         from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
 

@@ -83,7 +83,7 @@ def parts_of(cls: Any) -> list[Any]:
 
 def test_wide_classes_read_and_write_every_recorded_value(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(weights, "WIDE_WEIGHT", 0)
-    monkeypatch.setattr(template_model, "_MAX_PRINTED", 0)
+    monkeypatch.setattr(template_model, "_MAX_EMITTED", 0)
     oracle, rows = reference(), vectors_by_type()
     for name in sorted(rows):
         cls: Any = class_lookup._class(library(), split_ros_name(name), lambda library, part: None)

@@ -1,1 +1,1 @@
-"""From checked definitions to Python source: layout -> plan -> view -> text. `sources` is where others come in."""
+"""Code generation from checked definitions: layout plan, encoder and decoder, template. Enter by `module_sources`."""

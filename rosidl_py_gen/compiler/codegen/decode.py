@@ -1,7 +1,8 @@
-"""The decoder of a message as statements.
+"""The decoder of a message as Python source.
 
-`raw` is what scalars and strings are read from, `view` what array views are taken of; `pos` is the offset of the next
-byte in the data, 4 more than the position the plan speaks of. While it is known statically, it is printed as a number.
+In generated code, ``raw`` is the data that scalars and strings are read from, ``view`` the data that array views refer
+to, and ``pos`` the offset of the next byte in the data: the plan's position plus the 4 bytes of the header. A position
+that is known statically is emitted as a number.
 """
 
 from __future__ import annotations
@@ -32,175 +33,163 @@ from rosidl_py_gen.compiler.codegen.layout_ir import (
     assert_never,
 )
 from rosidl_py_gen.compiler.codegen.naming import Locals, singular
-from rosidl_py_gen.compiler.codegen.statements import (
-    Align,
-    AppendElement,
-    Assign,
-    CheckHeader,
-    CheckMaxLength,
-    CheckRemaining,
-    Create,
-    For,
-    IfElse,
-    Move,
-    NewList,
-    ReadHeavy,
-    ReadText,
-    Statement,
-    Structs,
-    Unpack,
-    plus,
-)
+from rosidl_py_gen.compiler.codegen.statements import Structs, block, check, plus, read_string
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.compiler.codegen.message_api import Flavour
+    from rosidl_py_gen.compiler.codegen.message_api import MessageApi
 
 
 class DecoderView(NamedTuple):
-    """The decoder as the template prints it.
+    """The decoder for the template.
 
     Attributes:
-        statements: the body.
-        uses_view: it takes array views, so it needs `view` besides `raw`.
-        checks_header: the first run reads the encapsulation header too.
-        bulk: it has numeric sequences, which may be megabytes, so a buffer that is not bytes is never copied: `raw` may
-            then be a memoryview, and strings are read in a way that is a little slower.
-        records: it leaves sequences and arrays of fixed-size messages as they are when `arrays` says so.
+        body: the statements.
+        uses_view: array views are taken, so ``view`` is needed in addition to ``raw``.
+        checks_header: the first run reads the encapsulation header as well.
+        bulk: there are numeric sequences, which may have megabytes, so a buffer that is not bytes is never copied.
+            ``raw`` may then be a memoryview, from which strings are read a little slower.
+        structured_arrays: sequences and arrays of fixed-size messages become structured arrays if ``arrays`` is true.
     """
 
-    statements: tuple[Statement, ...]
+    body: str
     uses_view: bool
     checks_header: bool
     bulk: bool
-    records: bool
+    structured_arrays: bool
 
 
-def decoder_view(plan: LayoutPlan, flavour: Flavour, structs: Structs, classes: dict[str, str]) -> DecoderView:
-    """The decoder of one message; for a heavy one the body of `_read`."""
+def decoder_view(plan: LayoutPlan, api: MessageApi, structs: Structs, classes: dict[str, str]) -> DecoderView:
+    """Return the decoder of a message; for an outlined message the body of `_read`."""
     first = next(step for step in plan.steps if not isinstance(step, InlineMessage))
     with_header = not plan.outlined and isinstance(first, PackedRun)
     bulk = not plan.outlined and any(isinstance(step, NumberArray) for step in plan.steps)
-    reader = _DecoderEmitter(flavour, structs, classes, header=with_header, bulk=bulk, records=plan.structured_arrays)
-    reader.objects[0] = "message"
-    body = reader.scope(plan.steps, keep_pos=plan.outlined)
-    return DecoderView(tuple(body), reader.uses_view or plan.outlined, with_header, bulk, plan.structured_arrays)
+    emitter = _DecoderEmitter(api, structs, classes, with_header, bulk, plan.structured_arrays)
+    emitter.objects[0] = "message"
+    body = emitter.scope(plan.steps, keep_pos=plan.outlined)
+    uses_view = emitter.uses_view or plan.outlined
+    return DecoderView("\n".join(body), uses_view, with_header, bulk, plan.structured_arrays)
 
 
 @dataclass(slots=True)
 class _DecoderEmitter:
-    flavour: Flavour
+    """Emits the statements of one decoder.
+
+    Attributes:
+        header: the next run starts with the encapsulation header.
+        is_after_string: the position is ``end + 1``, after the NUL of a string, and ``pos`` is not updated yet.
+        objects: local variables of nested messages and elements, by number.
+        counts: local variables of lengths.
+    """
+
+    api: MessageApi
     structs: Structs
     classes: dict[str, str]
-    header: bool = False  # the next run begins with the encapsulation header
-    bulk: bool = False
-    records: bool = False
-    late: bool = False  # the position is `end + 1`, behind a string's NUL, and `pos` does not say so yet
+    header: bool
+    bulk: bool
+    structured_arrays: bool
+    is_after_string: bool = False
     uses_view: bool = False
     objects: dict[int, str] = field(default_factory=dict)
     counts: dict[Ref, str] = field(default_factory=dict)
     names: Locals = field(default_factory=Locals)
 
-    def support(self, name: str) -> str:
-        return self.flavour.support(name)
-
     def attribute(self, ref: Ref) -> str:
-        return f"{self.objects[ref.owner]}.{self.flavour.attribute(ref.name)}"
+        return f"{self.objects[ref.owner]}.{self.api.attribute(ref.name)}"
 
     def at(self, start: AlignmentState) -> str:
-        """Where a step begins, as an expression."""
+        """Return the position where a step starts, as an expression."""
         return "pos" if start.static is None else str(start.static + HEADER_BYTES)
 
-    def scope(self, steps: Sequence[LayoutStep], keep_pos: bool) -> list[Statement]:
-        """The statements of some steps; `keep_pos`: `pos` must be right behind the last one."""
-        out: list[Statement] = []
-        last = max(
-            (index for index, step in enumerate(steps) if not isinstance(step, (InlineMessage, StringTerminator))),
-            default=-1,
-        )
+    def scope(self, steps: Sequence[LayoutStep], keep_pos: bool) -> list[str]:
+        """Return the statements of some steps; with `keep_pos`, ``pos`` is the position after the last one."""
+        out: list[str] = []
+        reading = [not isinstance(step, InlineMessage | StringTerminator) for step in steps]
+        last = max((index for index, is_reading in enumerate(reading) if is_reading), default=-1)
         for index, step in enumerate(steps):
-            needed = keep_pos or index < last
-            if not (
-                isinstance(step, InlineMessage | StringTerminator) or (isinstance(step, PackedRun) and step.align > 1)
-            ):
-                self.catch_up(out)
-            self.step(step, needed, out)
+            if reading[index] and not (isinstance(step, PackedRun) and step.align > 1):
+                self.update_pos(out)
+            self.step(step, keep_pos or index < last, out)
         if keep_pos:
-            self.catch_up(out)
+            self.update_pos(out)
         return out
 
-    def catch_up(self, out: list[Statement]) -> None:
-        if self.late:
-            self.late = False
-            out.append(Move("=", "end + 1"))
+    def update_pos(self, out: list[str]) -> None:
+        if self.is_after_string:
+            self.is_after_string = False
+            out.append("pos = end + 1")
 
-    def step(self, step: LayoutStep, needed: bool, out: list[Statement]) -> None:
+    def step(self, step: LayoutStep, needed: bool, out: list[str]) -> None:
+        """Emit a step; `needed`: a later step uses ``pos``."""
         match step:
             case InlineMessage():
                 self.create(step, out)
             case PackedRun():
                 self.run(step, needed, out)
             case StringContent():
-                self.text(step, needed, out)
+                self.string(step, needed, out)
             case StringTerminator():
-                pass  # a reader takes it with the characters
+                pass  # read with the characters
             case NumberArray():
                 self.numbers(step, needed, out)
             case StringArray():
-                function = self.support("unpack_wstrings" if step.type.base == "wstring" else "unpack_strings")
+                function = self.api.support("unpack_wstrings" if step.type.base == "wstring" else "unpack_strings")
                 count = self.count(step.ref, step.type, out)
-                pos = "pos" if needed else "_"
-                call = f"{function}(raw, {self.at(step.start)}, {count})"
-                out.append(Assign(f"{self.attribute(step.ref)}, {pos}", call))
+                target = f"{self.attribute(step.ref)}, {'pos' if needed else '_'}"
+                out.append(f"{target} = {function}(raw, {self.at(step.start)}, {count})")
             case Loop():
                 self.loop(step, needed, out)
             case NestedCall():
                 if step.start.static is not None:
-                    out.append(Move("=", self.at(step.start)))
-                self.outlined(self.attribute(step.ref), step, step.type, needed, out)
+                    out.append(f"pos = {self.at(step.start)}")
+                self.call(self.attribute(step.ref), step, step.type, needed, out)
             case _:
                 assert_never(step)
 
-    def create(self, step: InlineMessage, out: list[Statement]) -> None:
-        self.support("new")
-        cls = self.classes[step.type]
-        if step.empty:
-            out.append(Assign(self.attribute(step.ref), f"new({cls})"))
-            return
-        name = self.objects[step.number] = self.names.name(step.ref.name)
-        out.append(Create(self.attribute(step.ref), name, cls))
+    def create(self, step: InlineMessage, out: list[str]) -> None:
+        value = f"{self.api.support('new')}({self.classes[step.type]})"
+        if not step.empty:
+            name = self.objects[step.number] = self.names.name(step.ref.name)
+            value = f"{name} = {value}"
+        out.append(f"{self.attribute(step.ref)} = {value}")
 
-    def outlined(self, target: str, step: NestedCall | Loop, cls: str, needed: bool, out: list[Statement]) -> None:
+    def call(self, target: str, step: NestedCall | Loop, cls: str, needed: bool, out: list[str]) -> None:
         self.uses_view = True
-        out.append(ReadHeavy(target, "pos" if needed else "_", self.classes[cls], step.structured_arrays))
+        arrays = ", arrays" if step.structured_arrays else ""
+        out.append(f"{target}, {'pos' if needed else '_'} = {self.classes[cls]}._read(raw, view, pos{arrays})")
 
     # --- position -------------------------------------------------------------------------------------------------
 
-    def align(self, align: int, when: str, out: list[Statement]) -> None:
+    def align(self, align: int, count: str, out: list[str]) -> None:
+        """Align ``pos``; unless `count` is empty, only if it is not 0."""
         # `align_offset`; up to the size of the header the header does not matter.
-        name, more = ("end", 1) if self.late else ("pos", 0)
-        self.late = False
+        name, more = ("end", 1) if self.is_after_string else ("pos", 0)
+        self.is_after_string = False
         if align > HEADER_BYTES:
             expression = f"({name} + {align - 1 - HEADER_BYTES + more} & -{align}) + {HEADER_BYTES}"
         else:
             expression = f"{name} + {align - 1 + more} & -{align}"
-        out.append(Align("pos", expression, when))
+        self.move_if(count, expression, out)
 
-    def move(self, at: str, distance: str, out: list[Statement]) -> None:
+    def move_if(self, count: str, expression: str, out: list[str]) -> None:
+        move = f"pos = {expression}"
+        out += block(f"if {count}", [move]) if count else [move]
+
+    def move(self, at: str, distance: str, out: list[str]) -> None:
         if at == "pos":
-            out.append(Move("+=", distance))
+            out.append(f"pos += {distance}")
         else:
-            out.append(Move("=", plus(at, int(distance)) if distance.isdigit() else f"{at} + {distance}"))
+            out.append(f"pos = {plus(at, int(distance)) if distance.isdigit() else f'{at} + {distance}'}")
 
     # --- steps ----------------------------------------------------------------------------------------------------
 
-    def run(self, run: PackedRun, needed: bool, out: list[Statement]) -> None:
+    def run(self, run: PackedRun, needed: bool, out: list[str]) -> None:
         if run.align > 1:
             self.align(run.align, "", out)
         at = self.at(run.start)
         targets: list[str] = []
-        blocks: list[Statement] = []
+        arrays: list[str] = []
         for item in run.items:
             match item:
                 case Scalar(ref, _, _):
@@ -209,7 +198,7 @@ class _DecoderEmitter:
                     name = self.counts[ref] = self.names.name(f"{ref.name}_count")
                     targets.append(name)
                 case FixedNumberArray(ref, code, count, offset):
-                    blocks.append(Assign(self.attribute(ref), self.view(code, str(count), plus(at, offset), True)))
+                    arrays.append(f"{self.attribute(ref)} = {self.view(code, str(count), plus(at, offset), True)}")
                 case EmptyMessageByte():
                     pass
                 case _:
@@ -218,68 +207,68 @@ class _DecoderEmitter:
         if self.header:
             code, offset_argument = HEADER_CODE + code, ""
             targets.insert(0, "head")
-        unpack = self.structs.name("unpack_from", code)
-        joined = ", ".join(targets) + ("," if len(targets) == 1 else "")
-        out.append(Unpack(f"({joined})" if len(targets) == 1 else joined, f"{unpack}(raw{offset_argument})"))
+        unpack = f"{self.structs.name('unpack_from', code)}(raw{offset_argument})"
+        joined = f"({targets[0]},)" if len(targets) == 1 else ", ".join(targets)
+        # A run without targets is read as well: it raises if bytes are missing.
+        out.append(f"{joined} = {unpack}" if targets else unpack)
         if self.header:
             self.header = False
-            out.append(CheckHeader(HEADER_VALUE, self.records))
-        out += blocks
+            arguments = ", None, arrays" if self.structured_arrays else ""
+            out.append(f"if head != {HEADER_VALUE}:  # the bytes 00 01")
+            out.append(f"    return decode_slow(cls, data, copy{arguments})")
+        out += arrays
         if needed and at == "pos":
-            out.append(Move("+=", str(run.size)))
+            out.append(f"pos += {run.size}")
 
     def view(self, code: str, count: str, at: str, is_array: bool) -> str:
         self.uses_view = True
-        return self.flavour.numbers(code, count, at, is_array=is_array)
+        return self.api.numbers(code, count, at, is_array=is_array)
 
-    def count(self, ref: Ref, kind: FieldType, out: list[Statement]) -> str:
-        """The number of elements; a bounded sequence's is checked here."""
+    def count(self, ref: Ref, kind: FieldType, out: list[str]) -> str:
+        """Return the number of elements, after the check of a bounded sequence."""
         if kind.arity is Arity.ARRAY:
             return str(kind.capacity)
         if kind.arity is Arity.BOUNDED:
-            self.support("check_max_length")
-            out.append(CheckMaxLength(self.counts[ref], kind.capacity))
+            out += check(">", self.api.support("check_max_length"), self.counts[ref], kind.capacity)
         return self.counts[ref]
 
-    def text(self, step: StringContent, needed: bool, out: list[Statement]) -> None:
+    def string(self, step: StringContent, needed: bool, out: list[str]) -> None:
         at, count, target = self.at(step.start), self.counts[step.ref], self.attribute(step.ref)
         if step.type.base == "wstring":
-            out.append(Assign(target, f"{self.support('from_utf16')}(raw, {at}, {count})"))
+            out.append(f"{target} = {self.api.support('from_utf16')}(raw, {at}, {count})")
             if needed:
                 self.move(at, f"{WSTRING_UNIT_BYTES} * {count}", out)
             return
-        nul = f"pos + {count} - 1" if at == "pos" else f"{int(at) - 1} + {count}"
-        out.append(ReadText(target, at, nul, self.bulk))
-        self.late = needed
+        end = f"pos + {count} - 1" if at == "pos" else f"{int(at) - 1} + {count}"
+        out += read_string(target, at, end, self.bulk)
+        self.is_after_string = needed
 
-    def numbers(self, step: NumberArray, needed: bool, out: list[Statement]) -> None:
+    def numbers(self, step: NumberArray, needed: bool, out: list[str]) -> None:
         count = self.count(step.ref, step.type, out)
         at = self.padded(step, count, out)
-        out.append(Assign(self.attribute(step.ref), self.view(step.code, count, at, step.type.arity is Arity.ARRAY)))
-        if needed and not _ends_known(step):
+        out.append(f"{self.attribute(step.ref)} = {self.view(step.code, count, at, step.type.arity is Arity.ARRAY)}")
+        if needed and not _has_static_end(step):
             size = f"{step.item_size} * {count}" if step.item_size > 1 else count
-            if count.isdigit():
-                size = str(step.item_size * int(count))
-            self.move(at, size, out)
+            self.move(at, str(step.item_size * int(count)) if count.isdigit() else size, out)
 
-    def padded(self, step: NumberArray | Loop, count: str, out: list[Statement]) -> str:
-        """Skip the padding that is only there when elements are; returns where the elements begin."""
+    def padded(self, step: NumberArray | Loop, count: str, out: list[str]) -> str:
+        """Skip the padding, which exists only before elements, and return the position of the first element."""
         at = self.at(step.start)
-        certain = step.type.arity is Arity.ARRAY
+        is_array = step.type.arity is Arity.ARRAY
         if step.align > 1:
-            self.align(step.align, "" if certain else count, out)
-        elif step.pad and certain:
+            self.align(step.align, "" if is_array else count, out)
+        elif step.pad and is_array:
             if at != "pos":
                 return plus(at, step.pad)
-            out.append(Move("+=", str(step.pad)))
+            out.append(f"pos += {step.pad}")
         elif step.pad:
             if at != "pos":
-                out.append(Move("=", at))
-            out.append(Align("pos", f"pos + {step.pad}", count))
+                out.append(f"pos = {at}")
+            self.move_if(count, f"pos + {step.pad}", out)
             return "pos"
         return at
 
-    def loop(self, step: Loop, needed: bool, out: list[Statement]) -> None:
+    def loop(self, step: Loop, needed: bool, out: list[str]) -> None:
         count = self.count(step.ref, step.type, out)
         if not step.fixed:
             self.messages(step, count, needed, out)
@@ -287,74 +276,71 @@ class _DecoderEmitter:
         self.uses_view = True
         cls, at = self.classes[step.type.base], self.at(step.start)
         target = f"{self.attribute(step.ref)}, {'pos' if needed else '_'}"
-        read = Assign(target, f"{self.support('read_records')}({cls}, view, {at}, {count})")
-        otherwise: list[Statement] = []
-        self.messages(step, count, needed, otherwise)
-        out.append(IfElse("arrays", (read,), tuple(otherwise)))
+        out += block("if arrays", [f"{target} = {self.api.support('read_records')}({cls}, view, {at}, {count})"])
+        messages: list[str] = []
+        self.messages(step, count, needed, messages)
+        out += block("else", messages)
 
-    def messages(self, step: Loop, count: str, needed: bool, out: list[Statement]) -> None:
-        """The elements as a list of messages."""
+    def messages(self, step: Loop, count: str, needed: bool, out: list[str]) -> None:
+        """Emit the code that reads the elements as a list of messages."""
         values = self.names.name(step.ref.name)
-        item = self.names.name(singular(step.ref.name))
-        self.objects[step.number] = item
+        item = self.objects[step.number] = self.names.name(singular(step.ref.name))
         cls = self.classes[step.type.base]
-        self.support("new")
-        new_list = NewList(self.attribute(step.ref), values, cls, "list")
-        first: list[Statement] = [Assign(item, f"new({cls})"), AppendElement(values, item)]
+        new_list = [f"{values}: list[{cls}] = []", f"{self.attribute(step.ref)} = {values}"]
+        append = f"{values}.append({item})"
+        body = [f"{item} = {self.api.support('new')}({cls})", append]
         if step.mode is LoopMode.PACKED:
-            self.packed(step, count, new_list, first, needed, out)
+            self.packed(step, count, new_list, body, needed, out)
             return
         if step.start.static is not None:
-            out.append(Move("=", self.at(step.start)))
-        self.within(f"pos + {step.least} * {count}" if step.least > 1 else f"pos + {count}", out)
-        out.append(new_list)
+            out.append(f"pos = {self.at(step.start)}")
+        self.check_remaining(f"pos + {step.min_size} * {count}" if step.min_size > 1 else f"pos + {count}", out)
+        out += new_list
         if step.mode is LoopMode.CALL:
-            body: list[Statement] = []
-            self.outlined(item, step, step.type.base, True, body)
-            body.append(AppendElement(values, item))
+            body = []
+            self.call(item, step, step.type.base, True, body)
+            body.append(append)
         else:
-            body = first + self.scope(step.body, keep_pos=True)
-        out.append(For("_", f"range({count})", tuple(body)))
+            body += self.scope(step.body, keep_pos=True)
+        out += block(f"for _ in range({count})", body)
 
-    def within(self, end: str, out: list[Statement]) -> None:
-        self.support("check_remaining")
-        out.append(CheckRemaining(end))
+    def check_remaining(self, end: str, out: list[str]) -> None:
+        """Emit the check that refuses a count for which the data has too few bytes."""
+        out.append(f"{self.api.support('check_remaining')}({end}, raw)")
 
     def packed(
-        self, step: Loop, count: str, new_list: NewList, first: list[Statement], needed: bool, out: list[Statement]
+        self, step: Loop, count: str, new_list: list[str], body: list[str], needed: bool, out: list[str]
     ) -> None:
         at = self.padded(step, count, out)
         run = next(inner for inner in step.body if isinstance(inner, PackedRun))
-        blocks = [item for item in run.items if isinstance(item, FixedNumberArray)]
-        if at != "pos" and blocks:
-            out.append(Move("=", at))
+        arrays = [item for item in run.items if isinstance(item, FixedNumberArray)]
+        if at != "pos" and arrays:
+            out.append(f"pos = {at}")
             at = "pos"
-        out.append(Assign("end", f"{at} + {step.stride} * {count}"))
-        self.within("end", out)
-        out.append(new_list)
-        body = list(first)
+        out.append(f"end = {at} + {step.stride} * {count}")
+        self.check_remaining("end", out)
+        out += new_list
         for inner in step.body:
             if isinstance(inner, InlineMessage):
                 self.create(inner, body)
         targets: list[str] = []
         for item in run.items:
             if isinstance(item, Scalar):
-                owner = self.objects[item.ref.owner]
-                local = self.names.name(f"{owner}_{item.ref.name}")
+                local = self.names.name(f"{self.objects[item.ref.owner]}_{item.ref.name}")
                 targets.append(local)
-                body.append(Assign(self.attribute(item.ref), local))
-        for block in blocks:
-            view = self.view(block.code, str(block.length), plus("pos", block.offset), True)
-            body.append(Assign(self.attribute(block.ref), view))
-        if blocks:
-            body.append(Move("+=", str(step.stride)))
+                body.append(f"{self.attribute(item.ref)} = {local}")
+        for array in arrays:
+            view = self.view(array.code, str(array.length), plus("pos", array.offset), True)
+            body.append(f"{self.attribute(array.ref)} = {view}")
+        if arrays:
+            body.append(f"pos += {step.stride}")
         unpack = self.structs.name("iter_unpack", run.unpack)
         variables = f"({targets[0]},)" if len(targets) == 1 else ", ".join(targets) or "_"
-        out.append(For(variables, f"{unpack}(memoryview(raw)[{at}:end])", tuple(body)))
-        if needed and not blocks and not _ends_known(step):
-            out.append(Move("=", "end"))
+        out += block(f"for {variables} in {unpack}(memoryview(raw)[{at}:end])", body)
+        if needed and not arrays and not _has_static_end(step):
+            out.append("pos = end")
 
 
-def _ends_known(step: NumberArray | Loop) -> bool:
-    """Whether what follows knows its own place: behind an array of fixed size at a known one."""
+def _has_static_end(step: NumberArray | Loop) -> bool:
+    """Return True if the next step has a static position, so ``pos`` need not be updated."""
     return step.type.arity is Arity.ARRAY and step.start.static is not None

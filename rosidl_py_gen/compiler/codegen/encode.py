@@ -1,7 +1,8 @@
-"""The encoder of a message as statements.
+"""The encoder of a message as Python source.
 
-A message without loops is one join of packed runs and contents. With loops the parts are collected in a list. `pos` is
-the position behind what was written so far, counted from the alignment origin; kept only where something reads it.
+A message without loops is one join of packed runs and contents. With loops, the segments are collected in a list. In
+generated code, ``pos`` is the position after the emitted segments, counted from the alignment origin; it is updated
+only where a later statement reads it.
 """
 
 from __future__ import annotations
@@ -32,60 +33,47 @@ from rosidl_py_gen.compiler.codegen.layout_ir import (
     assert_never,
 )
 from rosidl_py_gen.compiler.codegen.naming import Locals, singular
-from rosidl_py_gen.compiler.codegen.statements import (
-    Align,
-    Assign,
-    CheckLength,
-    CheckMaxLength,
-    CheckMaxLengths,
-    EmitBytes,
-    For,
-    IfElse,
-    Load,
-    LoadList,
-    LoadRecords,
-    Move,
-    Statement,
-    Structs,
-    Unpack,
-    Write,
-    plus,
-)
+from rosidl_py_gen.compiler.codegen.statements import Structs, block, check, plus
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.compiler.codegen.message_api import Flavour
+    from rosidl_py_gen.compiler.codegen.message_api import MessageApi
+
+Content = StringContent | NumberArray | StringArray | Loop
 
 
 class EncoderView(NamedTuple):
-    """The encoder as the template prints it.
+    """The encoder for the template.
 
     Attributes:
-        statements: the body.
-        result: the bytes expression when parts are joined at the end of it, empty when they are collected in a list.
+        body: the statements.
+        result: the expression of the bytes; empty if the body collects segments in a list.
     """
 
-    statements: tuple[Statement, ...]
+    body: str
     result: str
 
 
-def encoder_view(plan: LayoutPlan, flavour: Flavour, structs: Structs, classes: dict[str, str]) -> EncoderView:
-    """The encoder of one message; for a heavy one the body of `_write`."""
-    collect = plan.outlined or any(isinstance(step, (Loop, NestedCall)) for step in plan.steps)
-    writer = _EncoderEmitter(flavour, structs, classes, collect, header=not plan.outlined)
-    writer.objects[0] = "self"
+def encoder_view(plan: LayoutPlan, api: MessageApi, structs: Structs, classes: dict[str, str]) -> EncoderView:
+    """Return the encoder of a message; for an outlined message the body of `_write`."""
+    collect = plan.outlined or any(isinstance(step, Loop | NestedCall) for step in plan.steps)
+    emitter = _EncoderEmitter(api, structs, classes, collect, header=not plan.outlined)
+    emitter.objects[0] = "self"
     first = next(step for step in plan.steps if not isinstance(step, InlineMessage))
-    body: list[Statement] = []
-    if writer.header and not isinstance(first, PackedRun):
-        writer.header = False
-        writer.part(_literal(HEADER), body)
-    body += writer.scope(plan.steps, keep_pos=plan.outlined)
+    body: list[str] = []
+    if emitter.header and not isinstance(first, PackedRun):
+        emitter.header = False
+        emitter.segment(_literal(HEADER), body)
+    body += emitter.scope(plan.steps, keep_pos=plan.outlined)
+    segments = emitter.segments
     if collect:
-        return EncoderView(tuple(body), "")
-    parts = writer.parts
-    joined = "".join(f"\n    {part}," for part in parts)
-    return EncoderView(tuple(body), parts[0] if len(parts) == 1 else f'b"".join(({joined}\n))')
+        result = ""
+    elif len(segments) == 1:
+        result = segments[0]
+    else:
+        result = 'b"".join(({}\n))'.format("".join(f"\n    {segment}," for segment in segments))
+    return EncoderView("\n".join(body), result)
 
 
 def _literal(data: bytes) -> str:
@@ -94,13 +82,12 @@ def _literal(data: bytes) -> str:
 
 
 def _reads_pos(step: LayoutStep) -> bool:
-    """Whether writing this step looks at `pos`."""
     match step:
         case PackedRun() | NumberArray() | StringArray():
             return step.align > 1
         case Loop():
-            inside = any(_reads_pos(inner) for inner in step.body)
-            return step.align > 1 or step.mode is LoopMode.CALL or (step.mode is LoopMode.INLINE and inside)
+            is_read_inside = step.mode is LoopMode.INLINE and any(map(_reads_pos, step.body))
+            return step.align > 1 or step.mode is LoopMode.CALL or is_read_inside
         case NestedCall():
             return True
         case InlineMessage() | StringContent() | StringTerminator():
@@ -109,116 +96,117 @@ def _reads_pos(step: LayoutStep) -> bool:
             assert_never(step)
 
 
-Contents = dict[Ref, StringContent | NumberArray | StringArray | Loop]
-
-
 @dataclass(slots=True)
 class _EncoderEmitter:
-    flavour: Flavour
+    """Emits the statements of one encoder.
+
+    Attributes:
+        collect: segments are appended to a list; otherwise they are collected here and joined at the end.
+        header: the next run starts with the encapsulation header.
+        objects: local variables of nested messages and elements, by number.
+        contents: strings, arrays and sequences of the steps, by field.
+        values: local variables of converted contents.
+    """
+
+    api: MessageApi
     structs: Structs
     classes: dict[str, str]
     collect: bool
     header: bool
     objects: dict[int, str] = field(default_factory=dict)
+    contents: dict[Ref, Content] = field(default_factory=dict)
     values: dict[Ref, str] = field(default_factory=dict)
-    parts: list[str] = field(default_factory=list)
+    segments: list[str] = field(default_factory=list)
     pos: str = "pos"
     moves: int = 0
     names: Locals = field(default_factory=Locals)
 
-    def support(self, name: str) -> str:
-        return self.flavour.support(name)
-
     def attribute(self, ref: Ref) -> str:
-        return f"{self.objects[ref.owner]}.{self.flavour.attribute(ref.name)}"
+        return f"{self.objects[ref.owner]}.{self.api.attribute(ref.name)}"
 
-    def scope(self, steps: Sequence[LayoutStep], keep_pos: bool) -> list[Statement]:
-        """The statements of some steps; `keep_pos`: `pos` must be right behind the last one."""
-        out: list[Statement] = []
-        contents: Contents = {
-            step.ref: step for step in steps if isinstance(step, (StringContent, NumberArray, StringArray, Loop))
-        }
+    def scope(self, steps: Sequence[LayoutStep], keep_pos: bool) -> list[str]:
+        """Return the statements of some steps; with `keep_pos`, ``pos`` is the position after the last one."""
+        out: list[str] = []
+        self.contents |= {step.ref: step for step in steps if isinstance(step, Content)}
         last = max((index for index, step in enumerate(steps) if _reads_pos(step)), default=-1)
         for index, step in enumerate(steps):
-            needed = keep_pos or index < last
-            self.step(step, needed, contents, out)
+            self.step(step, keep_pos or index < last, out)
         return out
 
-    def step(self, step: LayoutStep, needed: bool, contents: Contents, out: list[Statement]) -> None:
+    def step(self, step: LayoutStep, needed: bool, out: list[str]) -> None:
+        """Emit a step; `needed`: a later step uses ``pos``."""
         match step:
             case InlineMessage():
                 name = self.names.name(step.ref.name)
-                out.append(self.load(name, self.attribute(step.ref), step.type))
+                out += self.load(name, step.type, self.attribute(step.ref))
                 self.objects[step.number] = name
             case PackedRun():
-                self.run(step, needed, contents, out)
+                self.run(step, needed, out)
             case StringContent():
                 value = self.values[step.ref]
-                self.part(value, out)
+                self.segment(value, out)
                 self.move(step.start, f"len({value})", needed, out)
             case StringTerminator():
-                self.part(_literal(NUL), out)
+                self.segment(_literal(NUL), out)
                 self.move(step.start, str(len(NUL)), needed, out)
             case NumberArray():
-                self.numbers(step, needed, contents, out)
+                value = self.fetch(step, out)
+                size = f"{step.item_size} * len({value})" if step.item_size > 1 else f"len({value})"
+                self.padded(step, value, value, size, needed, out)
             case StringArray():
-                self.strings(step, needed, contents, out)
+                self.strings(step, needed, out)
             case Loop():
-                self.loop(step, needed, contents, out)
+                self.loop(step, needed, out)
             case NestedCall():
                 name = self.names.name(step.ref.name)
-                out.append(self.load(name, self.attribute(step.ref), step.type))
-                self.materialise(step.start, out)
-                out.append(Write(self.classes[step.type], name))
+                out += self.load(name, step.type, self.attribute(step.ref))
+                self.set_static_pos(step.start, out)
+                out.append(self.call(step.type, name))
             case _:
                 assert_never(step)
 
-    def load(self, name: str, expression: str, cls: str) -> Load:
-        self.support("coerce_message")
-        return Load(name, expression, self.classes[cls])
+    def load(self, name: str, cls: str, expression: str = "") -> list[str]:
+        """Return the code that checks the class of a nested message, after it was fetched by an expression."""
+        coerce, cls = self.api.support("coerce_message"), self.classes[cls]
+        fetch = [f"{name} = {expression}"] if expression else []
+        return [*fetch, *block(f"if type({name}) is not {cls}", [f"{name} = {coerce}({name}, {cls})"])]
 
-    def part(self, expression: str, out: list[Statement]) -> None:
+    def call(self, cls: str, name: str) -> str:
+        return f"pos = {self.classes[cls]}._write({name}, append, pos)"
+
+    def segment(self, expression: str, out: list[str]) -> None:
         if self.collect:
-            out.append(EmitBytes(expression))
+            out.append(f"append({expression})")
         else:
-            self.parts.append(expression)
+            self.segments.append(expression)
 
     # --- position -------------------------------------------------------------------------------------------------
 
-    def move(self, start: AlignmentState, distance: str, needed: bool, out: list[Statement]) -> None:
-        """`pos` grows by a distance; where it was not kept so far, `start` says it."""
-        if not needed or (start.static is not None and distance.isdigit()):  # what follows knows its own place
+    def move(self, start: AlignmentState, distance: str, needed: bool, out: list[str]) -> None:
+        """Add a distance to ``pos``; where ``pos`` is not up to date, `start` is static."""
+        if not needed or (start.static is not None and distance.isdigit()):  # the next step has a static position
             return
         if start.static is not None:
-            self.position(f"{start.static} + {distance}" if start.static else distance, out)
+            self.set_pos(f"{start.static} + {distance}" if start.static else distance, out)
         elif self.collect:
-            out.append(Move("+=", distance))
+            out.append(f"pos += {distance}")
         else:
-            self.position(f"{self.pos} + {distance}", out)
+            self.set_pos(f"{self.pos} + {distance}", out)
 
-    def position(self, expression: str, out: list[Statement]) -> None:
-        """`pos` becomes an expression; where parts are joined at the end every position keeps a name of its own."""
+    def set_pos(self, expression: str, out: list[str]) -> None:
+        """Assign ``pos``; where segments are joined at the end, each position gets its own variable."""
         if not self.collect:
             self.moves += 1
             self.pos = "pos" if self.moves == 1 else self.names.name(f"pos{self.moves}")
-        out.append(Move("=", expression, self.pos))
+        out.append(f"{self.pos} = {expression}")
 
-    def position_if(self, value: str, expression: str, otherwise: str, out: list[Statement]) -> None:
-        """`pos` becomes an expression, but only when there are elements; `value` empty: always."""
-        if not value:
-            self.position(expression, out)
-            return
-        if otherwise != "pos" or not self.collect:
-            self.position(otherwise, out)
-        out.append(Align(self.pos, expression, f"len({value})"))
-
-    def materialise(self, start: AlignmentState, out: list[Statement]) -> None:
+    def set_static_pos(self, start: AlignmentState, out: list[str]) -> None:
         if start.static is not None:
-            self.position(str(start.static), out)
+            self.set_pos(str(start.static), out)
 
     # --- steps ----------------------------------------------------------------------------------------------------
 
-    def run(self, run: PackedRun, needed: bool, contents: Contents, out: list[Statement]) -> None:
+    def run(self, run: PackedRun, needed: bool, out: list[str]) -> None:
         arguments: list[str] = []
         code = run.pack
         if self.header:
@@ -228,13 +216,13 @@ class _EncoderEmitter:
         for item in run.items:
             match item:
                 case Scalar(ref, "?", _):
-                    arguments.append(f"{self.support('BOOL')}[{self.attribute(ref)}]")
+                    arguments.append(f"{self.api.support('BOOL')}[{self.attribute(ref)}]")
                 case Scalar(ref, _, _):
                     arguments.append(self.attribute(ref))
                 case FixedNumberArray(ref, kind, count, _):
-                    arguments.append(f"{self.flavour.fixed(kind)}({self.attribute(ref)}, {count})")
+                    arguments.append(f"{self.api.fixed(kind)}({self.attribute(ref)}, {count})")
                 case LengthPrefix(ref, _):
-                    arguments.append(self.prepare(contents[ref], out))
+                    arguments.append(self.prepare(self.contents[ref], out))
                 case EmptyMessageByte():
                     pass
                 case _:
@@ -243,63 +231,50 @@ class _EncoderEmitter:
             code = "x" + code
         pack = self.structs.name("pack", code, run.align, run.nul and run.align > 1)
         index = f"[{self.pos} & {MAX_ALIGN - 1}]" if run.align > 1 else ""
-        self.part(f"{pack}{index}({', '.join(arguments)})", out)
-        if not needed:
-            return
-        if run.align > 1:
+        self.segment(f"{pack}{index}({', '.join(arguments)})", out)
+        if needed and run.align > 1:
             skip = run.align - 1 + run.nul
-            self.position(f"({self.pos} + {skip} & -{run.align}) + {run.size}", out)
+            self.set_pos(f"({self.pos} + {skip} & -{run.align}) + {run.size}", out)
         else:
             self.move(run.start, str(run.size + run.nul), needed, out)
 
-    def prepare(self, step: StringContent | NumberArray | StringArray | Loop, out: list[Statement]) -> str:
-        """Fetch and convert a content before the run that carries its count; returns the count expression."""
+    def prepare(self, step: Content, out: list[str]) -> str:
+        """Fetch and convert a content before the run that has its count, and return the expression of the count."""
         source, kind = self.attribute(step.ref), step.type
         name = self.values[step.ref] = self.names.name(step.ref.name)
         if isinstance(step, StringContent):
             if kind.string_bound:
-                self.support("check_max_length")
-                out.append(CheckMaxLength(f"len({source})", kind.string_bound))
-            wide = kind.base == "wstring"
-            out.append(Assign(name, f"{self.support('utf16' if wide else 'utf8')}({source})"))
-            return f"len({name}) >> 2" if wide else f"len({name}) + 1"
+                out += check(">", self.api.support("check_max_length"), f"len({source})", kind.string_bound)
+            is_wide = kind.base == "wstring"
+            out.append(f"{name} = {self.api.support('utf16' if is_wide else 'utf8')}({source})")
+            return f"len({name}) >> 2" if is_wide else f"len({name}) + 1"
         if isinstance(step, NumberArray):
-            function = self.flavour.sequence(step.code, is_array=kind.arity is Arity.ARRAY)
-            out.append(Assign(name, f"{function}({source})"))
-        elif isinstance(step, Loop) and step.fixed:
-            self.support("list_or_records")
-            out.append(LoadRecords(name, self.flavour.listed(source)))
-        elif isinstance(step, Loop):
-            self.support("coerce_message_list")
-            out.append(LoadList(name, self.flavour.listed(source)))
+            function = self.api.sequence(step.code, is_array=kind.arity is Arity.ARRAY)
+            out.append(f"{name} = {function}({source})")
         else:
-            out.append(Assign(name, self.flavour.listed(source)))
+            out.append(f"{name} = {self.api.listed(source)}")
+            if isinstance(step, Loop):
+                function = self.api.support("list_or_records" if step.fixed else "coerce_message_list")
+                target = f"{name} = " if step.fixed else ""
+                out += block(f"if type({name}) is not list", [f"{target}{function}({name})"])
         if kind.arity is Arity.BOUNDED:
-            self.support("check_max_length")
-            out.append(CheckMaxLength(f"len({name})", kind.capacity))
+            out += check(">", self.api.support("check_max_length"), f"len({name})", kind.capacity)
         return f"len({name})"
 
-    def fetch(self, step: NumberArray | StringArray | Loop, contents: Contents, out: list[Statement]) -> str:
-        """The variable that holds a content; a fixed array has no count, so it is fetched here."""
+    def fetch(self, step: NumberArray | StringArray | Loop, out: list[str]) -> str:
+        """Return the variable of a content; a fixed array has no count, so it is prepared here."""
         if step.ref not in self.values:
-            count = self.prepare(contents[step.ref], out)
-            self.support("check_length")
-            out.append(CheckLength(count, step.type.capacity))
+            count = self.prepare(step, out)
+            out += check("!=", self.api.support("check_length"), count, step.type.capacity)
         return self.values[step.ref]
 
-    def numbers(self, step: NumberArray, needed: bool, contents: Contents, out: list[Statement]) -> None:
-        value = self.fetch(step, contents, out)
-        scaled = f"{step.item_size} * len({value})" if step.item_size > 1 else f"len({value})"
-        self.padded(step, value, value, scaled, needed, out)
-
-    def strings(self, step: StringArray, needed: bool, contents: Contents, out: list[Statement]) -> None:
-        value = self.fetch(step, contents, out)
+    def strings(self, step: StringArray, needed: bool, out: list[str]) -> None:
+        value = self.fetch(step, out)
         if step.type.string_bound:
-            self.support("check_max_lengths")
-            out.append(CheckMaxLengths(value, step.type.string_bound))
+            out.append(f"{self.api.support('check_max_lengths')}({value}, {step.type.string_bound})")
         packed = self.names.name(f"{step.ref.name}_packed")
-        function = self.support("pack_wstrings" if step.type.base == "wstring" else "pack_strings")
-        out.append(Assign(packed, f"{function}({value})"))
+        function = self.api.support("pack_wstrings" if step.type.base == "wstring" else "pack_strings")
+        out.append(f"{packed} = {function}({value})")
         self.padded(step, value, packed, f"len({packed})", needed, out)
 
     def padded(
@@ -309,63 +284,68 @@ class _EncoderEmitter:
         content: str,
         size: str,
         needed: bool,
-        out: list[Statement],
+        out: list[str],
     ) -> None:
-        """Padding that is only there when elements are, and then the elements (unless `content` is empty)."""
-        certain = step.type.arity is Arity.ARRAY
+        """Emit the padding, which exists only before elements, then the elements unless `content` is empty."""
+        is_array = step.type.arity is Arity.ARRAY
         start = step.start
+        condition = "" if is_array else f' if len({value}) else b""'
         if step.align > 1:
-            pad = f"{self.support(f'PAD{step.align}')}[{self.pos} & {step.align - 1}]"
-            self.part(pad if certain else f'{pad} if len({value}) else b""', out)
+            self.segment(f"{self.api.support(f'PAD{step.align}')}[{self.pos} & {step.align - 1}]{condition}", out)
         elif step.pad:
-            zeros = _literal(bytes(step.pad))
-            self.part(zeros if certain else f'{zeros} if len({value}) else b""', out)
+            self.segment(f"{_literal(bytes(step.pad))}{condition}", out)
         if content:
-            self.part(content, out)
-        if not needed or (certain and start.static is not None and not isinstance(step, StringArray)):
-            return  # what follows an array of fixed size knows its own place
-        if step.align > 1:
-            moved = f"({self.pos} + {step.align - 1} & -{step.align}) + {size}"
-            self.position_if(value if not certain else "", moved, self.pos, out)
-        elif step.pad and not certain:
-            at = str(start.static) if start.static is not None else self.pos
-            self.position_if(value, plus(at, step.pad) + f" + {size}", at, out)
-        else:
+            self.segment(content, out)
+        if not needed or (is_array and start.static is not None and not isinstance(step, StringArray)):
+            return  # the step after an array of fixed size has a static position
+        if step.align == 1 and (is_array or not step.pad):
             self.move(start, f"{step.pad} + {size}" if step.pad else size, needed, out)
+            return
+        old = self.pos
+        if step.align > 1:
+            expression = f"({old} + {step.align - 1} & -{step.align}) + {size}"
+        else:
+            old = old if start.static is None else str(start.static)
+            expression = plus(old, step.pad) + f" + {size}"
+        if is_array:
+            self.set_pos(expression, out)
+        else:
+            if old != "pos" or not self.collect:
+                self.set_pos(old, out)
+            out += block(f"if len({value})", [f"{self.pos} = {expression}"])
 
-    def loop(self, step: Loop, needed: bool, contents: Contents, out: list[Statement]) -> None:
-        value = self.fetch(step, contents, out)
+    def loop(self, step: Loop, needed: bool, out: list[str]) -> None:
+        value = self.fetch(step, out)
         if not step.fixed:
             self.messages(step, value, needed, out)
             return
-        self.support("ndarray")
-        arguments = f"{self.classes[step.type.base]}, {value}, append, {self.known(step, needed)}"
-        call = f"{self.support('write_records')}({arguments})"
-        write = Assign("pos", call) if needed else Unpack("", call)
-        otherwise: list[Statement] = []
-        self.messages(step, value, needed, otherwise)
-        out.append(IfElse(f"type({value}) is ndarray", (write,), tuple(otherwise)))
+        ndarray = self.api.support("ndarray")
+        arguments = f"{self.classes[step.type.base]}, {value}, append, {self.known_pos(step, needed)}"
+        write = f"{self.api.support('write_records')}({arguments})"
+        messages: list[str] = []
+        self.messages(step, value, needed, messages)
+        out += block(f"if type({value}) is {ndarray}", [f"pos = {write}" if needed else write])
+        out += block("else", messages)
 
-    def known(self, step: Loop, needed: bool) -> str:
-        """The position of the elements, or a number that is aligned as it is where nothing keeps the position."""
+    def known_pos(self, step: Loop, needed: bool) -> str:
+        """Return the position of the elements, or a number of the same alignment where ``pos`` is not updated."""
         if step.start.static is not None:
             return str(step.start.static)
         return self.pos if needed or _reads_pos(step) else str(step.start.remainder)
 
-    def messages(self, step: Loop, value: str, needed: bool, out: list[Statement]) -> None:
-        """The elements of a list of messages."""
-        item = self.names.name(singular(step.ref.name))
-        self.objects[step.number] = item
-        body: list[Statement] = [self.load(item, "", step.type.base)]
+    def messages(self, step: Loop, value: str, needed: bool, out: list[str]) -> None:
+        """Emit the loop over a list of messages."""
+        item = self.objects[step.number] = self.names.name(singular(step.ref.name))
+        body = self.load(item, step.type.base)
         if step.mode is LoopMode.PACKED:
             self.padded(step, value, "", f"{step.stride} * len({value})", needed, out)
             body += self.scope(step.body, keep_pos=False)
         elif step.mode is LoopMode.INLINE:
-            inside = any(_reads_pos(inner) for inner in step.body)
-            if needed or inside:
-                self.materialise(step.start, out)
-            body += self.scope(step.body, keep_pos=needed or inside)
+            keep_pos = needed or any(map(_reads_pos, step.body))
+            if keep_pos:
+                self.set_static_pos(step.start, out)
+            body += self.scope(step.body, keep_pos)
         else:
-            self.materialise(step.start, out)
-            body.append(Write(self.classes[step.type.base], item))
-        out.append(For(item, value, tuple(body)))
+            self.set_static_pos(step.start, out)
+            body.append(self.call(step.type.base, item))
+        out += block(f"for {item} in {value}", body)

@@ -1,7 +1,7 @@
-"""The layout plan of a message: what is written in which order, and what is known of alignment.
+"""The layout plan of a message: steps in wire order, and what is known of the alignment.
 
-`layout` builds it, the views for encode and decode and the `plan` command read it. Objects (the message itself, nested
-messages, loop elements) are numbered; a `Ref` is an attribute of one of them. Object 0 is the message.
+The planner builds the plan, encoder and decoder emit code from it. Objects (the message itself, nested messages, loop
+elements) are numbered; a `Ref` is an attribute of one of them. Object 0 is the message.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Ref(NamedTuple):
-    """The attribute `name` of object `owner`; `path` is how a user writes it."""
+    """The attribute `name` of object `owner`; `path` is its spelling for users."""
 
     owner: int
     name: str
@@ -30,7 +30,7 @@ class Scalar(NamedTuple):
 
 
 class FixedNumberArray(NamedTuple):
-    """A fixed numeric array inside a run: bytes when packed, a view at `offset` of the run when read."""
+    """A fixed numeric array inside a run: packed as bytes, read as a view at `offset` of the run."""
 
     ref: Ref
     code: str
@@ -39,7 +39,7 @@ class FixedNumberArray(NamedTuple):
 
 
 class LengthPrefix(NamedTuple):
-    """The u32 in front of a string or sequence; `ref` is the field whose content follows the run."""
+    """The uint32 before a string or sequence; `ref` is the field whose content follows the run."""
 
     ref: Ref
     offset: int
@@ -55,12 +55,11 @@ Item = Scalar | FixedNumberArray | LengthPrefix | EmptyMessageByte
 
 
 class AlignmentState(NamedTuple):
-    """What is known of the position where a step begins, counted from the alignment origin.
+    """Knowledge about the position of a step, counted from the alignment origin.
 
     Attributes:
-        static: the exact offset, when everything before has a fixed size.
-        modulus: position = remainder (mod modulus); 1 means nothing is known.
-        remainder: see modulus.
+        static: the exact offset if all preceding steps have a fixed size, else None.
+        modulus, remainder: position = remainder (mod modulus); modulus 1 if nothing is known.
     """
 
     static: int | None
@@ -69,7 +68,7 @@ class AlignmentState(NamedTuple):
 
 
 class InlineMessage(NamedTuple):
-    """A nested message is written in line from here on as object `number`; `empty`: it has no fields."""
+    """Start of a nested message that is emitted inline as object `number`; `empty`: it has no fields."""
 
     ref: Ref
     type: str
@@ -81,13 +80,13 @@ class PackedRun(NamedTuple):
     """Fixed-size values packed by one struct call.
 
     Attributes:
-        items: in wire order; offsets count from the first byte behind `nul` and alignment.
-        pack: struct code, without byte order, with all inner padding; blocks are bytes.
-        unpack: the same with blocks as padding.
-        size: bytes behind `nul` and alignment.
-        align: boundary the run begins at when that is not known statically, else 1 (known padding is in the code).
-        nul: the terminator of the string before is written with this run.
-        start: where it begins, before `nul` when encoding.
+        items: in wire order; offsets count from the first byte after `nul` and alignment.
+        pack: struct code, without byte order, with all inner padding; fixed arrays are bytes.
+        unpack: struct code in which fixed arrays are padding.
+        size: bytes after `nul` and alignment.
+        align: alignment of the run if its padding is not known statically, else 1 (known padding is in the code).
+        nul: the terminator of the preceding string is written with this run.
+        start: position of the run, before `nul` when encoding.
     """
 
     items: tuple[Item, ...]
@@ -100,9 +99,7 @@ class PackedRun(NamedTuple):
 
 
 class StringContent(NamedTuple):
-    """The characters of a string; its count is in a run before, its NUL in the run behind or in a
-    `StringTerminator`.
-    """
+    """The characters of a string. The preceding run has the length, the next run or a `StringTerminator` the NUL."""
 
     ref: Ref
     type: FieldType
@@ -119,8 +116,8 @@ class NumberArray(NamedTuple):
     """The elements of a numeric sequence, or of a fixed array too large for a run.
 
     Attributes:
-        pad: known padding before the elements, only present when there are any.
-        align: boundary when the padding is not known, else 1.
+        pad: known padding, which exists only before elements.
+        align: alignment of the elements if the padding is not known, else 1.
     """
 
     ref: Ref
@@ -133,7 +130,7 @@ class NumberArray(NamedTuple):
 
 
 class StringArray(NamedTuple):
-    """The elements of a sequence or array of strings."""
+    """The elements of a sequence or array of strings; `pad` and `align` as in `NumberArray`."""
 
     ref: Ref
     type: FieldType
@@ -143,10 +140,10 @@ class StringArray(NamedTuple):
 
 
 class LoopMode(Enum):
-    """How the elements of a sequence of messages are handled."""
+    """Code for the elements of a sequence of messages."""
 
     PACKED = "packed"  # every element is the same run at a fixed stride
-    INLINE = "inline"  # the element's steps are printed in the loop
+    INLINE = "inline"  # the element's steps are emitted in the loop
     CALL = "call"  # the element's class is called
 
 
@@ -154,12 +151,12 @@ class Loop(NamedTuple):
     """The elements of a sequence or array of messages; `number` is the element as an object.
 
     Attributes:
-        body: steps of one element; for PACKED exactly `InlineMessage`s and one `PackedRun`.
-        stride: bytes of one element when PACKED, else 0.
-        least: the fewest bytes an element can take; what a count is checked against.
-        pad, align: before the first element, only when there is one (PACKED); else 0 and 1.
-        fixed: elements are of fixed size, so a structured array may stand for the list.
-        records: inside an element there are such sequences or arrays.
+        body: steps of one element; for PACKED only `InlineMessage` and one `PackedRun`.
+        stride: bytes of one element if PACKED, else 0.
+        min_size: minimum bytes of an element, by which a count is checked.
+        pad, align: as in `NumberArray` if PACKED, else 0 and 1.
+        fixed: elements are of fixed size, so a structured array can replace the list.
+        structured_arrays: an element contains such sequences or arrays.
     """
 
     ref: Ref
@@ -168,7 +165,7 @@ class Loop(NamedTuple):
     mode: LoopMode
     body: tuple[LayoutStep, ...]
     stride: int
-    least: int
+    min_size: int
     pad: int
     align: int
     start: AlignmentState
@@ -177,7 +174,7 @@ class Loop(NamedTuple):
 
 
 class NestedCall(NamedTuple):
-    """A nested message that is too large to write in line: its class is called; `structured_arrays` as in `Loop`."""
+    """A nested message that is too large to emit inline: its class is called; `structured_arrays` as in `Loop`."""
 
     ref: Ref
     type: str
@@ -191,13 +188,14 @@ LayoutStep = (
 
 
 class LayoutPlan(NamedTuple):
-    """How one message class is written and read.
+    """Steps that encode and decode one message class.
 
     Attributes:
         name: full ROS name.
         steps: in wire order.
-        heavy: too large to be written in line by others, so it has `_write` and `_read` of its own.
-        records: there are sequences or arrays of fixed-size messages at some depth, which decoders can leave as arrays.
+        outlined: too large to be emitted inline in other messages, so it has `_write` and `_read`.
+        structured_arrays: sequences or arrays of fixed-size messages exist at some depth; decoders can return them as
+            structured arrays.
     """
 
     name: str
@@ -207,5 +205,5 @@ class LayoutPlan(NamedTuple):
 
 
 def assert_never(value: NoReturn) -> NoReturn:
-    """Close a `match` over steps or items; typing.assert_never is younger than Python 3.10."""
+    """Close a `match` over steps or items; `typing.assert_never` requires Python 3.11."""
     raise AssertionError(f"unexpected {value!r}")

@@ -1,7 +1,9 @@
 """Plan the wire layout of a message.
 
-The rules of CDR are those of `cdr/layout.py`. This module applies them to fields and emits steps; views and templates
-print steps and never count bytes. A struct has no alignment of its own: a nested message is laid out where it stands.
+The rules of CDR are in `cdr/layout.py`. This module applies them to fields; encoder and decoder emit code for its steps
+and never count bytes. A struct has no alignment of its own: a nested message is laid out at its position.
+
+The planner tracks what is known of the position: an absolute offset, or position = remainder (mod modulus).
 """
 
 from __future__ import annotations
@@ -45,24 +47,26 @@ from rosidl_py_gen.compiler.codegen.layout_ir import (
     StringContent,
     StringTerminator,
 )
-from rosidl_py_gen.compiler.codegen.weights import Weights
+from rosidl_py_gen.compiler.codegen.weights import Weights, cached_per_name
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rosidl_py_gen.compiler.frontend.model import MessageDef
 
-# A fixed array of more bytes than this is joined as it is instead of being copied through a struct.
 BLOCK_BYTES = 1024
+"""Maximum bytes of a fixed array in a run; a larger array is joined instead of copied through a struct."""
 _CODES = {base: primitive.code for base, primitive in PRIMITIVES.items()}
 _RCLPY_CODES = {**_CODES, "byte": "c"}
-"""Struct codes by primitive, and those of rclpy's flavour, in which a byte is bytes of length 1."""
+"""Struct codes by primitive for rclpy's API, in which a byte is bytes of length 1."""
 
 
 class LayoutPlanner(Weights):
-    """Plans by message name, each made once.
+    """Layout plans by message name.
 
     Args:
-        rclpy: for classes in which `byte` is bytes of length 1.
-        max_leaves: as of `Weights`.
+        lookup, max_leaves: as for `Weights`.
+        rclpy: plan for classes in which `byte` is bytes of length 1.
     """
 
     def __init__(
@@ -70,47 +74,42 @@ class LayoutPlanner(Weights):
     ) -> None:
         super().__init__(lookup, max_leaves)
         self.rclpy, self.codes = rclpy, _RCLPY_CODES if rclpy else _CODES
-        self._plans: dict[str, LayoutPlan] = {}
-        self._least: dict[str, int] = {}
 
+    @cached_per_name
     def plan(self, name: str) -> LayoutPlan:
-        """The plan of a message whose references all exist."""
-        if name not in self._plans:
-            heavy = self.is_outlined(name)
-            builder = _PlanBuilder(self, AlignmentState(None, 1, 0) if heavy else AlignmentState(0, MAX_ALIGN, 0))
-            builder.message(name, 0, "")
-            builder.close()
-            self._plans[name] = LayoutPlan(name, tuple(builder.steps), heavy, self.has_records(name))
-        return self._plans[name]
+        """Return the plan of a message whose references all exist."""
+        is_outlined = self.is_outlined(name)
+        builder = _PlanBuilder(self, AlignmentState(None, 1, 0) if is_outlined else AlignmentState(0, MAX_ALIGN, 0))
+        builder.message(name, 0, "")
+        builder.close()
+        return LayoutPlan(name, tuple(builder.steps), is_outlined, self.has_structured_arrays(name))
 
+    @cached_per_name
     def min_size(self, name: str) -> int:
-        """The fewest bytes a message can take, padding left out."""
-        if name not in self._least:
-            total = 0
-            for item in self.message(name).fields:
-                kind = item.type
-                if has_count(kind):
-                    total += COUNT_BYTES
-                else:
-                    least = self.min_size(kind.base) if kind.is_message else min_element_size(kind)
-                    total += least * fixed_count(kind)
-            self._least[name] = max(len(EMPTY_MESSAGE), total)
-        return self._least[name]
+        """Return the minimum bytes of a message without padding."""
+        total = 0
+        for kind in (item.type for item in self.message(name).fields):
+            if has_count(kind):
+                total += COUNT_BYTES
+            else:
+                element = self.min_size(kind.base) if kind.is_message else min_element_size(kind)
+                total += element * fixed_count(kind)
+        return max(len(EMPTY_MESSAGE), total)
 
 
 @dataclass(slots=True)
 class _OpenRun:
-    """Run of fixed-size values that still grows."""
+    """Run of fixed-size values to which more can be added."""
 
     start: AlignmentState
     nul: bool
     items: list[Item] = field(default_factory=list)
-    pack: list[tuple[str, int]] = field(default_factory=list)  # code and repeat; pads have code x
+    pack: list[tuple[str, int]] = field(default_factory=list)  # code and repetitions; padding has code x
     unpack: list[tuple[str, int]] = field(default_factory=list)
     size: int = 0
     align: int = 1
 
-    def put(self, code: str, count: int, read: str = "") -> None:
+    def append(self, code: str, count: int, read: str = "") -> None:
         for codes, letter in ((self.pack, code), (self.unpack, read or code)):
             if codes and codes[-1][0] == letter and letter != "s":
                 codes[-1] = (letter, codes[-1][1] + count)
@@ -123,15 +122,15 @@ def _struct_code(codes: list[tuple[str, int]]) -> str:
 
 
 class _PlanBuilder:
-    """Walks the fields of a message once and emits steps; `now` is what is known of the position."""
+    """Emits steps for the fields of a message, in one pass; `now` is what is known of the position."""
 
-    def __init__(self, layouts: LayoutPlanner, start: AlignmentState, first_object: int = 1) -> None:
-        self.layouts = layouts
+    def __init__(self, planner: LayoutPlanner, start: AlignmentState, first_object: int = 1) -> None:
+        self.planner = planner
         self.now = start
         self.steps: list[LayoutStep] = []
         self.run: _OpenRun | None = None
-        self.nul = False  # a string's terminator is still to be written
-        self.objects = first_object
+        self.nul = False  # the terminator of a string is pending
+        self.next_object = first_object
 
     # --- position -------------------------------------------------------------------------------------------------
 
@@ -141,17 +140,17 @@ class _PlanBuilder:
         self.now = AlignmentState(static, now.modulus, (now.remainder + size) % now.modulus)
 
     def _known_padding(self, align: int) -> int | None:
-        """Padding up to `align`, None when it is not known."""
+        """Return the padding up to `align`; None if it is not known."""
         return -self.now.remainder % align if self.now.modulus % align == 0 else None
 
     def _lose_offset(self, modulus: int) -> None:
-        """Content of varying size was written; it ends at a multiple of `modulus`."""
+        """Record content of variable size that ends at a multiple of `modulus`."""
         self.now = AlignmentState(None, modulus, 0)
 
     # --- runs -----------------------------------------------------------------------------------------------------
 
     def _append_to_run(self, align: int, size: int, code: str, count: int, read: str = "") -> int:
-        """Put a value into the current run, or a new one where its alignment is not known; returns its offset."""
+        """Append a value to the current run, or to a new run if its padding is not known, and return its offset."""
         gap = self._known_padding(align)
         if gap is None and self.run is not None:
             self.end_run()
@@ -166,19 +165,18 @@ class _PlanBuilder:
             run.align = align
             self.now = AlignmentState(None, align, 0)
         elif gap:
-            run.put("x", gap)
+            run.append("x", gap)
             run.size += gap
             self._advance(gap)
         offset = run.size
-        run.put(code, count, read)
+        run.append(code, count, read)
         run.size += size
         self._advance(size)
         return offset
 
     def end_run(self) -> None:
-        run = self.run
+        run, self.run = self.run, None
         if run is not None:
-            self.run = None
             codes = _struct_code(run.pack), _struct_code(run.unpack)
             self.steps.append(PackedRun(tuple(run.items), *codes, run.size, run.align, run.nul, run.start))
 
@@ -193,7 +191,7 @@ class _PlanBuilder:
     # --- fields ---------------------------------------------------------------------------------------------------
 
     def message(self, name: str, owner: int, path: str) -> None:
-        definition = self.layouts.message(name)
+        definition = self.planner.message(name)
         for item in definition.fields:
             spelling = py_name(item.name)
             self.value(Ref(owner, spelling, f"{path}.{item.name}" if path else item.name), item.type)
@@ -208,27 +206,27 @@ class _PlanBuilder:
         if kind.arity is not Arity.SCALAR:
             self._many(ref, kind)
         elif kind.primitive is not None:
-            size, code = kind.primitive.size, self.layouts.codes[kind.base]
+            size, code = kind.primitive.size, self.planner.codes[kind.base]
             self._items(Scalar(ref, code, self._append_to_run(size, size, code, 1)))
         elif kind.is_string:
             self._count(ref)
             self.steps.append(StringContent(ref, kind, self.now))
             self._lose_offset(known_modulus(kind))
             self.nul = kind.base == "string"
-        elif self.layouts.is_outlined(kind.base):
+        elif self.planner.is_outlined(kind.base):
             self.close()
-            self.steps.append(NestedCall(ref, kind.base, self.now, self.layouts.has_records(kind.base)))
+            self.steps.append(NestedCall(ref, kind.base, self.now, self.planner.has_structured_arrays(kind.base)))
             self._lose_offset(1)
         else:
             number = self._new_object()
-            # No bytes: an open run goes on behind it. Views load or create objects before the run that uses them.
-            empty = not self.layouts.message(kind.base).fields
+            # Has no bytes, so an open run continues after it. Emitters load or create objects before the run.
+            empty = not self.planner.message(kind.base).fields
             self.steps.append(InlineMessage(ref, kind.base, number, empty))
             self.message(kind.base, number, ref.path)
 
     def _new_object(self) -> int:
-        self.objects += 1
-        return self.objects - 1
+        self.next_object += 1
+        return self.next_object - 1
 
     def _count(self, ref: Ref) -> None:
         self._items(LengthPrefix(ref, self._append_to_run(COUNT_BYTES, COUNT_BYTES, COUNT_CODE, 1)))
@@ -240,14 +238,14 @@ class _PlanBuilder:
         if primitive is not None and fixed and primitive.size * kind.capacity <= BLOCK_BYTES:
             size = primitive.size * kind.capacity
             offset = self._append_to_run(primitive.size, size, "s", size, "x")
-            self._items(FixedNumberArray(ref, self.layouts.codes[kind.base], kind.capacity, offset))
+            self._items(FixedNumberArray(ref, self.planner.codes[kind.base], kind.capacity, offset))
             return
         if fixed:
             self.close()
         else:
             self._count(ref)
         if primitive is not None:
-            self._numbers(ref, kind, self.layouts.codes[kind.base], primitive.size)
+            self._numbers(ref, kind, self.planner.codes[kind.base], primitive.size)
         elif kind.is_string:
             pad, align = self._padding_before(element_alignment(kind))
             self.steps.append(StringArray(ref, kind, pad, align, self.now))
@@ -272,79 +270,91 @@ class _PlanBuilder:
     # --- sequences and arrays of messages -------------------------------------------------------------------------
 
     def _loop(self, ref: Ref, kind: FieldType) -> None:
-        number = self._new_object()
-        least = self.layouts.min_size(kind.base)
-        fixed, records = self.layouts.is_fixed(kind.base), self.layouts.has_records(kind.base)
-        packed = self._packed(ref, kind, number, least)
-        if packed is not None:
-            self.steps.append(packed)
-            return
-        if self.layouts.is_outlined(kind.base):
-            self.steps.append(Loop(ref, kind, number, LoopMode.CALL, (), 0, least, 0, 1, self.now, fixed, records))
-            self._lose_offset(1)
-            return
-        begin = self.now
-        entry = AlignmentState(None, begin.modulus, begin.remainder)
-        while True:  # what is known at the loop's head must hold on every round
-            inner = _PlanBuilder(self.layouts, entry, self.objects)
-            inner.message(kind.base, number, f"{ref.path}[]")
-            inner.close()
-            met = _common_alignment(entry, inner.now)
-            if met == entry:
-                break
-            entry = met
-        self.objects = inner.objects
-        body = tuple(inner.steps)
-        self.steps.append(Loop(ref, kind, number, LoopMode.INLINE, body, 0, least, 0, 1, begin, fixed, records))
-        self.now = entry._replace(static=None)
+        """Append the loop over messages.
 
-    def _packed(self, ref: Ref, kind: FieldType, number: int, least: int) -> Loop | None:
-        """The loop over elements of one run at a fixed stride, None when the elements are not like that."""
-        if not self.layouts.is_fixed(kind.base) or self.layouts.is_outlined(kind.base):
+        A loop body must be valid for every iteration: it is planned for the state before the loop, then the state at
+        its end is merged into the entry state, until this does not change. That takes at most four rounds, as the
+        modulus can only become 8, 4, 2 and 1.
+        """
+        number = self._new_object()
+        loop = self._packed_loop(ref, kind, number)
+        if loop is None and self.planner.is_outlined(kind.base):
+            loop = self._make_loop(ref, kind, number, LoopMode.CALL)
+            self._lose_offset(1)
+        elif loop is None:
+            entry = self.now._replace(static=None)
+            while True:
+                inner = self._element(ref, kind, number, entry)
+                inner.close()
+                merged = _common_alignment(entry, inner.now)
+                if merged == entry:
+                    break
+                entry = merged
+            self.next_object = inner.next_object
+            loop = self._make_loop(ref, kind, number, LoopMode.INLINE, inner.steps)
+            self.now = entry
+        self.steps.append(loop)
+
+    def _make_loop(
+        self,
+        ref: Ref,
+        kind: FieldType,
+        number: int,
+        mode: LoopMode,
+        body: Sequence[LayoutStep] = (),
+        stride: int = 0,
+        padding: tuple[int, int] = (0, 1),
+    ) -> Loop:
+        planner, base = self.planner, kind.base
+        facts = planner.is_fixed(base), planner.has_structured_arrays(base)
+        return Loop(ref, kind, number, mode, tuple(body), stride, planner.min_size(base), *padding, self.now, *facts)
+
+    def _element(self, ref: Ref, kind: FieldType, number: int, entry: AlignmentState) -> _PlanBuilder:
+        """Plan an element of a loop that starts in the state `entry`."""
+        inner = _PlanBuilder(self.planner, entry, self.next_object)
+        inner.message(kind.base, number, f"{ref.path}[]")
+        return inner
+
+    def _packed_loop(self, ref: Ref, kind: FieldType, number: int) -> Loop | None:
+        """Return the loop over elements of one stride; None if the elements have none.
+
+        A loop is packed if its body is one run without unknown padding that ends at the remainder where it started.
+        Candidates for the entry state are the current one, then alignment 8, 4 and 2 after explicit padding.
+        """
+        if not self.planner.is_fixed(kind.base) or self.planner.is_outlined(kind.base):
             return None
         entries = [(self.now._replace(static=None), (0, 1))]
-        entries += [
-            (AlignmentState(None, align, 0), self._padding_before(align))
-            for align in (8, 4, 2)
-            if self._first_needs(kind.base, align)
-        ]
-        for entry, (pad, align) in entries:
-            inner = _PlanBuilder(self.layouts, entry, self.objects)
-            inner.message(kind.base, number, f"{ref.path}[]")
+        first = self._first_alignment(kind.base)
+        if first in (8, 4, 2):
+            entries.append((AlignmentState(None, first, 0), self._padding_before(first)))
+        for entry, padding in entries:
+            inner = self._element(ref, kind, number, entry)
             inner.end_run()
             runs = [step for step in inner.steps if isinstance(step, PackedRun)]
-            plain = all(isinstance(step, (PackedRun, InlineMessage)) for step in inner.steps)
-            if not plain or len(runs) != 1 or runs[0].align != 1 or inner.now.remainder != entry.remainder:
+            is_plain = all(isinstance(step, PackedRun | InlineMessage) for step in inner.steps)
+            if not is_plain or len(runs) != 1 or runs[0].align != 1 or inner.now.remainder != entry.remainder:
                 continue
-            self.objects = inner.objects
-            body = tuple(inner.steps)
-            size, records = runs[0].size, self.layouts.has_records(kind.base)
-            loop = Loop(ref, kind, number, LoopMode.PACKED, body, size, least, pad, align, self.now, True, records)
-            self._after_packed(kind, entry, loop)
+            self.next_object = inner.next_object
+            loop = self._make_loop(ref, kind, number, LoopMode.PACKED, inner.steps, runs[0].size, padding)
+            if kind.arity is not Arity.ARRAY:
+                self.now = _common_alignment(self.now, entry)
+            else:
+                self.now = entry if loop.align > 1 else self.now
+                self._advance(loop.pad + loop.stride * kind.capacity)
             return loop
         return None
 
-    def _after_packed(self, kind: FieldType, entry: AlignmentState, loop: Loop) -> None:
-        if kind.arity is not Arity.ARRAY:
-            self.now = _common_alignment(self.now, entry)._replace(static=None)
-            return
-        if loop.align > 1:
-            self.now = entry
-        self._advance(loop.pad + loop.stride * kind.capacity)
-
-    def _first_needs(self, name: str, align: int) -> bool:
-        """Whether the first byte of a message is aligned to `align`, so that elements begin there."""
-        first = self.layouts.message(name).fields
-        if not first:
-            return align == 1
-        kind = first[0].type
-        if kind.primitive is not None:
-            return kind.primitive.size == align
-        return kind.is_message and self._first_needs(kind.base, align)
+    def _first_alignment(self, name: str) -> int:
+        """Return the alignment of the first primitive of a fixed-size message; 1 if it has none."""
+        fields = self.planner.message(name).fields
+        if not fields:
+            return 1
+        kind = fields[0].type
+        return self._first_alignment(kind.base) if kind.is_message else element_alignment(kind)
 
 
 def _common_alignment(left: AlignmentState, right: AlignmentState) -> AlignmentState:
-    """What holds whichever of the two is true."""
+    """Return what is known if either of two states is true."""
     modulus = min(left.modulus, right.modulus)
     while modulus > 1 and left.remainder % modulus != right.remainder % modulus:
         modulus //= 2

@@ -1,7 +1,7 @@
-"""Where the codecs of the two flavours differ: what attributes are called, and which functions convert arrays.
+"""The differences between codecs of the two message APIs: names of attributes, and functions that convert arrays.
 
-Our own classes hold numpy arrays, and bytes as integers. Those of rclpy's flavour have what rclpy's have: `array.array`
-for sequences of numbers, arrays that can be written to, lists of bool and of bytes, and slots with an underscore.
+The native classes have numpy arrays, and a byte is an integer. Classes of rclpy's API have the types of rclpy: an
+`array.array` for a sequence of numbers, writable arrays, lists of bool and of bytes, and slots with an underscore.
 """
 
 from __future__ import annotations
@@ -15,68 +15,66 @@ from rosidl_py_gen.compiler.codegen.statements import NUMPY_DTYPE, NUMPY_FIXED, 
 if TYPE_CHECKING:
     from rosidl_py_gen.compiler.codegen.naming import Imports
 
-_SUPPORT = "rosidl_py_gen.cdr.support"
-_RCLPY = "rosidl_py_gen.cdr.rclpy_messages.arrays"
 
-
-class Flavour:
-    """What a generated encoder or decoder calls in one module; importing what it calls."""
+class MessageApi:
+    """Expressions of a generated encoder or decoder; each method imports the functions that its expression calls."""
 
     def __init__(self, imports: Imports) -> None:
         self.imports = imports
 
-    def support(self, name: str) -> str:
-        return self.imports.use(_SUPPORT, name, in_class=False)
+    def support(self, name: str, module: str = "rosidl_py_gen.cdr.support") -> str:
+        """Import a function of `cdr.support` and return its name in the module."""
+        return self.imports.use(module, name, in_class=False)
 
     def attribute(self, name: str) -> str:
-        """What holds the field of this Python name."""
+        """Return the attribute that stores the field of a Python name."""
         return name
 
     def fixed(self, code: str) -> str:
-        """The function that makes bytes of a small fixed array."""
+        """Return the function that makes bytes of a small fixed array."""
         return self.support(NUMPY_FIXED[code])
 
     def sequence(self, code: str, *, is_array: bool) -> str:
-        """The function that makes a buffer of a sequence, or of a large fixed array."""
+        """Return the function that makes a buffer of a sequence, or of a large fixed array."""
         return self.support(NUMPY_FIXED[code].removeprefix("fixed_"))
 
     def listed(self, expression: str) -> str:
-        """A list of strings or messages as it is written."""
+        """Return the expression of strings or messages as a list that can be encoded."""
         return expression
 
     def numbers(self, code: str, count: str, at: str, *, is_array: bool) -> str:
-        """The elements at an offset of `view`."""
+        """Return the expression of the numbers at an offset of ``view``."""
         if code == "?":
             return f"{self.support('view_of_bools')}(view, {count}, {at})"
         return f"{self.support('frombuffer')}(view, {self.support(NUMPY_DTYPE[code])}, {count}, {at})"
 
 
-class RclpyFlavour(Flavour):
-    """The same for classes as rclpy has them."""
+class RclpyMessageApi(MessageApi):
+    """Expressions for classes of rclpy's API."""
 
-    def own(self, name: str) -> str:
-        return self.imports.use(_RCLPY, name, in_class=False)
+    def array_function(self, name: str) -> str:
+        return self.support(name, "rosidl_py_gen.cdr.rclpy_messages.arrays")
 
     def attribute(self, name: str) -> str:
         return slot(name)
 
     def fixed(self, code: str) -> str:
-        return self.own("fixed_bytes") if code == "c" else super().fixed(code)
+        return self.array_function("fixed_bytes") if code == "c" else super().fixed(code)
 
     def sequence(self, code: str, *, is_array: bool) -> str:
         if code == "c":
-            return self.own("joined_bytes")
+            return self.array_function("joined_bytes")
         if code == "?" or is_array:
             return super().sequence(code, is_array=is_array)
-        return self.own(f"buffer_of_{NUMPY_FIXED[code].removeprefix('fixed_')}")
+        return self.array_function(f"buffer_of_{NUMPY_FIXED[code].removeprefix('fixed_')}")
 
     def listed(self, expression: str) -> str:
-        return f"{self.own('as_list')}({expression})"
+        return f"{self.array_function('as_list')}({expression})"
 
     def numbers(self, code: str, count: str, at: str, *, is_array: bool) -> str:
         if code in "c?":
-            return f"{self.own('list_of_bytes' if code == 'c' else 'list_of_bools')}(view, {count}, {at})"
+            return f"{self.array_function('list_of_bytes' if code == 'c' else 'list_of_bools')}(view, {count}, {at})"
         if not is_array:
-            return f"{self.own('array_of_' + NUMPY_FIXED[code].removeprefix('fixed_'))}(view, {count}, {at})"
+            return f"{self.array_function('array_of_' + NUMPY_FIXED[code].removeprefix('fixed_'))}(view, {count}, {at})"
         end = plus(at, calcsize(f"<{code}") * int(count))
         return f"{self.support('ndarray')}({count}, {self.support(NUMPY_DTYPE[code])}, bytearray(view[{at}:{end}]))"

@@ -1,4 +1,4 @@
-"""From checked definitions to Python source: layout -> plan -> view -> templates."""
+"""From checked definitions to Python source: layout plan, encoder and decoder, template."""
 
 from __future__ import annotations
 
@@ -6,16 +6,9 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.generated_files import GENERATED_HEADER
 from rosidl_py_gen.compiler.codegen.layout_planner import LayoutPlanner
-from rosidl_py_gen.compiler.codegen.render import render_alias, render_kind, render_module, render_package
-from rosidl_py_gen.compiler.codegen.template_model import (
-    Target,
-    alias_view,
-    exported_names,
-    kind_view,
-    module_name,
-    module_path,
-    module_view,
-)
+from rosidl_py_gen.compiler.codegen.naming import sort_key
+from rosidl_py_gen.compiler.codegen.render import render
+from rosidl_py_gen.compiler.codegen.template_model import Target, exported_names, module_name, module_view
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -24,52 +17,51 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
 
 
-def module_source(library: InterfaceRegistry, name: RosName, layouts: LayoutPlanner, target: Target) -> str:
-    """The source of one interface's module. The interface and everything it refers to must exist and be right."""
-    interface = library.interface(name)
+def module_source(registry: InterfaceRegistry, name: RosName, planner: LayoutPlanner, target: Target) -> str:
+    """Return the source of an interface's module; the interface and all types that it refers to must be valid."""
+    interface = registry.interface(name)
     assert interface is not None, name
     origin = target.known(str(name))
-    if origin is not None:
-        return render_alias(alias_view(interface, origin))
-    return render_module(module_view(interface, layouts, target))
+    if origin is None:
+        return render("module.py.jinja", module=module_view(interface, planner, target))
+    names = sorted(exported_names(interface), key=sort_key)
+    return render("alias.py.jinja", ros_name=str(name), origin=origin, names=names)
 
 
 def package_sources(
-    library: InterfaceRegistry,
+    registry: InterfaceRegistry,
     names: Iterable[RosName],
     target: Target,
     progress: Callable[[RosName], object] = lambda name: None,
 ) -> dict[str, str]:
-    """Every file of the packages the names belong to: relative path -> text, in path order.
+    """Return the files of the packages of some interfaces: relative path -> text, in path order.
 
     Args:
-        library: knows all names and everything they refer to.
-        names: the interfaces to print.
-        target: import prefix and known classes.
+        registry: contains the interfaces and all types that they refer to.
+        names: the interfaces.
+        target: import prefix and existing classes.
         progress: called before each module.
     """
-    layouts = LayoutPlanner(library.message)
+    planner = LayoutPlanner(registry.message)
     files: dict[str, str] = {}
-    kinds: dict[tuple[str, str], list[tuple[RosName, tuple[str, ...]]]] = {}
+    exports: dict[tuple[str, str], list[tuple[str, str]]] = {}
     for name in names:
         progress(name)
-        files[f"{name.package}/{name.kind}/{module_name(name.name)}.py"] = module_source(library, name, layouts, target)
-        interface = library.interface(name)
+        module = module_name(name.name)
+        files[f"{name.package}/{name.kind}/{module}.py"] = module_source(registry, name, planner, target)
+        interface = registry.interface(name)
         assert interface is not None
-        kinds.setdefault((name.package, name.kind), []).append((name, exported_names(interface)))
-    for (package, kind), interfaces in kinds.items():
-        files[f"{package}/{kind}/__init__.py"] = render_kind(kind_view(target.root, package, kind, interfaces))
-        files[f"{package}/__init__.py"] = render_package(package)
+        classes = exports.setdefault((name.package, name.kind), [])
+        classes += [(cls, module) for cls in exported_names(interface)]
+    for (package, kind), classes in exports.items():
+        files[f"{package}/{kind}/__init__.py"] = render(
+            "kind_init.py.jinja",
+            root=target.root,
+            package=package,
+            kind=kind,
+            exports=sorted(classes, key=lambda row: (sort_key(row[1]), sort_key(row[0]))),
+            names=sorted((cls for cls, _ in classes), key=sort_key),
+        )
+        files[f"{package}/__init__.py"] = render("package_init.py.jinja", package=package)
         files[f"{package}/py.typed"] = f"{GENERATED_HEADER}: the package is typed (PEP 561). Do not edit.\n"
     return dict(sorted(files.items()))
-
-
-__all__ = [
-    "GENERATED_HEADER",
-    "LayoutPlanner",
-    "Target",
-    "module_name",
-    "module_path",
-    "module_source",
-    "package_sources",
-]

@@ -1,7 +1,7 @@
-"""Names inside a generated module: what is imported from where, and what locals are called.
+"""Names inside a generated module: imports and local variables.
 
-Fields, constants and classes keep their own names whatever they are; everything else steps aside with a leading
-underscore (imports) or a trailing one (locals). So a field may be called `np`, `int`, `field` or `classmethod`.
+Fields, constants and classes have the names of the definition. In a conflict, an import gets a leading underscore and a
+local variable a trailing one, so a field may be called `np`, `int`, `field` or `classmethod`.
 """
 
 from __future__ import annotations
@@ -11,40 +11,25 @@ import keyword
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from itertools import count
 
 from rosidl_py_gen.cdr import support
 from rosidl_py_gen.cdr.rclpy_messages import arrays as rclpy_arrays
 
-# Names a method body uses as globals or has as parameters and fixed locals; other locals must never hide them.
 _METHOD_NAMES = {
-    *(
-        "append",
-        "arrays",
-        "cls",
-        "copy",
-        "data",
-        "dataclass",
-        "end",
-        "field",
-        "error",
-        "head",
-        "message",
-        "np",
-        "parts",
-        "pos",
-        "raw",
-        "self",
-        "view",
-    ),
-    *("decode_slow", "encode_slow"),
+    *("append", "arrays", "cls", "copy", "data", "dataclass", "end", "error", "field", "head", "message", "np"),
+    *("parts", "pos", "raw", "self", "view", "decode_slow", "encode_slow"),
     *(name for name in vars(support) if not name.startswith("_")),
     *(name for name in vars(rclpy_arrays) if "_" in name.strip("_")),
 }
+"""Globals, parameters and fixed variables of method bodies, which other local variables must not hide."""
+_MAX_LOCAL_NAME = 28
+"""Maximum characters of a local name; longer names only make longer lines."""
 
 
 @dataclass(slots=True)
 class Imports:
-    """The import lines of a module, and what each imported name is called there.
+    """The imports of a module, with the alias of each name.
 
     Attributes:
         classes: names of the module's own classes.
@@ -58,13 +43,13 @@ class Imports:
     _aliases: set[str] = field(default_factory=set)
 
     def use(self, module: str, name: str, *, for_typing: bool = False, in_class: bool = True) -> str:
-        """Import a name and return what it is called here.
+        """Import a name and return its alias.
 
         Args:
-            module: where it is defined.
+            module: the module that defines the name.
             name: empty for the module itself.
-            for_typing: only type checkers need it.
-            in_class: it is mentioned in a class body, not only inside methods.
+            for_typing: only type checkers need the name.
+            in_class: a class body mentions the name, not only methods.
         """
         for table in (self.runtime, self.typing):
             known = table.get(module, {}).get(name)
@@ -77,11 +62,11 @@ class Imports:
         return alias
 
     def use_numpy(self) -> str:
-        """``import numpy as np``; returns the short name."""
+        """Import numpy and return its alias."""
         return self.use("numpy", "")
 
     def builtin(self, name: str) -> str:
-        """A builtin by its own name, or through an alias when a field has that name."""
+        """Return the name of a builtin, or of an alias if a field or class has that name."""
         return name if name not in self.members and name not in self.classes else self.use("builtins", name)
 
     @staticmethod
@@ -90,13 +75,10 @@ class Imports:
         yield name
         yield "_" + name
         yield "_" + module.replace(".", "_").strip("_") + "_" + name
-        number = 2
-        while True:
-            yield f"_{name}_{number}"
-            number += 1
+        yield from (f"_{name}_{number}" for number in count(2))
 
     def lines(self, *, for_typing: bool = False) -> list[str]:
-        """Return the import statements, sorted; the module tells formatters and isort to leave them as they are."""
+        """Return the sorted import statements."""
         result = []
         for module, names in sorted((self.typing if for_typing else self.runtime).items()):
             if "" in names:
@@ -115,20 +97,16 @@ def sort_key(word: str) -> tuple[int, list[tuple[int, str]], str]:
     return rank, pieces, name
 
 
-_LONGEST = 28  # of a local name; longer ones only make longer lines
-
-
 class Locals:
     """Local variable names of one method."""
 
     def __init__(self) -> None:
         self._used = set(_METHOD_NAMES)
-        self._numbers: dict[str, int] = {}
-        """Where to go on with names that many fields want: those cut off are often the same."""
+        self._numbers: dict[str, int] = {}  # the next number of each name: names that are cut are often the same
 
     def name(self, wanted: str) -> str:
-        """`wanted` if it is free, else with an underscore or a number behind."""
-        wanted = wanted[:_LONGEST].rstrip("_") or "value"
+        """Return the name `wanted` if it is free, else with an underscore or a number added."""
+        wanted = wanted[:_MAX_LOCAL_NAME].rstrip("_") or "value"
         candidate = wanted
         number = self._numbers.get(wanted, 2)
         while candidate in self._used or keyword.iskeyword(candidate) or hasattr(builtins, candidate):
@@ -140,5 +118,5 @@ class Locals:
 
 
 def singular(name: str) -> str:
-    """What one element of a field is called: poses -> pose, data -> data_item."""
+    """Return the name of an element of a field: poses -> pose, data -> data_item."""
     return name[:-1] if len(name) > 2 and name.endswith("s") and not name.endswith("ss") else name + "_item"

@@ -1,8 +1,7 @@
-"""Put generated files into a folder, and nothing else.
+"""The output folder of the generator.
 
-A file is ours when its first line carries the mark. Only changed files are written, each through a temporary file
-beside it, so an interrupted run leaves whole files. Files of ours whose definition vanished are removed. Anything else
-is never touched.
+Only changed files are written, each through a temporary file, so an interrupted run leaves complete files. Generated
+files without a definition are removed. Files without the header of generated files are never changed.
 """
 
 from __future__ import annotations
@@ -20,29 +19,31 @@ from rosidl_py_gen.errors import OutputError
 
 @dataclass(frozen=True, slots=True)
 class Changes:
-    """What a run changes, as paths relative to the output folder, in order."""
+    """Changes of a run, as sorted paths relative to the output folder."""
 
     written: tuple[str, ...]
     removed: tuple[str, ...]
     unchanged: int
 
 
-def plan_changes(folder: Path, files: dict[str, str], vanished: list[str]) -> Changes:
-    """Compare a folder with what it should hold.
+def plan_changes(folder: Path, files: dict[str, str], removed: list[str]) -> Changes:
+    """Compare a folder with its intended files.
 
     Args:
-        folder: may not exist yet.
+        folder: does not have to exist.
         files: relative path -> text.
-        vanished: relative paths of files of ours that no definition stands for any more.
+        removed: relative paths of generated files without a definition.
 
     Raises:
-        OutputError: a target exists that this tool did not write; lists all of them.
+        OutputError: files exist that this tool did not write; the text lists all of them.
     """
     written: list[str] = []
     foreign: list[str] = []
     for name, text in files.items():
         target = folder / name
-        blocker = next((one for one in _parents(folder, name) if os.path.lexists(one) and not os.path.isdir(one)), None)
+        parents = [*reversed(Path(name).parents)]  # of "a/b/c": ".", "a", "a/b"
+        blockers = (path for path in map(folder.joinpath, parents) if os.path.lexists(path) and not path.is_dir())
+        blocker = next(blockers, None)
         if blocker is not None:
             foreign.append(f"{blocker} is a file; expected a folder")
         elif not os.path.lexists(target):
@@ -55,19 +56,14 @@ def plan_changes(folder: Path, files: dict[str, str], vanished: list[str]) -> Ch
         raise OutputError(
             "\n".join([*dict.fromkeys(foreign), "Choose another folder with --out, or move these files away."])
         )
-    return Changes(tuple(written), tuple(vanished), len(files) - len(written))
-
-
-def _parents(folder: Path, name: str) -> list[Path]:
-    parts = name.split("/")[:-1]
-    return [folder, *(folder.joinpath(*parts[: count + 1]) for count in range(len(parts)))]
+    return Changes(tuple(written), tuple(removed), len(files) - len(written))
 
 
 def apply_changes(folder: Path, files: dict[str, str], changes: Changes) -> None:
-    """Carry out what `plan_changes` found.
+    """Write and remove the files of `plan_changes`.
 
     Raises:
-        OutputError: the folder cannot be written to.
+        OutputError: the folder cannot be written.
     """
     try:
         for name in changes.written:
@@ -75,7 +71,7 @@ def apply_changes(folder: Path, files: dict[str, str], changes: Changes) -> None
         for name in changes.removed:
             path = folder / name
             path.unlink(missing_ok=True)
-            with contextlib.suppress(OSError):  # not empty, or holds files of others
+            with contextlib.suppress(OSError):  # not empty
                 path.parent.rmdir()
     except OSError as error:
         raise OutputError(f"cannot write {error.filename or folder}: {error.strerror or error}") from error
@@ -87,7 +83,9 @@ def _write(path: Path, text: str) -> None:
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(text.encode())
-        os.chmod(temporary, 0o666 & ~_umask())
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(temporary, 0o666 & ~umask)
         os.replace(temporary, path)
     except BaseException:
         with contextlib.suppress(OSError):
@@ -95,14 +93,8 @@ def _write(path: Path, text: str) -> None:
         raise
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
 def generated_files_below(folder: Path, packages: Iterable[str]) -> list[str]:
-    """Relative paths of the files of ours in the given packages, innermost first.
+    """Return the relative paths of the generated files in some packages, innermost first.
 
     Raises:
         OutputError: a folder cannot be read.
@@ -110,22 +102,17 @@ def generated_files_below(folder: Path, packages: Iterable[str]) -> list[str]:
     found: list[str] = []
     try:
         for package in packages:
-            for part in (f"{package}/msg", f"{package}/srv", f"{package}/action", package):
-                below = folder / part
-                if os.path.isdir(below):
-                    names = sorted(os.listdir(below))
-                    found += [f"{part}/{name}" for name in names if _is_source(name) and is_generated(below / name)]
+            for place in (f"{package}/msg", f"{package}/srv", f"{package}/action", package):
+                if os.path.isdir(folder / place):
+                    names = (name for name in sorted(os.listdir(folder / place)) if name.endswith((".py", "py.typed")))
+                    found += [f"{place}/{name}" for name in names if is_generated(folder / place / name)]
     except OSError as error:
         raise OutputError(f"cannot read {error.filename or folder}: {error.strerror or error}") from error
     return found
 
 
 def generated_packages(folder: Path) -> list[str]:
-    """Packages in a folder whose ``__init__`` is ours."""
+    """Return the packages in a folder whose ``__init__.py`` is generated."""
     if not os.path.isdir(folder):
         return []
     return [name for name in sorted(os.listdir(folder)) if is_generated(folder / name / "__init__.py")]
-
-
-def _is_source(name: str) -> bool:
-    return name.endswith(".py") or name == "py.typed"

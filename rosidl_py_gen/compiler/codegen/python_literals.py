@@ -1,7 +1,7 @@
 """Python source text for values, docstrings and comments that come from interface files.
 
-Definition files are untrusted: everything of theirs that reaches generated code passes through here, and comes out as a
-literal of a plain type or as text inside a docstring. The spelling is the one `ruff format` leaves alone.
+Definition files are untrusted: all of their text that reaches generated code passes through this module and becomes a
+literal of a plain type or text inside a docstring. `ruff format` does not change the spelling.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ _SHORT = {"\\": "\\\\", "\n": "\\n", "\r": "\\r", "\t": "\\t"}
 
 
 def py_literal(value: bool | int | float | str) -> str:
-    """A scalar as a Python expression of its own type."""
+    """Return the Python expression of a scalar, of the same type."""
     if isinstance(value, str):
         return py_string(value)
     if isinstance(value, float):
@@ -28,7 +28,7 @@ def py_literal(value: bool | int | float | str) -> str:
 
 
 def py_string(text: str) -> str:
-    """A string literal; double quotes unless that needs more escapes, everything unprintable escaped."""
+    """Return a string literal; in double quotes unless that needs more escapes, with unprintable characters escaped."""
     quote = "'" if text.count('"') > text.count("'") else '"'
     if text.isascii() and text.isprintable():
         return quote + text.replace("\\", "\\\\").replace(quote, "\\" + quote) + quote
@@ -47,7 +47,7 @@ def _character(char: str, quote: str) -> str:
 
 
 def docstring(lines: Iterable[str], indent: str) -> str:
-    """A docstring of the given lines, quotes included, indented for a body at `indent` (first line not indented)."""
+    """Return a docstring with its quotes; all lines but the first are indented by `indent`."""
     safe = [_doc_line(line) for line in lines]
     while safe and not safe[0]:
         safe.pop(0)
@@ -56,7 +56,7 @@ def docstring(lines: Iterable[str], indent: str) -> str:
     if not safe:
         return '""""""'
     safe[0] = safe[0].lstrip()
-    if safe[0].startswith('"'):  # what formatters do with four quotes in a row
+    if safe[0].startswith('"'):  # as formatters do for four quotes in a row
         safe[0] = " " + safe[0]
     if len(safe) == 1:
         open_quote = safe[0].endswith('"') and not safe[0].endswith('\\"\\"\\"')  # the second is escaped
@@ -68,12 +68,12 @@ def docstring(lines: Iterable[str], indent: str) -> str:
 
 
 def visible(lines: tuple[str, ...]) -> tuple[str, ...]:
-    """The lines, or none when a docstring of them would be empty."""
+    """Return the lines, or none if a docstring of them would be empty."""
     return lines if any(_doc_line(line) for line in lines) else ()
 
 
 def _doc_line(line: str) -> str:
-    """One line that cannot end the docstring, start an escape, or hide characters."""
+    """Return a line that cannot end the docstring, start an escape, or hide characters."""
     line = line.expandtabs(4).rstrip().replace("\\", "\\\\").replace('"""', '\\"\\"\\"')
     if not line.isprintable():
         line = "".join(char if char.isprintable() else " " for char in line).rstrip()

@@ -1,4 +1,4 @@
-"""What fields and constants look like in a generated class: annotation, default, docstring lines."""
+"""Fields and constants in a generated class: annotation, default value, docstring lines."""
 
 from __future__ import annotations
 
@@ -20,12 +20,13 @@ _ZERO = {"bool": "False", "int": "0", "float": "0.0"}
 
 
 class FieldView(NamedTuple):
-    """One field as the template prints it.
+    """A field for the template.
 
     Attributes:
-        annotation: what the attribute is.
-        accepted: what the constructor takes; wider for numbers, since encoding takes any sequence of them, and for
-            messages of fixed size, for which a structured array may stand.
+        annotation: type of the attribute.
+        accepted: type of the constructor's parameter: any sequence for numbers, also a structured array for messages of
+            fixed size.
+        ignore: a comment for type checkers.
     """
 
     name: str
@@ -37,7 +38,7 @@ class FieldView(NamedTuple):
 
 
 class ConstantView(NamedTuple):
-    """One constant as the template prints it."""
+    """A constant for the template."""
 
     name: str
     annotation: str
@@ -52,12 +53,12 @@ def field_view(
     """Return the view of a field.
 
     Args:
-        classes: full names of nested messages, and what they are called in the module.
+        classes: full name of each nested message -> its name in the module.
         is_table: only type checkers see the field.
     """
     kind = item.type
     name = py_name(item.name)
-    # A field may have the name of a method of the base class; the method then gives way.
+    # A field may have the name of a method of the base class, and then hides the method.
     ignore = "  # type: ignore[assignment]" if name in ("encode", "decode") else ""
     annotation = _annotation(kind, imports, classes)
     accepted = annotation
@@ -71,7 +72,7 @@ def field_view(
 
 
 def constant_view(item: ConstantDef, imports: Imports, rclpy: bool = False) -> ConstantView:
-    """`rclpy`: a byte is bytes of length 1."""
+    """Return the view of a constant; with `rclpy`, a byte is bytes of length 1."""
     primitive = item.type.primitive
     is_bytes = rclpy and item.type.base == "byte"
     python = imports.builtin("bytes" if is_bytes else primitive.python if primitive else "str")
@@ -86,15 +87,14 @@ def _byte(value: object) -> str:
 
 
 def rclpy_defaults(fields: tuple[FieldDef, ...]) -> str:
-    """What definitions say that fields begin with: items of a dictionary by ROS name, lists for arrays."""
+    """Return the default values as items of a dictionary by ROS name, with lists for arrays."""
     items = []
     for item in fields:
-        if item.default is not None:
-            spell = _byte if item.type.base == "byte" else py_literal
-            is_many = isinstance(item.default, tuple)
-            values = item.default if isinstance(item.default, tuple) else (item.default,)
-            spelled = ", ".join(spell(value) for value in values)
-            items.append(f'"{item.name}": {f"[{spelled}]" if is_many else spelled}')
+        spell = _byte if item.type.base == "byte" else py_literal
+        if isinstance(item.default, tuple):
+            items.append(f'"{item.name}": [{", ".join(map(spell, item.default))}]')
+        elif item.default is not None:
+            items.append(f'"{item.name}": {spell(item.default)}')
     return ", ".join(items)
 
 
@@ -136,7 +136,7 @@ def _default(item: FieldDef, imports: Imports, classes: dict[str, str]) -> str:
         return _factory(imports, imports.builtin("list"))
     if kind.is_string:
         return _factory(imports, f'lambda: [""] * {kind.capacity}')
-    # The lambda's body sees module names, never the class's fields.
+    # The body of the lambda sees names of the module, not fields of the class.
     return _factory(imports, f"lambda: [{classes[kind.base]}() for _ in range({kind.capacity})]")
 
 
@@ -155,5 +155,5 @@ def _array(item: FieldDef, imports: Imports) -> str:
 
 
 def defaults_text(fields: tuple[FieldDef, ...]) -> list[tuple[str, str]]:
-    """Explicit defaults as a type description spells them (docs/internals/protocol.md 3.4)."""
+    """Return the explicit defaults as in a type description (docs/internals/protocol.md 3.4)."""
     return [(item.name, default_text(item.default)) for item in fields if item.default is not None]

@@ -1,7 +1,7 @@
-"""Fill the templates. The only file that imports jinja2, and only when there is something to print: that takes 30 ms.
+"""Rendering of the jinja2 templates.
 
-A wheel holds the templates as jinja2 compiled them (`hatch_build.py`) and their texts, for a jinja2 that cannot use
-those; a checkout holds the texts.
+A wheel has the templates as jinja2 compiled them (`hatch_build.py`) and their texts, in case the installed jinja2
+cannot use the compiled ones; a checkout has the texts.
 """
 
 from __future__ import annotations
@@ -15,11 +15,9 @@ from rosidl_py_gen.compiler.codegen.python_literals import docstring, py_string
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-    from rosidl_py_gen.compiler.codegen.template_model import AliasView, KindView, ModuleView
-
 
 def environment_of_texts() -> Environment:
-    """What templates may call, and their texts."""
+    """Return a jinja2 environment with the texts of the templates and their filters."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
 
     environment = Environment(
@@ -44,7 +42,7 @@ def _indented(text: str, indent: int = 0) -> str:
 
 @lru_cache(maxsize=1)
 def _environment() -> Environment:
-    from jinja2 import ChoiceLoader, ModuleLoader
+    from jinja2 import ChoiceLoader, ModuleLoader  # takes 30 ms to import
 
     environment = environment_of_texts()
     assert environment.loader is not None
@@ -53,30 +51,11 @@ def _environment() -> Environment:
     return environment
 
 
-def load() -> None:
-    """Import jinja2 and read the template of modules, which the first page else waits for."""
+def preload() -> None:
+    """Import jinja2 and load the template of modules, to save time when the first module is rendered."""
     _environment().get_template("module.py.jinja")
 
 
-def _render(template: str, **values: object) -> str:
+def render(template: str, **values: object) -> str:
+    """Return the text of a template for some values."""
     return _environment().get_template(template).render(values)
-
-
-def render_module(view: ModuleView) -> str:
-    """The source of an interface's module."""
-    return _render("module.py.jinja", module=view)
-
-
-def render_alias(view: AliasView) -> str:
-    """The source of a module that hands on another one's classes."""
-    return _render("alias.py.jinja", alias=view)
-
-
-def render_kind(view: KindView) -> str:
-    """The ``__init__`` of a package's msg, srv or action folder."""
-    return _render("kind_init.py.jinja", kind=view)
-
-
-def render_package(name: str) -> str:
-    """The ``__init__`` of a package."""
-    return _render("package_init.py.jinja", package=name)

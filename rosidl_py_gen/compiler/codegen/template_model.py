@@ -1,4 +1,4 @@
-"""Everything the templates print, as values: one `ModuleView` per interface, one `PackageView` per package folder."""
+"""Contents of a generated module as values for the template."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from rosidl_py_gen.base.names import RosName, py_name, snake_case
 from rosidl_py_gen.compiler.codegen.decode import DecoderView, decoder_view
 from rosidl_py_gen.compiler.codegen.encode import EncoderView, encoder_view
-from rosidl_py_gen.compiler.codegen.message_api import Flavour, RclpyFlavour
+from rosidl_py_gen.compiler.codegen.message_api import MessageApi, RclpyMessageApi
 from rosidl_py_gen.compiler.codegen.naming import Imports, sort_key
 from rosidl_py_gen.compiler.codegen.python_literals import py_string, visible
 from rosidl_py_gen.compiler.codegen.pytypes import (
@@ -30,22 +30,22 @@ if TYPE_CHECKING:
 _CDR = "rosidl_py_gen.cdr"
 _RCLPY = "rosidl_py_gen.cdr.rclpy_messages.message"
 _WIDE = "rosidl_py_gen.cdr.wide"
-_OF_ALL_ACTIONS = (
+_COMMON_ACTION_TYPES = (
     ("CancelGoalService", "action_msgs/srv/CancelGoal"),
     ("GoalStatusMessage", "action_msgs/msg/GoalStatusArray"),
 )
-_MAX_PRINTED = 1000
-"""Fields, constants and values of default arrays up to which each is printed; beyond, they come from a table."""
+_MAX_EMITTED = 1000
+"""Maximum fields, constants and values of default arrays that are emitted; with more, they come from a table."""
 
 
 class Target(NamedTuple):
-    """Where generated modules live and which classes exist already.
+    """Import paths of generated modules, and the classes that exist already.
 
     Attributes:
         root: prefix of the generated packages' import paths; empty, or ending in a dot.
-        known: full message name -> module that already defines a class for it; that class is used instead of a twin.
-        hashes: full name -> RIHS01.
-        is_typed: type checkers may read the modules; False where they exist in memory only.
+        known: returns the module that already defines the class of a message, by full name; else None.
+        hashes: returns the RIHS01 hash of a type, by full name.
+        is_typed: type checkers read the modules; False if they exist only in memory.
     """
 
     root: str
@@ -54,27 +54,29 @@ class Target(NamedTuple):
     is_typed: bool = True
 
     def module(self, full_name: str) -> str:
-        """The module that defines the class of a message (its interface's module)."""
+        """Return the module that defines the class of a message."""
         return self.known(full_name) or self.root + module_path(full_name)
 
 
 def module_path(full_name: str) -> str:
-    """``std_msgs/msg/Header`` -> ``std_msgs.msg._header``; derived names lead to their interface."""
+    """Return the module of an interface: ``std_msgs/msg/Header`` -> ``std_msgs.msg._header``."""
     package, kind, name = full_name.split("/")
     return f"{package}.{kind}.{module_name(name)}"
 
 
 def module_name(interface: str) -> str:
-    """The file stem for an interface; a leading underscore, because users import the class from the package."""
+    """Return the file stem of an interface's module; private, because users import the class from the package."""
     return "_" + snake_case(interface)
 
 
 class MessageView(NamedTuple):
-    """One message class; `slots` and `defaults` are those of rclpy's flavour.
+    """A message class.
 
     Attributes:
-        encoder, decoder: None in a class that walks its fields.
-        name: what things are called in the class; `members`: the decorator that makes fields and constants of a table.
+        encoder, decoder: None in a wide class, which has no code of its own.
+        name: names in the class of what the template mentions; `members` is the decorator that makes fields and
+            constants of a table, or empty.
+        slots, defaults: only for rclpy's API.
     """
 
     cls: str
@@ -93,7 +95,7 @@ class MessageView(NamedTuple):
 
 
 class GroupView(NamedTuple):
-    """A service or action class: no instances, only its parts as attributes; `impl`: of `Impl`, in rclpy's flavour."""
+    """A service or action class with its message classes as attributes; `impl`: those of `Impl` in rclpy's API."""
 
     cls: str
     base: str
@@ -119,16 +121,8 @@ class ModuleView(NamedTuple):
     exports: tuple[str, ...]
 
 
-class AliasView(NamedTuple):
-    """A module that hands on the classes of another one."""
-
-    ros_name: str
-    origin: str
-    names: tuple[str, ...]
-
-
 def exported_names(interface: Interface) -> tuple[str, ...]:
-    """The public classes of an interface's module, as Python spells them."""
+    """Return the Python names of the public classes of an interface's module."""
     names = [message.name.name for message in messages_of(interface)]
     match interface:
         case ServiceDef():
@@ -138,29 +132,23 @@ def exported_names(interface: Interface) -> tuple[str, ...]:
     return tuple(py_name(name) for name in names)
 
 
-def alias_view(interface: Interface, origin: str) -> AliasView:
-    return AliasView(str(interface.name), origin, tuple(sorted(exported_names(interface), key=sort_key)))
-
-
-def module_view(interface: Interface, layouts: LayoutPlanner, target: Target) -> ModuleView:
-    """The module of one interface."""
+def module_view(interface: Interface, planner: LayoutPlanner, target: Target) -> ModuleView:
+    """Return the view of an interface's module."""
     messages = messages_of(interface)
     own = {str(message.name): py_name(message.name.name) for message in messages}
-    members: set[str] = set()
-    for message in messages:
-        members.update(py_name(item.name) for item in message.fields)
-        members.update(py_name(item.name) for item in message.constants)
-    imports = Imports(frozenset(exported_names(interface)), frozenset(members))
-    structs = Structs.new()
+    fields = {py_name(item.name) for message in messages for item in message.fields}
+    constants = {py_name(item.name) for message in messages for item in message.constants}
+    imports = Imports(frozenset(exported_names(interface)), frozenset(fields | constants))
+    structs = Structs()
     classes = dict(own)
-    for base in sorted(_nested(messages, layouts)):
+    for base in sorted(_nested(messages, planner)):
         if base not in classes:
             classes[base] = imports.use(target.module(base), py_name(base.split("/")[2]))
-    views = tuple(_message(message, layouts, target, imports, structs, classes) for message in messages)
+    views = tuple(_message(message, planner, target, imports, structs, classes) for message in messages)
     groups = tuple(_groups(interface, imports, target))
-    if layouts.rclpy:
+    if planner.rclpy:
         groups = tuple(_rclpy_group(group, imports, target) for group in groups)
-    functions = _struct_functions(structs, imports)
+    functions = _struct_functions(structs, imports)  # may add imports
     return ModuleView(
         str(interface.name),
         imports.use("typing", "TYPE_CHECKING"),
@@ -173,22 +161,22 @@ def module_view(interface: Interface, layouts: LayoutPlanner, target: Target) ->
     )
 
 
-def _nested(messages: Iterable[MessageDef], layouts: LayoutPlanner) -> set[str]:
-    """Every message class the module's code mentions: direct fields, and what is written in line behind them."""
+def _nested(messages: Iterable[MessageDef], planner: LayoutPlanner) -> set[str]:
+    """Return the message types that the module's code mentions: of its fields, and of messages emitted inline."""
     found = {item.type.base for message in messages for item in message.fields if item.type.is_message}
     in_line: set[str] = set()
-    pending = [str(message.name) for message in messages if not layouts.is_wide(str(message.name))]
+    pending = [str(message.name) for message in messages if not planner.is_wide(str(message.name))]
     while pending:
-        below = {item.type.base for item in layouts.message(pending.pop()).fields if item.type.is_message}
+        below = {item.type.base for item in planner.message(pending.pop()).fields if item.type.is_message}
         found |= below
-        pending += (base for base in below - in_line if not layouts.is_outlined(base))
+        pending += (base for base in below - in_line if not planner.is_outlined(base))
         in_line |= below
     return found
 
 
 def _message(
     message: MessageDef,
-    layouts: LayoutPlanner,
+    planner: LayoutPlanner,
     target: Target,
     imports: Imports,
     structs: Structs,
@@ -196,24 +184,24 @@ def _message(
 ) -> MessageView:
     full_name = str(message.name)
     is_table = _is_table(message)
-    name = _class_scope_names(imports, message, layouts)
+    name = _class_scope_names(imports, message, planner)
     fields: tuple[FieldView, ...] = ()
     constants: tuple[ConstantView, ...] = ()
     if target.is_typed or not is_table:
-        if not layouts.rclpy:
+        if not planner.rclpy:
             fields = tuple(
-                field_view(item, imports, classes, layouts.is_fixed, is_table=is_table) for item in message.fields
+                field_view(item, imports, classes, planner.is_fixed, is_table=is_table) for item in message.fields
             )
-        constants = tuple(constant_view(item, imports, layouts.rclpy) for item in message.constants)
-    flavour = (RclpyFlavour if layouts.rclpy else Flavour)(imports)
+        constants = tuple(constant_view(item, imports, planner.rclpy) for item in message.constants)
+    api = (RclpyMessageApi if planner.rclpy else MessageApi)(imports)
     encoder = decoder = None
-    if not layouts.is_wide(full_name):
-        plan = layouts.plan(full_name)
-        encoder = encoder_view(plan, flavour, structs, classes)
-        decoder = decoder_view(plan, flavour, structs, classes)
+    if not planner.is_wide(full_name):
+        plan = planner.plan(full_name)
+        encoder = encoder_view(plan, api, structs, classes)
+        decoder = decoder_view(plan, api, structs, classes)
         imports.use(SUPPORT, "viewable" if decoder.bulk else "readable", in_class=False)
         imports.use(SUPPORT, "new", in_class=False)
-    slots = tuple(flavour.attribute(py_name(item.name)) for item in message.fields) if layouts.rclpy else None
+    slots = tuple(api.attribute(py_name(item.name)) for item in message.fields) if planner.rclpy else None
     return MessageView(
         classes[full_name],
         full_name,
@@ -224,20 +212,20 @@ def _message(
         (_wide_info if is_table else _type_info)(message, imports, target.hashes(full_name), classes),
         encoder,
         decoder,
-        layouts.is_outlined(full_name),
+        planner.is_outlined(full_name),
         name,
         slots,
-        rclpy_defaults(message.fields) if layouts.rclpy and not is_table else "",
+        rclpy_defaults(message.fields) if planner.rclpy and not is_table else "",
     )
 
 
 def _is_table(message: MessageDef) -> bool:
     values = sum(len(item.default) for item in message.fields if isinstance(item.default, tuple))
-    return len(message.fields) + len(message.constants) + values > _MAX_PRINTED
+    return len(message.fields) + len(message.constants) + values > _MAX_EMITTED
 
 
 def _constructor(fields: tuple[FieldView, ...]) -> tuple[str, ...]:
-    """The parameters of ``__init__`` as type checkers shall see it; empty when the dataclass's own says the same."""
+    """Return the parameters of ``__init__`` for type checkers; empty if the dataclass's own are the same."""
     if all(item.accepted == item.annotation for item in fields):
         return ()
     this = "self" if all(item.name != "self" for item in fields) else "__self"
@@ -254,7 +242,7 @@ def _type_info(message: MessageDef, imports: Imports, digest: str, classes: dict
 
 
 def _wide_info(message: MessageDef, imports: Imports, digest: str, classes: dict[str, str]) -> str:
-    """The same with all fields and constants in one literal."""
+    """Return the type information with all fields and constants in one literal."""
     nested = {item.type.base: classes[item.type.base] for item in message.fields if item.type.is_message}
     numbers = {base: str(number) for number, base in enumerate(nested)}
     fields: list[tuple[object, ...]] = []
@@ -275,13 +263,13 @@ def _table_row(name: str, kind: str, cls: str | None) -> str:
     return f'("{name}", "{array}", {cls})' if array else f'("{name}", {cls})'
 
 
-def _class_scope_names(imports: Imports, message: MessageDef, layouts: LayoutPlanner) -> dict[str, str]:
-    """What the template itself mentions inside a class, as it is called there."""
-    is_wide, heavy = (is_of(str(message.name)) for is_of in (layouts.is_wide, layouts.is_outlined))
+def _class_scope_names(imports: Imports, message: MessageDef, planner: LayoutPlanner) -> dict[str, str]:
+    """Import what the template mentions inside a class, and return the names in the class."""
+    is_wide, is_outlined = planner.is_wide(str(message.name)), planner.is_outlined(str(message.name))
     names = {word: imports.use("typing", word) for word in ("ClassVar", "TYPE_CHECKING")}
     names["TypeInfo"] = imports.use(_CDR, "TypeInfo")
     names["bases"] = imports.use(_WIDE, "WideMessage") if is_wide else ""
-    if layouts.rclpy:
+    if planner.rclpy:
         names["metaclass"] = imports.use(_RCLPY, "metaclass")
         names["bases"] += ", " * is_wide + imports.use(_RCLPY, "RclpyMessage")
     else:
@@ -289,15 +277,15 @@ def _class_scope_names(imports: Imports, message: MessageDef, layouts: LayoutPla
     names["members"] = ""
     if _is_table(message):
         names["Any"] = imports.use("typing", "Any", for_typing=True)
-        wide = (_RCLPY, "wide_rclpy_message") if layouts.rclpy else (_WIDE, "wide_message")
+        wide = (_RCLPY, "wide_rclpy_message") if planner.rclpy else (_WIDE, "wide_message")
         names["members"] = imports.use(*wide)
-    elif not layouts.rclpy:
+    elif not planner.rclpy:
         names["dataclass"] = imports.use("dataclasses", "dataclass")
     if is_wide:
         return names
-    builtins = ("bool", "bytes", "classmethod") + (("int", "memoryview", "tuple", "bytearray") if heavy else ())
+    builtins = ("bool", "bytes", "classmethod") + (("int", "memoryview", "tuple", "bytearray") if is_outlined else ())
     names |= {word: imports.builtin(word) for word in builtins}
-    if heavy:
+    if is_outlined:
         names["Append"] = imports.use(SUPPORT, "Append", for_typing=True)
     names["FastPathError"] = imports.use(SUPPORT, "FastPathError", in_class=False)
     for word in ("decode_slow", "encode_slow"):
@@ -308,15 +296,14 @@ def _class_scope_names(imports: Imports, message: MessageDef, layouts: LayoutPla
 
 
 def _struct_functions(structs: Structs, imports: Imports) -> tuple[tuple[str, str], ...]:
-    result: list[tuple[str, str]] = []
+    functions: list[tuple[str, str]] = []
     for name, role, code, align, nul in structs:
         if align > 1:
             function = imports.use(SUPPORT, "packers", in_class=False)
-            last = ", nul=True" if nul else ""
-            result.append((name, f'{function}("{code}", {align}{last})'))
+            functions.append((name, f'{function}("{code}", {align}{", nul=True" if nul else ""})'))
         else:
-            result.append((name, f'{imports.use("struct", "Struct", in_class=False)}("<{code}").{role}'))
-    return tuple(result)
+            functions.append((name, f'{imports.use("struct", "Struct", in_class=False)}("<{code}").{role}'))
+    return tuple(functions)
 
 
 def _groups(interface: Interface, imports: Imports, target: Target) -> Iterable[GroupView]:
@@ -365,32 +352,13 @@ def _action(action: ActionDef, imports: Imports, target: Target) -> GroupView:
 
 
 def _rclpy_group(group: GroupView, imports: Imports, target: Target) -> GroupView:
-    """The same group in rclpy's flavour."""
     names = {**group.name, "metaclass": imports.use(_RCLPY, "metaclass")}
     parts = dict(group.parts)
     impl: list[tuple[str, str]] = []
     if "Goal" in parts:
         impl = [("SendGoalService", parts["SendGoal"]), ("GetResultService", parts["GetResult"])]
         impl.append(("FeedbackMessage", parts["FeedbackMessage"]))
-        for part, full_name in _OF_ALL_ACTIONS:
+        for part, full_name in _COMMON_ACTION_TYPES:
             impl.append((part, imports.use(target.module(full_name), full_name.split("/")[2])))
     base = imports.use(_RCLPY, "RclpyAction" if impl else "RclpyService")
     return group._replace(base=base, name=names, impl=tuple(impl))
-
-
-class KindView(NamedTuple):
-    """The ``__init__`` of ``<package>/<kind>``: every class, and the module it comes from when it is first used."""
-
-    root: str
-    package: str
-    kind: str
-    exports: tuple[tuple[str, str], ...]
-    names: tuple[str, ...]
-
-
-def kind_view(root: str, package: str, kind: str, interfaces: Iterable[tuple[RosName, tuple[str, ...]]]) -> KindView:
-    exports = [(cls, module_name(name.name)) for name, classes in interfaces for cls in classes]
-    names = tuple(sorted((cls for cls, _ in exports), key=sort_key))
-    return KindView(
-        root, package, kind, tuple(sorted(exports, key=lambda pair: (sort_key(pair[1]), sort_key(pair[0])))), names
-    )

@@ -148,8 +148,8 @@ def holds_packages(folder: Path) -> bool:
     return bool(found or refused)
 
 
-def load() -> None:
-    """Import what finds installed packages, which the first search else waits for."""
+def preload() -> None:
+    """Import the module that finds installed packages, to save time in the first search."""
     from importlib import metadata  # noqa: F401
 
 

@@ -23,7 +23,7 @@ from rosidl_py_gen.compiler.codegen.layout_ir import (
     StringContent,
     StringTerminator,
 )
-from rosidl_py_gen.compiler.codegen.module_sources import LayoutPlanner
+from rosidl_py_gen.compiler.codegen.layout_planner import LayoutPlanner
 
 WORLD = {
     "a_msgs/msg/Point": "float64 x\nfloat64 y",

@@ -51,8 +51,8 @@ def test_the_bytes_do_not_depend_on_hash_order_place_or_environment(
 ) -> None:
     code = (
         "import sys; from pathlib import Path; from rosidl_py_gen.compiler.generate import generate;"
-        "from rosidl_py_gen.compiler.frontend.search_path import search_path;"
-        f"generate(search_path([{str(TEST_INTERFACES)!r}], ament=''), [], Path('out'))"
+        "from rosidl_py_gen.compiler.frontend.search_path import scan_search_path;"
+        f"generate(scan_search_path([{str(TEST_INTERFACES)!r}], ament=''), [], Path('out'))"
     )
     python(code, cwd=tmp_path, PYTHONHASHSEED=seed, LC_ALL="C", TZ="Pacific/Kiritimati")
     assert digest(tmp_path / "out") == digest(everything)
