@@ -40,7 +40,7 @@ class SqliteWriter:
 
     Args:
         split_bytes: as for `BagWriter`. split_s: so is this.
-        packing: so is this. packing_threads: so is this. custom_data: so is this.
+        compression_mode: so is this. compression_threads: so is this. custom_data: so is this.
 
     Raises:
         BagError: there is something at `path` already, or it cannot be written. OSError: the folder cannot be made.

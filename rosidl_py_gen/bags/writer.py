@@ -78,9 +78,9 @@ class BagWriter:
             readers do not unpack so much.
         split_bytes: a new file is begun after so many bytes of messages; for folders.
         split_s: a new file is begun after so many seconds of log time; for folders.
-        packing: rosbag2's compression modes, with zstd: ``"file"`` packs each file when it ends, ``"message"`` each
-            message; for folders.
-        packing_threads: how many zstd has; 0 is the calling one, -1 one for each core.
+        compression_mode: rosbag2's compression modes, with zstd: ``"file"`` packs each file when it ends, ``"message"``
+            each message; for folders.
+        compression_threads: how many zstd has; 0 is the calling one, -1 one for each core.
         custom_data: texts for the metadata; for folders.
 
     Raises:

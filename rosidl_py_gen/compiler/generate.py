@@ -77,7 +77,7 @@ def load(
     Args:
         search: where definitions are.
         wanted: package and interface names, empty for everything.
-        keep: more interfaces to include when they exist.
+        skip_invalid: more interfaces to include if they are valid.
 
     Raises:
         DefinitionError: every problem found, over all files.

@@ -355,7 +355,7 @@ class _Finder(MetaPathFinder, Loader):
             for kind in sorted(self._interfaces.kinds(package)):
                 if self._is_others(package, kind, None):
                     origin = self._others_of[package]
-                    text = f"{names[0]} needs {package}, and {origin} has other classes: shadow=True takes ours"
+                    text = f"{names[0]} needs {package}, and {origin} has others; override_installed=True hides them"
                     raise ImportError(text, name=module.__name__)
         self._interfaces.fill(module, names[0], code)
 

@@ -46,7 +46,7 @@ async def test_a_node_that_is_not_there_is_an_error(memory: World) -> None:
 
 
 async def test_types_that_a_node_does_not_describe_are_left_out_with_a_word(memory: World) -> None:
-    robot = memory.node("silent", overrides={"start_type_description_service": False}, enable_rosout=False)
+    robot = memory.node("silent", parameter_overrides={"start_type_description_service": False}, enable_rosout=False)
     robot.create_publisher(compile_definition(BATTERY, "int8 a\n"), "battery")
     facts, notes = await definitions_of_node(memory.node("asking"), "/silent", 5)
     assert BATTERY not in facts.interfaces

@@ -96,7 +96,7 @@ async def test_our_server_rejects_their_goal(dds: Any, shared_peer: Peer) -> Non
     async def execute(goal: ServerGoal[Any]) -> Any:
         return goal.succeed()
 
-    name = await server_for_theirs(dds, shared_peer, FIBONACCI, execute, accept=lambda goal: goal.order > 0)
+    name = await server_for_theirs(dds, shared_peer, FIBONACCI, execute, goal_callback=lambda goal: goal.order > 0)
     assert not await shared_peer.ask("send_goal", name=name, key=f"{name} no", goal={"order": 0})
     assert await shared_peer.ask("send_goal", name=name, key=f"{name} yes", goal={"order": 1})
 
@@ -158,7 +158,7 @@ async def test_our_server_refuses_to_cancel(dds: Any, shared_peer: Peer) -> None
         await refused.wait()
         return goal.succeed()
 
-    name = await server_for_theirs(dds, shared_peer, FIBONACCI, execute, on_cancel=lambda goal: False)
+    name = await server_for_theirs(dds, shared_peer, FIBONACCI, execute, cancel_callback=lambda goal: False)
     assert await shared_peer.ask("send_goal", name=name, key=name, goal={"order": 1})
     assert (await shared_peer.ask("cancel", key=name))["goals"] == 0
     refused.set()

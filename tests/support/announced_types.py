@@ -73,7 +73,7 @@ def fresh(text: str = "int32 x 5\nstring LABEL=deep", kind: str = "msg", **other
 
 def teller(world: World, name: str, answer: Callable[[Any], Any] | None) -> Node:
     """A node that answers for its types in its own way, or has no such service."""
-    node = world.node(name, overrides=SERVICE_OFF)
+    node = world.node(name, parameter_overrides=SERVICE_OFF)
     if answer is not None:
         node.create_service(GetTypeDescription, "~/get_type_description", answer)
     return node

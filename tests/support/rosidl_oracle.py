@@ -38,7 +38,7 @@ from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_
 from rosidl_py_gen.errors import InvalidNameError
 from support.environments import cache_folder, environment
 
-_SERVER = Path(__file__).parents[1] / "compiler" / "spec" / "rosidl_server.py"
+_SERVER = Path(__file__).parents[1] / "compiler" / "frontend" / "rosidl_server.py"
 RELEASES = {"jazzy": ("4.6.6", "1.8.1"), "kilted": ("4.9.5", "1.11.0")}  # rosidl, ament_index_python
 
 # name, text, format

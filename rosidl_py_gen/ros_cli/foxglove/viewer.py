@@ -102,7 +102,7 @@ class Viewer:
 
     Args:
         queue: messages that may wait.
-        acts: it may publish.
+        may_publish: True if it may publish.
     """
 
     def __init__(

@@ -42,8 +42,8 @@ def _writer(options: RecordOptions) -> BagWriter | SqliteWriter:
     common: dict[str, Any] = {
         "split_bytes": options.split_bytes,
         "split_s": options.split_s,
-        "packing": options.packing,
-        "packing_threads": options.threads or (-1 if packs_files else 0),  # one message is too small for several
+        "compression_mode": options.packing,
+        "compression_threads": options.threads or (-1 if packs_files else 0),  # one message is too small for several
         "custom_data": options.custom_data,
     }
     if options.storage == "sqlite3":

@@ -27,15 +27,15 @@ class LoopRunner:
     """An asyncio event loop that no thread owns: whoever waits runs it, until what he waits for is there.
 
     For programs with a main loop of their own: a game, a graphical interface, a script that polls. Contexts are given
-    one, ``Context(driver=driver)``, and their nodes live while somebody waits: messages are taken in then, timers tick,
-    callbacks run, in the thread that happens to run the loop. All methods may be called from any thread.
+    one, ``Context(loop_runner=runner)``, and their nodes live while somebody waits: messages are taken in then, timers
+    tick, callbacks run, in the thread that happens to run the loop. All methods may be called from any thread.
 
-    Close the contexts first, then the driver; ``with`` does.
+    Close the contexts first, then the runner; ``with`` does.
 
     Example:
-        >>> with Driver() as driver, Context(driver=driver) as context:  # doctest: +SKIP
+        >>> with LoopRunner() as runner, Context(loop_runner=runner) as context:  # doctest: +SKIP
         ...     subscription = Node("poller", context=context).create_subscription(String, "chatter")
-        ...     message = driver.wait(subscription.take, timeout_s=1.0)
+        ...     message = runner.wait(subscription.take, timeout_s=1.0)
     """
 
     def __init__(self) -> None:

@@ -87,16 +87,16 @@ class ActionMethods:
                 `abort` or `canceled`, which get the result or leave it to what it returns. An exception, or returning
                 None without having ended it, is ABORTED. A plain function runs in a thread of its own for each goal;
                 it has to look at `goal.cancel_requested`, which is also true when the node closes.
-            accept: gets the goal; answers a `GoalDecision` (DEFER: `goal.execute()` later), or something that is true
+            goal_callback: gets the goal; answers a `GoalDecision` (DEFER: `goal.execute()` later), or something that is true
                 or None to accept, and anything else that is false to reject.
-            on_cancel: True accepts every cancel, False refuses; a function gets the `ServerGoal`, and anything false
+            cancel_callback: True accepts every cancel, False refuses; a function gets the `ServerGoal`, and anything false
                 but None refuses. A handler that does not look at `goal.cancel_requested` still runs to its end.
             result_timeout_s: how long a result is kept after the end of its goal; `math.inf` for ever.
-            policy: ``"parallel"`` runs any number of goals at once. One at a time: ``"reject"`` refuses others
+            goal_policy: ``"parallel"`` runs any number of goals at once. One at a time: ``"reject"`` refuses others
                 meanwhile, ``"queue"`` lets them wait their turn, ``"preempt"`` cancels the running one for the newest.
                 Deferred goals take their place in the queue when `execute` is called; `goal.started()` waits for it.
             arrays: sequences of fixed-size messages in goals are structured arrays, as in `decode`.
-            type_check: that of `Node`, for the services and topics of this action.
+            type_hash_check: that of `Node`, for the services and topics of this action.
 
         Goals that have not started (queued, or deferred) end as CANCELED when a cancel is accepted.
 
@@ -165,7 +165,7 @@ class ActionMethods:
             `math.inf`
                 for ever.
             arrays: sequences of fixed-size messages in results and feedback are structured arrays, as in `decode`.
-            type_check: that of `Node`, for the services and topics of this action.
+            type_hash_check: that of `Node`, for the services and topics of this action.
 
         Raises:
             InvalidNameError, TypeNotFoundError, ClosedError. TypeError, ActionArgumentError: an argument is of no use.

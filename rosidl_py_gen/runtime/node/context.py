@@ -39,11 +39,11 @@ class Context:
         on_error: what nodes do that are not told otherwise, when a callback raises; see `Node`.
         transport: ``"dds"`` or ``"zenoh"``; None means what ``RMW_IMPLEMENTATION`` says, else DDS where a libddsc is
             found. A `MemoryTransport` stays inside this process.
-        driver: its loop serves the context, and no other one does. None: the asyncio loop that its nodes are used in.
+        loop_runner: its loop alone serves the context. None: the asyncio loop that its nodes are used in.
 
     Raises:
         EnvironmentSettingError, RosArgumentError, LogFileError, BackendMissingError: as their names say.
-        ClosedError: the driver is closed.
+        ClosedError: the runner is closed.
         TransportError: DDS refused, the domain is open with other settings, or this process was forked from one that
             uses DDS.
     """
@@ -63,7 +63,7 @@ class Context:
         loop_runner: LoopRunner | None = None,
     ) -> None:
         if not (loop_runner is None or isinstance(loop_runner, LoopRunner)):
-            raise TypeError(f"driver must be a Driver, got {loop_runner!r:.100}")
+            raise TypeError(f"loop_runner must be a LoopRunner, got {loop_runner!r:.100}")
         self._core = core = ContextCore(domain_id, discovery, args, transport, on_error, announce_delay_s, loop_runner)
         self._guards: list[FailureGuard] = []
         self.arguments = list(core.ros_arguments.program)

@@ -74,15 +74,15 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         namespace: with or without a leading ``/``; may be overridden by ``-r __ns:=...``.
         context: None means the shared default one.
         enable_rosout: publish what `logger` logs on ``/rosout``.
-        overrides: initial values of parameters; they win over those of the command line.
-        allow_undeclared: parameters may be set without having been declared.
-        declare_overrides: declare every parameter that has an initial value.
+        parameter_overrides: initial values of parameters; they win over those of the command line.
+        allow_undeclared_parameters: parameters may be set without having been declared.
+        automatically_declare_parameters_from_overrides: declare every parameter that has an initial value.
         start_services: serve the six parameter services.
         parameter_events: publish changes of parameters on ``/parameter_events``.
         logger_services: serve ``~/get_logger_levels`` and ``~/set_logger_levels``.
         time_source: declare the parameter `use_sim_time`, and follow ``/clock`` while it is true. Without it `clock`
             shows system time, or what the program makes it show.
-        type_check: what becomes of messages whose sender announces another definition of their type: ``"error"``
+        type_hash_check: what becomes of messages whose sender announces another definition of their type: ``"error"``
             withholds them, ``"warn"`` hands them out; both say so once for each topic and peer, ``"off"`` does not. It
             can be given for each endpoint, too.
         on_error: what an exception in a callback does. ``"log"``: it is logged, and all goes on. ``"raise"``: it also
@@ -250,7 +250,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         """Publish on `topic`. A type given as text makes the messages dicts.
 
         Args:
-            type_check: that of `Node`, for this publisher: whether it warns of subscriptions with another definition.
+            type_hash_check: that of `Node`, for this publisher: whether it warns of subscriptions with another definition.
             event_callbacks: are told when subscriptions come and go, do not fit, and so on.
 
         Raises:
@@ -326,7 +326,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             raw: messages stay bytes, 4-byte encapsulation header included.
             arrays: sequences of fixed-size messages are structured arrays, as in `decode`; not with `raw` or text.
             ignore_local: nothing from publishers of this context.
-            type_check: that of `Node`, for this subscription.
+            type_hash_check: that of `Node`, for this subscription.
             event_callbacks: are told when publishers come and go, do not fit, are late, and so on.
             concurrency: how many calls of an async callback may be under way at once. They begin in order.
 

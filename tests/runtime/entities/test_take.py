@@ -129,7 +129,7 @@ def test_what_has_a_callback_is_not_taken_from(memory: World) -> None:
 @pytest.mark.every_transport
 @pytest.mark.parametrize("ends", ["endpoint", "node", "context"])
 def test_closing_while_another_thread_takes_is_safe(world: World, ends: str, driver: LoopRunner) -> None:
-    context = world.context(driver=driver)
+    context = world.context(loop_runner=driver)
     node = world.node("n", context=context)
     publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t")
     server, timer = node.create_service(AddTwoInts, "add"), node.create_timer(0.0)
@@ -161,7 +161,7 @@ def test_closing_while_another_thread_takes_is_safe(world: World, ends: str, dri
 
 @pytest.mark.every_transport
 def test_requests_are_sent_taken_and_answered_without_asyncio(world: World, driver: LoopRunner) -> None:
-    nodes = [world.node(name, context=world.context(driver=driver)) for name in ("server", "caller")]
+    nodes = [world.node(name, context=world.context(loop_runner=driver)) for name in ("server", "caller")]
     server, client = nodes[0].create_service(AddTwoInts, "add"), nodes[1].create_client(AddTwoInts, "add")
     assert server.take() is None
     assert driver.wait(client.service_is_available, timeout_s=10)
@@ -210,7 +210,7 @@ def test_a_script_without_loop_sends_a_request_and_gets_the_response_while_it_wa
 
 @pytest.mark.every_transport
 def test_nobody_waits_for_a_server(world: World, driver: LoopRunner) -> None:
-    node = world.node("n", context=world.context(driver=driver))
+    node = world.node("n", context=world.context(loop_runner=driver))
     client = node.create_client(AddTwoInts, "add")
     lost = client.send_request(AddTwoInts.Request(a=1))
     given_up = client.send_request(AddTwoInts.Request(a=2))
@@ -239,7 +239,7 @@ def test_nobody_waits_for_a_server(world: World, driver: LoopRunner) -> None:
 
 @pytest.mark.every_transport
 def test_the_future_of_a_request_tells_what_went_wrong(world: World, driver: LoopRunner) -> None:
-    nodes = [world.node(name, context=world.context(driver=driver)) for name in ("server", "caller")]
+    nodes = [world.node(name, context=world.context(loop_runner=driver)) for name in ("server", "caller")]
     server: Server = nodes[0].create_service(AddTwoInts, "add")
     client = nodes[1].create_client(AddTwoInts, "add")
     assert driver.wait(client.service_is_available, timeout_s=10)
@@ -323,7 +323,7 @@ def _note(timer: Any, ticks: list[int]) -> bool:
 
 @pytest.mark.every_transport
 def test_who_asks_is_told_when_something_can_be_taken(world: World, driver: LoopRunner) -> None:
-    node = world.node("n", context=world.context(driver=driver))
+    node = world.node("n", context=world.context(loop_runner=driver))
     publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t")
     server, client = node.create_service(AddTwoInts, "add"), node.create_client(AddTwoInts, "add")
     timer = node.create_timer(0.01)
@@ -373,7 +373,7 @@ def test_who_asks_is_told_when_something_can_be_taken(world: World, driver: Loop
 
 @pytest.mark.every_transport
 def test_it_is_ready_until_all_was_taken(world: World, driver: LoopRunner) -> None:
-    node = world.node("n", context=world.context(driver=driver))
+    node = world.node("n", context=world.context(loop_runner=driver))
     publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t")
     server, client = node.create_service(AddTwoInts, "add"), node.create_client(AddTwoInts, "add")
     driver.wait(lambda: publisher.subscription_count and client.service_is_available(), timeout_s=10)

@@ -68,7 +68,7 @@ async def test_who_wants_them_gets_them(world: World, mode: Any, caplog: pytest.
     if world.kind == "zenoh":
         pytest.skip("they do not arrive on Zenoh")
     old, new = two_messages()
-    alice, bob = world.node("alice", type_check="off"), world.node("bob")
+    alice, bob = world.node("alice", type_hash_check="off"), world.node("bob")
     subscription = bob.create_subscription(old, "t", type_hash_check=mode)
     publisher = alice.create_publisher(new, "t")
     assert await publisher.wait_for_subscribers(5)
@@ -131,7 +131,7 @@ def test_modes_that_do_not_exist_are_refused(memory: World) -> None:
     old, _ = two_messages()
     strict: Any = "strict"
     with pytest.raises(ValueError, match='type_check must be "error", "warn" or "off", got \'strict\''):
-        memory.node("n", type_check=strict)
+        memory.node("n", type_hash_check=strict)
     node = memory.node("n")
     with pytest.raises(ValueError, match="type_check must be"):
         node.create_subscription(old, "t", type_hash_check=strict)

@@ -81,7 +81,7 @@ def is_driven(driver: LoopRunner, waiting: int = 1) -> bool:
 
 @pytest.mark.every_transport
 def test_what_arrives_is_taken_in_while_somebody_waits(world: World, driver: LoopRunner) -> None:
-    context = world.context(driver=driver)
+    context = world.context(loop_runner=driver)
     polled, talker = world.node("polled", context=context), world.node("talker", context=context)
     heard: list[tuple[str, int]] = []
     polled.create_subscription(String, "t", lambda message: heard.append((message.data, threading.get_ident())))
@@ -95,7 +95,7 @@ def test_what_arrives_is_taken_in_while_somebody_waits(world: World, driver: Loo
 
 @pytest.mark.every_transport
 def test_contexts_that_are_served_by_one_driver_talk_to_each_other(world: World, driver: LoopRunner) -> None:
-    one, other = (world.node(name, context=world.context(driver=driver)) for name in ("one", "other"))
+    one, other = (world.node(name, context=world.context(loop_runner=driver)) for name in ("one", "other"))
     publisher, subscription = one.create_publisher(String, "t"), other.create_subscription(String, "t")
     driver.wait(lambda: publisher.subscription_count and subscription.publisher_count, timeout_s=10)
     for number in range(5):
@@ -110,7 +110,7 @@ def test_contexts_that_are_served_by_one_driver_talk_to_each_other(world: World,
 
 @pytest.mark.every_transport
 def test_blocking_methods_and_coroutines_run_in_it(world: World, driver: LoopRunner) -> None:
-    context = world.context(driver=driver)
+    context = world.context(loop_runner=driver)
     node = world.node("both", context=context)
     node.create_service(AddTwoInts, "add", lambda request: AddTwoInts.Response(sum=request.a + request.b))
     client = node.create_client(AddTwoInts, "add")
@@ -429,7 +429,7 @@ def send_when(is_so: Callable[[], object], number: int) -> threading.Thread:
 @pytest.mark.every_transport
 @pytest.mark.parametrize("role", ["drives", "waits"])
 def test_ctrl_c_ends_the_wait_of_the_main_thread_and_others_go_on(world: World, driver: LoopRunner, role: str) -> None:
-    node = world.node("polled", context=world.context(driver=driver))
+    node = world.node("polled", context=world.context(loop_runner=driver))
     publisher, subscription = connected(driver, node)
     if role == "waits":
         beside, found = started(lambda: driver.wait(subscription.take))
@@ -527,7 +527,7 @@ def test_an_interrupt_while_the_thread_of_a_wait_begins_ends_it(
 def test_what_a_callback_raises_to_end_the_program_comes_out_and_the_rest_is_not_lost(
     world: World, driver: LoopRunner
 ) -> None:
-    node = world.node("polled", context=world.context(driver=driver))
+    node = world.node("polled", context=world.context(loop_runner=driver))
     publisher, subscription = connected(driver, node)
     heard: list[str] = []
 

@@ -32,7 +32,7 @@ def test_its_own_parameters_go_before_those_of_the_context_and_behind_those_of_t
     file.write_text("n:\n  ros__parameters:\n    a: 10\n    b: 20\nother:\n  ros__parameters:\n    c: 30\n")
     context = memory.context("--ros-args -p a:=1 -p b:=2 -p c:=3 -p d:=4")
     arguments = ["--ros-args", "--params-file", str(file), "-p", "b:=21"]
-    node = memory.node("n", context=context, cli_args=arguments, overrides={"d": 40})
+    node = memory.node("n", context=context, cli_args=arguments, parameter_overrides={"d": 40})
     assert [node.declare_parameter(name, 0) for name in "abcd"] == [10, 21, 3, 40]
     assert memory.node("n2", context=context).declare_parameter("a", 0) == 1
 

@@ -120,7 +120,7 @@ async def test_a_node_does_not_ask_one_that_has_its_own_name_and_says_so(world: 
     with pytest.raises(
         TypeDescriptionError, match=f"{told.name} {told.hash} is announced, but only by nodes called"
     ) as caught:
-        await world.node("robot", overrides=SERVICE_OFF).resolve_type("t", timeout_s=10)
+        await world.node("robot", parameter_overrides=SERVICE_OFF).resolve_type("t", timeout_s=10)
     assert "/robot as this one is" in str(caught.value) and "another name" in str(caught.value)
 
 
@@ -129,7 +129,7 @@ async def test_names_that_come_late_are_waited_for_also_where_this_node_announce
 ) -> None:
     """As those of Fast DDS do."""
     told = fresh()
-    robot, asker = told_by(world, told), world.node("asker", overrides=SERVICE_OFF)
+    robot, asker = told_by(world, told), world.node("asker", parameter_overrides=SERVICE_OFF)
     told.announce(asker, topic_name("/t"))
     await until(lambda: asker.count_publishers("t") == 2)
     node_of, late = announcements._node_of, ["/robot"]
