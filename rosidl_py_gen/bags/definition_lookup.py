@@ -49,11 +49,11 @@ class TopicDefinition:
     """The definition that messages of a bag are decoded with.
 
     Attributes:
-        cls: the class of the messages.
+        message_class: the class of the messages.
         origin: where it is from: ``the bag``, ``an empty definition in the bag``, ``typestore``, a file, a module, or
             ``bundled``.
         is_recorded: it is that of the recording, as it is in the bag or has the recorded hash. False is a guess by
-        name.
+            name.
     """
 
     message_class: type[Any]

@@ -65,9 +65,8 @@ class BagReader:
             one, as ``s3://bucket/drive.mcap``, with the extra ``tables``: MCAP files are then read by ranges.
         validate_crcs: compare the checksum of each chunk of an MCAP file, which for images and clouds takes longer than
             everything else. False is for files you trust; damage is then found only where it breaks the format.
-        max_decompressed_bytes: what a compressed chunk or message may become at most. A few bytes can say that they
-        become
-            any number; 1 GiB unless you know that there are larger messages.
+        max_decompressed_bytes: limit for a decompressed chunk or message, 1 GiB by default. Raise it only if the bag
+            has larger messages: a few bytes can claim any size.
         search_path: folders with the packages of the recording, for bags that do not have their definitions, as SQLite
             bags before Iron; looked through before AMENT_PREFIX_PATH and the bundled interfaces, as by `get_message`.
         skip_damaged: skip damaged parts of MCAP files and record them in `damaged`; by default they raise `BagError`,

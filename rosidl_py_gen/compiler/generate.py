@@ -145,7 +145,8 @@ def generate(
         folder: receives the packages.
         dry: find out what would change, and change nothing.
         keep_going: generate what is right when other interfaces are wrong; `GenerationResult.problems` says what is
-        missing. root: import prefix when the folder is itself a package; ends in a dot.
+            missing.
+        root: import prefix when the folder is itself a package; ends in a dot.
         progress: called before each interface with its name, its number and how many there are.
 
     Raises:

@@ -99,8 +99,7 @@ def install_import_hook(
 
     Raises:
         DefinitionError: a folder of `path` holds no package, or two of one name; `workspace_of` is not there, or one
-        of them
-            is no path.
+            of them is no path.
         RuntimeError: a hook with other settings is installed; the same settings again give that hook.
         ValueError: an unknown flavour.
     """

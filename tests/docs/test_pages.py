@@ -16,7 +16,7 @@ from support.node_fixtures import ON_ZENOH
 LINKING = [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", ROOT / "SECURITY.md"]
 API = "\n".join(prose(page) for page in PAGES if page.parent.name == "api")
 
-PARTS = ("runtime", "numpy", "sync", "tf", "bags")
+PARTS = ("runtime", "numpy", "message_filters", "tf", "bags")
 
 
 def name_of(page: Path) -> str:

@@ -132,14 +132,3 @@ def test_tests_that_are_named_are_there(page: str) -> None:
             missing.append(f"{file}::{test}")
     assert missing == []
     assert len(named_tests) > 10
-
-
-def test_the_map_names_every_module() -> None:
-    """Where names alone do not lead: files of commands are called as the commands are, those of the shim as rclpy's."""
-    known = set(re.findall(r"\w+", (ROOT / "docs/internals/architecture.md").read_text("utf-8")))
-    package = ROOT / "rosidl_py_gen"
-    modules = [path.relative_to(package) for path in package.rglob("*.py") if not path.name.startswith("__")]
-    left_out = [
-        one for one in modules if one.parts[0] not in {"cli", "msgs", "rclpy", "tools"} and one.stem not in known
-    ]
-    assert left_out == []

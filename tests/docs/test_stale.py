@@ -12,7 +12,7 @@ MODULES = [
     "rosidl_py_gen",
     *(
         f"rosidl_py_gen.{part}"
-        for part in ("runtime", "runtime.qos", "runtime.pytest_plugin", "numpy", "sync", "tf", "bags")
+        for part in ("runtime", "runtime.qos", "runtime.pytest_plugin", "numpy", "message_filters", "tf", "bags")
     ),
 ]
 NAME = re.compile(r"`(?:await |async for |async with )?([A-Za-z_][\w.]*)")

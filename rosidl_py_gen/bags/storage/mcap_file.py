@@ -62,8 +62,7 @@ class McapFile:
 
     Args:
         max_decompressed_bytes: the most that a chunk may become, and that messages of chunks which overlap in time
-        may take
-            while they wait for their turn.
+            may take while they wait for their turn.
         on_skipped: called with each damaged part, which is skipped then; None raises `BagError`.
     """
 

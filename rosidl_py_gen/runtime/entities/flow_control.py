@@ -105,8 +105,7 @@ class RequestFlowControl:
 
         Args:
             send: gets the number for `on_response` and `release`, one of which has to be called once the request is
-            answered or
-                given up. It answers False when nobody wants its request any more, which then takes nobody's place.
+                answered or given up. It returns False if the request was given up; its place is then free.
             kept: how many requests the server keeps.
             client: whose request it is. Those of one client come to the server in their order, those of several do not.
         """

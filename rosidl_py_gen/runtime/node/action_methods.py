@@ -86,11 +86,11 @@ class ActionMethods:
             execute: gets a `ServerGoal` and returns the result (SUCCEEDED), or ends the goal itself with `succeed`,
                 `abort` or `canceled`, which get the result or leave it to what it returns. An exception, or returning
                 None without having ended it, is ABORTED. A plain function runs in a thread of its own for each goal;
-                it has to look at `goal.cancel_requested`, which is also true when the node closes.
-            goal_callback: gets the goal; answers a `GoalDecision` (DEFER: `goal.execute()` later), or something that is true
-                or None to accept, and anything else that is false to reject.
-            cancel_callback: True accepts every cancel, False refuses; a function gets the `ServerGoal`, and anything false
-                but None refuses. A handler that does not look at `goal.cancel_requested` still runs to its end.
+                it has to look at `goal.is_cancel_requested`, which is also true when the node closes.
+            goal_callback: gets the goal; answers a `GoalDecision` (DEFER: `goal.execute()` later), or a true value
+                or None to accept, and another false value to reject.
+            cancel_callback: True accepts every cancel, False refuses; a function gets the `ServerGoal`, and a false
+                value other than None refuses. A handler that does not read `goal.is_cancel_requested` runs to its end.
             result_timeout_s: how long a result is kept after the end of its goal; `math.inf` for ever.
             goal_policy: ``"parallel"`` runs any number of goals at once. One at a time: ``"reject"`` refuses others
                 meanwhile, ``"queue"`` lets them wait their turn, ``"preempt"`` cancels the running one for the newest.
@@ -103,7 +103,7 @@ class ActionMethods:
         Raises:
             InvalidNameError, TypeNotFoundError, ClosedError: as their names say.
             TypeError, ActionArgumentError, ValueError: an argument is of no use, or `goal_callback` comes without
-            `execute`.
+                `execute`.
         """
         from rosidl_py_gen.runtime.actions.server import ActionServer
         from rosidl_py_gen.runtime.actions.types import ActionNames, action_type
@@ -162,8 +162,7 @@ class ActionMethods:
             feedback_depth: how many feedback messages a goal keeps until somebody iterates, at least 1; older ones are
                 dropped, and counted in `goal.feedback_dropped`.
             server_lost_timeout_s: how long a server may be away before goals end with `ActionServerLostError`;
-            `math.inf`
-                for ever.
+                `math.inf` for ever.
             arrays: sequences of fixed-size messages in results and feedback are structured arrays, as in `decode`.
             type_hash_check: that of `Node`, for the services and topics of this action.
 

@@ -250,7 +250,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         """Publish on `topic`. A type given as text makes the messages dicts.
 
         Args:
-            type_hash_check: that of `Node`, for this publisher: whether it warns of subscriptions with another definition.
+            type_hash_check: that of `Node`, for this publisher: it warns of subscriptions with another definition.
             event_callbacks: are told when subscriptions come and go, do not fit, and so on.
 
         Raises:
