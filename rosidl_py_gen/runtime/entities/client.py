@@ -77,7 +77,8 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         """Whether a server is connected, both ways.
 
         Raises:
-            IncompatibleServiceError: the only servers are on Fast DDS, and this Cyclone DDS cannot talk to them. ClosedError: the client is closed.
+            IncompatibleServiceError: the only servers are on Fast DDS, and this Cyclone DDS cannot talk to them.
+            ClosedError: the client is closed.
         """
         self._scope.require_open(self._closed, f"the client of {self.name}")
         self._scope.discovery.refresh()
@@ -138,7 +139,9 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         Raises:
             CallTimeoutError: a `TimeoutError`.
             ServerLostError: all servers that got the request went away, or Zenoh tells that one failed.
-            IncompatibleServiceError: the only servers are on Fast DDS, and this Cyclone DDS cannot talk to them. EncodeError: the request does not fit its type. DecodeError: the response does not.
+            IncompatibleServiceError: the only servers are on Fast DDS, and this Cyclone DDS cannot talk to them.
+            EncodeError: the request does not fit its type.
+            DecodeError: the response does not.
             ClosedError: the client was closed, also while waiting.
         """
         scope = self._scope
