@@ -24,5 +24,5 @@ def test_a_text_is_refused_and_not_repeated(tmp_path: Path) -> None:
     (tmp_path / "program.py").write_text(PROGRAM)
     command = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "run", "program.py"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=tmp_path, check=False)
-    expected = ["seconds is a number, found '1'", "seconds is a number, found b'1'", "True"]
+    expected = ["seconds: expected a number, got '1'", "seconds: expected a number, got b'1'", "True"]
     assert (done.stdout.splitlines(), done.stderr) == (expected, "")

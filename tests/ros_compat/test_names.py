@@ -60,6 +60,7 @@ MORE = {
         "rclpy.handles",
         "rclpy.handling",
         "rclpy.impl.action_endpoints",
+        "rclpy.impl.entities",
         "rclpy.impl.lifecycle_machine",
         "rclpy.impl.names",
         "rclpy.impl.parameter_rules",

@@ -42,6 +42,7 @@ PARTS = {
     "NodeGraph": ["Node"],
     "NodeParameters": ["Node"],
     "ActionWaitable": ["ActionClient", "ActionServer"],
+    "SingleThreadedExecutor": ["Executor"],
 }
 """Our classes that are a part of rclpy's."""
 

@@ -1,4 +1,4 @@
-"""rclpy of Jazzy, over the nodes of rosidl_py_gen: `init` a context, make a `Node`, `spin`, `shutdown`."""
+"""rclpy of ROS 2 Jazzy on the nodes of rosidl_py_gen: `init` a context, create a `Node`, `spin`, `shutdown`."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ def init(
     """Open a context.
 
     Args:
-        args: a command line with ``--ros-args``; None means `sys.argv`.
-        context: None means the default one.
-        domain_id: None means ``ROS_DOMAIN_ID``, else 0.
-        signal_handler_options: which signals shut contexts down. None: both for the default context, none for others.
+        args: command line with ``--ros-args``. [default: `sys.argv`]
+        context: context to open. [default: the default context]
+        domain_id: domain. [default: ``ROS_DOMAIN_ID``, else 0]
+        signal_handler_options: signals that shut contexts down. [default: both for the default context, else none]
 
     Raises:
-        RuntimeError: it was opened before, or `domain_id` is negative.
-        UnknownROSArgsError: ROS does not know what stands after ``--ros-args``.
+        RuntimeError: the context was opened before, or `domain_id` is negative.
+        UnknownROSArgsError: an argument after ``--ros-args`` is unknown.
     """
     default = get_default_context()
     context = default if context is None else context
@@ -54,9 +54,7 @@ def init(
 
 
 def get_global_executor() -> Executor:
-    """The executor of `spin` and the like. It stays until the default context is shut down, and with it coroutines that
-    wait.
-    """
+    """Return the executor of `spin`, which keeps its unfinished coroutines until the default context is shut down."""
     global _executor
     with _executor_lock:
         context = get_default_context()
@@ -77,13 +75,14 @@ def _reset_executor() -> None:
 
 
 def shutdown(*, context: Context | None = None, uninstall_handlers: bool | None = None) -> None:
-    """Shut a context down; None means the default one, of which there is a new one afterwards.
+    """Shut a context down, by default the default one, which a new context replaces.
 
     Args:
-        uninstall_handlers: let signals do what they did before `init`; None: for the default context only.
+        context: context to shut down.
+        uninstall_handlers: restore the signal handlers from before `init`. [default: for the default context only]
 
     Raises:
-        RuntimeError: it was never opened, or is shut down already.
+        RuntimeError: the context was never opened, or is shut down already.
     """
     is_default = context is None or context is get_default_context()
     _shutdown(context=context)
@@ -105,7 +104,7 @@ def create_node(
     automatically_declare_parameters_from_overrides: bool = False,
     enable_logger_service: bool = False,
 ) -> Node:
-    """A `rclpy.node.Node` with these arguments."""
+    """Create a `rclpy.node.Node` with these arguments."""
     from rclpy.node import Node
 
     return Node(
@@ -124,11 +123,12 @@ def create_node(
 
 
 def spin_once(node: Node, *, executor: Executor | None = None, timeout_sec: float | None = None) -> None:
-    """Do one piece of work of a node, or wait for it.
+    """Run one callback of a node, or wait for it.
 
     Args:
-        executor: None means the global one.
-        timeout_sec: None or negative: wait for ever; 0: only look.
+        node: node to serve.
+        executor: executor to use. [default: the global one]
+        timeout_sec: maximum time to wait; None or negative: unlimited; 0: do not wait.
     """
     executor = get_global_executor() if executor is None else executor
     was_added = False
@@ -141,10 +141,10 @@ def spin_once(node: Node, *, executor: Executor | None = None, timeout_sec: floa
 
 
 def spin(node: Node, executor: Executor | None = None) -> None:
-    """Do the work of a node until the context is shut down; `executor` None means the global one.
+    """Run the callbacks of a node until the context is shut down, by default in the global executor.
 
     Raises:
-        ExternalShutdownException: it was shut down from elsewhere, by a signal for example.
+        ExternalShutdownException: something else shut the context down, for example a signal.
     """
     executor = get_global_executor() if executor is None else executor
     try:
@@ -158,7 +158,7 @@ def spin(node: Node, executor: Executor | None = None) -> None:
 def spin_until_future_complete(
     node: Node, future: Future[Any], executor: Executor | None = None, timeout_sec: float | None = None
 ) -> None:
-    """Do the work of a node until a future is done, or the time has passed; `executor` None means the global one."""
+    """Run the callbacks of a node until a future is done or `timeout_sec` has passed."""
     executor = get_global_executor() if executor is None else executor
     was_added = False
     try:

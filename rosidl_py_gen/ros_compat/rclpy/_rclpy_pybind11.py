@@ -1,4 +1,4 @@
-"""Names of rclpy's C extension that programs use: exceptions, enums and logging. There is no C here, and no handle."""
+"""Names of rclpy's C extension that programs use: exceptions, enums and logging. Nothing here is C."""
 
 from __future__ import annotations
 
@@ -13,43 +13,43 @@ RCL_DEFAULT_DOMAIN_ID = 2**64 - 1
 
 
 class InvalidHandle(RuntimeError):
-    """Something was used after it was destroyed."""
+    """Raised when an entity is used after it was destroyed."""
 
 
 class RCLError(RuntimeError):
-    """ROS refused an operation."""
+    """Raised when ROS refuses an operation."""
 
 
 class RCLInvalidROSArgsError(RCLError):
-    """What follows ``--ros-args`` cannot be read."""
+    """Raised when the arguments after ``--ros-args`` cannot be parsed."""
 
 
 class UnknownROSArgsError(RuntimeError):
-    """After ``--ros-args`` stands what ROS does not know."""
+    """Raised when an argument after ``--ros-args`` is unknown."""
 
 
 class NodeNameNonExistentError(RCLError):
-    """A node was asked about that is not in the graph."""
+    """Raised when a requested node is not in the graph."""
 
 
 class UnsupportedEventTypeError(RCLError):
-    """The middleware has no such event."""
+    """Raised when the middleware does not have an event."""
 
 
 class NotImplementedError(builtins.NotImplementedError):
-    """The middleware has no such feature."""
+    """Raised when the middleware does not have a feature."""
 
 
 class RCUtilsError(RuntimeError):
-    """A name of a severity, or a level, that does not exist."""
+    """Raised for an unknown severity or level."""
 
 
 class RMWError(RuntimeError):
-    """The middleware refused an operation."""
+    """Raised when the middleware refuses an operation."""
 
 
 class ScopedEnumOfC(Enum):
-    """An enumeration of C++, printed with the name of its class. It has a number and is none: it equals no number."""
+    """Enumeration of C++: its members convert to integers but do not equal them."""
 
     value: int
 
@@ -64,7 +64,7 @@ class ScopedEnumOfC(Enum):
 
 
 class EnumOfC(ScopedEnumOfC):
-    """An enumeration of C; it equals its number, and so a member of an `IntEnum`."""
+    """Enumeration of C: its members equal their numbers, and thus members of an `IntEnum`."""
 
     def __eq__(self, other: object) -> bool:
         return self is other if isinstance(other, Enum) and not isinstance(other, int) else self.value == other
@@ -74,7 +74,7 @@ class EnumOfC(ScopedEnumOfC):
 
 
 class ClockType(EnumOfC):
-    """The kind of clock, as times have it; `rclpy.clock_type.ClockType` is what programs give."""
+    """Kind of clock of a time; programs pass `rclpy.clock_type.ClockType`."""
 
     UNINITIALIZED = 0
     ROS_TIME = 1
@@ -83,7 +83,7 @@ class ClockType(EnumOfC):
 
 
 class ClockChange(EnumOfC):
-    """The change of a clock's source, as callbacks get it; `rclpy.clock.ClockChange` has the same numbers."""
+    """Change of a clock's source in callbacks; `rclpy.clock.ClockChange` has the same numbers."""
 
     ROS_TIME_NO_CHANGE = 1
     ROS_TIME_ACTIVATED = 2
@@ -92,7 +92,7 @@ class ClockChange(EnumOfC):
 
 
 class rmw_qos_policy_kind_t(EnumOfC):  # as in C
-    """The policy that two endpoints disagree on, as events have it; `rclpy.qos.QoSPolicyKind` has the same numbers."""
+    """Policy that makes two endpoints incompatible; `rclpy.qos.QoSPolicyKind` has the same numbers."""
 
     RMW_QOS_POLICY_INVALID = 1
     RMW_QOS_POLICY_DURABILITY = 2
@@ -107,7 +107,7 @@ class rmw_qos_policy_kind_t(EnumOfC):  # as in C
 
 
 class QoSCompatibility(EnumOfC):
-    """The verdict of `rclpy.qos.qos_check_compatible`."""
+    """Result of `rclpy.qos.qos_check_compatible`."""
 
     OK = 0
     WARNING = 1
@@ -115,21 +115,21 @@ class QoSCompatibility(EnumOfC):
 
 
 class TransitionCallbackReturnType(ScopedEnumOfC):
-    """What the callback of a lifecycle transition answers; numbers of lifecycle_msgs/Transition."""
+    """Result of the callback of a lifecycle transition, with the numbers of lifecycle_msgs/Transition."""
 
     SUCCESS = 97
     FAILURE = 98
     ERROR = 99
 
     def to_label(self) -> str:
-        """The transition that follows."""
+        """Return the label of the transition that follows."""
         return f"transition_{self.name.lower()}"
 
 
 def rclpy_logging_rcutils_log(
     severity: int, name: str, message: str, function_name: str, file_path: str, line_number: int, /
 ) -> None:
-    """Log a message as coming from a place in a file, without the filters of `RcutilsLogger`."""
+    """Log a message with the given call site, without the filters of `RcutilsLogger`."""
     if not isinstance(message, str):
         raise TypeError(f"rclpy_logging_rcutils_log: expected a str as message, got {message!r:.100}")
     logger = runtime.get_logger(name)
@@ -139,7 +139,7 @@ def rclpy_logging_rcutils_log(
 
 
 def rclpy_logging_set_logger_level(name: str, level: int, detailed_error: bool = False) -> None:
-    """Set the level of a logger; the root, without a level, logs everything."""
+    """Set the level of a logger; level 0 of the root logger enables every record."""
     if name or level:
         runtime.set_logger_level(name, int(level))
     else:
@@ -147,12 +147,12 @@ def rclpy_logging_set_logger_level(name: str, level: int, detailed_error: bool =
 
 
 def rclpy_logging_get_logger_effective_level(name: str, /) -> int:
-    """Return the severity from which on a logger logs."""
+    """Return the lowest severity that a logger logs."""
     return _severity(runtime.get_logger(name).getEffectiveLevel())
 
 
 def rclpy_logging_get_logger_level(name: str, /) -> int:
-    """Return the level that was set, 0 for none."""
+    """Return the level that was set, 0 if none was."""
     return _severity(runtime.get_logger_level(name))
 
 
@@ -161,12 +161,12 @@ def _severity(level: int) -> int:
 
 
 def rclpy_logging_logger_is_enabled_for(name: str, severity: int, /) -> bool:
-    """Return True if a logger would log at a severity."""
+    """Return True if a logger logs records of a severity."""
     return runtime.get_logger(name).isEnabledFor(severity)
 
 
 def rclpy_logging_severity_level_from_string(severity: str, /) -> int:
-    """Return the number of ``INFO`` or ``info``."""
+    """Return the number of a severity's name, in any case."""
     known = ("UNSET", "DEBUG", "INFO", "WARN", "ERROR", "FATAL")
     if severity.upper() not in known:
         raise RuntimeError(f"unknown severity {severity!r:.100}; expected one of {', '.join(known)}")

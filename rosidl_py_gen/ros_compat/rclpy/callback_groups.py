@@ -1,4 +1,4 @@
-"""Which callbacks may run at the same time. Executors ask; programs may derive groups of their own."""
+"""Callback groups: the rules that decide which callbacks may run at the same time."""
 
 from __future__ import annotations
 
@@ -9,35 +9,34 @@ from typing import Any
 
 
 class CallbackGroup:
-    """Callbacks with a rule about which of them may run at the same time. Entities are kept by weak references."""
+    """Entities with a rule that decides which of their callbacks may run concurrently; programs may subclass it."""
 
     def __init__(self) -> None:
         super().__init__()
         self.entities: set[weakref.ref[Any]] = set()
 
     def add_entity(self, entity: Any) -> None:
-        """Take in a subscription, timer, client, service, guard condition or waitable."""
+        """Add a subscription, timer, client, service, guard condition or waitable, by a weak reference."""
         self.entities.add(weakref.ref(entity, self.entities.discard))
 
     def has_entity(self, entity: Any) -> bool:
-        """Whether it was taken in."""
         return weakref.ref(entity) in self.entities
 
     def can_execute(self, entity: Any) -> bool:
-        """Whether the callback of an entity may run now."""
+        """Return True if the callback of an entity may run now."""
         raise NotImplementedError
 
     def beginning_execution(self, entity: Any) -> bool:
-        """Note that the callback of an entity is about to run; False when it may not."""
+        """Record that the callback of an entity starts. Returns False if it must not run."""
         raise NotImplementedError
 
     def ending_execution(self, entity: Any) -> None:
-        """Note that the callback of an entity is over."""
+        """Record that the callback of an entity has finished."""
         raise NotImplementedError
 
 
 class ReentrantCallbackGroup(CallbackGroup):
-    """All callbacks may run at the same time, each of them several times."""
+    """Group whose callbacks may all run concurrently, each of them several times."""
 
     def can_execute(self, entity: Any) -> bool:
         return True
@@ -50,7 +49,7 @@ class ReentrantCallbackGroup(CallbackGroup):
 
 
 class MutuallyExclusiveCallbackGroup(CallbackGroup):
-    """One callback at a time; one that awaits something holds the group meanwhile."""
+    """Group that runs one callback at a time; an async one occupies the group while it awaits."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Clocks, what jumps of simulated time do, and sleeping by a clock."""
+"""Clocks, jumps of simulated time, and sleeping by a clock."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ JumpHandlePreCallbackType = Callable[[], Any]
 
 
 class ClockChange(IntEnum):
-    """What happened to the source of a clock; numbers of rcl."""
+    """Change of a clock's source, with the numbers of rcl."""
 
     ROS_TIME_NO_CHANGE = 1
     ROS_TIME_ACTIVATED = 2
@@ -36,10 +36,15 @@ class ClockChange(IntEnum):
 
 @dataclass(kw_only=True, eq=False)
 class JumpThreshold:
-    """Which jumps of time a callback wants to hear of.
+    """Jumps of time for which a callback is called.
 
-    `min_forward` is positive, `min_backward` negative, either may be None; `on_clock_change` is for simulated time that
-    begins or ends. ValueError for other signs, and when none is wanted.
+    Attributes:
+        min_forward: smallest jump forward, positive; None for none.
+        min_backward: smallest jump back, negative; None for none.
+        on_clock_change: call for the start and the end of simulated time.
+
+    Raises:
+        ValueError: a sign is wrong, or no jump is selected.
     """
 
     min_forward: Duration | None
@@ -57,11 +62,11 @@ class JumpThreshold:
 
 @dataclass(frozen=True, eq=False)
 class TimeJump:
-    """One jump.
+    """Jump of a clock.
 
     Attributes:
-        clock_change: what happened to the source.
-        delta: how far time jumped; 0 when the source changed.
+        clock_change: change of the source.
+        delta: length of the jump; 0 if the source changed.
     """
 
     clock_change: ClockChange | ClockChangeOfC
@@ -73,16 +78,16 @@ class TimeJump:
 
 
 class TimeJumpDictionary(TypedDict):
-    """What the callback of a `JumpHandle` made by hand is given; `delta` in nanoseconds."""
+    """Argument of the callback of a `JumpHandle` that a program creates; `delta` in nanoseconds."""
 
     clock_change: ClockChange | ClockChangeOfC
     delta: int
 
 
 class JumpHandle:
-    """Callbacks at jumps, until `unregister` or the end of a ``with`` block; `Clock.create_jump_callback` makes it.
+    """Callbacks for jumps, until `unregister` or the end of a ``with`` block; see `Clock.create_jump_callback`.
 
-    An exception of a callback comes out of what changed the time, and no later callback is called.
+    An exception of a callback is raised where the time was changed, and later callbacks are not called.
     """
 
     def __init__(
@@ -118,7 +123,7 @@ class JumpHandle:
             )
 
     def unregister(self) -> None:
-        """Call no more; may be called twice."""
+        """Remove the callbacks; may be called twice."""
         self._rosidl_registration.close()
 
     def __enter__(self) -> JumpHandle:
@@ -132,36 +137,33 @@ def _to_runtime(duration: Duration | None) -> runtime.Duration | None:
     return None if duration is None else runtime.Duration(nanoseconds=duration.nanoseconds)
 
 
-def _pass_on(_doing: str) -> None:
-    """While the exception of a jump callback is handled: as in rclpy, it goes to whoever changed the time."""
+def _raise_again(_activity: str) -> None:
+    """Re-raise the exception of a jump callback where the time was changed, as rclpy does."""
     raise
 
 
 class ClockHandle(Destroyable):
-    """The clock of rosidl_py_gen that a `Clock` reads; there is no C structure here."""
+    """Clock of rosidl_py_gen that a `Clock` reads."""
 
     def __init__(self, clock_type: AnyClockType) -> None:
         super().__init__()
         self._clock_type = clock_type
-        kind = (
-            runtime.ClockType.SYSTEM_TIME
-            if clock_type == ClockType.UNINITIALIZED
-            else runtime.ClockType(int(clock_type))
-        )
-        self.clock = runtime.Clock(runtime.ClockType(int(kind)), on_failure=_pass_on)
+        is_initialized = clock_type != ClockType.UNINITIALIZED
+        kind = runtime.ClockType(int(clock_type)) if is_initialized else runtime.ClockType.SYSTEM_TIME
+        self.clock = runtime.Clock(kind, on_failure=_raise_again)
 
     def get_now(self) -> TimeHandle:
-        """What it reads; RCLError when it is of no kind."""
+        """Return the current time; raise RCLError if the clock type is UNINITIALIZED."""
         if self._clock_type == ClockType.UNINITIALIZED:
             raise RCLError("failed to get current clock value: Clock is not initialized")
         return Time(nanoseconds=self.clock.now_ns(), clock_type=self._clock_type)
 
     def get_ros_time_override_is_enabled(self) -> bool:
-        """Whether simulated time counts."""
+        """Return True if simulated time is active."""
         return self.clock.ros_time_is_active
 
     def set_ros_time_override_is_enabled(self, enabled: bool) -> None:
-        """Have simulated time count, or not."""
+        """Start or stop simulated time."""
         if enabled:
             self.clock.enable_ros_time_override()
         else:
@@ -175,7 +177,7 @@ class ClockHandle(Destroyable):
 
 
 class Clock:
-    """A clock of one kind; for ROS_TIME this makes a `ROSClock`."""
+    """Clock of one type; for ROS_TIME an object of `ROSClock` is created."""
 
     _clock_type: AnyClockType
     _rosidl_clock: ClockHandle
@@ -183,26 +185,24 @@ class Clock:
     def __new__(cls, *, clock_type: AnyClockType = ClockType.SYSTEM_TIME) -> Clock:
         if not isinstance(clock_type, (ClockType, ClockTypeOfC)):
             raise TypeError("Clock type must be a ClockType enum")
-        made = super().__new__(ROSClock if clock_type is ClockType.ROS_TIME else cls)
-        made._rosidl_clock = ClockHandle(clock_type)
-        made._clock_type = clock_type
-        return made
+        clock = super().__new__(ROSClock if clock_type is ClockType.ROS_TIME else cls)
+        clock._rosidl_clock = ClockHandle(clock_type)
+        clock._clock_type = clock_type
+        return clock
 
     @property
     def clock_type(self) -> AnyClockType:
-        """Its kind."""
         return self._clock_type
 
     @property
     def handle(self) -> ClockHandle:
-        """What it reads."""
         return self._rosidl_clock
 
     def __repr__(self) -> str:
         return f"Clock(clock_type={self.clock_type.name})"
 
     def now(self) -> Time:
-        """The time it reads now."""
+        """Return the current time."""
         with self.handle as handle:
             return Time(nanoseconds=handle.get_now().nanoseconds, clock_type=self.clock_type)
 
@@ -215,26 +215,30 @@ class Clock:
     ) -> JumpHandle:
         """Call `pre_callback()` before and `post_callback(jump)` after each jump that the threshold selects.
 
-        Both run in the thread that changes the time. ValueError when there is none.
+        Both run in the thread that changes the time.
+
+        Raises:
+            ValueError: neither callback is given.
         """
 
         def after(jump: TimeJumpDictionary) -> None:
             assert post_callback is not None
             post_callback(TimeJump(jump["clock_change"], Duration(nanoseconds=jump["delta"])))
 
-        given = after if callable(post_callback) else None
-        return JumpHandle(clock=self, threshold=threshold, pre_callback=pre_callback, post_callback=given)
+        post = after if callable(post_callback) else None
+        return JumpHandle(clock=self, threshold=threshold, pre_callback=pre_callback, post_callback=post)
 
     def sleep_until(self, until: Time, context: Context | None = None) -> bool:
-        """Block this thread until the clock reads `until`.
+        """Block this thread until the clock reaches `until`.
 
         A ROSClock with simulated time needs an executor in another thread.
 
         Returns:
-            False when the context was shut down meanwhile, or simulated time began or ended.
+            False if the context was shut down, or simulated time started or stopped, while sleeping.
 
         Raises:
-            NotInitializedException: the context is not open. ValueError: `until` is of another kind of clock.
+            NotInitializedException: the context is not open.
+            ValueError: `until` is of another clock type.
         """
         context = get_default_context() if context is None else context
         if not context.ok():
@@ -259,36 +263,35 @@ class Clock:
                 if left_ns <= 0:
                     break
                 simulated = self._rosidl_clock.get_ros_time_override_is_enabled()
-                # Waited for in parts: a system clock that is set forward is noticed a second later.
+                # At most 1 s at a time, so that a system clock that is set forward is noticed.
                 woken.wait(None if simulated else min(left_ns / 1e9, 1.0))
         return context.ok() and not source_changed and self.now() >= until
 
     def sleep_for(self, rel_time: Duration, context: Context | None = None) -> bool:
-        """`sleep_until` from now on."""
+        """Block this thread for a duration, as `sleep_until` does."""
         return self.sleep_until(self.now() + rel_time, context)
 
 
 class ROSClock(Clock):
-    """A clock that reads simulated time while that is active, else the system's."""
+    """Clock that reads simulated time while that is active, else the system time."""
 
     def __new__(cls) -> ROSClock:
-        made = super().__new__(cls, clock_type=ClockType.ROS_TIME)
-        assert isinstance(made, ROSClock)
-        return made
+        clock = super().__new__(cls, clock_type=ClockType.ROS_TIME)
+        assert isinstance(clock, ROSClock)
+        return clock
 
     @property
     def ros_time_is_active(self) -> bool:
-        """Whether simulated time counts."""
+        """True if simulated time is active."""
         with self.handle as handle:
             return handle.get_ros_time_override_is_enabled()
 
     def _set_ros_time_is_active(self, enabled: bool) -> None:
-        """For time sources."""
         with self.handle as handle:
             handle.set_ros_time_override_is_enabled(enabled)
 
     def set_ros_time_override(self, time: Time) -> None:
-        """Set the simulated time; it counts while that is active. TypeError for what is no Time."""
+        """Set the simulated time, which has effect while it is active; raise TypeError unless `time` is a Time."""
         if not isinstance(time, Time):
             raise TypeError(f"Time must be specified as rclpy.time.Time. Received type: {type(time)}")
         with self.handle as handle:

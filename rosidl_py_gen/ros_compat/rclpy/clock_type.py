@@ -1,4 +1,4 @@
-"""Kinds of clocks."""
+"""Types of clocks."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class ClockType(IntEnum):
-    """Where a time comes from; numbers of rcl."""
+    """Origin of a time, with the numbers of rcl."""
 
     UNINITIALIZED = 0
     ROS_TIME = 1

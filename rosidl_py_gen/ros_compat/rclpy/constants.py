@@ -1,4 +1,4 @@
-"""Numbers that several modules need."""
+"""Constants."""
 
 from __future__ import annotations
 

@@ -19,11 +19,11 @@ from rclpy.destroyable import DestroyableType as DestroyableType
 from rclpy.handles import ContextHandle
 from rosidl_py_gen import runtime
 
-_opened: set[ContextHandle] = set()
+_open_contexts: set[ContextHandle] = set()
 
 
 class Context:
-    """One participant of a domain, from `init` to `shutdown`; it cannot be used again after that.
+    """Membership in a domain, from `init` to `shutdown`; it cannot be opened again.
 
     Example:
         >>> with Context() as context:  # doctest: +SKIP
@@ -38,28 +38,29 @@ class Context:
 
     @property
     def handle(self) -> ContextHandle | None:
-        """None before `init`."""
+        """Handle of the context; None before `init`."""
         return self._rosidl_context
 
     def destroy(self) -> None:
-        """Leave the domain as soon as nobody uses it."""
+        """Leave the domain as soon as no entity uses the context."""
         if self._rosidl_context is not None:
             self._rosidl_context.destroy_when_not_in_use()
 
     def init(
         self, args: list[str] | None = None, *, initialize_logging: bool = True, domain_id: int | None = None
     ) -> None:
-        """Open it.
+        """Open the context.
 
         Args:
-            args: a command line with ``--ros-args``; None means `sys.argv`.
-            initialize_logging: without effect: logging needs nothing of a context here.
-            domain_id: None means ``ROS_DOMAIN_ID``, else 0.
+            args: command line with ``--ros-args``. [default: `sys.argv`]
+            initialize_logging: without effect, because logging needs no context here.
+            domain_id: domain. [default: ``ROS_DOMAIN_ID``, else 0]
 
         Raises:
-            RuntimeError: it was opened before, or `domain_id` is negative.
-            UnknownROSArgsError: ROS does not know what stands after ``--ros-args``.
-            RCLInvalidROSArgsError: it cannot be read. UnicodeEncodeError: an argument is no UTF-8.
+            RuntimeError: the context was opened before, or `domain_id` is negative.
+            UnknownROSArgsError: an argument after ``--ros-args`` is unknown.
+            RCLInvalidROSArgsError: the arguments cannot be parsed.
+            UnicodeEncodeError: an argument is not valid UTF-8.
         """
         with self._lock:
             if domain_id is not None and domain_id < 0:
@@ -73,15 +74,15 @@ class Context:
                 self._rosidl_context = ContextHandle(line, domain_id)
             except runtime.RosArgumentError as error:
                 raise refused_arguments(error) from error
-            _opened.add(self._rosidl_context)
+            _open_contexts.add(self._rosidl_context)
 
     def ok(self) -> bool:
-        """Whether it was opened and not shut down."""
+        """Return True if the context is open."""
         return self._rosidl_context is not None and self._rosidl_context.ok()
 
     def _rosidl_shut_down(self, handle: ContextHandle) -> None:
         with self._lock:
-            _opened.discard(handle)
+            _open_contexts.discard(handle)
             handle.shutdown()
             callbacks, self._callbacks = self._callbacks, []
         for reference in callbacks:
@@ -90,38 +91,38 @@ class Context:
                 callback()
 
     def shutdown(self) -> None:
-        """Leave the domain. Raises RuntimeError when it was never opened, or is shut down already."""
+        """Leave the domain; raise RuntimeError if the context is not open."""
         if self._rosidl_context is None:
             raise RuntimeError("Context must be initialized before it can be shutdown")
         self._rosidl_shut_down(self._rosidl_context)
 
     def try_shutdown(self) -> None:
-        """Leave the domain, if that was not done."""
+        """Leave the domain, if the context is open."""
         if self._rosidl_context is None:
             return
         if self._rosidl_context.ok():
             self._rosidl_shut_down(self._rosidl_context)
         else:
-            _opened.discard(self._rosidl_context)
-            self._rosidl_context.close()  # a signal only marked it
+            _open_contexts.discard(self._rosidl_context)
+            self._rosidl_context.close()  # a signal has only marked it as shut down
 
     def on_shutdown(self, callback: Callable[[], Any]) -> None:
-        """Have a function called by `shutdown`; at once when that was. Methods are kept by weak references."""
+        """Call a function at `shutdown`, or now if that has happened. Methods are stored as weak references."""
         if not callable(callback):
             raise TypeError(f"callback should be a callable, got {type(callback)}")
         with self._lock:
             if self._rosidl_context is None or self._rosidl_context.ok():
                 is_method = inspect.ismethod(callback)
-                self._callbacks.append(weakref.WeakMethod(callback, self._rosidl_forget) if is_method else callback)
+                self._callbacks.append(weakref.WeakMethod(callback, self._rosidl_discard) if is_method else callback)
                 return
         callback()
 
-    def _rosidl_forget(self, reference: Callable[[], Any]) -> None:
+    def _rosidl_discard(self, reference: Callable[[], Any]) -> None:
         if reference in self._callbacks:
             self._callbacks.remove(reference)
 
     def get_domain_id(self) -> int:
-        """The number of the domain; RuntimeError before `init`."""
+        """Return the number of the domain; raise RuntimeError before `init`."""
         if self._rosidl_context is None:
             raise RuntimeError("Context must be initialized before it can have a domain id")
         return self._rosidl_context.get_domain_id()
@@ -137,7 +138,7 @@ class Context:
 
 
 def refused_arguments(error: runtime.RosArgumentError) -> RuntimeError:
-    """What rclpy raises for a command line that ROS cannot read."""
+    """Return rclpy's exception for a command line that ROS cannot parse."""
     unknown = re.match(r"unknown ROS arguments: (.*?);", str(error))
     if unknown is None:
         return RCLInvalidROSArgsError(f"Failed to parse ROS arguments: {error}")
@@ -145,14 +146,14 @@ def refused_arguments(error: runtime.RosArgumentError) -> RuntimeError:
 
 
 def mark_all_shut_down() -> None:
-    """For signal handlers: no context is ok any more, and all that wait go on."""
-    for handle in list(_opened):
+    """Mark every context as shut down and end all waits; called by signal handlers."""
+    for handle in list(_open_contexts):
         handle.mark_shut_down()
 
 
 @atexit.register
 def _close_all() -> None:
-    if _opened:  # threads that are left are daemons; that their context is closed under them is no error of theirs
+    if _open_contexts:  # the remaining threads are daemons; errors from the closed context are not to be printed
         threading.excepthook = lambda args: None
-    for handle in list(_opened):
+    for handle in list(_open_contexts):
         handle.close()

@@ -1,4 +1,4 @@
-"""What all handles can."""
+"""Interface of handles."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Optional, Protocol, Type  # noqa: F401, UP035
 
 
 class DestroyableType(Protocol):
-    """Something that is destroyed when nobody uses it any more."""
+    """Object that is destroyed when it is no longer in use."""
 
     def __enter__(self) -> object: ...
     def __exit__(
         self, exc_type: type[BaseException] | None, exc_val: BaseException | None, exctb: TracebackType | None
     ) -> None: ...
     def destroy_when_not_in_use(self) -> None:
-        """Refuse new uses, and destroy it after the last one under way."""
+        """Refuse new uses, and destroy the object after the last current one."""

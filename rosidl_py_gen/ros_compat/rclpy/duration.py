@@ -1,4 +1,4 @@
-"""Lengths of time."""
+"""Durations."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rclpy.constants import S_TO_NS
 
 
 class DurationType(Protocol):
-    """What `Duration.get_c_duration` gives."""
+    """Result of `Duration.get_c_duration`."""
 
     @property
     def nanoseconds(self) -> int: ...
@@ -19,36 +19,37 @@ class DurationType(Protocol):
 
 @total_ordering
 class _Ordered:
-    """What is compared by its nanoseconds; as in rclpy it has no hash."""
+    """Values that are compared by their nanoseconds and have no hash, as in rclpy."""
 
     _rosidl_nanoseconds: int
 
     def _rosidl_comparable(self, other: object) -> int | None:
-        """Nanoseconds of what it can be compared with, None of anything else; may raise TypeError."""
+        """Return the nanoseconds of a comparable value, None for others; may raise TypeError."""
         raise NotImplementedError
 
     def __eq__(self, other: object) -> bool:
-        found = self._rosidl_comparable(other)
-        return NotImplemented if found is None else self._rosidl_nanoseconds == found
+        nanoseconds = self._rosidl_comparable(other)
+        return NotImplemented if nanoseconds is None else self._rosidl_nanoseconds == nanoseconds
 
     def __ne__(self, other: object) -> bool:
         return not self == other
 
     def __lt__(self, other: object) -> bool:
-        found = self._rosidl_comparable(other)
-        return NotImplemented if found is None else self._rosidl_nanoseconds < found
+        nanoseconds = self._rosidl_comparable(other)
+        return NotImplemented if nanoseconds is None else self._rosidl_nanoseconds < nanoseconds
 
 
 class Duration(_Ordered):
-    """A signed length of time in nanoseconds, of 64 bits.
+    """Signed duration in nanoseconds, of 64 bits; fractions of a nanosecond are cut off.
 
-    Fractions of a nanosecond are cut off. Raises OverflowError for what does not fit, infinity included, and ValueError
-    for NaN and for text.
+    Raises:
+        OverflowError: the value does not fit, or is infinite.
+        ValueError: `seconds` is NaN or text.
     """
 
     def __init__(self, *, seconds: float = 0, nanoseconds: int = 0) -> None:
-        if isinstance(seconds, (str, bytes)):  # repeated S_TO_NS times it would take a gigabyte to be no number
-            raise ValueError(f"seconds is a number, found {seconds!r}")
+        if isinstance(seconds, (str, bytes)):  # `seconds * S_TO_NS` would create a text of a gigabyte
+            raise ValueError(f"seconds: expected a number, got {seconds!r}")
         total = int(seconds * S_TO_NS) + int(nanoseconds)
         if not -(2**63) <= total < 2**63:
             raise OverflowError("Total nanoseconds value is too large to store in C duration.")
@@ -56,7 +57,6 @@ class Duration(_Ordered):
 
     @property
     def nanoseconds(self) -> int:
-        """The whole length."""
         return self._rosidl_nanoseconds
 
     def __repr__(self) -> str:
@@ -69,21 +69,21 @@ class Duration(_Ordered):
         return other.nanoseconds if isinstance(other, Duration) else None
 
     def to_msg(self) -> builtin_interfaces.msg.Duration:
-        """As builtin_interfaces/Duration; `nanosec` is never negative."""
+        """Return a builtin_interfaces/Duration, whose `nanosec` is never negative."""
         sec, nanosec = divmod(self.nanoseconds, S_TO_NS)
         return builtin_interfaces.msg.Duration(sec=sec, nanosec=nanosec)
 
     @classmethod
     def from_msg(cls, msg: builtin_interfaces.msg.Duration) -> Duration:
-        """Of a builtin_interfaces/Duration; TypeError for anything else."""
+        """Convert a builtin_interfaces/Duration; raise TypeError for other values."""
         if not isinstance(msg, builtin_interfaces.msg.Duration):
             raise TypeError("Must pass a builtin_interfaces.msg.Duration object")
         return cls(seconds=msg.sec, nanoseconds=msg.nanosec)
 
     def get_c_duration(self) -> DurationType:
-        """The duration itself: there is no C structure here."""
+        """Return the duration itself, which takes the place of the C structure."""
         return self
 
 
 Infinite = Duration(nanoseconds=2**63 - 1)
-"""For ever, where a quality of service is meant."""
+"""Unlimited duration in a QoS profile."""

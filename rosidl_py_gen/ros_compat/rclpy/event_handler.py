@@ -1,4 +1,4 @@
-"""What happens to publishers and subscriptions beside messages, told to callbacks by the executor."""
+"""Events of publishers and subscriptions, and the waitables that call the program's functions for them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum  # noqa: F401
+from functools import partial
 from typing import TYPE_CHECKING, Any, List, Optional  # noqa: F401, UP035
 
 from rclpy._rclpy_pybind11 import EnumOfC
@@ -65,21 +66,21 @@ IncompatibleTypeInfo = runtime.IncompatibleStatus
 
 
 class EventHandle(Destroyable):
-    """What was told of one kind of event and not taken."""
+    """Queue of the events of one kind that were reported and not taken."""
 
     def __init__(self, items: deque[Any]) -> None:
         super().__init__()
         self.items = items
 
     def is_ready(self) -> bool:
-        """Whether something was told."""
         return self.is_valid and bool(self.items)
 
 
 class EventHandler(Waitable):
-    """Waits for one kind of event of a publisher or subscription.
+    """Waitable for one kind of event of a publisher or subscription.
 
-    Raises UnsupportedEventTypeError for an endpoint that was not made with a callback for that event.
+    Raises:
+        UnsupportedEventTypeError: the endpoint was created without a callback for the event.
     """
 
     def __init__(
@@ -97,7 +98,7 @@ class EventHandler(Waitable):
             items = parent_impl.events.get(int(event_type))
             if items is None:
                 raise UnsupportedEventTypeError(
-                    f"{event_type!r}: nobody looks for this event; give event_callbacks when the endpoint is created"
+                    f"event {event_type!r} is not recorded; pass event_callbacks when the endpoint is created"
                 )
             self._rosidl_event = EventHandle(items)
         if type(self).is_ready is EventHandler.is_ready:
@@ -122,12 +123,12 @@ class EventHandler(Waitable):
             wait_set.add_event(self._rosidl_event)
 
     def destroy(self) -> None:
-        """Stop calling back."""
+        """Stop waiting for the event."""
         self._rosidl_event.destroy_when_not_in_use()
 
 
 class QoSEventHandler(EventHandler):
-    """The old name of `EventHandler`."""
+    """Deprecated name of `EventHandler`."""
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         text = "QoSEventHandler foo is deprecated, use EventHandler instead."
@@ -144,26 +145,22 @@ class _EventCallbacks:
     """Functions by the runtime's names of events."""
 
     _ROSIDL_TYPES: dict[str, EnumOfC]
-    _ROSIDL_WORDS: str
+    _ROSIDL_TEXT: str
     use_default_callbacks: bool
 
     def _rosidl_functions(self) -> dict[str, Callable[[Any], Any]]:
         return {name: getattr(self, name) for name in self._ROSIDL_TYPES if getattr(self, name) is not None}
 
     def _rosidl_queues(self, context: ContextHandle) -> tuple[dict[int, deque[Any]], dict[str, Callable[[Any], None]]]:
-        """For each event that is asked for: where it is kept, by number; what the runtime is to call, by name."""
+        """Return a queue for each requested event, by number, and the runtime's callbacks that fill them, by name."""
         queues = {name: deque[Any]() for name in self._rosidl_functions()}
 
-        def keep(queue: deque[Any]) -> Callable[[Any], None]:
-            def told(status: Any) -> None:
-                queue.append(with_policy_of_c(status))
-                context.notify_arrival()
+        def append(queue: deque[Any], status: Any) -> None:
+            queue.append(with_policy_of_c(status))
+            context.notify_arrival()
 
-            return told
-
-        return {self._ROSIDL_TYPES[name].value: queue for name, queue in queues.items()}, {
-            name: keep(queue) for name, queue in queues.items()
-        }
+        by_number = {self._ROSIDL_TYPES[name].value: queue for name, queue in queues.items()}
+        return by_number, {name: partial(append, queue) for name, queue in queues.items()}
 
     def _rosidl_handlers(self, callback_group: CallbackGroup, impl: Handle[Any], topic_name: str) -> list[EventHandler]:
         return [
@@ -174,7 +171,7 @@ class _EventCallbacks:
         ]
 
     def _rosidl_watch(self, node: runtime.Node, endpoint: Any, handle: Handle[Any]) -> None:
-        """Have mismatches noticed that no function of the program is for, unless it wants none to be."""
+        """Record incompatible peers for the default callbacks, unless the program has its own or wants none."""
         kinds = [kind for kind in ("qos", "type") if f"incompatible_{kind}" not in self._rosidl_functions()]
         queues = {kind: deque[Any]() for kind in kinds if self.use_default_callbacks}
         for kind, queue in queues.items():
@@ -183,14 +180,14 @@ class _EventCallbacks:
         handle.context.mismatches.watch(handle.watched)
 
     def _rosidl_logging(self, impl: Handle[Any], topic_name: str) -> dict[str, Callable[[Any], Any]]:
-        """Functions that log mismatches, by name, where the program wants that."""
+        """Return the default callbacks by name, which log incompatible peers."""
         if not self.use_default_callbacks:
             return {}
         logger = get_logger(impl.logger_name)
 
         def log_qos(event: runtime.IncompatibleStatus) -> None:
             policy = qos_policy_name_from_kind(event.last_policy_kind)
-            logger.warn(f"{self._ROSIDL_WORDS.format(topic_name)} Last incompatible policy: {policy}")
+            logger.warn(f"{self._ROSIDL_TEXT.format(topic_name)} Last incompatible policy: {policy}")
 
         def log_type(event: runtime.IncompatibleStatus) -> None:
             logger.warn(f"Incompatible type on topic '{topic_name}', no messages will be sent to it.")
@@ -200,9 +197,9 @@ class _EventCallbacks:
 
 @dataclass(kw_only=True, eq=False)
 class SubscriptionEventCallbacks(_EventCallbacks):
-    """Functions that are told what happened to a subscription; each gets one of the `...Info` values."""
+    """Callbacks for events of a subscription; each is called with one of the `...Info` values."""
 
-    _ROSIDL_WORDS = (
+    _ROSIDL_TEXT = (
         "New publisher discovered on topic '{}', offering incompatible QoS. No messages will be received from it."
     )
     _ROSIDL_TYPES = {  # noqa: RUF012
@@ -225,15 +222,15 @@ class SubscriptionEventCallbacks(_EventCallbacks):
     def create_event_handlers(
         self, callback_group: CallbackGroup, subscription: Handle[Any], topic_name: str
     ) -> list[EventHandler]:
-        """A handler for each function, and those that log mismatches, unless `use_default_callbacks` is off."""
+        """Return the handlers of the callbacks, and the default ones if `use_default_callbacks` is set."""
         return self._rosidl_handlers(callback_group, subscription, topic_name)
 
 
 @dataclass(kw_only=True, eq=False)
 class PublisherEventCallbacks(_EventCallbacks):
-    """Functions that are told what happened to a publisher; each gets one of the `...Info` values."""
+    """Callbacks for events of a publisher; each is called with one of the `...Info` values."""
 
-    _ROSIDL_WORDS = (
+    _ROSIDL_TEXT = (
         "New subscription discovered on topic '{}', requesting incompatible QoS. No messages will be sent to it."
     )
     _ROSIDL_TYPES = {  # noqa: RUF012
@@ -254,5 +251,5 @@ class PublisherEventCallbacks(_EventCallbacks):
     def create_event_handlers(
         self, callback_group: CallbackGroup, publisher: Handle[Any], topic_name: str
     ) -> list[EventHandler]:
-        """A handler for each function, and those that log mismatches, unless `use_default_callbacks` is off."""
+        """Return the handlers of the callbacks, and the default ones if `use_default_callbacks` is set."""
         return self._rosidl_handlers(callback_group, publisher, topic_name)

@@ -1,4 +1,4 @@
-"""Executors: who runs callbacks, in which thread. Work is pulled; where nobody spins, nothing is taken."""
+"""Executors: threads that wait for ready entities and run their callbacks."""
 
 from __future__ import annotations
 
@@ -46,27 +46,27 @@ if TYPE_CHECKING:
 
 WaitableEntityType = TypeVar("WaitableEntityType")
 _Work = tuple[Task[Any], Any, Any]
-_Found = tuple[Task[Any] | None, Any, Any]
+_ReadyWork = tuple[Task[Any] | None, Any, Any]
 
 
 class TimeoutException(Exception):
-    """Nothing was ready in time."""
+    """Raised when no entity was ready in time."""
 
 
 class ShutdownException(Exception):
-    """The executor was shut down."""
+    """Raised when the executor was shut down."""
 
 
 class ExternalShutdownException(Exception):
-    """The context was shut down."""
+    """Raised when the context was shut down."""
 
 
 class ConditionReachedException(Exception):
-    """What the executor was told to wait for holds."""
+    """Raised when the condition of the wait has become true."""
 
 
 class TimeoutObject:
-    """A time limit in seconds that may be changed while somebody waits again and again."""
+    """Timeout in seconds that may be changed between the waits that use it."""
 
     timeout: float
 
@@ -76,7 +76,7 @@ class TimeoutObject:
 
 _Timeout = float | TimeoutObject | None
 _SELECTOR_RESOLUTION_S = 0.001
-"""A selector waits for whole milliseconds; what is shorter is slept through, in naps."""
+"""Shortest wait of a selector, which counts whole milliseconds; shorter waits are slept in steps."""
 _SHORT_SLEEP_S = 0.0005
 
 
@@ -85,12 +85,13 @@ def _never() -> bool:
 
 
 class Executor:
-    """The base of executors: it finds what is ready. A custom one defines `spin_once` over `wait_for_ready_callbacks`.
+    """Base class of executors, which finds ready entities; subclasses define `spin_once`.
 
     Args:
-        context: None means the default one, which has to be initialized.
+        context: an open context. [default: the default context]
 
     Raises:
+        NotInitializedException: the context was never opened.
         RCLError: the context is shut down.
     """
 
@@ -108,27 +109,26 @@ class Executor:
         self._tasks: list[_Work] = []
         self._tasks_lock = threading.Lock()
         self._is_shutdown = False
-        self._cb_iter: Iterator[_Found] | None = None
+        self._cb_iter: Iterator[_ReadyWork] | None = None
         self._last_args: tuple[Any, ...] | None = None
         self._last_kwargs: dict[str, Any] | None = None
         self._context.on_shutdown(self.wake)
 
     @property
     def context(self) -> Context:
-        """The context it looks at."""
         return self._context
 
     def create_task(
         self, callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any, **kwargs: Any
     ) -> Task[Any]:
-        """Have a function or coroutine run while somebody spins; answers a future of its result."""
+        """Schedule a function or coroutine and return a future of its result."""
         task: Task[Any] = Task(callback, args, kwargs, executor=self)
-        self._rosidl_keep(task, None, None)
+        self._rosidl_retain_task(task, None, None)
         self.wake()
         return task
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
-        """Stop: whoever spins returns. True at once, as in rclpy, whatever the time limit."""
+        """Stop: all spinning threads return. Returns True at once, as in rclpy, whatever `timeout_sec` is."""
         self._is_shutdown = True
         self.wake()
         with self._nodes_lock:
@@ -137,7 +137,7 @@ class Executor:
         return True
 
     def add_node(self, node: Node) -> bool:
-        """Serve a node, which leaves the executor it was in; False when it is here already."""
+        """Serve a node, which leaves its previous executor; return False if it is served here already."""
         with self._nodes_lock:
             if node in self._nodes:
                 return False
@@ -147,7 +147,7 @@ class Executor:
         return True
 
     def remove_node(self, node: Node) -> None:
-        """Serve a node no more."""
+        """Stop serving a node."""
         with self._nodes_lock:
             if node not in self._nodes:
                 return
@@ -155,11 +155,10 @@ class Executor:
         self.wake()
 
     def wake(self) -> None:
-        """Let whoever spins look again; from any thread."""
+        """Make spinning threads check their conditions again. Thread: any."""
         self._rosidl_handle.notify()
 
     def get_nodes(self) -> list[Node]:
-        """The nodes it serves."""
         return list(self._nodes)
 
     def spin(self) -> None:
@@ -189,38 +188,34 @@ class Executor:
             future.add_done_callback(lambda _: self.wake())
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Wait for one piece of work and do it.
+        """Wait for one ready callback and run it.
 
         Args:
-            timeout_sec: None or negative: wait for ever; 0: only look.
+            timeout_sec: maximum time to wait; None or negative: unlimited; 0: do not wait.
         """
         raise NotImplementedError
 
     def spin_once_until_future_complete(self, future: Future[Any], timeout_sec: _Timeout = None) -> None:
-        """`spin_once`, which returns without having done anything when a future is done."""
+        """Wait for one ready callback and run it, but return without running one if a future is done."""
         raise NotImplementedError
-
-    # ---------------------------------------------------------------------------------------------------- handlers
 
     def _make_handler(self, entity: Any, node: Node) -> Task[Any]:
         return EntityTask(
             self,
             lambda: handle_entity(self, entity, self._is_shutdown),
-            lambda task: self._rosidl_keep(task, entity, node),
+            lambda task: self._rosidl_retain_task(task, entity, node),
         )
 
-    def _rosidl_keep(self, task: Task[Any], entity: Any, node: Node | None) -> None:
+    def _rosidl_retain_task(self, task: Task[Any], entity: Any, node: Node | None) -> None:
         with self._tasks_lock:
             self._tasks.append((task, entity, node))
 
     def can_execute(self, entity: Any) -> bool:
-        """Whether the callback of an entity may run now: its group allows it, and it is not about to."""
+        """Return True if the callback of an entity may run now: its group allows it, and it is not scheduled yet."""
         return not entity._executor_event and bool(entity.callback_group.can_execute(entity))
 
-    # ----------------------------------------------------------------------------------------------------- waiting
-
     def _rosidl_resumable_tasks(self, nodes: Iterable[Node]) -> Iterator[_Work]:
-        """Tasks that can go on, newest first."""
+        """Yield the tasks that can continue, newest first."""
         if not self._tasks:
             return
         with self._tasks_lock:
@@ -243,16 +238,16 @@ class Executor:
     def _rosidl_wait(
         self, nodes: list[Node] | None, end: float | None, condition: Callable[[], bool]
     ) -> list[tuple[Any, Node]]:
-        """What is ready as soon as something is; nothing when something else ends the wait."""
-        handle, has_looked, can_execute = self._rosidl_handle, False, self.can_execute
+        """Wait for ready entities and return them; an empty list if something else ends the wait."""
+        handle, has_polled, can_execute = self._rosidl_handle, False, self.can_execute
         try:
             while True:
                 seen = handle.news
                 chosen = self.get_nodes() if nodes is None else nodes
                 ready, limit, has_waitables = ready_entities(chosen, can_execute)
-                if not has_looked and (end is not None or ready or self._rosidl_has_resumable_task(chosen)):
-                    has_looked = True
-                    handle.driver.wait(timeout_s=0)  # what arrived meanwhile counts, too
+                if not has_polled and (end is not None or ready or self._rosidl_has_resumable_task(chosen)):
+                    has_polled = True
+                    handle.driver.wait(timeout_s=0)  # process messages that have arrived since the last wait
                     continue
                 if has_waitables:
                     ready = ready_waitables(chosen, can_execute) + ready
@@ -273,16 +268,16 @@ class Executor:
                 def has_changed(seen: object = seen) -> bool:
                     return handle.news is not seen or (condition is not _never and condition())
 
-                has_looked = True
+                has_polled = True
                 handle.driver.wait(has_changed, 0 if limit is not None and limit < _SELECTOR_RESOLUTION_S else limit)
                 if limit is not None and limit < _SELECTOR_RESOLUTION_S and not has_changed():
                     time.sleep(min(limit, _SHORT_SLEEP_S))
-        except runtime.ClosedError:  # shut down meanwhile
+        except runtime.ClosedError:  # shut down during the wait
             return []
 
     def _wait_for_ready_callbacks(
         self, timeout_sec: _Timeout = None, nodes: list[Node] | None = None, condition: Callable[[], bool] = _never
-    ) -> Iterator[_Found]:
+    ) -> Iterator[_ReadyWork]:
         limit = timeout_sec.timeout if isinstance(timeout_sec, TimeoutObject) else timeout_sec
         end = None if limit is None or limit < 0 else self._rosidl_now_s() + float(limit)
         yielded = False
@@ -291,19 +286,19 @@ class Executor:
                 yielded = True
                 yield work
             if not self._context.ok():
-                what = "create timer" if limit and limit > 0 else "initialize wait set"
-                raise RCLError(f"failed to {what}: the given context is not valid")
+                activity = "create timer" if limit and limit > 0 else "initialize wait set"
+                raise RCLError(f"failed to {activity}: the given context is not valid")
             ready = self._rosidl_wait(nodes, self._rosidl_now_s() if yielded else end, condition)
             if self._is_shutdown:
                 raise ShutdownException
             if not self._context.ok():
                 raise ExternalShutdownException
-            for number, (entity, node) in enumerate(ready):  # nothing ran since the first was found ready
-                if not number or (
+            for index, (entity, node) in enumerate(ready):  # the first needs no check, as nothing ran since the scan
+                if not index or (
                     self.can_execute(entity) and (not isinstance(entity, Timer) or entity._rosidl_is_ready())
                 ):
                     yielded = True
-                    entity._executor_event = True  # it is not ready again before something was taken
+                    entity._executor_event = True  # not ready again before an item was taken
                     yield None, entity, node
             if not yielded and end is not None and self._rosidl_now_s() >= end:
                 raise TimeoutException
@@ -313,18 +308,18 @@ class Executor:
             raise ConditionReachedException
 
     def wait_for_ready_callbacks(self, *args: Any, **kwargs: Any) -> _Work:
-        """The next piece of work: a task to be called, and the entity and node it is for, or None.
+        """Return the next task to call, and its entity and node, which may be None.
 
-        It takes ``timeout_sec=None``, seconds, for ever if None or negative, and 0 only looks; ``nodes=None``, only
-        these, or all of the executor; ``condition``, a function that ends the wait when it answers True.
+        It accepts ``timeout_sec=None`` in seconds (None or negative: unlimited; 0: do not wait), ``nodes=None`` (by
+        default all nodes of the executor), and ``condition``, a function that ends the wait when it returns True.
 
         Raises:
-            TimeoutException, ShutdownException, ExternalShutdownException, ConditionReachedException: as they say.
+            TimeoutException, ShutdownException, ExternalShutdownException, ConditionReachedException: see the classes.
         """
         task, entity, node = self._rosidl_next_work(args, kwargs)
         return self._make_handler(entity, node) if task is None else task, entity, node
 
-    def _rosidl_next_work(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> _Found:
+    def _rosidl_next_work(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> _ReadyWork:
         while True:
             if self._cb_iter is None or self._last_args != args or self._last_kwargs != kwargs:
                 self._last_args, self._last_kwargs = args, kwargs
@@ -343,23 +338,9 @@ class Executor:
         self.shutdown()
 
 
-class SingleThreadedExecutor(Executor):
-    """Runs callbacks in the thread that spins; what they raise leaves `spin`."""
-
+class _StandardExecutor(Executor):
     def _rosidl_spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _never) -> None:
-        try:
-            handler, entity, node = self._rosidl_next_work((timeout_sec, None, condition), {})
-        except (ShutdownException, TimeoutException, ConditionReachedException):
-            return
-        if handler is None:  # here and now, without a task
-            rest = handle_entity(self, entity, self._is_shutdown)
-            if rest is None:
-                return
-            handler = Task(rest, executor=self)
-            handler._rosidl_handed_out = True
-            self._rosidl_keep(handler, entity, node)
-        handler()
-        handler.result()
+        raise NotImplementedError
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         self._rosidl_spin_once(timeout_sec)
@@ -369,12 +350,31 @@ class SingleThreadedExecutor(Executor):
         self._rosidl_spin_once(timeout_sec, future.done)
 
 
-class MultiThreadedExecutor(Executor):
-    """Runs callbacks in a pool of threads; what they raise leaves a later `spin_once`.
+class SingleThreadedExecutor(_StandardExecutor):
+    """Executor that runs callbacks in the spinning thread; their exceptions leave `spin`."""
+
+    def _rosidl_spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _never) -> None:
+        try:
+            handler, entity, node = self._rosidl_next_work((timeout_sec, None, condition), {})
+        except (ShutdownException, TimeoutException, ConditionReachedException):
+            return
+        if handler is None:  # run here, without a task
+            rest = handle_entity(self, entity, self._is_shutdown)
+            if rest is None:
+                return
+            handler = Task(rest, executor=self)
+            handler._rosidl_handed_out = True
+            self._rosidl_retain_task(handler, entity, node)
+        handler()
+        handler.result()
+
+
+class MultiThreadedExecutor(_StandardExecutor):
+    """Executor that runs callbacks in a thread pool; their exceptions leave a later `spin_once`.
 
     Args:
-        num_threads: None means as many as the process may use processors.
-        context: None means the default one.
+        num_threads: size of the pool. [default: number of processors that the process may use]
+        context: an open context. [default: the default context]
     """
 
     def __init__(self, num_threads: int | None = None, *, context: Context | None = None) -> None:
@@ -399,10 +399,3 @@ class MultiThreadedExecutor(Executor):
             if future.done():
                 self._futures.remove(future)
                 future.result()
-
-    def spin_once(self, timeout_sec: float | None = None) -> None:
-        self._rosidl_spin_once(timeout_sec)
-
-    def spin_once_until_future_complete(self, future: Future[Any], timeout_sec: _Timeout = None) -> None:
-        self._rosidl_wake_at_end(future)
-        self._rosidl_spin_once(timeout_sec, future.done)

@@ -1,4 +1,4 @@
-"""Guard conditions: callbacks that the program itself triggers."""
+"""Guard conditions, which a program triggers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class GuardConditionHandle(Destroyable):
-    """Whether it was triggered."""
+    """Trigger of a guard condition."""
 
     def __init__(self, context: ContextHandle) -> None:
         super().__init__()
@@ -25,21 +25,19 @@ class GuardConditionHandle(Destroyable):
         self._triggered = False
 
     def trigger_guard_condition(self) -> None:
-        """Note it, and wake whoever waits."""
+        """Record the trigger and wake up executors."""
         self._triggered = True
         self._context.notify()
 
     def is_ready(self) -> bool:
-        """Whether it was triggered since a trigger was taken last."""
         return self._triggered
 
     def take_trigger(self) -> None:
-        """Forget that it was triggered."""
         self._triggered = False
 
 
 class GuardCondition:
-    """Its callback runs in the executor after `trigger`, once for all triggers so far."""
+    """Entity whose callback runs once after one or several calls of `trigger`."""
 
     def __init__(
         self,
@@ -58,17 +56,16 @@ class GuardCondition:
         self._executor_event = False
 
     def trigger(self) -> None:
-        """Have the callback called; from any thread. Raises InvalidHandle after `destroy`."""
+        """Schedule the callback; raise InvalidHandle after `destroy`. Thread: any."""
         with self._rosidl_gc:
             self._rosidl_gc.trigger_guard_condition()
 
     @property
     def handle(self) -> GuardConditionHandle:
-        """What a wait set takes."""
         return self._rosidl_gc
 
     def destroy(self) -> None:
-        """End it; use `Node.destroy_guard_condition` for those of nodes."""
+        """Destroy the guard condition; use `Node.destroy_guard_condition` for those of nodes."""
         self.handle.destroy_when_not_in_use()
 
     def _rosidl_is_ready(self) -> bool:

@@ -1,7 +1,6 @@
-"""Handles: what entities hold in the runtime, in use by several threads, and destroyed when none uses it any more.
+"""Handles of the runtime's endpoints: they count their uses, and close the endpoint after the last one.
 
-There is no C below: a handle is a small object around an endpoint of the runtime. `with handle` keeps it from being
-destroyed meanwhile, and raises InvalidHandle after it was.
+``with handle`` keeps an endpoint from being closed by another thread, and raises InvalidHandle after it was destroyed.
 """
 
 from __future__ import annotations
@@ -10,8 +9,6 @@ import contextlib
 import threading
 import weakref
 from collections import deque
-from functools import partial
-from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
@@ -26,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class Closable(Protocol):
-    """An endpoint, node or context of the runtime."""
+    """Endpoint, node or context of the runtime."""
 
     def close(self) -> None: ...
 
@@ -37,10 +34,9 @@ _DESTROYED = "cannot use Destroyable because destruction was requested"
 
 
 class Destroyable:
-    """Counts its users."""
+    """Object that counts its uses and is destroyed after the last one."""
 
     def __init__(self, parent: Destroyable | None = None) -> None:
-        """`parent` is not destroyed before this is."""
         self._users = 0
         self._is_destroyed = self._is_over = False
         self._users_lock = threading.RLock()
@@ -50,12 +46,12 @@ class Destroyable:
 
     @property
     def pointer(self) -> int:
-        """A number of its own."""
+        """Number that identifies the handle."""
         return id(self)
 
     @property
     def is_valid(self) -> bool:
-        """False once it is to be destroyed."""
+        """False after `destroy_when_not_in_use`."""
         return not self._is_destroyed
 
     def __enter__(self) -> Self:
@@ -73,12 +69,10 @@ class Destroyable:
     ) -> None:
         with self._users_lock:
             self._users -= 1
-            is_to_end = self._is_destroyed
-        if is_to_end:
-            self._destroy_if_unused()
+        self._destroy_if_unused()
 
     def destroy_when_not_in_use(self) -> None:
-        """Refuse new uses, and destroy it after the last one under way; may be called twice."""
+        """Refuse new uses, and destroy the object after the last current one; may be called twice."""
         with self._users_lock:
             self._is_destroyed = True
         self._destroy_if_unused()
@@ -93,11 +87,11 @@ class Destroyable:
             self._parent.__exit__()
 
     def _destroy(self) -> None:
-        """Nobody uses it any more."""
+        """Release the resources; called once, when no use is left."""
 
 
 class ContextHandle(Destroyable):
-    """What `rclpy.init` opens: a context of the runtime, and the loop that whoever spins runs."""
+    """Context of the runtime, and the loop that spinning threads run."""
 
     def __init__(self, args: list[str], domain_id: int | None) -> None:
         super().__init__()
@@ -110,46 +104,44 @@ class ContextHandle(Destroyable):
                 raise RCLError(f"failed to initialize rcl: {error}") from None
             raise
         self.news: object = None
-        """Another object whenever something happened that an executor may wait for."""
+        """Replaced by a new object after each change that an executor may wait for."""
         self.mismatches = Mismatches(self.runtime, self.driver, self.notify_arrival)
         self.creating = threading.RLock()
-        """Held while an endpoint is created, and while endpoints are counted: the graph shows one before it is
-        connected with those that are there, and what is published in between would be lost.
+        """Lock for creating and counting endpoints. The graph shows an endpoint before it is matched; a program that
+        counts it then and publishes would lose the message.
         """
         self._is_ok = True
         self._lock = threading.Lock()
         self._is_closed = False
 
     def ok(self) -> bool:
-        """Whether it was not shut down."""
         return self._is_ok
 
     def require_ok(self) -> None:
-        """Raises RCLError when it was shut down."""
+        """Raise RCLError if the context was shut down."""
         if not self._is_ok:
             raise RCLError("the context is shut down")
 
     def get_domain_id(self) -> int:
-        """The number of the domain."""
         return self.runtime.domain_id
 
     def notify_arrival(self) -> None:
-        """Something happened; on the loop."""
+        """Report an arrival to executors. Thread: loop."""
         self.news = object()
-        self.driver.wake()  # here that only asks whether the loop is to be left, in this round of it
+        self.driver.wake()  # in the loop's thread this only checks whether the current iteration ends the wait
 
     def notify(self) -> None:
-        """Something happened: whoever waits looks again. From any thread, and from signal handlers."""
+        """Make waiting executors check their conditions again. Thread: any, and signal handlers."""
         self.news = object()
         self.driver.wake()
 
     def mark_shut_down(self) -> None:
-        """What a signal handler may do: `ok` is False from now on, and waits end."""
+        """Make `ok` return False and end all waits. Thread: any, and signal handlers."""
         self._is_ok = False
         self.notify()
 
     def shutdown(self) -> None:
-        """Leave the domain. Raises RCLError when that was done."""
+        """Leave the domain; raise RCLError if the context was shut down before."""
         was_ok = self._is_ok
         self.mark_shut_down()
         self.close()
@@ -170,21 +162,23 @@ class ContextHandle(Destroyable):
         self.close()
 
     def wait(self, until: Callable[[], object], timeout_sec: float | None) -> bool:
-        """Run the loop until something holds, the context is shut down, or the time has passed; None and negative
-        numbers mean for ever. What `until` answers, or raises, at the end.
+        """Run the loop until `until` is true, the context is shut down or the time has passed.
+
+        Returns:
+            The last result of `until`, as a bool.
         """
-        limit = None if timeout_sec is None or timeout_sec < 0 or timeout_sec == float("inf") else float(timeout_sec)
+        limit = None if timeout_sec is None or timeout_sec == float("inf") else max(0.0, float(timeout_sec))
         with contextlib.suppress(runtime.ClosedError):
             self.driver.wait(lambda: not self._is_ok or until(), limit)
         return bool(until())
 
 
 class Handle(Destroyable, Generic[C]):
-    """An endpoint of the runtime. One that is deleted without having been destroyed is closed by the loop later.
+    """Handle of an endpoint of the runtime; if it is deleted without being destroyed, the loop closes the endpoint.
 
     Attributes:
-        logger_name: of the node's logger.
-        events: what happened to the endpoint, as far as somebody wants to know.
+        logger_name: name of the node's logger.
+        events: queues of reported events, by number.
         marked: for a node, the kinds of its endpoints (`ready_scan.ServedEntity`) of which some may be ready. Executors
             check no other endpoints.
     """
@@ -204,48 +198,48 @@ class Handle(Destroyable, Generic[C]):
         self.logger_name = logger_name
         self.events: dict[int, deque[Any]] = {}
         self.watched: WatchedEndpoint | None = None
-        self._ask: Callable[[], bool] = _never
+        self._has_more: Callable[[], bool] = lambda: False
         self._may_be_ready = False
         self.marked: set[int] = set()
         self._kind = kind
         self._node = parent if isinstance(parent, Handle) else None
 
     def handle_of(self, entity: Any, kind: int) -> Handle[Any]:
-        """Return the handle of an endpoint of this node, which is told when something arrived for it."""
+        """Return the handle of an endpoint of this node, which the endpoint notifies of arrivals."""
         handle: Handle[Any] = Handle(self.context, entity, self, logger_name=self.logger_name, kind=kind)
         if hasattr(entity, "on_ready"):
-            handle.set_ready(partial(_asked, entity))
-            entity.on_ready(_teller(handle))
+            handle.set_ready(lambda: entity.is_ready)
+            entity.on_ready(_weak_notifier(handle))
         return handle
 
     def set_ready(self, is_ready: Callable[[], bool]) -> None:
-        """Say how to know whether something can be taken."""
-        self._ask = is_ready
+        """Set the function that returns whether the endpoint has something to take."""
+        self._has_more = is_ready
 
     def is_ready(self) -> bool:
-        """Whether something can be taken."""
+        """Return True if something can be taken."""
         if not self._may_be_ready or self._is_destroyed:
             return False
-        self._may_be_ready = False  # before it is asked: it may arrive meanwhile
-        if self._ask():
+        self._may_be_ready = False  # before the check, as a message may arrive during it
+        if self._has_more():
             self._mark()
         return self._may_be_ready
 
     def is_ready_marked(self) -> bool:
-        """As `is_ready`, without asking: for what is taken by `take_from` alone."""
+        """Return True if something may be taken, without a check; for endpoints that `take_from` reads."""
         if not self._may_be_ready or self._is_destroyed:
             return False
         self._mark()
         return True
 
     def take_from(self, take: Callable[[C], T]) -> T:
-        """Take something; it stays marked where there is more. InvalidHandle when it was destroyed."""
+        """Take from the endpoint, which stays marked if it has more; raise InvalidHandle if it was destroyed."""
         entity = self.valid()
         self._may_be_ready = False
-        found = take(entity)
-        if self._ask():
+        item = take(entity)
+        if self._has_more():
             self._mark()
-        return found
+        return item
 
     def _mark(self) -> None:
         self._may_be_ready = True
@@ -253,16 +247,14 @@ class Handle(Destroyable, Generic[C]):
             self._node.marked.add(self._kind)
 
     def valid(self) -> C:
-        """The endpoint, for one call that copes with being destroyed meanwhile; InvalidHandle when it was destroyed."""
+        """Return the endpoint for one call that tolerates its destruction; raise InvalidHandle if it was destroyed."""
         if self._is_destroyed:
             raise InvalidHandle(_DESTROYED)
         return self.entity
 
     def notify_arrival(self) -> None:
-        """Something may be taken; on the loop."""
-        self._may_be_ready = True
-        if self._node is not None:
-            self._node.marked.add(self._kind)
+        """Record that something may be taken. Thread: loop."""
+        self._mark()
         self.context.notify_arrival()
 
     def _destroy(self) -> None:
@@ -273,12 +265,12 @@ class Handle(Destroyable, Generic[C]):
         if getattr(self, "_is_over", True):
             return
         self._is_over = self._is_destroyed = True
-        with contextlib.suppress(RuntimeError):  # the loop is closed, and the entity with it
+        with contextlib.suppress(RuntimeError):  # the loop is closed, and thus the entity
             self.context.driver.loop.call_soon_threadsafe(_close, self.entity, self._parent)
 
     @contextlib.contextmanager
     def in_use(self) -> Iterator[C]:
-        """The endpoint, for one use; what the runtime refuses after a shutdown is an RCLError."""
+        """Return a context manager with the endpoint; the runtime's errors after a shutdown become RCLError."""
         with self:
             try:
                 yield self.entity
@@ -287,29 +279,22 @@ class Handle(Destroyable, Generic[C]):
 
     @contextlib.contextmanager
     def active(self) -> Iterator[C]:
-        """As `in_use`; RCLError also when a signal has shut the context down."""
+        """Return the context manager of `in_use`, which also raises RCLError after a signal shut the context down."""
         with self.in_use() as entity:
             self.context.require_ok()
             yield entity
 
 
-def _never() -> bool:
-    return False
+def _weak_notifier(handle: Handle[Any]) -> Callable[[], None]:
+    """Return a function that an endpoint calls after an arrival; it does not keep the handle alive."""
+    reference = weakref.ref(handle)
 
+    def notify() -> None:
+        handle = reference()
+        if handle is not None:
+            handle.notify_arrival()
 
-_asked = attrgetter("is_ready")
-
-
-def _teller(handle: Handle[Any]) -> Callable[[], None]:
-    """Return a function for an endpoint to call when something arrived; it does not keep the handle."""
-    itself = weakref.ref(handle)
-
-    def tell() -> None:
-        told = itself()
-        if told is not None:
-            told.notify_arrival()
-
-    return tell
+    return notify
 
 
 def _close(entity: Closable, parent: Any) -> None:

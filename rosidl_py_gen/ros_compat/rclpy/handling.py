@@ -1,4 +1,4 @@
-"""What an executor does with an entity that is ready: take one item, and call back."""
+"""The step of an executor for a ready entity: take one item, and call its callback."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def handle_entity(executor: Executor, entity: Any, is_shutdown: bool) -> Coroutine[Any, Any, None] | None:
-    """Do it, and answer what is left to do where the callback is async: until then its group is held."""
+    """Take an item and call the callback; return the rest of an async callback, which occupies its group."""
     group = entity.callback_group
     if is_shutdown or not group.beginning_execution(entity):
         entity._executor_event = False
@@ -28,34 +28,34 @@ def handle_entity(executor: Executor, entity: Any, is_shutdown: bool) -> Corouti
         call: Callable[[], Any] | None
         try:
             call = entity._rosidl_take(executor)
-        except (InvalidHandle, runtime.ClosedError):  # destroyed meanwhile
+        except (InvalidHandle, runtime.ClosedError):  # another thread destroyed the entity
             call = None
         finally:
             entity._executor_event = False
-            if type(group) is not MutuallyExclusiveCallbackGroup:  # there nothing is to be seen before the end
+            if type(group) is not MutuallyExclusiveCallbackGroup:  # such a group runs nothing before the end
                 executor.wake()
         if call is None:
             return None
-        answer = call()
+        result = call()
         if (
-            answer is not None
-            and inspect.isawaitable(answer)  # a plain callback that answers a coroutine is left alone, as in rclpy
+            result is not None
+            and inspect.isawaitable(result)  # as in rclpy, a coroutine that a plain callback returns is not awaited
             and (isinstance(entity, Service) or inspect.iscoroutinefunction(call))
         ):
-            rest = _finish(executor, entity, answer)
+            rest = _await_and_end(executor, entity, result)
         return rest
     finally:
         if rest is None:
-            _end(executor, entity)
+            _end_execution(executor, entity)
 
 
-async def _finish(executor: Executor, entity: Any, answer: Awaitable[Any]) -> None:
+async def _await_and_end(executor: Executor, entity: Any, result: Awaitable[Any]) -> None:
     try:
-        await answer
+        await result
     finally:
-        _end(executor, entity)
+        _end_execution(executor, entity)
 
 
-def _end(executor: Executor, entity: Any) -> None:
+def _end_execution(executor: Executor, entity: Any) -> None:
     entity.callback_group.ending_execution(entity)
     executor.wake()

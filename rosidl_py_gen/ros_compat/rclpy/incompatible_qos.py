@@ -1,4 +1,4 @@
-"""Publishers and subscriptions whose program gave no callback for mismatches: rclpy logs them, so a handler is told."""
+"""Default handling of incompatible peers: events for endpoints without callbacks of the program."""
 
 from __future__ import annotations
 
@@ -14,13 +14,12 @@ from rosidl_py_gen import runtime
 
 @dataclass(eq=False)
 class WatchedEndpoint:
-    """One endpoint.
+    """Publisher or subscription whose incompatible peers are recorded.
 
     Attributes:
-        node: where the graph is asked.
+        node: node that reads the graph.
         endpoint: the publisher or subscription.
-        queues: what a mismatch is put into, by the kind of `runtime.Mismatch`: ``"qos"``, ``"type"``; of kinds that are
-            missing the program hears by itself, or does not want to.
+        queues: queues of events by kind of `runtime.Mismatch`, ``"qos"`` or ``"type"``; other kinds are not recorded.
     """
 
     node: runtime.Node
@@ -31,31 +30,32 @@ class WatchedEndpoint:
 
     @property
     def has_any(self) -> bool:
-        """Whether it ever had one."""
         return bool(self._seen)
 
     def poll(self) -> None:
-        """Tell of those that are new."""
+        """Append an event for each new incompatible peer."""
         gid = self.endpoint.gid
-        for one in self.node.incompatible_endpoints_of_topic(self.endpoint.topic):
-            pair = one.writer.endpoint_gid, one.reader.endpoint_gid
+        for mismatch in self.node.incompatible_endpoints_of_topic(self.endpoint.topic):
+            writer, reader, kind = mismatch.writer, mismatch.reader, mismatch.kind
+            pair = writer.endpoint_gid, reader.endpoint_gid
             if gid not in pair:
                 continue
             other = pair[0] if pair[1] == gid else pair[1]
             if other in self._seen:
                 continue
             self._seen.add(other)
-            if one.kind not in self.queues:
+            if kind not in self.queues:
                 continue
-            self._totals[one.kind] = total = self._totals.get(one.kind, 0) + 1
-            policies = runtime.check_compatible(one.writer.qos_profile, one.reader.qos_profile).policies
-            policy = next(iter(policies), runtime.QoSPolicyKind.INVALID) if one.kind == "qos" else None
-            status = runtime.IncompatibleStatus(total, 1, one.reason, policy or runtime.QoSPolicyKind.INVALID)
-            self.queues[one.kind].append(with_policy_of_c(status))
+            self._totals[kind] = total = self._totals.get(kind, 0) + 1
+            policy = runtime.QoSPolicyKind.INVALID
+            if kind == "qos":
+                policy = next(iter(runtime.check_compatible(writer.qos_profile, reader.qos_profile).policies), policy)
+            status = runtime.IncompatibleStatus(total, 1, mismatch.reason, policy)
+            self.queues[kind].append(with_policy_of_c(status))
 
 
 def with_policy_of_c(status: Any) -> Any:
-    """Return what the runtime tells of an event as rclpy does: the policy of an incompatible peer is an enum of C."""
+    """Return an event as rclpy reports it: the policy of an incompatible peer is a member of the C enum."""
     if not isinstance(status, runtime.IncompatibleStatus):
         return status
     policy: Any = rmw_qos_policy_kind_t(int(status.last_policy_kind))
@@ -63,35 +63,35 @@ def with_policy_of_c(status: Any) -> Any:
 
 
 class Mismatches:
-    """Looks at the endpoints of a context when the runtime notices a mismatch, and at no other time."""
+    """Watched endpoints of a context, which are polled when the runtime finds an incompatible peer."""
 
-    def __init__(self, context: runtime.Context, driver: runtime.LoopRunner, arrived: Callable[[], None]) -> None:
+    def __init__(self, context: runtime.Context, driver: runtime.LoopRunner, notify: Callable[[], None]) -> None:
         self._driver = driver
-        self._arrived = arrived
+        self._notify = notify
         self._watched: weakref.WeakSet[WatchedEndpoint] = weakref.WeakSet()
         self._texts: list[tuple[str, str]] = []
         context.on_incompatible_endpoint = self._record
 
     def watch(self, watched: WatchedEndpoint) -> None:
-        """Look at an endpoint, too, as long as somebody holds `watched`."""
+        """Add an endpoint, by a weak reference."""
         self._watched.add(watched)
 
     def _record(self, text: str, topic: str) -> None:
         self._texts.append((text, topic))
-        self._driver.loop.call_soon_threadsafe(self._look)
+        self._driver.loop.call_soon_threadsafe(self._poll)
 
-    def _look(self) -> None:
-        """On the loop. What is of no watched endpoint is logged as it came: services, and definitions of one type."""
+    def _poll(self) -> None:
+        """Record new incompatible peers, and log the texts of other topics, for example services. Thread: loop."""
         texts, self._texts = self._texts, []
-        told = set()
-        for one in list(self._watched):
+        topics = set()
+        for watched in list(self._watched):
             try:
-                one.poll()
-                if one.has_any:  # be it before: the runtime may notice a mismatch from either end
-                    told.add(one.endpoint.topic)
+                watched.poll()
+                if watched.has_any:  # also from an earlier poll, as the runtime may report each side of a pair
+                    topics.add(watched.endpoint.topic)
             except runtime.ClosedError:
                 continue
-        self._arrived()
+        self._notify()
         for text, topic in texts:
-            if topic not in told:
+            if topic not in topics:
                 runtime.get_logger("rclpy").warning(text)

@@ -1,4 +1,4 @@
-"""Services that show and set the levels of the loggers of a process."""
+"""Services that read and set the levels of the loggers of a process."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class LoggingService:
-    """``get_logger_levels`` and ``set_logger_levels`` of a node, served by its executor."""
+    """Services ``get_logger_levels`` and ``set_logger_levels`` of a node."""
 
     def __init__(self, node: Node) -> None:
         for srv_type, name, callback in (

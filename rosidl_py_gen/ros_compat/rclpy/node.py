@@ -89,25 +89,25 @@ HIDDEN_NODE_PREFIX = "_"
 
 
 class Node(NodeEntities, NodeGraph, NodeParameters):
-    """A member of the graph of ROS, with publishers, subscriptions, services, clients, timers and parameters.
+    """Member of the ROS graph, with publishers, subscriptions, services, clients, timers and parameters.
 
     Args:
-        node_name: may be overridden by ``-r __node:=...``.
-        context: None means the default one, on which `rclpy.init` was called.
-        cli_args: a command line for this node alone, with ``--ros-args``.
-        namespace: with or without a leading ``/``.
-        use_global_arguments: what the context was given counts for this node, too.
-        enable_rosout: publish what is logged on ``/rosout``.
+        node_name: name, which ``-r __node:=...`` overrides.
+        context: an open context. [default: the default context]
+        cli_args: command line of this node alone, with ``--ros-args``.
+        namespace: namespace, with or without a leading ``/``.
+        use_global_arguments: apply the arguments of the context as well.
+        enable_rosout: publish log records on ``/rosout``.
         start_parameter_services: let other nodes read and set parameters.
-        parameter_overrides: initial values; they win over those of command lines.
-        allow_undeclared_parameters: parameters may be set without having been declared.
+        parameter_overrides: initial values, which take precedence over those of command lines.
+        allow_undeclared_parameters: allow parameters to be set without a declaration.
         automatically_declare_parameters_from_overrides: declare each parameter that has an initial value.
-        enable_logger_service: let other nodes read and set levels of loggers.
+        enable_logger_service: let other nodes read and set the levels of loggers.
 
     Raises:
-        NotInitializedException: `rclpy.init` was not called, or the context is shut down.
-        InvalidNodeNameException, InvalidNamespaceException, UnknownROSArgsError, RCLInvalidROSArgsError: as their names
-            say.
+        NotInitializedException: the context is not open.
+        InvalidNodeNameException, InvalidNamespaceException, UnknownROSArgsError, RCLInvalidROSArgsError: see the
+            classes.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
         full_namespace = "/" + (namespace or "").removeprefix("/")
         validate_namespace(full_namespace)
         try:
-            made = runtime.Node(
+            node = runtime.Node(
                 node_name,
                 full_namespace,
                 context=opened.runtime,
@@ -151,8 +151,8 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
             raise refused_arguments(error) from error
         except runtime.ClosedError as error:
             raise RCLError(str(error)) from error
-        logger_name = made.fully_qualified_name[1:].replace("/", ".")
-        self._rosidl_node: Handle[runtime.Node] = Handle(opened, made, opened, logger_name=logger_name)
+        logger_name = node.fully_qualified_name[1:].replace("/", ".")
+        self._rosidl_node: Handle[runtime.Node] = Handle(opened, node, opened, logger_name=logger_name)
         self._rosidl_logger = self._logger = get_logger(logger_name)
         self._rosidl_clock = self._clock = ROSClock()
         self._rosidl_init_entities()
@@ -169,7 +169,7 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
 
     @property
     def executor(self) -> Executor | None:
-        """The one that serves this node; setting it takes the node from the one before."""
+        """Executor that serves the node; setting it removes the node from the previous one."""
         return None if self._rosidl_executor is None else self._rosidl_executor()
 
     @executor.setter
@@ -187,12 +187,10 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
 
     @property
     def context(self) -> Context:
-        """The context it belongs to."""
         return valid_or(self._context, Context, self._rosidl_context)
 
     @property
     def handle(self) -> Handle[runtime.Node]:
-        """What it holds in the runtime."""
         return self._rosidl_node
 
     @handle.setter
@@ -200,22 +198,22 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
         raise AttributeError("handle cannot be modified after node creation")
 
     def get_name(self) -> str:
-        """Without namespace, after remapping."""
+        """Return the name after remapping, without namespace."""
         with self.handle as handle:
             return handle.entity.name
 
     def get_namespace(self) -> str:
-        """``/`` or ``/ns``, after remapping."""
+        """Return ``/`` or ``/ns``, after remapping."""
         with self.handle as handle:
             return handle.entity.namespace
 
     def get_fully_qualified_name(self) -> str:
-        """``/ns/name``."""
+        """Return the namespace and name, ``/ns/name``."""
         with self.handle as handle:
             return handle.entity.fully_qualified_name
 
     def get_clock(self) -> Clock:
-        """The clock of ROS time, which may be simulated."""
+        """Return the clock of ROS time, which may be simulated."""
         clock = self._clock
         return clock if hasattr(clock, "now") else self._rosidl_clock
 
@@ -223,19 +221,19 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
         return valid_or(self._clock, Clock, self._rosidl_clock)
 
     def get_logger(self) -> RcutilsLogger:
-        """The logger of the node's name."""
+        """Return the logger with the node's name."""
         logger = self._logger
         return logger if hasattr(logger, "info") else self._rosidl_logger
 
     def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
-        """The full name of a topic, after remapping unless `only_expand`. Raises RCLError for a name that is none."""
-        return self._rosidl_resolved(topic, only_expand, is_service=False)
+        """Return the full name of a topic, remapped unless `only_expand`; raise RCLError for an invalid name."""
+        return self._rosidl_resolve_or_rcl_error(topic, only_expand, is_service=False)
 
     def resolve_service_name(self, service: str, *, only_expand: bool = False) -> str:
-        """The full name of a service, after remapping unless `only_expand`. Raises RCLError for a name that is none."""
-        return self._rosidl_resolved(service, only_expand, is_service=True)
+        """Return the full name of a service, remapped unless `only_expand`; raise RCLError for an invalid name."""
+        return self._rosidl_resolve_or_rcl_error(service, only_expand, is_service=True)
 
-    def _rosidl_resolved(self, name: str, only_expand: bool, *, is_service: bool) -> str:
+    def _rosidl_resolve_or_rcl_error(self, name: str, only_expand: bool, *, is_service: bool) -> str:
         with self.handle:
             try:
                 return self._rosidl_resolve_name(name, only_expand, is_service=is_service)
@@ -243,7 +241,6 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
                 raise RCLError(f"failed to resolve name: {error}") from error
 
     def _rosidl_resolve_name(self, name: str, only_expand: bool = False, *, is_service: bool) -> str:
-        """Raises InvalidTopicNameException or InvalidServiceNameException."""
         validate_topic_name(name, is_service=is_service)
         with self.handle as handle:
             node = handle.entity
@@ -254,11 +251,10 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
             return node.resolve_service_name(name) if is_service else node.resolve_topic_name(name)
 
     def _validate_topic_or_service_name(self, topic_or_service_name: str, *, is_service: bool = False) -> None:
-        """Raise what `create_publisher` raises for a name; programs know it."""
         self._rosidl_resolve_name(topic_or_service_name, True, is_service=is_service)
 
     def destroy_node(self) -> None:
-        """End all that was created with the node, then the node. Uses afterwards raise InvalidHandle, but for this."""
+        """Destroy the node and its entities; later uses raise InvalidHandle, except for this method."""
         self._parameter_event_publisher = None
         self._rosidl_destroy_entities()
         self._rosidl_node.destroy_when_not_in_use()

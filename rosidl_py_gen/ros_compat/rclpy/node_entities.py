@@ -1,4 +1,4 @@
-"""What a node creates and destroys: a part of `rclpy.node.Node`."""
+"""Mixin of `rclpy.node.Node` that creates and destroys entities."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _KINDS = ("publishers", "subscriptions", "clients", "services", "timers", "guard
 
 
 class NodeEntities:
-    """Publishers, subscriptions, clients, services, timers, guard conditions and waitables."""
+    """Publishers, subscriptions, clients, services, timers, guard conditions and waitables of a node."""
 
     if TYPE_CHECKING:  # of Node
 
@@ -48,11 +48,8 @@ class NodeEntities:
         def _rosidl_resolve_name(self, name: str, only_expand: bool = False, *, is_service: bool) -> str: ...
 
     def _rosidl_init_entities(self) -> None:
-        """Begin without entities.
-
-        Programs know the attributes of rclpy (``_timers``) and use these names for their own things, too. So each of
-        them is set beside one of ours, which counts where a program has replaced it by something else.
-        """
+        # Some programs read rclpy's private attributes (`_timers`), others use their names for attributes of their own.
+        # So each is set next to one of ours, which is the one that is used.
         self._rosidl_publishers: list[Publisher] = []
         self._rosidl_subscriptions: list[Subscription] = []
         self._rosidl_clients: list[Client] = []
@@ -67,11 +64,9 @@ class NodeEntities:
             setattr(self, f"_{kind}", getattr(self, f"_rosidl_{kind}"))
         self._default_callback_group, self._rate_group = self._rosidl_group, self._rosidl_rate_group
 
-    # ---------------------------------------------------------------------------------------------------- what it has
-
     @property
     def publishers(self) -> Iterator[Publisher]:
-        """All that were created with this node, as the following ones."""
+        """Publishers of the node; the properties below are analogous."""
         yield from self._rosidl_publishers
 
     @property
@@ -98,8 +93,7 @@ class NodeEntities:
     def waitables(self) -> Iterator[Waitable]:
         yield from self._rosidl_waitables
 
-    def _rosidl_what_is_served(self) -> ServedEntity:
-        """For executors."""
+    def _rosidl_served_entities(self) -> ServedEntity:
         if self._rosidl_served is None:
             entities = (
                 self._rosidl_timers,
@@ -113,7 +107,7 @@ class NodeEntities:
 
     @property
     def default_callback_group(self) -> CallbackGroup:
-        """The group of all that is created without one: one callback at a time."""
+        """Group of the entities that are created without a group: it runs one callback at a time."""
         return valid_or(self._default_callback_group, CallbackGroup, self._rosidl_group)
 
     @staticmethod
@@ -128,14 +122,13 @@ class NodeEntities:
 
     _validate_qos_or_depth_parameter = _rosidl_profile
 
-    def _rosidl_open(self) -> tuple[ContextHandle, runtime.Node]:
-        """Raises RCLError after shutdown."""
+    def _rosidl_require_ok(self) -> tuple[ContextHandle, runtime.Node]:
         handle = self.handle
         if not handle.context.ok():
             raise RCLError("failed to create: the node's context is shut down")
         return handle.context, handle.entity
 
-    def _rosidl_keep(self, entity: _E, group: CallbackGroup | None, kind: str) -> _E:
+    def _rosidl_register(self, entity: _E, group: CallbackGroup | None, kind: str) -> _E:
         if group is not None:
             group.add_entity(entity)
         for entities in self._rosidl_lists(kind):
@@ -144,9 +137,9 @@ class NodeEntities:
         return entity
 
     def _rosidl_lists(self, kind: str) -> list[list[Any]]:
-        """Return our list of entities, and the one that a program has put in the place of rclpy's."""
-        kept, known = getattr(self, f"_rosidl_{kind}"), getattr(self, f"_{kind}", None)
-        return [kept, known] if isinstance(known, list) and known is not kept else [kept]
+        """Return our list of entities, and the list with which the program replaced rclpy's."""
+        own, other = getattr(self, f"_rosidl_{kind}"), getattr(self, f"_{kind}", None)
+        return [own, other] if isinstance(other, list) and other is not own else [own]
 
     def _rosidl_wake_executor(self) -> None:
         self.handle.context.notify()
@@ -164,11 +157,12 @@ class NodeEntities:
         qos_overriding_options: QoSOverridingOptions | None = None,
         publisher_class: type[Publisher] = Publisher,
     ) -> Publisher:
-        """Publish on a topic; `qos_profile` may be a depth.
+        """Create a publisher; `qos_profile` may be a depth.
 
         Raises:
-            InvalidTopicNameException, NoTypeSupportImportedException, UnsupportedEventTypeError: as their names say.
-            TypeError, ValueError: `qos_profile` is no profile or depth. RCLError: the context is shut down.
+            InvalidTopicNameException, NoTypeSupportImportedException, UnsupportedEventTypeError: see the classes.
+            TypeError, ValueError: `qos_profile` is not a profile or depth.
+            RCLError: the context is shut down.
         """
         profile = self._rosidl_profile(qos_profile)
         group = callback_group or self.default_callback_group
@@ -178,9 +172,9 @@ class NodeEntities:
         check_is_valid_msg_type(msg_type)
         callbacks = PublisherEventCallbacks() if event_callbacks is None else event_callbacks
         with self.handle:
-            context, node = self._rosidl_open()
-            queues, told = callbacks._rosidl_queues(context)
-            events = runtime.PublisherEventCallbacks(**told) if told else None
+            context, node = self._rosidl_require_ok()
+            queues, functions = callbacks._rosidl_queues(context)
+            events = runtime.PublisherEventCallbacks(**functions) if functions else None
             make = partial(node.create_publisher, msg_type, topic, profile.get_c_qos_profile(), event_callbacks=events)
             handle = self._rosidl_with_events(make, queues)
             callbacks._rosidl_watch(node, handle.entity, handle)
@@ -194,7 +188,7 @@ class NodeEntities:
         )
         for handler in publisher.event_handlers:
             self.add_waitable(handler)
-        return self._rosidl_keep(publisher, None, "publishers")
+        return self._rosidl_register(publisher, None, "publishers")
 
     def _rosidl_with_events(self, make: Callable[[], Any], queues: dict[int, deque[Any]]) -> Handle[Any]:
         try:
@@ -217,13 +211,16 @@ class NodeEntities:
         qos_overriding_options: QoSOverridingOptions | None = None,
         raw: bool = False,
     ) -> Subscription:
-        """Subscribe to a topic; `qos_profile` may be a depth. The callback gets the message, bytes with `raw`; one of
-        two arguments a dict of its times and numbers as well.
+        """Create a subscription; `qos_profile` may be a depth.
+
+        The callback is called with the message (bytes if `raw`), and with a dict of times and sequence numbers if it
+        takes two arguments.
 
         Raises:
-            InvalidTopicNameException, NoTypeSupportImportedException, UnsupportedEventTypeError: as their names say.
-            TypeError, ValueError: `qos_profile` is no profile or depth. RCLError: the context is shut down.
-            RuntimeError: the callback takes neither one argument nor two.
+            InvalidTopicNameException, NoTypeSupportImportedException, UnsupportedEventTypeError: see the classes.
+            TypeError, ValueError: `qos_profile` is not a profile or depth.
+            RCLError: the context is shut down.
+            RuntimeError: the callback does not take one or two arguments.
         """
         profile = self._rosidl_profile(qos_profile)
         group = callback_group or self.default_callback_group
@@ -233,9 +230,9 @@ class NodeEntities:
         check_is_valid_msg_type(msg_type)
         callbacks = SubscriptionEventCallbacks() if event_callbacks is None else event_callbacks
         with self.handle:
-            context, node = self._rosidl_open()
-            queues, told = callbacks._rosidl_queues(context)
-            events = runtime.SubscriptionEventCallbacks(**told) if told else None
+            context, node = self._rosidl_require_ok()
+            queues, functions = callbacks._rosidl_queues(context)
+            events = runtime.SubscriptionEventCallbacks(**functions) if functions else None
             qos = profile.get_c_qos_profile()
             make: Callable[[], Any] = partial(
                 node.create_subscription, msg_type, topic, None, qos, raw=raw, event_callbacks=events
@@ -244,13 +241,15 @@ class NodeEntities:
             callbacks._rosidl_watch(node, handle.entity, handle)
         handlers = callbacks.create_event_handlers(group, handle, topic)
         try:
-            made = Subscription(handle, msg_type, topic, callback, group, profile, raw, event_callbacks=handlers)
+            subscription = Subscription(
+                handle, msg_type, topic, callback, group, profile, raw, event_callbacks=handlers
+            )
         except Exception:
             handle.destroy_when_not_in_use()
             raise
         for handler in handlers:
             self.add_waitable(handler)
-        return self._rosidl_keep(made, group, "subscriptions")
+        return self._rosidl_register(subscription, group, "subscriptions")
 
     def create_client(
         self,
@@ -260,17 +259,17 @@ class NodeEntities:
         qos_profile: QoSProfile = qos_profile_services_default,
         callback_group: CallbackGroup | None = None,
     ) -> Client:
-        """Call a service. Raises InvalidServiceNameException, NoTypeSupportImportedException, RCLError."""
+        """Create a client; raise InvalidServiceNameException, NoTypeSupportImportedException or RCLError."""
         group = self.default_callback_group if callback_group is None else callback_group
         check_is_valid_srv_type(srv_type)
         self._rosidl_resolve_name(srv_name, is_service=True)
         with self.handle:
-            _, node = self._rosidl_open()
+            _, node = self._rosidl_require_ok()
             handle = self.handle.handle_of(
                 node.create_client(srv_type, srv_name, qos_profile.get_c_qos_profile()), CLIENTS
             )
-        made = Client(self.context, handle, srv_type, srv_name, qos_profile, group)
-        return self._rosidl_keep(made, group, "clients")
+        client = Client(self.context, handle, srv_type, srv_name, qos_profile, group)
+        return self._rosidl_register(client, group, "clients")
 
     def create_service(
         self,
@@ -281,18 +280,20 @@ class NodeEntities:
         qos_profile: QoSProfile = qos_profile_services_default,
         callback_group: CallbackGroup | None = None,
     ) -> Service:
-        """Serve: the callback gets the request and an empty response, and answers the response. Raises
-        InvalidServiceNameException, NoTypeSupportImportedException, RCLError.
+        """Create a service whose callback takes a request and an empty response, and returns the response.
+
+        Raises:
+            InvalidServiceNameException, NoTypeSupportImportedException, RCLError: see the classes.
         """
         group = self.default_callback_group if callback_group is None else callback_group
         check_is_valid_srv_type(srv_type)
         self._rosidl_resolve_name(srv_name, is_service=True)
         with self.handle:
-            _, node = self._rosidl_open()
+            _, node = self._rosidl_require_ok()
             entity = node.create_service(srv_type, srv_name, None, qos_profile.get_c_qos_profile())
             handle = self.handle.handle_of(entity, SERVICES)
-        made = Service(handle, srv_type, srv_name, callback, group, qos_profile)
-        return self._rosidl_keep(made, group, "services")
+        service = Service(handle, srv_type, srv_name, callback, group, qos_profile)
+        return self._rosidl_register(service, group, "services")
 
     def create_timer(
         self,
@@ -302,31 +303,33 @@ class NodeEntities:
         clock: Clock | None = None,
         autostart: bool = True,
     ) -> Timer:
-        """Call a function every `timer_period_sec` seconds of the node's clock, or of `clock`; periods that were missed
-        are skipped. Without `autostart` it begins with `Timer.reset`.
+        """Call a function every `timer_period_sec` seconds of the node's clock, or of `clock`.
+
+        Missed periods are skipped. Without `autostart`, the timer starts with `Timer.reset`.
         """
         period_ns = int(float(timer_period_sec) * S_TO_NS)
         group = self.default_callback_group if callback_group is None else callback_group
-        self._rosidl_open()
+        self._rosidl_require_ok()
         with self.handle:
             clock = self._rosidl_own_clock() if clock is None else clock
             timer = Timer(callback, group, period_ns, clock, context=self.context, autostart=autostart)
-        return self._rosidl_keep(timer, group, "timers")
+        return self._rosidl_register(timer, group, "timers")
 
     def create_guard_condition(
         self, callback: Callable[[], Any], callback_group: CallbackGroup | None = None
     ) -> GuardCondition:
-        """Call a function after each `GuardCondition.trigger`."""
+        """Create a guard condition: its callback is called after `GuardCondition.trigger`."""
         group = self.default_callback_group if callback_group is None else callback_group
-        self._rosidl_open()
+        self._rosidl_require_ok()
         with self.handle:
             guard = GuardCondition(callback, group, context=self.context)
-        return self._rosidl_keep(guard, group, "guards")
+        return self._rosidl_register(guard, group, "guards")
 
     def create_rate(self, frequency: float, clock: Clock | None = None) -> Rate:
-        """``rate.sleep()`` keeps a loop at this frequency, in hertz, while an executor spins in another thread.
+        """Create a rate, whose ``sleep`` keeps a loop at a frequency in hertz while another thread spins the node.
 
-        Raises ValueError unless the frequency is positive.
+        Raises:
+            ValueError: the frequency is not positive.
         """
         if frequency <= 0:
             raise ValueError("frequency must be > 0")
@@ -334,22 +337,22 @@ class NodeEntities:
         return Rate(self.create_timer(1.0 / frequency, None, group, clock), context=self.context)
 
     def add_waitable(self, waitable: Waitable) -> None:
-        """Have the executor wait for something of the program's own."""
+        """Make the executor wait for an object of the program."""
         self._rosidl_waitables.append(waitable)
         self._rosidl_wake_executor()
 
     def remove_waitable(self, waitable: Waitable) -> None:
-        """Wait for it no more."""
+        """Undo `add_waitable`."""
         self._rosidl_waitables.remove(waitable)
         self._rosidl_wake_executor()
 
     # ------------------------------------------------------------------------------------------------------ destroying
 
     def _rosidl_destroy(self, entity: Any, kind: str) -> bool:
-        kept, *known = self._rosidl_lists(kind)
-        if entity not in kept:
+        own, *others = self._rosidl_lists(kind)
+        if entity not in own:
             return False
-        for entities in (kept, *known):
+        for entities in (own, *others):
             if entity in entities:
                 entities.remove(entity)
         for handler in getattr(entity, "event_handlers", ()):
@@ -362,7 +365,7 @@ class NodeEntities:
         return True
 
     def destroy_publisher(self, publisher: Publisher) -> bool:
-        """End it, after uses under way; False when it is not of this node (any more). So do the following ones."""
+        """Destroy an entity after its current uses; return False if it is not, or no longer, of this node."""
         return self._rosidl_destroy(publisher, "publishers")
 
     def destroy_subscription(self, subscription: Subscription) -> bool:
@@ -381,10 +384,10 @@ class NodeEntities:
         return self._rosidl_destroy(guard, "guards")
 
     def destroy_rate(self, rate: Rate) -> bool:
-        """End it, and wake all that sleep; False when it is not of this node (any more)."""
-        was_there = self.destroy_timer(rate._timer)
+        """Destroy a rate and wake up its sleeping threads; return False if it is not of this node."""
+        was_destroyed = self.destroy_timer(rate._timer)
         rate.destroy()
-        return was_there
+        return was_destroyed
 
     def _rosidl_destroy_entities(self) -> None:
         for kind in _KINDS:

@@ -1,4 +1,4 @@
-"""What a node can ask about the graph: a part of `rclpy.node.Node`."""
+"""Mixin of `rclpy.node.Node` that reads the graph."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NamesAndTypes = list[tuple[str, list[str]]]
 
 
 class NodeGraph:
-    """Methods of `Node`; all of them raise InvalidHandle after `Node.destroy_node`."""
+    """Methods of `Node` for the graph; after `Node.destroy_node` they raise InvalidHandle."""
 
     if TYPE_CHECKING:
 
@@ -33,91 +33,99 @@ class NodeGraph:
     # ------------------------------------------------------------------------------------------------------- nodes
 
     def get_node_names(self) -> list[str]:
-        """Of all nodes, without namespaces."""
+        """Return the names of all nodes, without namespaces."""
         return [name for name, _ in self.get_node_names_and_namespaces()]
 
     def get_fully_qualified_node_names(self) -> list[str]:
-        """Of all nodes, with namespaces."""
+        """Return the names of all nodes, with namespaces."""
         return [f"{'' if ns == '/' else ns}/{name}" for name, ns in self.get_node_names_and_namespaces()]
 
     def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
-        """Of all nodes."""
+        """Return name and namespace of all nodes."""
         return [(name, namespace) for name, namespace, _ in self.get_node_names_and_namespaces_with_enclaves()]
 
     def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
-        """Of all nodes."""
+        """Return name, namespace and enclave of all nodes."""
         with self.handle.active() as node:
-            return [(one.name, one.namespace, one.enclave) for one in node.get_nodes()]
+            return [(info.name, info.namespace, info.enclave) for info in node.get_nodes()]
 
     def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:
-        """Wait until a node is in the graph, or `timeout` seconds have passed; nobody has to spin."""
+        """Wait until a node is in the graph, or `timeout` seconds have passed; no executor is needed."""
         name = "/" + fully_qualified_node_name.lstrip("/")
         with self.handle as handle:
-            return handle.context.wait(lambda: name in self.get_fully_qualified_node_names(), max(0.0, timeout))
+            return handle.context.wait(lambda: name in self.get_fully_qualified_node_names(), timeout)
 
     # ----------------------------------------------------------------------------------------------------- by node
 
     def _rosidl_of_node(self, kind: str, node_name: str, node_namespace: str) -> NamesAndTypes:
         with self.handle.active() as node:
             namespace = node_namespace if node_namespace.startswith("/") else f"/{node_namespace}"
-            if not any((one.name, one.namespace) == (node_name, namespace) for one in node.get_nodes()):
+            if not any((info.name, info.namespace) == (node_name, namespace) for info in node.get_nodes()):
                 raise NodeNameNonExistentError(
                     f"cannot get {kind} names and types for nonexistent node: {node_name}, in namespace {namespace}"
                 )
-            found: NamesAndTypes = getattr(node, f"get_{kind}_names_and_types_by_node")(node_name, namespace)
-            return found
+            names: NamesAndTypes = getattr(node, f"get_{kind}_names_and_types_by_node")(node_name, namespace)
+            return names
 
     def get_publisher_names_and_types_by_node(
         self, node_name: str, node_namespace: str, no_demangle: bool = False
     ) -> NamesAndTypes:
-        """Topics a node publishes; with `no_demangle` all it writes, by the names of DDS.
+        """Return the topics a node publishes; with `no_demangle` all DDS topics it writes.
 
-        Raises NodeNameNonExistentError for a node that is not in the graph.
+        Raises:
+            NodeNameNonExistentError: the node is not in the graph.
         """
-        return self._rosidl_ends_of_node("publisher", "Request", "Reply", node_name, node_namespace, no_demangle)
+        return self._rosidl_topics_of_node("publisher", "Request", "Reply", node_name, node_namespace, no_demangle)
 
     def get_subscriber_names_and_types_by_node(
         self, node_name: str, node_namespace: str, no_demangle: bool = False
     ) -> NamesAndTypes:
-        """Topics a node subscribes to; with `no_demangle` all it reads, by the names of DDS.
+        """Return the topics a node subscribes to; with `no_demangle` all DDS topics it reads.
 
-        Raises NodeNameNonExistentError for a node that is not in the graph.
+        Raises:
+            NodeNameNonExistentError: the node is not in the graph.
         """
-        return self._rosidl_ends_of_node("subscriber", "Reply", "Request", node_name, node_namespace, no_demangle)
+        return self._rosidl_topics_of_node("subscriber", "Reply", "Request", node_name, node_namespace, no_demangle)
 
-    def _rosidl_ends_of_node(
-        self, kind: str, of_clients: str, of_services: str, node_name: str, node_namespace: str, no_demangle: bool
+    def _rosidl_topics_of_node(
+        self,
+        kind: str,
+        client_direction: str,
+        service_direction: str,
+        node_name: str,
+        node_namespace: str,
+        no_demangle: bool,
     ) -> NamesAndTypes:
-        found = self._rosidl_of_node(kind, node_name, node_namespace)
+        topics = self._rosidl_of_node(kind, node_name, node_namespace)
         handle = self.context.handle
         if not no_demangle or handle is None or handle.runtime.middleware != "DDS":
-            return found
-        mangled = [(f"rt{name}", [_mangled(one) for one in types]) for name, types in found]
-        for end, part in (("client", of_clients), ("service", of_services)):
-            prefix, suffix = ("rq", "Request_") if part == "Request" else ("rr", "Response_")
+            return topics
+        mangled = [(f"rt{name}", [_mangled(ros_type) for ros_type in types]) for name, types in topics]
+        for entity, direction in (("client", client_direction), ("service", service_direction)):
+            prefix, suffix = ("rq", "Request_") if direction == "Request" else ("rr", "Response_")
             mangled += [
-                (f"{prefix}{name}{part}", [f"{_mangled(one)}{suffix}" for one in types])
-                for name, types in self._rosidl_of_node(end, node_name, node_namespace)
+                (f"{prefix}{name}{direction}", [f"{_mangled(ros_type)}{suffix}" for ros_type in types])
+                for name, types in self._rosidl_of_node(entity, node_name, node_namespace)
             ]
         return sorted(mangled)
 
     def get_service_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
-        """Services a node offers. Raises NodeNameNonExistentError for a node that is not in the graph."""
+        """Return the services of a node; raise NodeNameNonExistentError if it is not in the graph."""
         return self._rosidl_of_node("service", node_name, node_namespace)
 
     def get_client_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
-        """Services a node has clients of. Raises NodeNameNonExistentError for a node that is not in the graph."""
+        """Return the services a node has clients of; raise NodeNameNonExistentError if it is not in the graph."""
         return self._rosidl_of_node("client", node_name, node_namespace)
 
     # ------------------------------------------------------------------------------------------- topics and services
 
     def get_topic_names_and_types(self, no_demangle: bool = False) -> NamesAndTypes:
-        """All topics; with `no_demangle` those of services, too, by the names of DDS."""
+        """Return all topics; with `no_demangle` all DDS topics, which include those of services."""
         with self.handle.active() as node:
             return node.get_topic_names_and_types(no_demangle=no_demangle)
 
     def get_service_names_and_types(self) -> NamesAndTypes:
-        """All services."""
+        """Return all services."""
         with self.handle.active() as node:
             return node.get_service_names_and_types()
 
@@ -126,43 +134,43 @@ class NodeGraph:
         validate_full_topic_name(full, is_service=is_service)
         return full
 
-    def _rosidl_count(self, what: str, name: str) -> int:
-        full = self._rosidl_full_name(name, is_service=what in ("clients", "services"))
+    def _rosidl_count(self, kind: str, name: str) -> int:
+        full = self._rosidl_full_name(name, is_service=kind in ("clients", "services"))
         with self.handle.active() as node, self.handle.context.creating:
-            count: int = getattr(node, f"count_{what}")(full)
+            count: int = getattr(node, f"count_{kind}")(full)
             return count
 
     def count_publishers(self, topic_name: str) -> int:
-        """How many publishers a topic has."""
+        """Return the number of publishers of a topic."""
         return self._rosidl_count("publishers", topic_name)
 
     def count_subscribers(self, topic_name: str) -> int:
-        """How many subscriptions a topic has."""
+        """Return the number of subscriptions of a topic."""
         return self._rosidl_count("subscribers", topic_name)
 
     def count_clients(self, service_name: str) -> int:
-        """How many clients a service has."""
+        """Return the number of clients of a service."""
         return self._rosidl_count("clients", service_name)
 
     def count_services(self, service_name: str) -> int:
-        """How many servers a service has."""
+        """Return the number of servers of a service."""
         return self._rosidl_count("services", service_name)
 
     def _rosidl_infos(self, kind: str, name: str, no_mangle: bool) -> list[TopicEndpointInfo]:
         topic = name if no_mangle else self._rosidl_full_name(name)
         with self.handle.active() as node:
-            found: list[Any] = getattr(node, f"get_{kind}_info_by_topic")(topic, no_mangle=no_mangle)
-            return [TopicEndpointInfo._rosidl_from_runtime(one) for one in found]
+            infos: list[Any] = getattr(node, f"get_{kind}_info_by_topic")(topic, no_mangle=no_mangle)
+            return [TopicEndpointInfo._rosidl_from_runtime(info) for info in infos]
 
     def get_publishers_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> list[TopicEndpointInfo]:
-        """Every publisher of a topic; with `no_mangle` the name is one of DDS."""
+        """Return the publishers of a topic; with `no_mangle`, `topic_name` is a DDS topic."""
         return self._rosidl_infos("publishers", topic_name, no_mangle)
 
     def get_subscriptions_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> list[TopicEndpointInfo]:
-        """Every subscription of a topic; with `no_mangle` the name is one of DDS."""
+        """Return the subscriptions of a topic; with `no_mangle`, `topic_name` is a DDS topic."""
         return self._rosidl_infos("subscriptions", topic_name, no_mangle)
 
 
 def _mangled(ros_type: str) -> str:
-    """``std_msgs::msg::dds_::String_`` for ``std_msgs/msg/String``."""
+    """Return ``std_msgs::msg::dds_::String_`` for ``std_msgs/msg/String``."""
     return re.sub(r"^(\w+)/(\w+)/(\w+)$", r"\1::\2::dds_::\3_", ros_type)

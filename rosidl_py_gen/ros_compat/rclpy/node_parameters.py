@@ -1,4 +1,4 @@
-"""The parameter methods of `rclpy.node.Node`."""
+"""Mixin of `rclpy.node.Node` with its parameters."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ if TYPE_CHECKING:
 
 
 class NodeParameters:
-    """Declares, gets and sets; `Node` calls `_init_parameters` once it has a clock and can publish.
+    """Declared parameters and callbacks of a node.
 
-    The runtime's node reads command lines and files; it declares what they give, and that is all it knows.
+    The runtime's node reads command lines and files; it declares the values it finds there, and no others.
     """
 
     PARAM_REL_TOL = RELATIVE_TOLERANCE
@@ -58,13 +58,7 @@ class NodeParameters:
         def create_publisher(self, msg_type: Any, topic: str, qos_profile: Any) -> Publisher: ...
 
     def _rosidl_init_parameters(self, own: Iterable[Parameter] | None, allow_undeclared: bool, declare: bool) -> None:
-        """Take initial values.
-
-        Args:
-            own: those that the program gives; they win over those of command line and files.
-            allow_undeclared: what need not be declared can be set, and is NOT_SET when it is got.
-            declare: declare all initial values.
-        """
+        """Read the initial values, and declare them if `declare`; those in `own` take precedence."""
         self._rosidl_values: dict[str, Parameter] = {}
         self._rosidl_descriptors: dict[str, Any] = {}
         self._rosidl_pre_set: list[PreSetCallback] = []
@@ -78,13 +72,14 @@ class NodeParameters:
         events = self.create_publisher(ParameterEvent, "/parameter_events", qos_profile_parameter_events)
         self._rosidl_parameter_events, self._parameter_event_publisher = events, cast("Publisher | None", events)
         with self.handle as handle:
-            given = handle.entity.get_parameters_by_prefix("")
-        if given[START_TYPE_DESCRIPTION_SERVICE_PARAM].value.value is True:
-            del given[START_TYPE_DESCRIPTION_SERVICE_PARAM]  # the runtime declares it for its own
-        found = {name: Parameter(name, value=initial_value(one.value.value)) for name, one in given.items()}
-        self._rosidl_overrides = self._parameter_overrides = found | {one.name: one for one in own or ()}
+            declared = handle.entity.get_parameters_by_prefix("")
+        if declared[START_TYPE_DESCRIPTION_SERVICE_PARAM].value.value is True:
+            del declared[START_TYPE_DESCRIPTION_SERVICE_PARAM]  # the runtime declares it for its own service
+        overrides = {name: Parameter(name, value=initial_value(info.value.value)) for name, info in declared.items()}
+        overrides |= {parameter.name: parameter for parameter in own or ()}
+        self._rosidl_overrides = self._parameter_overrides = overrides
         if declare:
-            initial = [(name, one.value, ParameterDescriptor()) for name, one in self._rosidl_overrides.items()]
+            initial = [(name, override.value, ParameterDescriptor()) for name, override in overrides.items()]
             self.declare_parameters("", initial, ignore_override=True)
 
     def _rosidl_allows_undeclared(self) -> bool:
@@ -95,42 +90,50 @@ class NodeParameters:
     def declare_parameter(
         self, name: str, value: Any = None, descriptor: Any = None, ignore_override: bool = False
     ) -> Parameter:
-        """Declare a parameter with a default value, or a `Parameter.Type` and no value yet.
+        """Declare a parameter with a default value, or with a `Parameter.Type` and no value.
 
         Args:
-            name: with prefix.
-            value: what it holds unless an initial value is given, by the program, on the command line or in a file.
+            name: full name.
+            value: value unless the program, the command line or a file has an initial value.
             descriptor: an rcl_interfaces/ParameterDescriptor.
-            ignore_override: take no initial value.
+            ignore_override: ignore initial values.
 
         Raises:
-            ParameterAlreadyDeclaredException: it is declared. InvalidParameterException: an empty name.
-            InvalidParameterTypeException, InvalidParameterValueException: the initial value is of another type, or a
-            callback or the descriptor refuse it. ValueError: neither value nor type, and no dynamic type.
+            ParameterAlreadyDeclaredException: the parameter is declared.
+            InvalidParameterException: the name is empty.
+            InvalidParameterTypeException: the initial value is of another type.
+            InvalidParameterValueException: a callback or the descriptor refuses the value.
+            ValueError: neither a value nor a type is given, and the descriptor has no dynamic type.
         """
-        given = (name,) if value is None and descriptor is None else (name, value, descriptor or ParameterDescriptor())
-        return self.declare_parameters("", [given], ignore_override)[0]
+        only_name = value is None and descriptor is None
+        declaration = (name,) if only_name else (name, value, descriptor or ParameterDescriptor())
+        return self.declare_parameters("", [declaration], ignore_override)[0]
 
     def declare_parameters(
         self, namespace: str, parameters: Sequence[tuple[Any, ...]], ignore_override: bool = False
     ) -> list[Parameter]:
-        """Declare several: tuples of name, value or type, and descriptor, of which the last two may be left out.
+        """Declare several parameters, or none if one of the tuples is invalid.
 
-        All are checked before one is declared; `namespace` and a dot come before each name. Raises TypeError for other
-        tuples, and what `declare_parameter` raises.
+        Args:
+            namespace: prefix of each name, followed by a dot.
+            parameters: tuples of name, value or type, and descriptor; the last two are optional.
+            ignore_override: ignore initial values.
+
+        Raises:
+            TypeError: a tuple is invalid. Others as `declare_parameter`.
         """
-        wanted: list[Parameter] = []
+        requested: list[Parameter] = []
         descriptors: dict[str, Any] = {}
         overrides: dict[str, Parameter] = valid_or(self._parameter_overrides, dict, self._rosidl_overrides)
-        for index, given in enumerate(parameters):
-            name, value, descriptor = read_declaration(namespace, index, given)
+        for index, declaration in enumerate(parameters):
+            name, value, descriptor = read_declaration(namespace, index, declaration)
             if not ignore_override and name in overrides:
                 value = overrides[name].value
-            wanted.append(Parameter(name, value=value))
+            requested.append(Parameter(name, value=value))
             descriptors[name] = descriptor
-        if declared := [parameter.name for parameter in wanted if parameter.name in self._rosidl_values]:
+        if declared := [parameter.name for parameter in requested if parameter.name in self._rosidl_values]:
             raise ParameterAlreadyDeclaredException(declared)
-        for parameter in wanted:
+        for parameter in requested:
             name, result = parameter.name, self._rosidl_apply([parameter], descriptors)
             if result.successful:
                 continue
@@ -139,10 +142,10 @@ class NodeParameters:
                 error = InvalidParameterTypeException(parameter, Parameter.Type(descriptors[name].type).name)
             error.is_of_initial_value = not ignore_override and name in overrides  # for `rosidl-py run`
             raise error
-        return [self._rosidl_values[parameter.name] for parameter in wanted]
+        return [self._rosidl_values[parameter.name] for parameter in requested]
 
     def undeclare_parameter(self, name: str) -> None:
-        """Forget it. ParameterNotDeclaredException, or ParameterImmutableException for a read-only one."""
+        """Remove a parameter; raise ParameterNotDeclaredException or ParameterImmutableException."""
         if not self.has_parameter(name):
             raise ParameterNotDeclaredException(name)
         if self._rosidl_descriptors[name].read_only:
@@ -150,20 +153,21 @@ class NodeParameters:
         del self._rosidl_values[name], self._rosidl_descriptors[name]
 
     def has_parameter(self, name: str) -> bool:
-        """Whether it is declared."""
+        """Return True if a parameter is declared."""
         return name in self._rosidl_values
 
     # ----------------------------------------------------------------------------------------------------- getting
 
     def get_parameter_types(self, names: list[str]) -> list[Any]:
-        """Of several, as `get_parameter_type`; TypeError for names that are no text."""
+        """Return the types of several parameters; raise TypeError if a name is not a str."""
         _require_texts(names)
         return [self.get_parameter_type(name) for name in names]
 
     def get_parameter_type(self, name: str) -> Any:
-        """The number of the type; `Parameter.Type.NOT_SET` itself for an undeclared one where that is allowed.
+        """Return the number of a parameter's type.
 
-        Raises ParameterNotDeclaredException elsewhere.
+        For an undeclared one `Parameter.Type.NOT_SET` is returned if that is allowed, else
+        ParameterNotDeclaredException raised.
         """
         if self.has_parameter(name):
             return self._rosidl_values[name].type_.value
@@ -172,46 +176,48 @@ class NodeParameters:
         raise ParameterNotDeclaredException(name)
 
     def get_parameters(self, names: list[str]) -> list[Parameter]:
-        """Several, as `get_parameter`; TypeError for names that are no text."""
+        """Return several parameters; raise TypeError if a name is not a str."""
         _require_texts(names)
         return [self.get_parameter(name) for name in names]
 
     def get_parameter(self, name: str) -> Parameter:
-        """A parameter by name; one that is NOT_SET for an undeclared one where that is allowed.
+        """Return a parameter; if undeclared parameters are allowed, one that is NOT_SET for an undeclared one.
 
         Raises:
-            ParameterNotDeclaredException: it is not declared. ParameterUninitializedException: it has no value yet.
+            ParameterNotDeclaredException: it is not declared.
+            ParameterUninitializedException: it has no value.
         """
         if self.has_parameter(name):
-            found = self._rosidl_values[name]
-            if found.type_ is Parameter.Type.NOT_SET and not self._rosidl_descriptors[name].dynamic_typing:
+            parameter = self._rosidl_values[name]
+            if parameter.type_ is Parameter.Type.NOT_SET and not self._rosidl_descriptors[name].dynamic_typing:
                 raise ParameterUninitializedException(name)
-            return found
+            return parameter
         if self._rosidl_allows_undeclared():
             return Parameter(name)
         raise ParameterNotDeclaredException(name)
 
     def get_parameter_or(self, name: str, alternative_value: Parameter | None = None) -> Parameter:
-        """A parameter, or the other one, by default one that is NOT_SET, when it is undeclared or has no value."""
-        found = self._rosidl_values.get(name)
-        if found is not None and found.type_ is not Parameter.Type.NOT_SET:
-            return found
+        """Return a parameter, or `alternative_value` (by default one that is NOT_SET) if it has no value."""
+        parameter = self._rosidl_values.get(name)
+        if parameter is not None and parameter.type_ is not Parameter.Type.NOT_SET:
+            return parameter
         return Parameter(name) if alternative_value is None else alternative_value
 
     def get_parameters_by_prefix(self, prefix: str) -> dict[str, Parameter]:
-        """Those whose names begin with the prefix and a dot, by what follows; an empty prefix gives all."""
+        """Return the parameters below a prefix, by the rest of their names; all for an empty prefix."""
         start = prefix + PARAMETER_SEPARATOR_STRING if prefix else ""
-        return {name[len(start) :]: found for name, found in self._rosidl_values.items() if name.startswith(start)}
+        return {name[len(start) :]: value for name, value in self._rosidl_values.items() if name.startswith(start)}
 
     def list_parameters(self, prefixes: list[str], depth: int) -> Any:
-        """Names, and the prefixes of these, as rcl_interfaces/ListParametersResult.
+        """Return names and their prefixes as rcl_interfaces/ListParametersResult.
 
         Args:
-            prefixes: names and beginnings of names, up to a dot; none means all.
-            depth: how many parts a name may have after the prefix; 0 means any number.
+            prefixes: names and their beginnings up to a dot; empty for all.
+            depth: maximum number of name segments after the prefix; 0 for any number.
 
         Raises:
-            TypeError: something else. ValueError: a negative depth.
+            TypeError: an argument has another type.
+            ValueError: the depth is negative.
         """
         if not isinstance(prefixes, list):
             raise TypeError("The prefixes argument must be a list")
@@ -221,14 +227,14 @@ class NodeParameters:
             raise TypeError("The depth must be instance of type int")
         if depth < 0:
             raise ValueError("The depth must be greater than or equal to zero")
-
-        found = list_names(self._rosidl_values, prefixes, depth)
-        return ListParametersResult(names=list(found.names), prefixes=list(filter(None, found.prefixes)))
+        listed = list_names(self._rosidl_values, prefixes, depth)
+        return ListParametersResult(names=list(listed.names), prefixes=list(filter(None, listed.prefixes)))
 
     def describe_parameter(self, name: str) -> Any:
-        """Its rcl_interfaces/ParameterDescriptor; an empty one for an undeclared one where that is allowed.
+        """Return the rcl_interfaces/ParameterDescriptor of a parameter.
 
-        Raises ParameterNotDeclaredException elsewhere.
+        For an undeclared one an empty descriptor is returned if that is allowed, else ParameterNotDeclaredException
+        raised.
         """
         if name in self._rosidl_descriptors:
             return self._rosidl_descriptors[name]
@@ -237,27 +243,30 @@ class NodeParameters:
         raise ParameterNotDeclaredException(name)
 
     def describe_parameters(self, names: list[str]) -> list[Any]:
-        """Of several, as `describe_parameter`."""
+        """Return the descriptors of several parameters."""
         return [self.describe_parameter(name) for name in names]
 
     # ----------------------------------------------------------------------------------------------------- setting
 
     def set_parameters(self, parameter_list: list[Parameter]) -> list[Any]:
-        """Set one after the other; a refusal is told in its rcl_interfaces/SetParametersResult.
+        """Set parameters one after the other; return an rcl_interfaces/SetParametersResult for each.
 
-        NOT_SET undeclares, where the type is dynamic. Raises ParameterNotDeclaredException, TypeError for what is no
-        Parameter, and what callbacks raise.
+        NOT_SET undeclares a parameter of dynamic type.
+
+        Raises:
+            ParameterNotDeclaredException: a parameter is not declared.
+            TypeError: an element is not a Parameter. Others as the callbacks.
         """
         return [self._rosidl_set([parameter]) for parameter in parameter_list]
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
-        """Set all of them or none, as `set_parameters`."""
+        """Set all parameters or none; see `set_parameters`."""
         return self._rosidl_set(parameter_list)
 
     def _rosidl_set(self, parameter_list: list[Parameter]) -> Any:
         if self._rosidl_pre_set:
             callbacks = tuple(self._rosidl_pre_set)
-            parameter_list = [one for callback in callbacks for one in callback(parameter_list)]
+            parameter_list = [parameter for callback in callbacks for parameter in callback(parameter_list)]
             if not parameter_list:
                 return SetParametersResult(successful=False, reason=EMPTY_LIST_REASON)
         if not all(isinstance(parameter, Parameter) for parameter in parameter_list):
@@ -268,7 +277,7 @@ class NodeParameters:
         return self._rosidl_apply(parameter_list, None)
 
     def _rosidl_apply(self, parameters: list[Parameter], declared: dict[str, Any] | None) -> Any:
-        """Check, set and tell; with `declared`, the descriptors of parameters that are new."""
+        """Check, set and publish parameters; `declared` has the descriptors of new ones."""
         descriptors = self._rosidl_descriptors if declared is None else declared
         for parameter in parameters:
             if parameter.name in descriptors:
@@ -289,8 +298,8 @@ class NodeParameters:
             self._rosidl_store(parameter, declared, event)
         event.stamp = self._rosidl_own_clock().now().to_msg()
         self._rosidl_parameter_events.publish(event)
-        for told in tuple(self._rosidl_post_set):
-            told(parameters)
+        for post_callback in tuple(self._rosidl_post_set):
+            post_callback(parameters)
         return SetParametersResult(successful=True)
 
     def _rosidl_refusal(self, parameter: Parameter, descriptor: Any, *, check_read_only: bool) -> str:
@@ -314,15 +323,16 @@ class NodeParameters:
         self._rosidl_values[name] = parameter
 
     def set_descriptor(self, name: str, descriptor: Any, alternative_value: Any = None) -> Any:
-        """Give it another descriptor; returns the rcl_interfaces/ParameterValue that it has then.
+        """Replace the descriptor of a parameter and return its rcl_interfaces/ParameterValue.
 
         Args:
-            name: of the parameter.
+            name: name of the parameter.
             descriptor: an rcl_interfaces/ParameterDescriptor.
-            alternative_value: an rcl_interfaces/ParameterValue for it where the descriptor refuses what it has.
+            alternative_value: rcl_interfaces/ParameterValue to set if the descriptor refuses the current value.
 
         Raises:
-            ParameterNotDeclaredException: it is not declared. ParameterImmutableException: it is read-only.
+            ParameterNotDeclaredException: it is not declared.
+            ParameterImmutableException: it is read-only.
             InvalidParameterValueException: the descriptor refuses both values.
         """
         if not self.has_parameter(name):
@@ -343,34 +353,34 @@ class NodeParameters:
     # --------------------------------------------------------------------------------------------------- callbacks
 
     def add_pre_set_parameters_callback(self, callback: PreSetCallback) -> None:
-        """Have a function change lists of parameters before they are checked; newest first.
+        """Register a function that takes the list of parameters before they are checked and returns the list to set.
 
-        It is given the list and returns what is to be set, all at once; not asked when parameters are declared.
+        The newest is called first. It is not called for declarations.
         """
         self._rosidl_pre_set.insert(0, callback)
 
     def add_on_set_parameters_callback(self, callback: OnSetCallback) -> None:
-        """Have a function decide, by rcl_interfaces/SetParametersResult, before parameters change; newest first."""
+        """Register a function that decides on changes by an rcl_interfaces/SetParametersResult; newest first."""
         if not callable(callback):
             raise TypeError(f"Callback must be callable, got {type(callback)}")
         self._rosidl_on_set.insert(0, callback)
 
     def add_post_set_parameters_callback(self, callback: PostSetCallback) -> None:
-        """Have a function told of parameters that changed, also of declared ones; newest first."""
+        """Register a function that is called with parameters after they were set or declared; newest first."""
         if not callable(callback):
             raise TypeError(f"Callback must be callable, got {type(callback)}")
         self._rosidl_post_set.insert(0, callback)
 
     def remove_pre_set_parameters_callback(self, callback: PreSetCallback) -> None:
-        """Ask it no more; ValueError when it is not there."""
+        """Remove a callback; raise ValueError if it is not registered."""
         self._rosidl_pre_set.remove(callback)
 
     def remove_on_set_parameters_callback(self, callback: OnSetCallback) -> None:
-        """Ask it no more; ValueError when it is not there."""
+        """Remove a callback; raise ValueError if it is not registered."""
         self._rosidl_on_set.remove(callback)
 
     def remove_post_set_parameters_callback(self, callback: PostSetCallback) -> None:
-        """Tell it no more; ValueError when it is not there."""
+        """Remove a callback; raise ValueError if it is not registered."""
         self._rosidl_post_set.remove(callback)
 
 

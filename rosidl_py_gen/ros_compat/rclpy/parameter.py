@@ -1,4 +1,4 @@
-"""Parameters, and their values as messages, as text and in files."""
+"""Parameters, and their values as messages, text and files."""
 
 from __future__ import annotations
 
@@ -31,17 +31,19 @@ if TYPE_CHECKING:
         | tuple[str, ...]
         | None
     )
-    """What a parameter can hold."""
+    """Value of a parameter."""
 
 
 class Parameter:
-    """Name, type and value of a parameter.
+    """Name, type and value of a parameter. By default the type is that of the value.
 
-    Without `type_` it is that of the value: TypeError when there is none. ValueError when the two do not agree.
+    Raises:
+        TypeError: no type fits the value.
+        ValueError: type and value do not agree.
     """
 
     class Type(Enum):
-        """What a parameter holds; numbers of rcl_interfaces/ParameterType."""
+        """Type of a parameter, with the numbers of rcl_interfaces/ParameterType."""
 
         NOT_SET = 0
         BOOL = 1
@@ -56,7 +58,7 @@ class Parameter:
 
         @classmethod
         def from_parameter_value(cls, parameter_value: object) -> Parameter.Type:
-            """The type of a value; an empty list is a BYTE_ARRAY. TypeError for what no parameter holds."""
+            """Return the type of a value, BYTE_ARRAY for an empty list; raise TypeError if no type fits."""
             if parameter_value is None:
                 return cls.NOT_SET
             for type_, plain in _CLASSES.items():
@@ -70,7 +72,7 @@ class Parameter:
             raise TypeError(f"The given value is not a list of one of the allowed types '{parameter_value}'.")
 
         def check(self, parameter_value: Any) -> bool:
-            """Whether a value is of this type; a bool is an integer, too."""
+            """Return True if a value is of this type; a bool is an integer as well."""
             if self is Parameter.Type.NOT_SET:
                 return parameter_value is None
             plain = _CLASSES[self.name.removesuffix("_ARRAY")]
@@ -85,7 +87,7 @@ class Parameter:
 
     @classmethod
     def from_parameter_msg(cls, param_msg: Any) -> Parameter:
-        """Of an rcl_interfaces/Parameter; ValueError for an unknown type."""
+        """Convert an rcl_interfaces/Parameter; raise ValueError for an unknown type."""
         type_ = Parameter.Type(param_msg.value.type)
         value = None if type_ is Parameter.Type.NOT_SET else getattr(param_msg.value, _FIELDS[type_.value])
         return cls(param_msg.name, type_, value)
@@ -103,64 +105,62 @@ class Parameter:
 
     @property
     def name(self) -> str:
-        """Its name, with prefix."""
         return self._name
 
     @property
     def type_(self) -> Type:
-        """What it holds."""
         return self._type_
 
     @property
     def value(self) -> Any:
-        """None when it is not set."""
+        """Value; None if it is not set."""
         return self._value
 
     def get_parameter_value(self) -> Any:
-        """The value as rcl_interfaces/ParameterValue."""
+        """Return the value as rcl_interfaces/ParameterValue."""
         value = ParameterValue(type=self.type_.value)
         if self.type_ is not Parameter.Type.NOT_SET:
             setattr(value, _FIELDS[self.type_.value], self.value)
         return value
 
     def to_parameter_msg(self) -> Any:
-        """As rcl_interfaces/Parameter."""
+        """Return the parameter as rcl_interfaces/Parameter."""
         return ParameterMsg(name=self.name, value=self.get_parameter_value())
 
 
 _CLASSES: dict[str, type] = {"BYTE": bytes, "BOOL": bool, "INTEGER": int, "DOUBLE": float, "STRING": str}
-"""Name of a type, without ``_ARRAY`` -> class of a value, or of all items; the first that fits counts."""
+"""Type name without ``_ARRAY`` -> class of the value or of all elements. The first match counts."""
 
-_FIELDS = {one.value: f"{one.name.lower()}_value" for one in Parameter.Type if one.value}
-"""Number of a type -> field of rcl_interfaces/ParameterValue that holds it."""
+_FIELDS = {type_.value: f"{type_.name.lower()}_value" for type_ in Parameter.Type if type_.value}
+"""Type number -> field of rcl_interfaces/ParameterValue."""
 
 
 def get_parameter_value(string_value: str) -> Any:
-    """A text, as on a command line, as rcl_interfaces/ParameterValue of the type it looks like in YAML.
+    """Convert text of a command line to an rcl_interfaces/ParameterValue of the type that YAML gives it.
 
-    What is no YAML, and what no parameter holds, is a text.
+    Invalid YAML, and values that no parameter can have, become strings.
     """
-    from rosidl_py_gen.base.yaml_text import YamlError, load_yaml  # takes a while, and most programs need none
+    from rosidl_py_gen.base.yaml_text import YamlError, load_yaml  # slow to import, and rarely needed
 
     if not isinstance(string_value, str):
-        raise AttributeError(f"get_parameter_value: expected a str, got {string_value!r:.100}")  # rclpy reads it
+        raise AttributeError(f"get_parameter_value: expected a str, got {string_value!r:.100}")  # as in rclpy
     try:
-        found = load_yaml(string_value, like_rclpy=True)
+        value = load_yaml(string_value, like_rclpy=True)
     except YamlError:
-        found = string_value
-    if found == [] and isinstance(found, list):
+        value = string_value
+    if value == [] and isinstance(value, list):
         return ParameterValue(type=ParameterType.PARAMETER_BOOL_ARRAY)
     try:
-        type_ = Parameter.Type.from_parameter_value(found)
+        type_ = Parameter.Type.from_parameter_value(value)
     except TypeError:
         type_ = Parameter.Type.NOT_SET
     if type_ in (Parameter.Type.NOT_SET, Parameter.Type.BYTE_ARRAY):
-        type_, found = Parameter.Type.STRING, string_value
-    return Parameter("", type_, found).get_parameter_value()
+        type_, value = Parameter.Type.STRING, string_value
+    return Parameter("", type_, value).get_parameter_value()
 
 
 def parameter_value_to_python(parameter_value: Any) -> Any:
-    """What an rcl_interfaces/ParameterValue holds, arrays as lists; RuntimeError for an unknown type."""
+    """Return the value of an rcl_interfaces/ParameterValue, arrays as lists; raise RuntimeError for an unknown type."""
     number = parameter_value.type
     if number == ParameterType.PARAMETER_NOT_SET:
         return None
@@ -173,16 +173,16 @@ def parameter_value_to_python(parameter_value: Any) -> Any:
 def parameter_dict_from_yaml_file(
     parameter_file: str, use_wildcard: bool = False, target_nodes: list[str] | None = None, namespace: str = ""
 ) -> dict[str, Any]:
-    """The parameters of a file, as rcl_interfaces/Parameter by name.
+    """Read the parameters of a file as rcl_interfaces/Parameter by name.
 
     Args:
-        parameter_file: its path.
-        use_wildcard: take those of ``/**``, too; a node's own win.
-        target_nodes: whose, as they are called in the file; by default all.
-        namespace: put before each name.
+        parameter_file: path of the file.
+        use_wildcard: include the section ``/**``; sections of nodes take precedence.
+        target_nodes: names of the sections to read. [default: all]
+        namespace: prefix of each name.
 
     Raises:
-        RuntimeError: the file is no file of parameters, or a node is not in it; it exceeds a limit of the loader.
+        RuntimeError: the file is not a parameter file, has no section for a node, or exceeds a limit of the loader.
     """
     from rosidl_py_gen.base.yaml_text import YamlError, load_yaml
 
@@ -201,20 +201,20 @@ def parameter_dict_from_yaml_file(
     chosen += target_nodes or [node for node in nodes if node != "/**"]
     if not chosen:
         raise RuntimeError("Param file does not contain selected parameters")
-    found: dict[str, Any] = {}
+    parameters: dict[str, Any] = {}
     for node in chosen:
         if not isinstance(nodes[node], dict) or not isinstance(nodes[node].get("ros__parameters"), dict):
             raise RuntimeError(f"YAML file is not a valid ROS parameter file for node {node}")
-        found.update(nodes[node]["ros__parameters"])
-    return _flat(namespace, found)
+        parameters.update(nodes[node]["ros__parameters"])
+    return _flat(namespace, parameters)
 
 
 def _flat(prefix: str, parameters: dict[Any, Any]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    messages: dict[str, Any] = {}
     for name, value in parameters.items():
         full = f"{prefix}{name}"
         if isinstance(value, dict):
-            found.update(_flat(full + PARAMETER_SEPARATOR_STRING, value))
+            messages.update(_flat(full + PARAMETER_SEPARATOR_STRING, value))
         else:
-            found[full] = ParameterMsg(name=full, value=get_parameter_value(str(value)))
-    return found
+            messages[full] = ParameterMsg(name=full, value=get_parameter_value(str(value)))
+    return messages

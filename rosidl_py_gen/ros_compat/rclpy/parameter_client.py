@@ -1,4 +1,4 @@
-"""Parameters of another node."""
+"""Client for the parameters of another node."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 
 
 class AsyncParameterClient:
-    """Asks the parameter services of `remote_node_name`; futures give their responses once an executor took them.
+    """Client of the parameter services of `remote_node_name`.
 
-    Each method takes a `callback` that is called with the future when that is done.
+    Each method returns a future of the response; `callback` is called with the future when it is done.
     """
 
     def __init__(
@@ -49,27 +49,27 @@ class AsyncParameterClient:
         self.node = node
         self._rosidl_clients: list[Client] = []
 
-        def client(srv_type: Any, name: str) -> Client:
+        def create(srv_type: Any, name: str) -> Client:
             full = f"{remote_node_name}/{name}"
-            made = node.create_client(srv_type, full, qos_profile=qos_profile, callback_group=callback_group)
-            self._rosidl_clients.append(made)
-            return made
+            client = node.create_client(srv_type, full, qos_profile=qos_profile, callback_group=callback_group)
+            self._rosidl_clients.append(client)
+            return client
 
-        self._get_parameter_client = client(GetParameters, "get_parameters")
-        self._list_parameter_client = client(ListParameters, "list_parameters")
-        self._set_parameter_client = client(SetParameters, "set_parameters")
-        self._get_parameter_types_client = client(GetParameterTypes, "get_parameter_types")
-        self._describe_parameters_client = client(DescribeParameters, "describe_parameters")
-        self._set_parameters_atomically_client = client(SetParametersAtomically, "set_parameters_atomically")
+        self._get_parameter_client = create(GetParameters, "get_parameters")
+        self._list_parameter_client = create(ListParameters, "list_parameters")
+        self._set_parameter_client = create(SetParameters, "set_parameters")
+        self._get_parameter_types_client = create(GetParameterTypes, "get_parameter_types")
+        self._describe_parameters_client = create(DescribeParameters, "describe_parameters")
+        self._set_parameters_atomically_client = create(SetParametersAtomically, "set_parameters_atomically")
 
     def services_are_ready(self) -> bool:
-        """Whether all six services are there."""
+        """Return True if all six services are available."""
         return all(client.service_is_ready() for client in self._rosidl_clients)
 
     def wait_for_services(self, timeout_sec: float | None = None) -> bool:
-        """Wait until they are; None means for ever. Needs no executor. False when the time passed."""
+        """Wait until all six services are available; return False if the time has passed. No executor is needed."""
         with self.node.handle as handle:
-            return handle.context.wait(self.services_are_ready, None if timeout_sec is None else max(0.0, timeout_sec))
+            return handle.context.wait(self.services_are_ready, timeout_sec)
 
     @staticmethod
     def _rosidl_send(client: Client, request: Any, callback: Callback | None) -> Future[Any]:
@@ -81,49 +81,49 @@ class AsyncParameterClient:
     def list_parameters(
         self, prefixes: list[str] | None = None, depth: int | None = None, callback: Callback | None = None
     ) -> Future[Any]:
-        """Which parameters there are, below prefixes and down to a depth; by default all."""
+        """Request the names of parameters below prefixes and down to a depth; by default all."""
         request = ListParameters.Request(prefixes=prefixes or [], depth=depth or 0)
         return self._rosidl_send(self._list_parameter_client, request, callback)
 
     def get_parameters(self, names: list[str], callback: Callback | None = None) -> Future[Any]:
-        """Values by name."""
+        """Request values by name."""
         return self._rosidl_send(self._get_parameter_client, GetParameters.Request(names=names), callback)
 
     def set_parameters(self, parameters: Sequence[Any], callback: Callback | None = None) -> Future[Any]:
-        """Set each, as Parameter or as message."""
+        """Set parameters, each a Parameter or a message."""
         request = SetParameters.Request(parameters=_messages(parameters))
         return self._rosidl_send(self._set_parameter_client, request, callback)
 
     def describe_parameters(self, names: list[str], callback: Callback | None = None) -> Future[Any]:
-        """Descriptors by name."""
+        """Request descriptors by name."""
         return self._rosidl_send(self._describe_parameters_client, DescribeParameters.Request(names=names), callback)
 
     def get_parameter_types(self, names: list[str], callback: Callback | None = None) -> Future[Any]:
-        """Types by name, as numbers of `Parameter.Type`."""
+        """Request types by name, as numbers of `Parameter.Type`."""
         return self._rosidl_send(self._get_parameter_types_client, GetParameterTypes.Request(names=names), callback)
 
     def set_parameters_atomically(self, parameters: Sequence[Any], callback: Callback | None = None) -> Future[Any]:
-        """Set all of them or none, each as Parameter or as message."""
+        """Set all parameters or none, each a Parameter or a message."""
         request = SetParametersAtomically.Request(parameters=_messages(parameters))
         return self._rosidl_send(self._set_parameters_atomically_client, request, callback)
 
     def delete_parameters(self, names: list[str], callback: Callback | None = None) -> Future[Any]:
-        """Undeclare them; only those of dynamic type can be."""
+        """Undeclare parameters of dynamic type."""
         return self.set_parameters([Parameter(name) for name in names], callback)
 
     def load_parameter_file(
         self, parameter_file: str, use_wildcard: bool = False, callback: Callback | None = None
     ) -> Future[Any]:
-        """Set what `rclpy.parameter.parameter_dict_from_yaml_file` reads."""
-        found = parameter_dict_from_yaml_file(parameter_file, use_wildcard)
-        return self.set_parameters(list(found.values()), callback=callback)
+        """Set the parameters of a file; see `rclpy.parameter.parameter_dict_from_yaml_file`."""
+        parameters = parameter_dict_from_yaml_file(parameter_file, use_wildcard)
+        return self.set_parameters(list(parameters.values()), callback=callback)
 
     def load_parameter_file_atomically(
         self, parameter_file: str, use_wildcard: bool = False, callback: Callback | None = None
     ) -> Future[Any]:
-        """The same, all or none."""
-        found = parameter_dict_from_yaml_file(parameter_file, use_wildcard)
-        return self.set_parameters_atomically(list(found.values()), callback=callback)
+        """Set all parameters of a file, or none."""
+        parameters = parameter_dict_from_yaml_file(parameter_file, use_wildcard)
+        return self.set_parameters_atomically(list(parameters.values()), callback=callback)
 
     def on_parameter_event(
         self,
@@ -135,7 +135,7 @@ class AsyncParameterClient:
         qos_overriding_options: QoSOverridingOptions | None = None,
         raw: bool = False,
     ) -> Subscription:
-        """Have every rcl_interfaces/ParameterEvent of all nodes."""
+        """Subscribe to the rcl_interfaces/ParameterEvent messages of all nodes."""
         return self.node.create_subscription(
             ParameterEvent,
             "/parameter_events",
@@ -149,4 +149,4 @@ class AsyncParameterClient:
 
 
 def _messages(parameters: Sequence[Any]) -> list[Any]:
-    return [one.to_parameter_msg() if isinstance(one, Parameter) else one for one in parameters]
+    return [item.to_parameter_msg() if isinstance(item, Parameter) else item for item in parameters]

@@ -1,4 +1,4 @@
-"""Callbacks for changes of parameters, of this node or another."""
+"""Callbacks for parameter events of this node and of others."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions as QoSOverridingOp
 
 @dataclass(eq=False)
 class ParameterCallbackHandle:
-    """A callback for one parameter; `ParameterEventHandler.remove_parameter_callback` takes it."""
+    """Callback for one parameter; see `ParameterEventHandler.remove_parameter_callback`."""
 
     parameter_name: str
     node_name: str
@@ -33,17 +33,17 @@ class ParameterCallbackHandle:
 
 @dataclass(eq=False)
 class ParameterEventCallbackHandle:
-    """A callback for all events; `ParameterEventHandler.remove_parameter_event_callback` takes it."""
+    """Callback for all events; see `ParameterEventHandler.remove_parameter_event_callback`."""
 
     callback: Callable[[Any], Any]
     mutex: AbstractContextManager[Any] = field(init=False, default_factory=threading.RLock)
 
 
 class ParameterEventHandler:
-    """Calls functions, newest first, when /parameter_events tells of parameters; parameters are messages."""
+    """Subscription to /parameter_events that calls functions, newest first, with parameters as messages."""
 
     class Callbacks:
-        """Those that were added. They may add and remove others."""
+        """Registered callbacks; they may add and remove callbacks."""
 
         def __init__(self) -> None:
             self.parameter_callbacks: dict[tuple[str, str], list[ParameterCallbackHandle]] = {}
@@ -51,7 +51,7 @@ class ParameterEventHandler:
             self.mutex = threading.RLock()
 
         def event_callback(self, event: Any) -> None:
-            """An rcl_interfaces/ParameterEvent came."""
+            """Call the callbacks for an rcl_interfaces/ParameterEvent."""
             with self.mutex:
                 of_parameters = [(key, tuple(handles)) for key, handles in self.parameter_callbacks.items()]
                 of_events = tuple(self.event_callbacks)
@@ -60,21 +60,21 @@ class ParameterEventHandler:
                 for handle in handles if parameter is not None else ():
                     with handle.mutex:
                         handle.callback(parameter)
-            for one in of_events:
-                with one.mutex:
-                    one.callback(event)
+            for event_handle in of_events:
+                with event_handle.mutex:
+                    event_handle.callback(event)
 
         def add_parameter_callback(
             self, parameter_name: str, node_name: str, callback: Callable[[Any], Any]
         ) -> ParameterCallbackHandle:
-            """For one parameter; `node_name` is fully qualified."""
+            """Add a callback for one parameter; `node_name` is fully qualified."""
             handle = ParameterCallbackHandle(parameter_name, node_name, callback)
             with self.mutex:
                 self.parameter_callbacks.setdefault((parameter_name, node_name), []).insert(0, handle)
             return handle
 
         def remove_parameter_callback(self, handle: ParameterCallbackHandle) -> None:
-            """RuntimeError when it is not there."""
+            """Remove a callback; raise RuntimeError if it is not registered."""
             key = handle.parameter_name, handle.node_name
             with self.mutex:
                 handles = self.parameter_callbacks.get(key, [])
@@ -85,14 +85,14 @@ class ParameterEventHandler:
                     del self.parameter_callbacks[key]
 
         def add_parameter_event_callback(self, callback: Callable[[Any], Any]) -> ParameterEventCallbackHandle:
-            """For all events."""
+            """Add a callback for all events."""
             handle = ParameterEventCallbackHandle(callback)
             with self.mutex:
                 self.event_callbacks.insert(0, handle)
             return handle
 
         def remove_parameter_event_callback(self, handle: ParameterEventCallbackHandle) -> None:
-            """RuntimeError when it is not there."""
+            """Remove a callback; raise RuntimeError if it is not registered."""
             with self.mutex:
                 if handle not in self.event_callbacks:
                     raise RuntimeError("Callback doesn't exist")
@@ -122,36 +122,36 @@ class ParameterEventHandler:
         )
 
     def destroy(self) -> None:
-        """Hear no more."""
+        """Destroy the subscription."""
         self.node.destroy_subscription(self.parameter_event_subscription)
 
     @staticmethod
     def get_parameter_from_event(event: Any, parameter_name: str, node_name: str) -> Any:
-        """The new or changed rcl_interfaces/Parameter of that name, or None; `node_name` is fully qualified."""
-        found = chain(event.new_parameters, event.changed_parameters) if event.node == node_name else ()
-        return next((parameter for parameter in found if parameter.name == parameter_name), None)
+        """Return the new or changed rcl_interfaces/Parameter of a name, or None; `node_name` is fully qualified."""
+        parameters = ParameterEventHandler.get_parameters_from_event(event) if event.node == node_name else ()
+        return next((parameter for parameter in parameters if parameter.name == parameter_name), None)
 
     @staticmethod
     def get_parameters_from_event(event: Any) -> Iterable[Any]:
-        """All new and changed ones."""
+        """Yield the new and the changed parameters."""
         yield from chain(event.new_parameters, event.changed_parameters)
 
     def add_parameter_callback(
         self, parameter_name: str, node_name: str, callback: Callable[[Any], Any]
     ) -> ParameterCallbackHandle:
-        """Call with the parameter when that of a node is new or changed; an empty node name means this node."""
+        """Call a function with a parameter when it is new or changed; an empty node name means this node."""
         return self._callbacks.add_parameter_callback(parameter_name, self._resolve_path(node_name), callback)
 
     def remove_parameter_callback(self, handle: ParameterCallbackHandle) -> None:
-        """Call it no more; RuntimeError when it is not there."""
+        """Remove a callback; raise RuntimeError if it is not registered."""
         self._callbacks.remove_parameter_callback(handle)
 
     def add_parameter_event_callback(self, callback: Callable[[Any], Any]) -> ParameterEventCallbackHandle:
-        """Call with every event, of all nodes."""
+        """Call a function with the events of all nodes."""
         return self._callbacks.add_parameter_event_callback(callback)
 
     def remove_parameter_event_callback(self, handle: ParameterEventCallbackHandle) -> None:
-        """Call it no more; RuntimeError when it is not there."""
+        """Remove a callback; raise RuntimeError if it is not registered."""
         self._callbacks.remove_parameter_event_callback(handle)
 
     def _resolve_path(self, node_path: str | None = None) -> str:

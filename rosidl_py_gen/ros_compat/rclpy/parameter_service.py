@@ -1,4 +1,4 @@
-"""Services that show and set the parameters of a node."""
+"""Services that read and set the parameters of a node."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _T = TypeVar("_T")
 
 
 class ParameterService:
-    """The six services of a node, served by its executor. An unknown name makes the whole answer empty."""
+    """Parameter services of a node. If one requested name is unknown, the response is empty."""
 
     def __init__(self, node: Node) -> None:
         self._node_weak_ref = weakref.ref(node)
@@ -44,18 +44,18 @@ class ParameterService:
             node.create_service(srv_type, full, callback, qos_profile=qos_profile_parameters)
 
     def _describe_parameters_callback(self, request: Any, response: Any) -> Any:
-        response.descriptors = _of_all(self._get_node().describe_parameter, request.names)
+        response.descriptors = _all_or_none(self._get_node().describe_parameter, request.names)
         return response
 
     def _get_parameters_callback(self, request: Any, response: Any) -> Any:
-        found = _of_all(self._get_node().get_parameter, request.names)
-        response.values = [one.get_parameter_value() for one in found]
+        parameters = _all_or_none(self._get_node().get_parameter, request.names)
+        response.values = [parameter.get_parameter_value() for parameter in parameters]
         return response
 
     def _get_parameter_types_callback(self, request: Any, response: Any) -> Any:
-        types = _of_all(self._get_node().get_parameter_type, request.names)
-        # An undeclared one is told as member, a declared one as number: as in rclpy.
-        response.types = [one.value if isinstance(one, Parameter.Type) else one for one in types]
+        types = _all_or_none(self._get_node().get_parameter_type, request.names)
+        # As in rclpy, get_parameter_type returns a member for an undeclared parameter, else a number.
+        response.types = [type_.value if isinstance(type_, Parameter.Type) else type_ for type_ in types]
         return response
 
     def _list_parameters_callback(self, request: Any, response: Any) -> Any:
@@ -76,7 +76,7 @@ class ParameterService:
     def _rosidl_set(self, messages: list[Any]) -> Any:
         try:
             parameters = [Parameter.from_parameter_msg(message) for message in messages]
-        except ValueError as error:  # a type that does not exist; rclpy would end the spinning for it
+        except ValueError as error:  # an unknown type, which ends the spinning in rclpy
             return SetParametersResult(successful=False, reason=str(error))
         try:
             return self._get_node().set_parameters_atomically(parameters)
@@ -90,7 +90,7 @@ class ParameterService:
         return node
 
 
-def _of_all(get: Callable[[str], _T], names: Iterable[str]) -> list[_T]:
+def _all_or_none(get: Callable[[str], _T], names: Iterable[str]) -> list[_T]:
     try:
         return [get(name) for name in names]
     except (ParameterNotDeclaredException, ParameterUninitializedException):

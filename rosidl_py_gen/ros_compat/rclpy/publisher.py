@@ -9,6 +9,7 @@ from rclpy.callback_groups import CallbackGroup as CallbackGroup
 from rclpy.duration import Duration
 from rclpy.event_handler import EventHandler as EventHandler
 from rclpy.event_handler import PublisherEventCallbacks as PublisherEventCallbacks
+from rclpy.impl.entities import TopicEntity
 from rclpy.qos import QoSProfile as QoSProfile
 from rosidl_py_gen import runtime
 
@@ -18,13 +19,13 @@ if TYPE_CHECKING:
 MsgType = TypeVar("MsgType")
 
 
-class Publisher:
-    """Made by `Node.create_publisher`.
+class Publisher(TopicEntity[runtime.Publisher[Any]]):
+    """Publisher of a topic, created by `Node.create_publisher`.
 
     Attributes:
-        msg_type: the class of the messages.
-        topic: the name as it was written.
-        event_handlers: what waits for events of it.
+        msg_type: class of the messages.
+        topic: name as it was passed.
+        event_handlers: waitables for its events.
     """
 
     def __init__(
@@ -36,20 +37,22 @@ class Publisher:
         event_callbacks: list[EventHandler],
         callback_group: CallbackGroup,
     ) -> None:
-        self._rosidl_publisher = publisher_impl
+        super().__init__(publisher_impl)
         self.msg_type = msg_type
         self.topic = topic
         self.qos_profile = qos_profile
         self.event_handlers = event_callbacks
 
     def publish(self, msg: Any) -> None:
-        """Send a message, or the bytes of one that is serialized already; from any thread.
+        """Publish a message, or the bytes of a serialized one. Thread: any.
 
         Raises:
-            TypeError: it is of another class. InvalidHandle: the publisher was destroyed. RCLError: the context was
-            shut down. `rosidl_py_gen.runtime.EncodeError`: a field does not fit its type.
+            TypeError: the message is of another class.
+            InvalidHandle: the publisher was destroyed.
+            RCLError: the context was shut down.
+            rosidl_py_gen.runtime.EncodeError: a field does not fit its type.
         """
-        with self._rosidl_publisher as handle:
+        with self._rosidl_handle as handle:
             handle.context.require_ok()
             try:
                 if isinstance(msg, self.msg_type):
@@ -62,40 +65,20 @@ class Publisher:
                 raise RCLError(str(error)) from error
 
     def get_subscription_count(self) -> int:
-        """How many subscriptions receive what is published."""
+        """Return the number of matched subscriptions."""
         with self.handle.active() as publisher:
             return publisher.subscription_count
 
-    @property
-    def topic_name(self) -> str:
-        """The name after expansion and remapping."""
-        with self.handle.in_use() as publisher:
-            return publisher.topic
-
-    @property
-    def handle(self) -> Handle[runtime.Publisher[Any]]:
-        """What it holds in the runtime."""
-        return self._rosidl_publisher
-
-    @property
-    def logger_name(self) -> str:
-        """The name of the node's logger."""
-        with self.handle as handle:
-            return handle.logger_name
-
-    def destroy(self) -> None:
-        """End it; use `Node.destroy_publisher`."""
-        for handler in self.event_handlers:
-            handler.destroy()
-        self.handle.destroy_when_not_in_use()
-
     def assert_liveliness(self) -> None:
-        """Say that it is alive, for manual liveliness."""
+        """Announce that the publisher is alive, for manual liveliness."""
         with self.handle.active() as publisher:
             publisher.assert_liveliness()
 
     def wait_for_all_acked(self, timeout: Duration = Duration(seconds=-1)) -> bool:  # noqa: B008  as in rclpy
-        """Wait until all reliable subscriptions confirmed what was published; negative times mean for ever."""
+        """Wait until all reliable subscriptions have acknowledged all messages; return False after `timeout`.
+
+        A negative timeout is unlimited.
+        """
         seconds = timeout.nanoseconds / 1e9
         with self.handle as handle:
             handle.context.require_ok()

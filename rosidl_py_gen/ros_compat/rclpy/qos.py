@@ -1,4 +1,4 @@
-"""Quality of service: policies, profiles, and whether two profiles match."""
+"""QoS policies and profiles, and the check whether two profiles are compatible."""
 
 from __future__ import annotations
 
@@ -18,38 +18,38 @@ _P = TypeVar("_P", bound=IntEnum)
 
 
 def qos_policy_name_from_kind(policy_kind: QoSPolicyKind | int) -> str:
-    """``'LIVELINESS'`` for 8; ValueError for a number that is none."""
+    """Return the name of a policy's number; raise ValueError for an unknown number."""
     return QoSPolicyKind(policy_kind).name
 
 
 class InvalidQoSProfileException(Exception):
-    """A profile that lacks a history or a depth."""
+    """Raised for a profile without a history or a depth."""
 
     def __init__(self, *args: object) -> None:
         super().__init__("Invalid QoSProfile", *args)
 
 
 class QoSPolicyEnum(IntEnum):
-    """A policy, with the lower-case names that command lines use."""
+    """Base class of policies, with the lower-case names of command lines."""
 
     @classmethod
     def short_keys(cls) -> list[str]:
-        """All names in lower case."""
+        """Return all names in lower case."""
         return [key.lower() for key in cls.__members__]
 
     @classmethod
     def get_from_short_key(cls, name: str) -> int:
-        """The number of a name in any case; KeyError for an unknown one."""
+        """Return the number of a name in any case; raise KeyError for an unknown one."""
         return int(cls[name.upper()].value)
 
     @property
     def short_key(self) -> str:
-        """The name in lower case."""
+        """Name in lower case."""
         return self.name.lower()
 
 
 class _OldName:
-    """A name of a policy from before Foxy; says so when it is used."""
+    """Deprecated name of a policy's value, which warns when it is read."""
 
     def __init__(self, old: str, new: str) -> None:
         self._old, self._new = old, new
@@ -71,7 +71,7 @@ def _with_old_names(prefix: str, *names: str, **others: str) -> Callable[[type[_
 
 @_with_old_names("RMW_QOS_POLICY_HISTORY_", "SYSTEM_DEFAULT", "KEEP_LAST", "KEEP_ALL", "UNKNOWN")
 class HistoryPolicy(QoSPolicyEnum):
-    """How many messages are kept; numbers of rmw."""
+    """Number of messages that are stored, with the numbers of rmw."""
 
     SYSTEM_DEFAULT = 0
     KEEP_LAST = 1
@@ -81,7 +81,7 @@ class HistoryPolicy(QoSPolicyEnum):
 
 @_with_old_names("RMW_QOS_POLICY_RELIABILITY_", "SYSTEM_DEFAULT", "RELIABLE", "BEST_EFFORT", "UNKNOWN")
 class ReliabilityPolicy(QoSPolicyEnum):
-    """Whether lost messages are sent again; numbers of rmw."""
+    """Retransmission of lost messages, with the numbers of rmw."""
 
     SYSTEM_DEFAULT = 0
     RELIABLE = 1
@@ -92,7 +92,7 @@ class ReliabilityPolicy(QoSPolicyEnum):
 
 @_with_old_names("RMW_QOS_POLICY_DURABILITY_", "SYSTEM_DEFAULT", "TRANSIENT_LOCAL", "VOLATILE", "UNKNOWN")
 class DurabilityPolicy(QoSPolicyEnum):
-    """Whether those who come late get earlier messages; numbers of rmw."""
+    """Delivery of earlier messages to late subscriptions, with the numbers of rmw."""
 
     SYSTEM_DEFAULT = 0
     TRANSIENT_LOCAL = 1
@@ -106,10 +106,10 @@ class DurabilityPolicy(QoSPolicyEnum):
     "SYSTEM_DEFAULT",
     "AUTOMATIC",
     "MANUAL_BY_TOPIC",
-    RMW_QOS_POLICY_DURABILITY_UNKNOWN="UNKNOWN",  # rclpy's slip of the pen
+    RMW_QOS_POLICY_DURABILITY_UNKNOWN="UNKNOWN",  # as in rclpy, by mistake
 )
 class LivelinessPolicy(QoSPolicyEnum):
-    """Who says that a publisher is alive; numbers of rmw."""
+    """Assertion that a publisher is alive, with the numbers of rmw."""
 
     SYSTEM_DEFAULT = 0
     AUTOMATIC = 1
@@ -125,18 +125,17 @@ QoSLivelinessPolicy = LivelinessPolicy
 
 
 class _RuntimeProfile(runtime.QoSProfile):
-    """A profile for the runtime that can tell what it was made of."""
+    """Profile of the runtime that converts back to the arguments of `QoSProfile`."""
 
     __slots__ = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """The arguments of `QoSProfile`."""
-        made = QoSProfile._rosidl_from_runtime(self)
-        return {name: getattr(made, name) for name in _FIELDS}
+        profile = QoSProfile._rosidl_from_runtime(self)
+        return {name: getattr(profile, name) for name in _FIELDS}
 
 
 _FIELDS = (
-    "history",  # before depth, which looks at it
+    "history",  # before depth, whose setter reads it
     "depth",
     "reliability",
     "durability",
@@ -146,21 +145,23 @@ _FIELDS = (
     "liveliness_lease_duration",
     "avoid_ros_namespace_conventions",
 )
-"""In the order in which rclpy shows them."""
+"""Fields in the order in which rclpy displays them."""
 
 
 class QoSProfile:
-    """Quality of service of an endpoint; fields can be set, too.
+    """QoS profile of an endpoint; its fields can be set.
 
-    Needs a `history`, a `depth`, or both: InvalidQoSProfileException. AssertionError for unknown fields, wrong types.
+    Raises:
+        InvalidQoSProfileException: both `history` and `depth` are missing, or KEEP_LAST without `depth`.
+        AssertionError: a field is unknown, or a value has the wrong type.
     """
 
     __slots__ = tuple(f"_{name}" for name in _FIELDS)
 
-    history = Checked[HistoryPolicy](int, made=HistoryPolicy)
-    reliability = Checked[ReliabilityPolicy](int, made=ReliabilityPolicy)
-    durability = Checked[DurabilityPolicy](int, made=DurabilityPolicy)
-    liveliness = Checked[LivelinessPolicy](int, made=LivelinessPolicy)
+    history = Checked[HistoryPolicy](int, convert=HistoryPolicy)
+    reliability = Checked[ReliabilityPolicy](int, convert=ReliabilityPolicy)
+    durability = Checked[DurabilityPolicy](int, convert=DurabilityPolicy)
+    liveliness = Checked[LivelinessPolicy](int, convert=LivelinessPolicy)
     lifespan = Checked[Duration](Duration)
     deadline = Checked[Duration](Duration)
     liveliness_lease_duration = Checked[Duration](Duration)
@@ -180,7 +181,7 @@ class QoSProfile:
 
     @property
     def depth(self) -> int:
-        """How many messages KEEP_LAST keeps; 0 is what the middleware has by default, and warned of."""
+        """Number of messages that KEEP_LAST stores; 0 is the middleware's default, with a warning."""
         return self._depth
 
     @depth.setter
@@ -196,9 +197,10 @@ class QoSProfile:
         self._depth = value
 
     def get_c_qos_profile(self) -> _RuntimeProfile:
-        """The profile as rosidl_py_gen has it: there is no C structure here.
+        """Return the profile of rosidl_py_gen, which takes the place of the C structure.
 
-        Raises `rosidl_py_gen.runtime.InvalidQoSError`, a ValueError, for numbers out of range.
+        Raises:
+            rosidl_py_gen.runtime.InvalidQoSError: a number is out of range; it is a ValueError.
         """
         return _RuntimeProfile(
             history=runtime.History(self.history),
@@ -214,18 +216,20 @@ class QoSProfile:
 
     @classmethod
     def _rosidl_from_runtime(cls, profile: runtime.QoSProfile) -> QoSProfile:
-        """The other way of `get_c_qos_profile`, without a warning for depth 0."""
-        made = cls(depth=1)
-        made.history = HistoryPolicy(profile.history)
-        made._depth = profile.depth
-        made.reliability = ReliabilityPolicy(profile.reliability)
-        made.durability = DurabilityPolicy(profile.durability)
-        made.lifespan = Duration(nanoseconds=profile.lifespan_ns)
-        made.deadline = Duration(nanoseconds=profile.deadline_ns)
-        made.liveliness = LivelinessPolicy(profile.liveliness)
-        made.liveliness_lease_duration = Duration(nanoseconds=profile.liveliness_lease_ns)
-        made.avoid_ros_namespace_conventions = profile.avoid_ros_namespace_conventions
-        return made
+        """Convert a profile of the runtime, without a warning for depth 0."""
+        converted = cls(
+            depth=1,
+            history=profile.history,
+            reliability=profile.reliability,
+            durability=profile.durability,
+            lifespan=Duration(nanoseconds=profile.lifespan_ns),
+            deadline=Duration(nanoseconds=profile.deadline_ns),
+            liveliness=profile.liveliness,
+            liveliness_lease_duration=Duration(nanoseconds=profile.liveliness_lease_ns),
+            avoid_ros_namespace_conventions=profile.avoid_ros_namespace_conventions,
+        )
+        converted._depth = profile.depth
+        return converted
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, QoSProfile) and all(getattr(self, name) == getattr(other, name) for name in _FIELDS)
@@ -268,7 +272,7 @@ qos_profile_action_status_default = QoSProfile._rosidl_from_runtime(presets.ACTI
 
 
 class QoSPresetProfiles(Enum):
-    """The profiles that ROS names."""
+    """Profiles that ROS names."""
 
     UNKNOWN = qos_profile_unknown
     DEFAULT = qos_profile_default
@@ -282,16 +286,16 @@ class QoSPresetProfiles(Enum):
 
     @classmethod
     def short_keys(cls) -> list[str]:
-        """All names in lower case."""
+        """Return all names in lower case."""
         return [key.lower() for key in cls.__members__]
 
     @classmethod
     def get_from_short_key(cls, name: str) -> QoSProfile:
-        """The profile of a name in any case; KeyError for an unknown one."""
+        """Return the profile of a name in any case; raise KeyError for an unknown one."""
         return cls[name.upper()].value
 
 
 def qos_check_compatible(publisher_qos: QoSProfile, subscription_qos: QoSProfile) -> tuple[QoSCompatibility, str]:
-    """Whether the two would communicate, and why not; WARNING where the middleware decides."""
-    found = runtime.check_compatible(publisher_qos.get_c_qos_profile(), subscription_qos.get_c_qos_profile())
-    return QoSCompatibility[found.compatibility.name], found.reason
+    """Return whether two profiles are compatible, and the reason; WARNING if the middleware decides."""
+    result = runtime.check_compatible(publisher_qos.get_c_qos_profile(), subscription_qos.get_c_qos_profile())
+    return QoSCompatibility[result.compatibility.name], result.reason

@@ -1,4 +1,4 @@
-"""The old name of `rclpy.event_handler`."""
+"""Deprecated name of `rclpy.event_handler`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Quality of service that parameters of the node may change when an endpoint is created."""
+"""QoS policies that node parameters override when an endpoint is created."""
 
 from __future__ import annotations
 
@@ -32,23 +32,23 @@ if TYPE_CHECKING:
 
 QosCallbackResult = SetParametersResult
 QosCallbackType = Callable[[QoSProfile], Any]
-"""Answers such a result."""
+"""Function that returns such a result."""
 QoSProfileAttributes = HistoryPolicy | int | ReliabilityPolicy | DurabilityPolicy | LivelinessPolicy | Duration | bool
-"""What a policy may be."""
+"""Value of a policy."""
 
 
 class InvalidQosOverridesError(Exception):
-    """The callback refused the profile that parameters gave."""
+    """Raised when the callback refuses the overridden profile."""
 
 
 @dataclass(frozen=True, eq=False)
 class QoSOverridingOptions:
-    """Which policies have a parameter ``qos_overrides.<topic>.<publisher or subscription>[_<entity_id>].<policy>``.
+    """Policies with a parameter ``qos_overrides.<topic>.<publisher or subscription>[_<entity_id>].<policy>``.
 
     Attributes:
         policy_kinds: the policies.
-        callback: decides on the profile with what the parameters say.
-        entity_id: tells endpoints of one topic apart.
+        callback: function that accepts or refuses the overridden profile.
+        entity_id: suffix that distinguishes endpoints of one topic.
     """
 
     policy_kinds: Iterable[QoSPolicyKind]
@@ -59,7 +59,7 @@ class QoSOverridingOptions:
     def with_default_policies(
         cls, *, callback: QosCallbackType | None = None, entity_id: str | None = None
     ) -> QoSOverridingOptions:
-        """For history, depth and reliability."""
+        """Return options for history, depth and reliability."""
         kinds = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY)
         return cls(kinds, callback=callback, entity_id=entity_id)
 
@@ -71,12 +71,12 @@ def _declare_qos_parameters(
     qos: QoSProfile,
     options: QoSOverridingOptions,
 ) -> None:
-    """Declare the parameters of a new endpoint, and change `qos` to what they say.
+    """Declare the parameters of a new endpoint, and change `qos` to their values.
 
     Raises:
-        InvalidQosOverridesError: the callback refuses that.
-        RuntimeError: there is no such policy.
-        ValueError: the given profile has an UNKNOWN one.
+        InvalidQosOverridesError: the callback refuses the profile.
+        RuntimeError: a value is unknown.
+        ValueError: the profile has an UNKNOWN policy.
     """
     from rclpy.publisher import Publisher
     from rclpy.subscription import Subscription
@@ -85,13 +85,13 @@ def _declare_qos_parameters(
         raise TypeError("Argument `entity_type` should be a subclass of Publisher or Subscription")
     kind = "publisher" if issubclass(entity_type, Publisher) else "subscription"
     suffix = "" if options.entity_id is None else f"_{options.entity_id}"
-    where = f"for {kind} `{topic_name}` with id `{options.entity_id}`"
+    subject = f"for {kind} `{topic_name}` with id `{options.entity_id}`"
     for policy in options.policy_kinds:
         if policy == QoSPolicyKind.LIFESPAN and kind == "subscription":
             continue
         field = policy.name.lower()
         name = f"qos_overrides.{topic_name}.{kind}{suffix}.{field}"
-        descriptor = ParameterDescriptor(description=f"{field} {where}", read_only=True)
+        descriptor = ParameterDescriptor(description=f"{field} {subject}", read_only=True)
         try:
             parameter = node.declare_parameter(name, _get_qos_policy_parameter(qos, policy), descriptor)
         except ParameterAlreadyDeclaredException:
@@ -100,7 +100,7 @@ def _declare_qos_parameters(
     if options.callback is not None:
         result = options.callback(qos)
         if not result.successful:
-            raise InvalidQosOverridesError(f"Provided QoS overrides {where}, are not valid: {result.reason}")
+            raise InvalidQosOverridesError(f"Provided QoS overrides {subject}, are not valid: {result.reason}")
 
 
 def _get_qos_policy_parameter(qos: QoSProfile, policy: QoSPolicyKind) -> str | int | bool:
@@ -109,8 +109,8 @@ def _get_qos_policy_parameter(qos: QoSProfile, policy: QoSPolicyKind) -> str | i
         if value.name == "UNKNOWN":
             raise ValueError("User provided QoS profile is invalid")
         return value.name.lower()
-    found: int = value.nanoseconds if isinstance(value, Duration) else value
-    return found
+    number: int = value.nanoseconds if isinstance(value, Duration) else value
+    return number
 
 
 _POLICIES: dict[str, type[QoSPolicyEnum]] = {

@@ -1,6 +1,6 @@
-"""What of some nodes is ready: looked at by executors, before and after they wait.
+"""Search for the ready entities of nodes, before and after an executor waits.
 
-Both run for each message, so that they ask no more than they must: endpoints that nothing arrived for are passed over.
+It runs for each message, so endpoints without an arrival are skipped.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     ReadyCallback = list[tuple[Any, Node]]
 
 SUBSCRIPTIONS, GUARDS, CLIENTS, SERVICES = 2, 3, 4, 5
-"""Where they are in `ServedEntity`."""
+"""Indices in `ServedEntity`."""
 
 
 class ServedEntity(NamedTuple):
-    """What executors serve of a node, in rclpy's order; the lists are the node's own."""
+    """Entities of a node in rclpy's order; the lists are the node's own."""
 
     handle: Handle[Any]
     timers: list[Timer]
@@ -43,47 +43,50 @@ class ServedEntity(NamedTuple):
 def ready_entities(
     nodes: Iterable[Node], can_execute: Callable[[Any], bool]
 ) -> tuple[ReadyCallback, float | None, bool]:
-    """What is ready and may run, but waitables; node by node, in rclpy's order. Then how many seconds it is to the next
-    timer, None while none will be due by itself; and whether there are waitables.
+    """Return the ready entities that may run, except waitables, node by node in rclpy's order.
+
+    Returns:
+        The entities; the seconds until the next timer, None if no timer will be due without another event; and True if
+            there are waitables.
     """
-    found: ReadyCallback = []
-    least: float | None = None
+    ready: ReadyCallback = []
+    shortest_s: float | None = None
     has_waitables = False
     for node in nodes:
-        served = node._rosidl_what_is_served()
+        served = node._rosidl_served_entities()
         handle, timers, _, guards, _, _, waitables = served
         if timers:
             for timer in tuple(timers):
                 if timer._rosidl_is_ready():
                     if can_execute(timer):
-                        found.append((timer, node))
+                        ready.append((timer, node))
                     continue
-                left = timer.handle.seconds_left()
-                if left is not None and (least is None or left < least) and can_execute(timer):
-                    least = left
+                left_s = timer.handle.seconds_left()
+                if left_s is not None and (shortest_s is None or left_s < shortest_s) and can_execute(timer):
+                    shortest_s = left_s
         if handle.marked:
             kinds = set()
-            while handle.marked:  # one by one, as another thread may add to it; what stays ready marks it again
+            while handle.marked:  # one at a time, because other threads add to it; still ready entities mark again
                 kinds.add(handle.marked.pop())
             for kind in (SUBSCRIPTIONS, GUARDS, CLIENTS, SERVICES) if guards or len(kinds) > 1 else kinds:
                 if kind in kinds or kind == GUARDS:
                     entities: list[Any] = served[kind]  # type: ignore[assignment]
-                    for one in tuple(entities):
-                        if one._rosidl_is_ready() and can_execute(one):
-                            found.append((one, node))
+                    for entity in tuple(entities):
+                        if entity._rosidl_is_ready() and can_execute(entity):
+                            ready.append((entity, node))
         elif guards:
-            found += [(one, node) for one in tuple(guards) if one._rosidl_is_ready() and can_execute(one)]
+            ready += [(guard, node) for guard in tuple(guards) if guard._rosidl_is_ready() and can_execute(guard)]
         if waitables:
             has_waitables = True
-    return found, least, has_waitables
+    return ready, shortest_s, has_waitables
 
 
 def ready_waitables(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) -> ReadyCallback:
-    """Asked once a pass, because that may change them."""
-    found: ReadyCallback = []
+    """Return the ready waitables; called once for each scan, because the check may change them."""
+    ready: ReadyCallback = []
     wait_set: WaitSet | None = None
     for node in nodes:
-        for waitable in tuple(node._rosidl_what_is_served().waitables):
+        for waitable in tuple(node._rosidl_served_entities().waitables):
             queue = waitable._rosidl_queue
             if (queue is not None and not queue) or not can_execute(waitable):
                 continue
@@ -93,7 +96,7 @@ def ready_waitables(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) -
                 with waitable:
                     waitable.add_to_wait_set(wait_set)
                     if waitable.is_ready(wait_set):
-                        found.append((waitable, node))
+                        ready.append((waitable, node))
             except InvalidHandle:
                 continue
-    return found
+    return ready

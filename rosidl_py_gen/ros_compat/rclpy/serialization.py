@@ -1,4 +1,4 @@
-"""Messages as bytes, as they are sent."""
+"""Messages as serialized bytes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,12 @@ from rosidl_py_gen import DecodeError, EncodeError, decode, encode
 
 
 def serialize_message(message: Any) -> bytes:
-    """The message in CDR with its header; AttributeError for what is no message, TypeError for a wrong value."""
+    """Return a message in CDR with its header.
+
+    Raises:
+        AttributeError: the object is not a message.
+        TypeError: a value does not fit its field.
+    """
     check_for_type_support(type(message))
     try:
         return encode(message)
@@ -19,7 +24,7 @@ def serialize_message(message: Any) -> bytes:
 
 
 def deserialize_message(serialized_message: bytes, message_type: Any) -> Any:
-    """The other way; RMWError for bytes that are no such message."""
+    """Return the message of serialized bytes; raise RMWError for invalid bytes."""
     check_for_type_support(message_type)
     if not isinstance(serialized_message, bytes):
         raise TypeError(f"serialized_message must be bytes, got {type(serialized_message).__name__}")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Callable, TypeVar  # noqa: UP035
 
 from rclpy.callback_groups import CallbackGroup as CallbackGroup
 from rclpy.clock import Clock as Clock
+from rclpy.impl.entities import ServiceEntity
 from rclpy.qos import QoSProfile as QoSProfile
 from rclpy.service_introspection import ServiceIntrospectionState as ServiceIntrospectionState
 from rosidl_py_gen import runtime
@@ -22,13 +23,13 @@ SrvTypeRequest = TypeVar("SrvTypeRequest")
 SrvTypeResponse = TypeVar("SrvTypeResponse")
 
 
-class Service:
-    """Made by `Node.create_service`.
+class Service(ServiceEntity[runtime.ServiceServer[Any, Any]]):
+    """Server of a service, created by `Node.create_service`.
 
     Attributes:
-        srv_type: the class of the service.
-        srv_name: the name as it was written.
-        callback: called with the request and an empty response, answers the response; plain or async.
+        srv_type: class of the service.
+        srv_name: name as it was passed.
+        callback: function, plain or async, that takes the request and an empty response, and returns the response.
     """
 
     def __init__(
@@ -40,7 +41,7 @@ class Service:
         callback_group: CallbackGroup,
         qos_profile: QoSProfile,
     ) -> None:
-        self._rosidl_service = service_impl
+        super().__init__(service_impl)
         self._rosidl_is_ready = service_impl.is_ready
         self.srv_type = srv_type
         self.srv_name = srv_name
@@ -50,7 +51,7 @@ class Service:
         self.qos_profile = qos_profile
 
     def send_response(self, response: Any, header: runtime.ServiceRequest[Any, Any]) -> None:
-        """Answer a request; TypeError for a response of another class, None included."""
+        """Send the response of a request; raise TypeError for another class, also for None."""
         if not isinstance(response, self.srv_type.Response):
             raise TypeError(f"Expected {self.srv_type.Response}, got {type(response)}")
         if not isinstance(header, runtime.ServiceRequest):
@@ -58,39 +59,8 @@ class Service:
         with self.handle.in_use():
             header.respond(response)
 
-    def configure_introspection(
-        self, clock: Clock, service_event_qos_profile: QoSProfile, introspection_state: ServiceIntrospectionState
-    ) -> None:
-        """Publish requests and responses on ``<service>/_service_event``, as far as the state says."""
-        with self.handle.in_use() as service:
-            profile = service_event_qos_profile.get_c_qos_profile()
-            service.configure_introspection(
-                clock.handle.clock, profile, runtime.IntrospectionState(int(introspection_state))
-            )
-
-    @property
-    def handle(self) -> Handle[runtime.ServiceServer[Any, Any]]:
-        """What a wait set takes."""
-        return self._rosidl_service
-
-    @property
-    def service_name(self) -> str:
-        """The name after expansion and remapping."""
-        with self.handle.in_use() as service:
-            return service.name
-
-    @property
-    def logger_name(self) -> str:
-        """The name of the node's logger."""
-        with self.handle as handle:
-            return handle.logger_name
-
-    def destroy(self) -> None:
-        """End it; use `Node.destroy_service`."""
-        self._rosidl_service.destroy_when_not_in_use()
-
     def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
-        with self._rosidl_service as handle:
+        with self._rosidl_handle as handle:
             request = handle.entity.take()
         if request is None:
             return None

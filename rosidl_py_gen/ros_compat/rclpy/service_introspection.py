@@ -1,4 +1,4 @@
-"""How much is published of what passes services."""
+"""States of service introspection."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from rclpy._rclpy_pybind11 import EnumOfC
 
 
 class ServiceIntrospectionState(EnumOfC):
-    """Nothing, who and when, or requests and responses themselves, too."""
+    """Content of service events: none, metadata, or the requests and responses as well."""
 
     OFF = 0
     METADATA = 1

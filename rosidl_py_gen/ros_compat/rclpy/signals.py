@@ -1,7 +1,6 @@
-"""What SIGINT and SIGTERM do: contexts are shut down, then what was there before goes on, such as KeyboardInterrupt.
+"""Handlers of SIGINT and SIGTERM: they shut contexts down and call the previous handler.
 
-Handlers are Python's own, so they are installed by the main thread only; `rclpy.init` in another thread leaves
-signals alone.
+Python installs handlers in the main thread only; `rclpy.init` in another thread installs none.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class SignalHandlerOptions(ScopedEnumOfC):
-    """Which signals shut contexts down."""
+    """Signals that shut contexts down."""
 
     NO = 0
     SIGINT = 1
@@ -31,7 +30,7 @@ class SignalHandlerOptions(ScopedEnumOfC):
 
 
 _SIGNALS = {SignalHandlerOptions.SIGINT: signal.SIGINT, SignalHandlerOptions.SIGTERM: signal.SIGTERM}
-_before: dict[int, Any] = {}
+_previous: dict[int, Any] = {}
 _guards: list[GuardCondition] = []
 
 
@@ -41,13 +40,13 @@ def _handle(number: int, frame: FrameType | None) -> None:
         for guard in list(_guards):
             if guard.handle.is_valid:
                 guard.handle.trigger_guard_condition()
-    before = _before.get(number)
-    if callable(before):
-        before(number, frame)
+    previous = _previous.get(number)
+    if callable(previous):
+        previous(number, frame)
 
 
 def install_signal_handlers(options: SignalHandlerOptions = SignalHandlerOptions.ALL) -> None:
-    """Let these signals shut contexts down, and no others."""
+    """Make these signals, and no others, shut contexts down."""
     options = SignalHandlerOptions(options)
     if threading.current_thread() is not threading.main_thread():
         return
@@ -61,34 +60,34 @@ def install_signal_handlers(options: SignalHandlerOptions = SignalHandlerOptions
 def _install(number: int) -> None:
     current = signal.getsignal(number)
     if current is not _handle:
-        _before[number] = current
+        _previous[number] = current
         signal.signal(number, _handle)
 
 
 def _uninstall(number: int) -> None:
-    before = _before.pop(number, None)
+    previous = _previous.pop(number, None)
     if signal.getsignal(number) is _handle:
-        signal.signal(number, signal.SIG_DFL if before is None else before)
+        signal.signal(number, signal.SIG_DFL if previous is None else previous)
 
 
 def get_current_signal_handlers_options() -> SignalHandlerOptions:
-    """Which signals shut contexts down now."""
-    return SignalHandlerOptions(sum(option.value for option, number in _SIGNALS.items() if number in _before))
+    """Return the signals that shut contexts down now."""
+    return SignalHandlerOptions(sum(option.value for option, number in _SIGNALS.items() if number in _previous))
 
 
 def uninstall_signal_handlers() -> None:
-    """Let signals do what they did before."""
+    """Restore the previous handlers."""
     install_signal_handlers(SignalHandlerOptions.NO)
 
 
 class SignalHandlerGuardCondition(GuardCondition):
-    """Is triggered by SIGINT, while its handler is installed."""
+    """Guard condition that SIGINT triggers while its handler is installed."""
 
     def __init__(self, context: Context | None = None) -> None:
         super().__init__(callback=None, callback_group=None, context=context)
         _guards.append(self)
 
     def destroy(self) -> None:
-        """End it; InvalidHandle the second time."""
+        """Destroy the guard condition; the second call raises InvalidHandle."""
         super().destroy()
         _guards.remove(self)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Callable, TypeVar  # noqa: UP035
 from rclpy.callback_groups import CallbackGroup as CallbackGroup
 from rclpy.event_handler import EventHandler as EventHandler
 from rclpy.event_handler import SubscriptionEventCallbacks as SubscriptionEventCallbacks
+from rclpy.impl.entities import TopicEntity
 from rclpy.qos import QoSProfile as QoSProfile
 
 if TYPE_CHECKING:
@@ -23,18 +24,18 @@ _message = methodcaller("take")
 _message_with_info = methodcaller("take_with_info")
 
 
-class Subscription:
-    """Made by `Node.create_subscription`.
+class Subscription(TopicEntity["runtime.Subscription[Any]"]):
+    """Subscription of a topic, created by `Node.create_subscription`.
 
     Attributes:
-        msg_type: the class of the messages.
-        topic: the name as it was written.
-        raw: messages stay bytes.
-        event_handlers: what waits for events of it.
+        msg_type: class of the messages.
+        topic: name as it was passed.
+        raw: True if messages stay bytes.
+        event_handlers: waitables for its events.
     """
 
     class CallbackType(Enum):
-        """What the callback takes."""
+        """Arguments of the callback."""
 
         MessageOnly = 0
         WithMessageInfo = 1
@@ -50,7 +51,7 @@ class Subscription:
         raw: bool,
         event_callbacks: list[EventHandler],
     ) -> None:
-        self._rosidl_subscription = subscription_impl
+        super().__init__(subscription_impl)
         self._rosidl_is_ready = subscription_impl.is_ready_marked
         self.msg_type = msg_type
         self.topic = topic
@@ -62,30 +63,13 @@ class Subscription:
         self.event_handlers = event_callbacks
 
     def get_publisher_count(self) -> int:
-        """How many publishers it is connected with."""
+        """Return the number of matched publishers."""
         with self.handle.in_use() as subscription:
             return subscription.publisher_count
 
     @property
-    def handle(self) -> Handle[runtime.Subscription[Any]]:
-        """What a wait set takes."""
-        return self._rosidl_subscription
-
-    def destroy(self) -> None:
-        """End it; use `Node.destroy_subscription`."""
-        for handler in self.event_handlers:
-            handler.destroy()
-        self.handle.destroy_when_not_in_use()
-
-    @property
-    def topic_name(self) -> str:
-        """The name after expansion and remapping."""
-        with self.handle.in_use() as subscription:
-            return subscription.topic
-
-    @property
     def callback(self) -> Callable[..., Any]:
-        """Called with the message, or with the message and a dict of its times and numbers."""
+        """Function that takes the message, or the message and a dict of its times and sequence numbers."""
         return self._callback
 
     @callback.setter
@@ -103,28 +87,18 @@ class Subscription:
             "(to get only the message) or two (to get message and message info)"
         )
 
-    @property
-    def logger_name(self) -> str:
-        """The name of the node's logger."""
-        with self.handle as handle:
-            return handle.logger_name
-
     def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
         if self._callback_type is self.CallbackType.MessageOnly:
-            message = self._rosidl_subscription.take_from(_message)
-            return None if message is None else self._rosidl_bound(message)
-        found = self._rosidl_subscription.take_from(_message_with_info)
-        if found is None:
+            message = self._rosidl_handle.take_from(_message)
+            return None if message is None else partial(self._callback, message)
+        message_and_info = self._rosidl_handle.take_from(_message_with_info)
+        if message_and_info is None:
             return None
-        message, info = found
-        told = {
+        message, info = message_and_info
+        info_dict = {
             "source_timestamp": info.source_timestamp_ns,
             "received_timestamp": info.received_timestamp_ns,
             "publication_sequence_number": info.publication_sequence_number,
             "reception_sequence_number": None,
         }
-        return self._rosidl_bound(message, told)
-
-    def _rosidl_bound(self, *args: Any) -> Callable[[], Any]:
-        """The callback as a function without arguments, which is async if the callback is."""
-        return partial(self._callback, *args)
+        return partial(self._callback, message, info_dict)

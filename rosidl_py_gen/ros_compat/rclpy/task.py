@@ -1,4 +1,4 @@
-"""Futures, and the tasks that an executor runs. They are rclpy's, not asyncio's."""
+"""Futures and tasks of executors, which are rclpy's, not asyncio's."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _awaited = threading.local()
 
 
 class FutureState(Enum):
-    """What became of a future."""
+    """State of a future."""
 
     PENDING = "PENDING"
     CANCELLED = "CANCELLED"
@@ -28,10 +28,10 @@ class FutureState(Enum):
 
 
 class Future(Generic[T]):
-    """A result that is there later. All methods may be called from any thread.
+    """Result that is set later. Thread: any.
 
-    Differs from asyncio's: `result` never waits and is None while nothing is there, `cancel` does not make it `done`.
-    An exception that nobody fetched is told on stderr when the future is deleted.
+    Unlike in asyncio, `result` never waits and returns None while there is none, and `cancel` does not make the future
+    `done`. An exception that was never retrieved is printed to stderr when the future is deleted.
     """
 
     def __init__(self, *, executor: Executor | None = None) -> None:
@@ -41,7 +41,7 @@ class Future(Generic[T]):
         self._exception_fetched = False
         self._callbacks: list[Callable[[Future[T]], object]] = []
         self._rosidl_wakers: list[Callable[[], object]] = []
-        """Called at the end by whoever ends it: executors that wait for it."""
+        """Called when the future ends, by the thread that ends it: executors that wait for it."""
         self._lock = threading.Lock()
         self._executor: Callable[[], Executor | None] = _no_executor if executor is None else weakref.ref(executor)
 
@@ -50,7 +50,7 @@ class Future(Generic[T]):
             print(f"The following exception was never retrieved: {self._exception}", file=sys.stderr)
 
     def __await__(self) -> Generator[None, None, T | None]:
-        """Yields None, which asyncio takes as well: a coroutine of its loop asks again at each of its turns."""
+        """Yield None, which asyncio accepts as well: its loop resumes the coroutine in each iteration."""
         while self._pending():
             _awaited.future = self
             yield
@@ -60,52 +60,51 @@ class Future(Generic[T]):
         return self._state is FutureState.PENDING
 
     def cancel(self) -> None:
-        """Give it up, unless it is over already: `cancelled` is true then, `done` is not."""
+        """Cancel the future unless it has ended; then `cancelled` returns True, `done` does not."""
         with self._lock:
             if not self._pending():
                 return
             self._state = FutureState.CANCELLED
-        self._rosidl_tell()
+        self._rosidl_run_callbacks()
 
     def cancelled(self) -> bool:
-        """Whether it was given up."""
         return self._state is FutureState.CANCELLED
 
     def done(self) -> bool:
-        """Whether there is a result or an exception."""
+        """Return True if there is a result or an exception."""
         return self._state is FutureState.FINISHED
 
     def result(self) -> T | None:
-        """The result; None while there is none. Raises the exception, if there is one."""
+        """Return the result, None if there is none yet; raise the exception if one was set."""
         error = self.exception()
         if error is not None:
             raise error
         return self._result
 
     def exception(self) -> BaseException | None:
-        """The exception; None while there is none."""
+        """Return the exception, None if there is none."""
         self._exception_fetched = True
         return self._exception
 
     def set_result(self, result: T) -> None:
-        """End it with a result."""
+        """End the future with a result."""
         with self._lock:
             self._result = result
             self._state = FutureState.FINISHED
             is_waited_for = self._callbacks or self._rosidl_wakers
         if is_waited_for:
-            self._rosidl_tell()
+            self._rosidl_run_callbacks()
 
     def set_exception(self, exception: BaseException) -> None:
-        """End it with an exception."""
+        """End the future with an exception."""
         with self._lock:
             self._exception = exception
             self._exception_fetched = False
             self._state = FutureState.FINISHED
-        self._rosidl_tell()
+        self._rosidl_run_callbacks()
 
-    def _rosidl_tell(self) -> None:
-        """Have the callbacks called: by the executor it belongs to, else here and now."""
+    def _rosidl_run_callbacks(self) -> None:
+        """Schedule the callbacks in the executor of the future, or call them if it has none."""
         with self._lock:
             executor = self._executor()
             callbacks, self._callbacks = self._callbacks, []
@@ -126,19 +125,15 @@ class Future(Generic[T]):
             self._executor = _no_executor if executor is None else weakref.ref(executor)
 
     def _rosidl_wake_at_end(self, wake: Callable[[], object]) -> None:
-        """Have a function called when it is over; without effect when that is registered, or it is over."""
+        """Call a function when the future ends, once, even if it is added twice."""
         with self._lock:
             if self._pending() and wake not in self._rosidl_wakers:
                 self._rosidl_wakers.append(wake)
 
-    def _rosidl_forget_waker(self, wake: Callable[[], object]) -> None:
-        with self._lock:
-            if wake in self._rosidl_wakers:
-                self._rosidl_wakers.remove(wake)
-
     def add_done_callback(self, callback: Callable[[Future[T]], object]) -> None:
-        """Have ``callback(future)`` called at the end: as a task of the executor the future belongs to, else by whoever
-        ends it. Where it is over already, that is now, and what the callback raises is raised here.
+        """Call ``callback(future)`` at the end, as a task of the future's executor or in the thread that ends it.
+
+        If the future has ended, the call happens now, and exceptions of the callback are raised here.
         """
         with self._lock:
             if self._pending():
@@ -151,7 +146,7 @@ class Future(Generic[T]):
             callback(self)
 
     def remove_done_callback(self, callback: Callable[[Future[T]], object]) -> bool:
-        """Take a callback back; False when it was not there (any more)."""
+        """Remove a callback; return False if it is not registered."""
         with self._lock:
             if callback not in self._callbacks:
                 return False
@@ -160,9 +155,9 @@ class Future(Generic[T]):
 
 
 class Task(Future[T]):
-    """A function or coroutine that an executor runs; made by `Executor.create_task`.
+    """Function or coroutine that an executor runs; created by `Executor.create_task`.
 
-    Calling it runs the function, or goes on with the coroutine up to its next ``await`` of something that is not there.
+    A call runs the function, or resumes the coroutine up to its next unfinished ``await``.
     """
 
     def __init__(
@@ -181,12 +176,12 @@ class Task(Future[T]):
             self._args, self._kwargs = (), {}
         self._executing = False
         self._rosidl_handed_out = False
-        """An executor gave it to somebody who is about to call it."""
+        """True if an executor has passed the task to a thread that will call it."""
         self._rosidl_waits_for: Future[Any] | None = None
         self._task_lock = threading.Lock()
 
     def __call__(self) -> None:
-        """Run it, or go on with it; without effect while another thread does, and when it is over."""
+        """Run or resume the task; do nothing if another thread runs it or it has ended."""
         if not self._pending() or self._executing or not self._task_lock.acquire(blocking=False):
             return
         try:
@@ -195,7 +190,7 @@ class Task(Future[T]):
             self._executing, self._rosidl_waits_for = True, None
             try:
                 self._rosidl_step()
-            except BaseException:  # what ends a program, such as KeyboardInterrupt
+            except BaseException:  # for example KeyboardInterrupt, which ends the program
                 self._state, self._handler = FutureState.CANCELLED, None
                 raise
             finally:
@@ -224,31 +219,29 @@ class Task(Future[T]):
         self._handler, self._args, self._kwargs = None, (), {}
 
     def _rosidl_wait_for(self, awaited: Future[Any] | None) -> None:
-        """Note what the coroutine waits for. What is no future of ours is asked again at each pass."""
+        """Store the awaited future; awaitables of other libraries are resumed at each pass."""
         executor = self._executor()
         if awaited is not None and executor is not None:
             self._rosidl_waits_for = awaited
             awaited._rosidl_wake_at_end(executor.wake)
 
     def _rosidl_has_resumable_task(self) -> bool:
-        """Whether an executor should call it."""
         if self._rosidl_handed_out or self._executing or not self._pending():
             return False
         return self._rosidl_waits_for is None or not self._rosidl_waits_for._pending()
 
     def executing(self) -> bool:
-        """Whether it runs at this moment."""
         return self._executing
 
     def cancel(self) -> None:
-        """Give it up; a coroutine is closed where it stands."""
+        """Cancel the task and close its coroutine."""
         if self._pending() and inspect.iscoroutine(self._handler):
             self._handler.close()
         super().cancel()
 
 
 class EntityTask(Task[None]):
-    """A task whose function may answer a coroutine, with which it goes on; then the executor has to keep it."""
+    """Task whose function may return a coroutine, which the task then runs and the executor retains."""
 
     def __init__(
         self,
@@ -282,11 +275,11 @@ class EntityTask(Task[None]):
 
 
 def _no_executor() -> None:
-    """What a weak reference to nothing answers."""
+    """Take the place of a dead weak reference."""
 
 
 async def await_or_execute(callback: Callable[..., Any], *args: Any) -> Any:
-    """Call a function, and await what an async one answers."""
+    """Call a function, and await the result if the function is async."""
     if inspect.iscoroutinefunction(callback):
         return await callback(*args)
     return callback(*args)

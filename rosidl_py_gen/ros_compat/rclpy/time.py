@@ -16,7 +16,7 @@ _OF_C = {one: ClockTypeOfC(one) for one in ClockType}
 
 
 class TimeHandle(Protocol):
-    """What a clock reads."""
+    """Result of a clock."""
 
     @property
     def nanoseconds(self) -> int: ...
@@ -25,10 +25,13 @@ class TimeHandle(Protocol):
 
 
 class Time(_Ordered):
-    """A point in time of one kind of clock, in nanoseconds since its zero; never negative.
+    """Time of one type of clock, in nanoseconds since its epoch; fractions of a nanosecond are cut off.
 
-    Times of different kinds can be neither compared, not even with ``==``, nor subtracted: TypeError. Fractions of a
-    nanosecond are cut off. Raises ValueError for negative numbers, OverflowError from 2**63 ns on.
+    Times of different clock types raise TypeError when they are compared, also with ``==``, or subtracted.
+
+    Raises:
+        ValueError: a number is negative.
+        OverflowError: the time is 2**63 ns or more.
     """
 
     def __init__(
@@ -48,16 +51,15 @@ class Time(_Ordered):
 
     @property
     def nanoseconds(self) -> int:
-        """Since the clock's zero."""
         return self._rosidl_nanoseconds
 
     def seconds_nanoseconds(self) -> tuple[int, int]:
-        """Whole seconds, and the nanoseconds that remain."""
+        """Return the whole seconds and the remaining nanoseconds."""
         return divmod(self.nanoseconds, S_TO_NS)
 
     @property
     def clock_type(self) -> ClockTypeOfC:
-        """The kind of clock it was read from; it equals a `ClockType`."""
+        """Type of the clock; it equals a member of `ClockType`."""
         return self._rosidl_clock_type
 
     def __repr__(self) -> str:
@@ -98,13 +100,13 @@ class Time(_Ordered):
         return other.nanoseconds
 
     def to_msg(self) -> builtin_interfaces.msg.Time:
-        """As builtin_interfaces/Time, which does not say the kind of clock."""
+        """Return a builtin_interfaces/Time, which has no clock type."""
         sec, nanosec = self.seconds_nanoseconds()
         return builtin_interfaces.msg.Time(sec=sec, nanosec=nanosec)
 
     @classmethod
     def from_msg(cls, msg: builtin_interfaces.msg.Time, clock_type: AnyClockType = ClockType.ROS_TIME) -> Time:
-        """Of a builtin_interfaces/Time; TypeError for anything else."""
+        """Convert a builtin_interfaces/Time; raise TypeError for other values."""
         if not isinstance(msg, builtin_interfaces.msg.Time):
             raise TypeError("Must pass a builtin_interfaces.msg.Time object")
         return cls(seconds=msg.sec, nanoseconds=msg.nanosec, clock_type=clock_type)

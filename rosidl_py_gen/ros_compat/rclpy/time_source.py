@@ -1,4 +1,4 @@
-"""Simulated time: what is published on /clock, for the clocks of a node whose parameter ``use_sim_time`` is true."""
+"""Simulated time: the topic /clock for the clocks of a node whose parameter ``use_sim_time`` is true."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ USE_SIM_TIME_NAME = "use_sim_time"
 
 
 class TimeSource:
-    """Feeds clocks with the time of /clock; the executor of the node takes it."""
+    """Subscription to /clock that sets clocks."""
 
     def __init__(self, *, node: Node | None = None) -> None:
         self._clock_sub: Subscription | None = None
@@ -37,7 +37,7 @@ class TimeSource:
 
     @property
     def ros_time_is_active(self) -> bool:
-        """Whether simulated time counts."""
+        """True if simulated time is active."""
         return self._ros_time_is_active
 
     @ros_time_is_active.setter
@@ -62,7 +62,7 @@ class TimeSource:
             self._clock_sub = node.create_subscription(rosgraph_msgs.msg.Clock, CLOCK_TOPIC, self.clock_callback, qos)
 
     def attach_node(self, node: Node) -> None:
-        """Follow the parameter of this node, which is declared if it is not; TypeError for what is no Node."""
+        """Follow the parameter of a node, and declare it if necessary; raise TypeError unless `node` is a Node."""
         if not isinstance(node, NodeParameters):  # which only nodes are
             raise TypeError("Node must be of type rclpy.node.Node")
         if self._node_weak_ref is not None:
@@ -81,7 +81,7 @@ class TimeSource:
         node.add_on_set_parameters_callback(self._on_parameter_event)
 
     def detach_node(self) -> None:
-        """Follow no node; clocks keep the time they have. RuntimeError when a subscription's node is gone."""
+        """Follow no node; clocks keep their time. Raises RuntimeError if the node of the subscription is deleted."""
         if self._clock_sub is not None:
             node = self._get_node()
             if node is None:
@@ -91,7 +91,7 @@ class TimeSource:
         self._node_weak_ref = None
 
     def attach_clock(self, clock: ROSClock) -> None:
-        """Feed this clock, too; ValueError for one that is no ROSClock."""
+        """Set this clock as well; raise ValueError unless it is a ROSClock."""
         if not isinstance(clock, ROSClock):
             raise ValueError("Only clocks with type ROS_TIME can be attached.")
         clock.set_ros_time_override(self._last_time_set)
@@ -99,7 +99,7 @@ class TimeSource:
         self._associated_clocks.add(clock)
 
     def clock_callback(self, msg: Any) -> None:
-        """A rosgraph_msgs/Clock came."""
+        """Set the clocks to the time of a rosgraph_msgs/Clock."""
         self._last_time_set = Time.from_msg(msg.clock)
         for clock in self._associated_clocks:
             clock.set_ros_time_override(self._last_time_set)

@@ -1,4 +1,4 @@
-"""Timers, and rates that wait for one."""
+"""Timers and rates."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class TimerHandle(Destroyable):
-    """When a timer is due, as in rcl: from call to call by whole periods; those that were missed are skipped."""
+    """Schedule of a timer, as in rcl: calls are whole periods apart, and missed ones are skipped."""
 
     def __init__(self, context: ContextHandle, clock: Clock, period_ns: int, autostart: bool) -> None:
         super().__init__()
@@ -31,7 +31,7 @@ class TimerHandle(Destroyable):
             raise RCLError("failed to create timer: timer period must be non-negative")
         self._context = context
         self._clock = clock
-        clock.now()  # raises when it is of no kind
+        clock.now()  # raises RCLError if the clock type is UNINITIALIZED
         self._now_ns = clock.handle.clock.now_ns
         self._is_simulated = clock.handle.get_ros_time_override_is_enabled
         self._lock = threading.Lock()
@@ -42,12 +42,11 @@ class TimerHandle(Destroyable):
         self._credit_ns = 0
         self._jumps = None
         if clock.clock_type == ClockType.ROS_TIME:
-            itself = weakref.ref(self)
             ns = Duration(nanoseconds=1)
             self._jumps = clock.create_jump_callback(
                 JumpThreshold(min_forward=ns, min_backward=Duration(nanoseconds=-1), on_clock_change=True),
-                pre_callback=lambda: _of(itself, TimerHandle._before_jump),
-                post_callback=lambda jump: _of(itself, lambda timer: timer._after_jump(jump)),
+                pre_callback=_weak_call(self._before_jump),
+                post_callback=_weak_call(self._after_jump),
             )
 
     def _before_jump(self) -> None:
@@ -56,7 +55,7 @@ class TimerHandle(Destroyable):
     def _after_jump(self, jump: TimeJump) -> None:
         now_ns = self._now_ns()
         with self._lock:
-            if jump.clock_change.name in ("ROS_TIME_ACTIVATED", "ROS_TIME_DEACTIVATED"):  # what was left is left still
+            if jump.clock_change.name in ("ROS_TIME_ACTIVATED", "ROS_TIME_DEACTIVATED"):  # keep the rest of the period
                 if now_ns:
                     self._next_ns = now_ns + self._credit_ns
                     self._last_ns = self._next_ns - self.period_ns
@@ -65,7 +64,6 @@ class TimerHandle(Destroyable):
         self._context.notify()
 
     def call_timer(self) -> None:
-        """Note a call now."""
         now_ns = self._now_ns()
         with self._lock:
             self._last_ns = now_ns
@@ -73,44 +71,36 @@ class TimerHandle(Destroyable):
                 self._next_ns = now_ns
                 return
             self._next_ns += self.period_ns
-            if self._next_ns <= now_ns:  # the next call is always later than now, also when now is one of the grid
+            if self._next_ns <= now_ns:  # the next call must be later than now, even if now is a multiple
                 self._next_ns += ((now_ns - self._next_ns) // self.period_ns + 1) * self.period_ns
 
     def is_ready(self) -> bool:
-        """Whether a call is due."""
         return not self.canceled and not self._is_destroyed and self._next_ns <= self._now_ns()
 
-    def _until_next_ns(self) -> int:
-        return self._next_ns - self._now_ns()
-
     def time_until_next_call(self) -> int | None:
-        """Nanoseconds, negative when overdue; None while canceled."""
-        return None if self.canceled else self._until_next_ns()
+        return None if self.canceled else self._next_ns - self._now_ns()
 
     def time_since_last_call(self) -> int:
-        """Nanoseconds since the last call, or the beginning."""
         return self._now_ns() - self._last_ns
 
     def change_timer_period(self, period_ns: int) -> None:
-        """From the next call on; what is due already stays where it is."""
+        """Set the period from the next call on; a call that is already due stays due."""
         if period_ns < 0:
             raise RCLError("failed to exchange timer period: timer period must be non-negative")
         self.period_ns = period_ns
 
     def cancel_timer(self) -> None:
-        """Be never due until `reset_timer`."""
         self.canceled = True
         self._context.notify()
 
     def reset_timer(self) -> None:
-        """Begin a period now."""
         now_ns = self._now_ns()
         with self._lock:
             self._next_ns, self.canceled = now_ns + self.period_ns, False
         self._context.notify()
 
     def seconds_left(self) -> float | None:
-        """How long somebody may sleep for it; None while the clock has to tell, or nothing will come."""
+        """Return the longest wait until the timer is due, None if only another event can make it due."""
         if self.canceled or self._is_destroyed or (self._jumps is not None and self._is_simulated()):
             return None
         return max(0.0, (self._next_ns - self._now_ns()) / 1e9)
@@ -121,14 +111,18 @@ class TimerHandle(Destroyable):
         self._context.notify()
 
 
-def _of(reference: weakref.ref[TimerHandle], what: Callable[[TimerHandle], None]) -> None:
-    timer = reference()
-    if timer is not None:
-        what(timer)
+def _weak_call(method: Callable[..., None]) -> Callable[..., None]:
+    reference = weakref.WeakMethod(method)
+
+    def call(*args: Any) -> None:
+        if (target := reference()) is not None:
+            target(*args)
+
+    return call
 
 
 class Timer:
-    """Made by `Node.create_timer`. All times are nanoseconds of its clock."""
+    """Timer, created by `Node.create_timer`. Times are nanoseconds of its clock."""
 
     def __init__(
         self,
@@ -154,21 +148,19 @@ class Timer:
 
     @property
     def handle(self) -> TimerHandle:
-        """What a wait set takes."""
         return self._rosidl_timer
 
     def destroy(self) -> None:
-        """End it; use `Node.destroy_timer` for those of nodes."""
+        """Destroy the timer; use `Node.destroy_timer` for those of nodes."""
         self._rosidl_timer.destroy_when_not_in_use()
 
     @property
     def clock(self) -> Clock:
-        """The clock it follows."""
         return self._clock
 
     @property
     def timer_period_ns(self) -> int:
-        """Time between two calls; a new one counts from the next call on."""
+        """Time between two calls; a new value has effect from the next call on."""
         with self._rosidl_timer:
             return self._rosidl_timer.period_ns
 
@@ -178,32 +170,32 @@ class Timer:
             self._rosidl_timer.change_timer_period(int(value))
 
     def is_ready(self) -> bool:
-        """Whether a call is due."""
+        """Return True if a call is due."""
         with self._rosidl_timer:
             return self._rosidl_timer.is_ready()
 
     def is_canceled(self) -> bool:
-        """Whether it was canceled, and not reset."""
+        """Return True if the timer was canceled and not reset."""
         with self._rosidl_timer:
             return self._rosidl_timer.canceled
 
     def cancel(self) -> None:
-        """Call no more, until `reset`."""
+        """Stop the calls until `reset`."""
         with self._rosidl_timer:
             self._rosidl_timer.cancel_timer()
 
     def reset(self) -> None:
-        """Begin a period now; ends a cancellation."""
+        """Start a new period now; ends a cancellation."""
         with self._rosidl_timer:
             self._rosidl_timer.reset_timer()
 
     def time_since_last_call(self) -> int:
-        """Nanoseconds since the last call, or since it was made."""
+        """Return the nanoseconds since the last call, or since the creation."""
         with self._rosidl_timer:
             return self._rosidl_timer.time_since_last_call()
 
     def time_until_next_call(self) -> int | None:
-        """Nanoseconds, negative when overdue; None while canceled."""
+        """Return the nanoseconds until the next call, negative if it is overdue; None while canceled."""
         with self._rosidl_timer:
             return self._rosidl_timer.time_until_next_call()
 
@@ -214,7 +206,7 @@ class Timer:
 
 
 class Rate:
-    """Made by `Node.create_rate`: `sleep` waits for the next period, while an executor spins in another thread."""
+    """Rate, created by `Node.create_rate`: `sleep` waits for the next period while another thread spins the node."""
 
     def __init__(self, timer: Timer, *, context: Context) -> None:
         self._timer = timer
@@ -231,7 +223,7 @@ class Rate:
         self.destroy()
 
     def destroy(self) -> None:
-        """Wake all that sleep."""
+        """Wake up all sleeping threads."""
         self._is_destroyed = True
         self._event.set()
 
@@ -256,8 +248,11 @@ class Rate:
             raise ROSInterruptException
 
     def sleep(self) -> None:
-        """Wait until the timer was called. Raises ROSInterruptException when the context is shut down, RuntimeError
-        when the rate was destroyed.
+        """Wait for the next call of the timer.
+
+        Raises:
+            ROSInterruptException: the context is shut down.
+            RuntimeError: the rate was destroyed.
         """
         self._presleep()
         try:

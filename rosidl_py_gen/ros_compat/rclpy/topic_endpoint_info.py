@@ -1,4 +1,4 @@
-"""What is known of one publisher or subscription of a topic."""
+"""Information about a publisher or subscription of a topic."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rosidl_py_gen import runtime
 
 
 class TopicEndpointTypeEnum(IntEnum):
-    """What it is."""
+    """Direction of an endpoint."""
 
     INVALID = 0
     PUBLISHER = 1
@@ -26,12 +26,12 @@ def _ints(numbers: Any) -> list[int]:
     return list(numbers)
 
 
-def _type_hash(given: TypeHash | dict[str, Any]) -> TypeHash:
-    return TypeHash(**given) if isinstance(given, dict) else given
+def _type_hash(value: TypeHash | dict[str, Any]) -> TypeHash:
+    return TypeHash(**value) if isinstance(value, dict) else value
 
 
-def _qos_profile(given: QoSProfile | dict[str, Any]) -> QoSProfile:
-    return QoSProfile(**given) if isinstance(given, dict) else given
+def _qos_profile(value: QoSProfile | dict[str, Any]) -> QoSProfile:
+    return QoSProfile(**value) if isinstance(value, dict) else value
 
 
 _DEFAULTS: dict[str, Any] = {
@@ -46,17 +46,19 @@ _DEFAULTS: dict[str, Any] = {
 
 
 class TopicEndpointInfo:
-    """One publisher or subscription; fields are keywords of the constructor and can be set, of the right type only:
-    AssertionError otherwise.
+    """Publisher or subscription of a topic; the fields are keywords of the constructor and can be set.
 
     Attributes:
-        node_name: of the node that has it.
-        node_namespace: of that node.
-        topic_type: ``pkg/msg/Name``.
-        topic_type_hash: as it announces it; a dict is taken for the arguments of one.
+        node_name: name of its node.
+        node_namespace: namespace of its node.
+        topic_type: type, ``pkg/msg/Name``.
+        topic_type_hash: announced hash; a dict has the arguments of `TypeHash`.
         endpoint_type: publisher or subscription.
-        endpoint_gid: the bytes that identify it.
-        qos_profile: its quality of service; a dict is taken for the arguments of a `QoSProfile`.
+        endpoint_gid: bytes that identify the endpoint.
+        qos_profile: QoS profile; a dict has the arguments of `QoSProfile`.
+
+    Raises:
+        AssertionError: a field is unknown, or a value has the wrong type.
     """
 
     __slots__ = tuple(f"_{name}" for name in _DEFAULTS)
@@ -64,10 +66,10 @@ class TopicEndpointInfo:
     node_name = Checked[str](str)
     node_namespace = Checked[str](str)
     topic_type = Checked[str](str)
-    topic_type_hash = Checked[TypeHash](TypeHash, dict, made=_type_hash)
-    endpoint_type = Checked[TopicEndpointTypeEnum](int, made=TopicEndpointTypeEnum)
-    endpoint_gid = Checked[list[int]](object, made=_ints)
-    qos_profile = Checked[QoSProfile](QoSProfile, dict, made=_qos_profile)
+    topic_type_hash = Checked[TypeHash](TypeHash, dict, convert=_type_hash)
+    endpoint_type = Checked[TopicEndpointTypeEnum](int, convert=TopicEndpointTypeEnum)
+    endpoint_gid = Checked[list[int]](object, convert=_ints)
+    qos_profile = Checked[QoSProfile](QoSProfile, dict, convert=_qos_profile)
 
     def __init__(self, **kwargs: Any) -> None:
         if not kwargs.keys() <= _DEFAULTS.keys():
@@ -77,12 +79,12 @@ class TopicEndpointInfo:
 
     @classmethod
     def _rosidl_from_runtime(cls, info: runtime.TopicEndpointInfo) -> TopicEndpointInfo:
-        known = info.topic_type_hash.startswith("RIHS01_")
+        has_hash = info.topic_type_hash.startswith("RIHS01_")
         return cls(
             node_name=info.node_name,
             node_namespace=info.node_namespace,
             topic_type=info.topic_type,
-            topic_type_hash=TypeHash(1, bytes.fromhex(info.topic_type_hash[7:])) if known else TypeHash(),
+            topic_type_hash=TypeHash(1, bytes.fromhex(info.topic_type_hash[7:])) if has_hash else TypeHash(),
             endpoint_type=int(info.endpoint_type),
             endpoint_gid=list(info.endpoint_gid),
             qos_profile=QoSProfile._rosidl_from_runtime(info.qos_profile),

@@ -1,4 +1,4 @@
-"""Names that tools do not list."""
+"""Hidden names, which tools do not list."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ HIDDEN_TOPIC_PREFIX = "_"
 
 
 def topic_or_service_is_hidden(name: str) -> bool:
-    """Whether a part of the name, between slashes, begins with an underscore."""
+    """Return True if a segment of the name begins with an underscore."""
     return any(part.startswith(HIDDEN_TOPIC_PREFIX) for part in name.split("/"))

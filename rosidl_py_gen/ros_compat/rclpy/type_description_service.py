@@ -1,4 +1,4 @@
-"""Whether nodes tell what their types are: the parameter that says so. The service itself is rosidl_py_gen's."""
+"""Parameter that enables the type description service; rosidl_py_gen serves it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ START_TYPE_DESCRIPTION_SERVICE_PARAM = "start_type_description_service"
 
 
 class TypeDescriptionService:
-    """Declares the read-only parameter of a node. The service answers while an executor drives."""
+    """Read-only parameter of a node that enables its service ``get_type_description``."""
 
     def __init__(self, node: Node) -> None:
         self.service_name = f"{node.get_name()}/get_type_description"

@@ -1,4 +1,4 @@
-"""Hashes of types, as endpoints announce them."""
+"""Type hashes that endpoints announce."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ from rclpy.impl._fields import Checked
 
 
 class TypeHash:
-    """Version and value of a hash (REP 2016); by default one that was not announced.
-
-    AssertionError for a version that is no int, and a value that is no bytes.
+    """Version and value of a type hash (REP 2016); by default that of an endpoint that announces none.
 
     Attributes:
-        version: 1 for RIHS01; -1 for none.
+        version: 1 for RIHS01; -1 for no hash.
         value: the hash, 32 bytes.
+
+    Raises:
+        AssertionError: a value has the wrong type.
     """
 
     __slots__ = ("_value", "_version")

@@ -1,4 +1,4 @@
-"""Whether a class is one of a message, a service, or an action."""
+"""Checks for classes of messages, services and actions."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ from rclpy.exceptions import NoTypeSupportImportedException
 
 
 def check_for_type_support(msg_or_srv_type: Any) -> None:
-    """Raise AttributeError for what is no class of a message, service or action."""
+    """Raise AttributeError unless the object is a class of a message, service or action."""
     try:
-        found = msg_or_srv_type.__class__._TYPE_SUPPORT
+        type_support = msg_or_srv_type.__class__._TYPE_SUPPORT
     except AttributeError as error:
         text = (
             f"{error.args[0]} This might be a ROS 1 message type but it should be a ROS 2 message type."
             " Make sure to source your ROS 2 workspace after your ROS 1 workspace."
         )
         raise AttributeError(text, *error.args[1:]) from error
-    if found is None:
+    if type_support is None:
         raise NoTypeSupportImportedException
 
 
 def check_is_valid_msg_type(msg_type: Any) -> None:
-    """Raise RuntimeError for a service or action, and as `check_for_type_support` does."""
+    """Raise RuntimeError for a service or action; see `check_for_type_support`."""
     check_for_type_support(msg_type)
     if not hasattr(msg_type, "_encode"):
         raise RuntimeError(f"The message type provided is not valid ({msg_type}), this might be a service or action")
 
 
 def check_is_valid_srv_type(srv_type: Any) -> None:
-    """Raise RuntimeError for a message or action, and as `check_for_type_support` does."""
+    """Raise RuntimeError for a message or action; see `check_for_type_support`."""
     check_for_type_support(srv_type)
     if not (hasattr(srv_type, "Request") and hasattr(srv_type, "Response")):
         raise RuntimeError(f"The service type provided is not valid ({srv_type}), this might be a message or action")

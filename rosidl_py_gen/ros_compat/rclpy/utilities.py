@@ -1,4 +1,4 @@
-"""The default context, and what else needs no node."""
+"""Functions that need no node, among them those for the default context."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ g_context_lock = threading.Lock()
 
 
 def get_default_context(*, shutting_down: bool = False) -> Context:
-    """The context of the process; with `shutting_down` another one takes its place."""
+    """Return the context of the process; with `shutting_down` the next call creates another one."""
     global g_default_context
     with g_context_lock:
         if g_default_context is None:
@@ -34,30 +34,30 @@ def get_default_context(*, shutting_down: bool = False) -> Context:
 
 
 def remove_ros_args(args: Sequence[str] | None = None) -> list[str]:
-    """A command line, by default that of the process, without what is for ROS: after ``--ros-args`` up to ``--``."""
-    kept, inside = [], False
+    """Return a command line, by default `sys.argv`, without the arguments from ``--ros-args`` to ``--``."""
+    others, is_inside = [], False
     for argument in sys.argv if args is None else args:
         if argument == "--ros-args":
-            inside = True
-        elif inside and argument == "--":
-            inside = False
-        elif not inside and not _OLD_REMAPPING.fullmatch(argument):
-            kept.append(argument)
-    return kept
+            is_inside = True
+        elif is_inside and argument == "--":
+            is_inside = False
+        elif not is_inside and not _OLD_REMAPPING.fullmatch(argument):
+            others.append(argument)
+    return others
 
 
 def ok(*, context: Context | None = None) -> bool:
-    """Whether the context, by default that of the process, is open."""
+    """Return True if the context, by default the default one, is open."""
     return (get_default_context() if context is None else context).ok()
 
 
 def shutdown(*, context: Context | None = None) -> None:
-    """Shut down the context, by default that of the process; RuntimeError when it is not open."""
+    """Shut down the context, by default the default one; raise RuntimeError if it is not open."""
     (get_default_context(shutting_down=True) if context is None else context).shutdown()
 
 
 def try_shutdown(*, context: Context | None = None) -> None:
-    """Shut down the context, by default that of the process, if it is open."""
+    """Shut down the context, by default the default one, if it is open."""
     global g_default_context
     if context is not None:
         context.try_shutdown()
@@ -69,25 +69,26 @@ def try_shutdown(*, context: Context | None = None) -> None:
 
 
 def get_rmw_implementation_identifier() -> str:
-    """The middleware that contexts open: of those on DDS the one whose library is used."""
+    """Return the rmw name of the middleware of new contexts."""
     return _IDENTIFIERS[runtime.middleware(os.environ, lambda _: None)]
 
 
 def get_available_rmw_implementations() -> set[str]:
-    """The middlewares there are: Cyclone DDS and Zenoh, or those of them that ``RMW_IMPLEMENTATIONS`` names.
+    """Return the rmw names of Cyclone DDS and Zenoh, or those of them in ``RMW_IMPLEMENTATIONS``.
 
-    Raises RuntimeError when that names others.
+    Raises:
+        RuntimeError: the variable names another one.
     """
     available = set(_IDENTIFIERS.values())
-    wanted = set(filter(None, os.environ.get("RMW_IMPLEMENTATIONS", "").split(os.pathsep)))
-    if missing := wanted - available:
+    requested = set(filter(None, os.environ.get("RMW_IMPLEMENTATIONS", "").split(os.pathsep)))
+    if missing := requested - available:
         raise RuntimeError(
             f"The RMW implementations {missing} specified in 'RMW_IMPLEMENTATIONS' are not available"
             f" ({', '.join(sorted(available))})"
         )
-    return wanted or available
+    return requested or available
 
 
 def timeout_sec_to_nsec(timeout_sec: float | None) -> int:
-    """Nanoseconds of a time limit; -1, for ever, for None and negative numbers."""
+    """Return a timeout in nanoseconds; -1, which is unlimited, for None and negative numbers."""
     return -1 if timeout_sec is None or timeout_sec < 0 else int(float(timeout_sec) * S_TO_NS)

@@ -1,4 +1,4 @@
-"""Whether a fully qualified name of a topic or service is allowed."""
+"""Validation of fully qualified names."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rclpy.impl.names import full_topic_name_error
 
 
 def validate_full_topic_name(name: str, *, is_service: bool = False) -> Literal[True]:
-    """True for an allowed name; InvalidTopicNameException, or InvalidServiceNameException, otherwise."""
+    """Return True for a valid name; raise InvalidTopicNameException or InvalidServiceNameException."""
     fault = full_topic_name_error(name)
     if fault is not None:
         raise (InvalidServiceNameException if is_service else InvalidTopicNameException)(name, *fault)

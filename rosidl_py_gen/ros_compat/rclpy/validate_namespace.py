@@ -1,4 +1,4 @@
-"""Whether a namespace is allowed."""
+"""Validation of namespaces."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rclpy.impl.names import namespace_error
 
 
 def validate_namespace(namespace: str) -> Literal[True]:
-    """True for ``/`` or ``/a/b``; InvalidNamespaceException otherwise."""
+    """Return True for ``/`` or ``/a/b``; raise InvalidNamespaceException for an invalid namespace."""
     fault = namespace_error(namespace)
     if fault is not None:
         raise InvalidNamespaceException(namespace, *fault)

@@ -1,4 +1,4 @@
-"""Whether a name of a node is allowed."""
+"""Validation of node names."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rclpy.impl.names import node_name_error
 
 
 def validate_node_name(node_name: str) -> Literal[True]:
-    """True for an allowed name without namespace; InvalidNodeNameException otherwise."""
+    """Return True for a valid name without namespace; raise InvalidNodeNameException for others."""
     fault = node_name_error(node_name)
     if fault is not None:
         raise InvalidNodeNameException(node_name, *fault)

@@ -1,4 +1,4 @@
-"""Whether a name of a parameter is allowed."""
+"""Validation of parameter names."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from rclpy.exceptions import InvalidParameterException
 
 
 def validate_parameter_name(name: str) -> Literal[True]:
-    """True for any name that is not empty; InvalidParameterException otherwise."""
+    """Return True for a name that is not empty; raise InvalidParameterException for an empty one."""
     if not name:
         raise InvalidParameterException(name)
     return True

@@ -1,4 +1,4 @@
-"""Whether a name of a topic or service may be written so."""
+"""Validation of relative names."""
 
 from __future__ import annotations
 
@@ -11,7 +11,11 @@ TOPIC_SEPARATOR_STRING = "/"
 
 
 def validate_topic_name(name: str, *, is_service: bool = False) -> Literal[True]:
-    """True for a name as written, with ``~`` and substitutions; InvalidTopicNameException, or -Service-, otherwise."""
+    """Return True for a valid name, which may have ``~`` and substitutions.
+
+    Raises:
+        InvalidTopicNameException, InvalidServiceNameException: the name is invalid.
+    """
     fault = topic_name_error(name)
     if fault is not None:
         raise (InvalidServiceNameException if is_service else InvalidTopicNameException)(name, *fault)

@@ -1,4 +1,4 @@
-"""One message, without spinning."""
+"""Reception of one message without an executor."""
 
 from __future__ import annotations
 
@@ -13,28 +13,32 @@ from rclpy.utilities import timeout_sec_to_nsec as timeout_sec_to_nsec
 def wait_for_message(
     msg_type: type[Any], node: Node, topic: str, *, qos_profile: QoSProfile | int = 1, time_to_wait: float = -1
 ) -> tuple[bool, Any]:
-    """Wait for the next message of a topic; other work of the node is left alone.
+    """Wait for the next message of a topic, without running other callbacks of the node.
 
     Args:
-        time_to_wait: seconds; negative means for ever.
+        msg_type: class of the message.
+        node: node that subscribes.
+        topic: name of the topic.
+        qos_profile: profile or depth.
+        time_to_wait: maximum time to wait, in seconds; negative: unlimited.
 
     Returns:
-        True and the message, or False and None when the time has passed or the context was shut down.
+        True and the message; False and None if the time has passed or the context was shut down.
     """
     handle = node.context.handle
     if handle is None or not handle.ok():
         return False, None
     subscription = node.create_subscription(msg_type, topic, lambda _: None, qos_profile)
-    found: list[Any] = []
+    messages: list[Any] = []
 
-    def arrived() -> bool:
-        if not found and (message := subscription.handle.entity.take()) is not None:
-            found.append(message)
-        return bool(found)
+    def has_arrived() -> bool:
+        if not messages and (message := subscription.handle.entity.take()) is not None:
+            messages.append(message)
+        return bool(messages)
 
     try:
         with subscription.handle:
-            handle.wait(arrived, time_to_wait)
+            handle.wait(has_arrived, None if time_to_wait < 0 else time_to_wait)
     finally:
         node.destroy_subscription(subscription)
-    return (True, found[0]) if found else (False, None)
+    return (True, messages[0]) if messages else (False, None)

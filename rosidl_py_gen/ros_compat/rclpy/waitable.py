@@ -1,4 +1,4 @@
-"""Things of a program's own that an executor waits for."""
+"""Waitables: objects of a program that an executor waits for."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class NumberOfEntities:
-    """How many entities of each kind a waitable has."""
+    """Number of entities of each kind that a waitable has."""
 
     __slots__ = ["num_clients", "num_events", "num_guard_conditions", "num_services", "num_subscriptions", "num_timers"]
 
@@ -52,7 +52,7 @@ class NumberOfEntities:
 
 
 class WaitSet:
-    """What a waitable adds its entities to, by their handles, and asks afterwards. It holds no C objects."""
+    """Handles that a waitable adds, and whether each of them is ready."""
 
     def __init__(self) -> None:
         self._handles: dict[str, list[Any]] = {}
@@ -64,7 +64,7 @@ class WaitSet:
         return len(handles) - 1
 
     def add_subscription(self, subscription: Destroyable) -> int:
-        """Answers the index for `is_ready`, as all of these."""
+        """Return the index for `is_ready`, as the methods below."""
         return self._add("subscription", subscription)
 
     def add_guard_condition(self, guard: Destroyable) -> int:
@@ -83,7 +83,7 @@ class WaitSet:
         return self._add("event", event)
 
     def is_ready(self, entity_type: str, index: int) -> bool:
-        """Whether the entity of a kind (``"subscription"``, ``"guard_condition"``, ...) and index is ready."""
+        """Return True if the entity of a kind (``"subscription"``, ``"guard_condition"``, ...) and index is ready."""
         key = entity_type, index
         if key not in self._ready:
             handle = self._handles[entity_type][index]
@@ -93,16 +93,16 @@ class WaitSet:
         return self._ready[key]
 
     def get_ready_entities(self, entity_type: str) -> list[int]:
-        """The `pointer` of each handle of a kind that is ready."""
+        """Return the `pointer` of each ready handle of a kind."""
         handles = self._handles.get(entity_type, [])
         return [handle.pointer for index, handle in enumerate(handles) if self.is_ready(entity_type, index)]
 
 
 class Waitable:
-    """Something an executor waits for and executes; programs derive from it."""
+    """Base class of objects that an executor waits for and executes."""
 
     _rosidl_queue: Collection[Any] | None = None
-    """What is never ready while it is empty, so that it need not be asked then."""
+    """Queue without which `is_ready` is not called: while it is empty, the waitable is never ready."""
 
     def __init__(self, callback_group: CallbackGroup) -> None:
         self.callback_group = callback_group
@@ -111,10 +111,10 @@ class Waitable:
         self._futures: list[Future[Any]] = []
 
     def __enter__(self) -> None:
-        """Keep its entities from being destroyed while somebody waits for them."""
+        """Keep the entities from being destroyed during a wait."""
 
     def __exit__(self, t: object, v: object, tb: object) -> None:
-        """Somebody waited."""
+        """Allow the entities to be destroyed."""
 
     def _rosidl_take(self, executor: Executor) -> Callable[[], Any]:
         data = self.take_data()
@@ -127,29 +127,29 @@ class Waitable:
         return execute
 
     def add_future(self, future: Future[Any]) -> None:
-        """Have the callbacks of a future called by the executor."""
+        """Make the executor call the callbacks of a future."""
         self._futures.append(future)
 
     def remove_future(self, future: Future[Any]) -> None:
-        """Forget a future."""
+        """Undo `add_future`."""
         self._futures.remove(future)
 
     def is_ready(self, wait_set: WaitSet) -> bool:
-        """Whether there is something to take."""
+        """Return True if `take_data` would return something."""
         raise NotImplementedError("Must be implemented by subclass")
 
     def take_data(self) -> Any:
-        """Take what is there, so that it is no longer ready."""
+        """Take the data, so that the waitable is no longer ready."""
         raise NotImplementedError("Must be implemented by subclass")
 
     async def execute(self, taken_data: Any) -> None:
-        """Do the work for what was taken."""
+        """Process the data that was taken."""
         raise NotImplementedError("Must be implemented by subclass")
 
     def get_num_entities(self) -> NumberOfEntities:
-        """How many entities it adds to a wait set."""
+        """Return the number of entities that the waitable adds to a wait set."""
         raise NotImplementedError("Must be implemented by subclass")
 
     def add_to_wait_set(self, wait_set: WaitSet) -> None:
-        """Add its entities, by their handles."""
+        """Add the handles of its entities to a wait set."""
         raise NotImplementedError("Must be implemented by subclass")

@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.waitable import WaitSet
 
-_ENDS = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
+_FINAL_STATES = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
 
 
 class ClientGoalHandle:
-    """A goal that a server answered to, accepted or not."""
+    """Goal to which a server replied, accepted or not."""
 
     def __init__(self, action_client: ActionClient, goal_id: Any, goal_response: Any) -> None:
         self._action_client = action_client
@@ -55,42 +55,42 @@ class ClientGoalHandle:
 
     @property
     def goal_id(self) -> Any:
-        """A unique_identifier_msgs/UUID."""
+        """Id, a unique_identifier_msgs/UUID."""
         return self._goal_id
 
     @property
     def stamp(self) -> Any:
-        """When it was accepted, as builtin_interfaces/Time."""
+        """Time of acceptance, a builtin_interfaces/Time."""
         return self._goal_response.stamp
 
     @property
     def accepted(self) -> bool:
-        """Whether the server accepted it."""
+        """True if the server accepted the goal."""
         return bool(self._goal_response.accepted)
 
     @property
     def status(self) -> int:
-        """A number of action_msgs/GoalStatus, as the server last published it."""
+        """Number of action_msgs/GoalStatus that the server published last."""
         return self._status
 
     def cancel_goal(self) -> Any:
-        """`cancel_goal_async`, and wait for the response, which an executor in another thread has to take."""
-        return _waited_for(self.cancel_goal_async())
+        """Call `cancel_goal_async` and wait for the response, while an executor in another thread receives it."""
+        return _result_of(self.cancel_goal_async())
 
     def cancel_goal_async(self) -> Future[Any]:
-        """Ask for its end; a future of an action_msgs/CancelGoal response."""
+        """Request the cancellation; return a future of the action_msgs/CancelGoal response."""
         return self._action_client._cancel_goal_async(self)
 
     def get_result(self) -> Any:
-        """`get_result_async`, and wait for the response, which an executor in another thread has to take."""
-        return _waited_for(self.get_result_async())
+        """Call `get_result_async` and wait for the response, while an executor in another thread receives it."""
+        return _result_of(self.get_result_async())
 
     def get_result_async(self) -> Future[Any]:
-        """A future of the response that has its `status` and `result`, once it ended."""
+        """Return a future of the response with `status` and `result`, which is set when the goal ends."""
         return self._action_client._get_result_async(self)
 
 
-def _waited_for(future: Future[Any]) -> Any:
+def _result_of(future: Future[Any]) -> Any:
     done = threading.Event()
     future.add_done_callback(lambda _: done.set())
     done.wait()
@@ -98,67 +98,69 @@ def _waited_for(future: Future[Any]) -> Any:
 
 
 class _Requests:
-    """Requests to one of the services, by number, and what each is for."""
+    """Requests to one of the services, by sequence_number."""
 
     def __init__(self, client: runtime.Client[Any, Any], owner: ActionClient, endpoints: ActionEndpoints) -> None:
         self.client = client
         self._endpoints = endpoints
         self.arrived: deque[tuple[int, concurrent.futures.Future[Any]]] = deque()
         self._owner = weakref.ref(owner)
-        self._numbers = itertools.count(1)
+        self._sequence_numbers = itertools.count(1)
         self._lock = threading.Lock()
         self._pending: dict[int, tuple[Future[Any], Any]] = {}
 
     def send(self, request: Any, subject: Any) -> Future[Any]:
-        """`subject` is given back with the response."""
+        """Send a request; `take` returns `subject` with the response."""
         owner = self._owner()
         assert owner is not None
         future: Future[Any] = Future()
         with self._endpoints:
             sent = self.client.send_request(request)
         with self._lock:
-            number = next(self._numbers)
-            self._pending[number] = future, subject
-        future.add_done_callback(partial(self._forget, number))
+            sequence_number = next(self._sequence_numbers)
+            self._pending[sequence_number] = future, subject
+        future.add_done_callback(partial(self._forget, sequence_number))
         owner.add_future(future)
-        sent.add_done_callback(partial(self._on_response, number, self._endpoints.context.notify))
+        sent.add_done_callback(partial(self._on_response, sequence_number, self._endpoints.context.notify))
         return future
 
-    def _forget(self, number: int, future: Future[Any]) -> None:
+    def _forget(self, sequence_number: int, future: Future[Any]) -> None:
         with self._lock:
-            pending = self._pending.pop(number, None)
+            pending = self._pending.pop(sequence_number, None)
         owner = self._owner()
         if pending is not None and owner is not None:
             owner.remove_future(future)
 
-    def _on_response(self, number: int, notify: Callable[[], None], sent: concurrent.futures.Future[Any]) -> None:
+    def _on_response(
+        self, sequence_number: int, notify: Callable[[], None], sent: concurrent.futures.Future[Any]
+    ) -> None:
         if sent.cancelled() or isinstance(sent.exception(), (runtime.ServerLostError, runtime.ClosedError)):
-            return  # in rclpy such a future is pending for ever
-        self.arrived.append((number, sent))
+            return  # in rclpy such a future stays pending
+        self.arrived.append((sequence_number, sent))
         notify()
 
     def take(self) -> tuple[tuple[Future[Any], Any] | None, Any] | None:
-        """A response with future and subject of its request, None in their place when that was given up."""
+        """Return a response with the future and subject of its request, which are None if it was discarded."""
         if not self.arrived:
             return None
-        number, sent = self.arrived.popleft()
+        sequence_number, sent = self.arrived.popleft()
         with self._lock:
-            return self._pending.get(number), sent
+            return self._pending.get(sequence_number), sent
 
 
 class ActionClient(ActionWaitable):
-    """Sends goals to the servers of an action; the executor of the node takes what they answer.
+    """Client of an action; the executor of the node receives responses and feedback.
 
     Args:
-        node: it belongs to.
-        action_type: a class such as `example_interfaces.action.Fibonacci`.
-        action_name: expanded and remapped as names of topics are.
-        callback_group: None means that of the node.
-        goal_service_qos_profile: of that service, as the following two.
-        result_service_qos_profile: by default as other services.
-        cancel_service_qos_profile: by default as other services.
-        feedback_sub_qos_profile: of the topic of feedback.
-        status_sub_qos_profile: of the topic of states, whose last message waits for those who come late.
+        node: node of the client.
+        action_type: class such as `example_interfaces.action.Fibonacci`.
+        action_name: name, expanded and remapped like those of topics.
+        callback_group: group. [default: the node's]
+        goal_service_qos_profile: profile of the service ``send_goal``.
+        result_service_qos_profile: profile of the service ``get_result``.
+        cancel_service_qos_profile: profile of the service ``cancel_goal``.
+        feedback_sub_qos_profile: profile of the topic of feedback.
+        status_sub_qos_profile: profile of the topic of states.
     """
 
     def __init__(
@@ -180,25 +182,18 @@ class ActionClient(ActionWaitable):
         self._feedback_callbacks: dict[bytes, Callable[[Any], Any]] = {}
         self._rosidl_ended: list[bytes] = []
         impl = action_type.Impl
-        with self._rosidl_endpoints.under_construction() as made:
-            goal, result, cancel = (
-                made.client(impl.SendGoalService, "send_goal", goal_service_qos_profile.get_c_qos_profile()),
-                made.client(impl.GetResultService, "get_result", result_service_qos_profile.get_c_qos_profile()),
-                made.client(impl.CancelGoalService, "cancel_goal", cancel_service_qos_profile.get_c_qos_profile()),
-            )
-            feedback_qos, status_qos = feedback_sub_qos_profile, status_sub_qos_profile
-            self._rosidl_feedback = made.subscription(
-                impl.FeedbackMessage, "feedback", feedback_qos.get_c_qos_profile()
-            )
-            self._rosidl_status = made.subscription(impl.GoalStatusMessage, "status", status_qos.get_c_qos_profile())
-        services = {"goal": goal, "cancel": cancel, "result": result}
-        self._rosidl_requests = {kind: _Requests(one, self, self._rosidl_endpoints) for kind, one in services.items()}
+        with self._rosidl_endpoints.under_construction() as endpoints:
+            clients = {
+                "goal": endpoints.client(impl.SendGoalService, "send_goal", goal_service_qos_profile),
+                "result": endpoints.client(impl.GetResultService, "get_result", result_service_qos_profile),
+                "cancel": endpoints.client(impl.CancelGoalService, "cancel_goal", cancel_service_qos_profile),
+            }
+            self._rosidl_feedback = endpoints.subscription(impl.FeedbackMessage, "feedback", feedback_sub_qos_profile)
+            self._rosidl_status = endpoints.subscription(impl.GoalStatusMessage, "status", status_sub_qos_profile)
+        self._rosidl_requests = {kind: _Requests(client, self, endpoints) for kind, client in clients.items()}
         node.add_waitable(self)
 
-    # ---------------------------------------------------------------------------------------------------- waitable
-
     def is_ready(self, wait_set: WaitSet) -> bool:
-        """Whether something came."""
         return (
             any(requests.arrived for requests in self._rosidl_requests.values())
             or self._rosidl_feedback.is_ready
@@ -206,14 +201,13 @@ class ActionClient(ActionWaitable):
         )
 
     def take_data(self) -> dict[str, Any]:
-        """One of each kind that came: ``goal``, ``cancel``, ``result``, ``feedback``, ``status``."""
+        """Return one item of each kind that arrived: ``goal``, ``cancel``, ``result``, ``feedback``, ``status``."""
         with self._rosidl_endpoints:
             taken = {kind: requests.take() for kind, requests in self._rosidl_requests.items()}
             taken |= {"feedback": self._rosidl_feedback.take(), "status": self._rosidl_status.take()}
-        return {kind: one for kind, one in taken.items() if one is not None}
+        return {kind: item for kind, item in taken.items() if item is not None}
 
     async def execute(self, taken_data: dict[str, Any]) -> None:
-        """Set futures, call what wants feedback, and note states."""
         for kind in ("goal", "cancel", "result"):
             if kind in taken_data:
                 self._rosidl_take_response(kind, *taken_data[kind])
@@ -222,10 +216,10 @@ class ActionClient(ActionWaitable):
             callback = self._feedback_callbacks.get(bytes(message.goal_id.uuid))
             if callback is not None:
                 await await_or_execute(callback, message)
-        while self._rosidl_ended:  # not earlier: feedback that came with the result is told
+        while self._rosidl_ended:  # not earlier, as feedback that arrived with the result has to be delivered
             self._feedback_callbacks.pop(self._rosidl_ended.pop(), None)
         if "status" in taken_data:
-            self._rosidl_note_states(taken_data["status"].status_list)
+            self._rosidl_store_states(taken_data["status"].status_list)
 
     def _rosidl_take_response(self, kind: str, pending: tuple[Future[Any], Any] | None, sent: Any) -> None:
         if pending is None:
@@ -249,34 +243,34 @@ class ActionClient(ActionWaitable):
             self._rosidl_ended.append(bytes(goal_id.uuid))
         future.set_result(response)
 
-    def _rosidl_note_states(self, states: list[Any]) -> None:
-        for one in states:
-            key = bytes(one.goal_info.goal_id.uuid)
+    def _rosidl_store_states(self, states: list[Any]) -> None:
+        for state in states:
+            key = bytes(state.goal_info.goal_id.uuid)
             goal = self._goal_handles.get(key, lambda: None)()
             if goal is not None:
-                goal._status = one.status
-            if goal is None or one.status in _ENDS:
+                goal._status = state.status
+            if goal is None or state.status in _FINAL_STATES:
                 self._goal_handles.pop(key, None)
 
     def get_num_entities(self) -> NumberOfEntities:
-        """Two subscriptions and three clients."""
         return NumberOfEntities(num_subs=2, num_clients=3)
 
-    # ------------------------------------------------------------------------------------------------------- goals
-
     def send_goal(self, goal: Any, **kwargs: Any) -> Any:
-        """`send_goal_async`, and wait for the response with the result; an executor in another thread is needed."""
-        return _waited_for(self._get_result_async(_waited_for(self.send_goal_async(goal, **kwargs))))
+        """Send a goal and wait for its result, while an executor in another thread receives it."""
+        return _result_of(self._get_result_async(_result_of(self.send_goal_async(goal, **kwargs))))
 
     def send_goal_async(
         self, goal: Any, feedback_callback: Callable[[Any], Any] | None = None, goal_uuid: Any = None
     ) -> Future[Any]:
-        """Send a goal at once, whether a server is there or not; a future of a `ClientGoalHandle`.
+        """Send a goal, even if no server is available; return a future of a `ClientGoalHandle`.
 
         Args:
-            goal: an object of the action's `Goal`; TypeError for others.
-            feedback_callback: called with each message, which has `feedback` and `goal_id`.
-            goal_uuid: a unique_identifier_msgs/UUID; None makes one.
+            goal: object of the action's `Goal`.
+            feedback_callback: function that is called with each message, which has `feedback` and `goal_id`.
+            goal_uuid: a unique_identifier_msgs/UUID. [default: a random one]
+
+        Raises:
+            TypeError: the goal is of another class.
         """
         self._rosidl_require(goal, self._action_type.Goal)
         request = self._action_type.Impl.SendGoalService.Request()
@@ -287,9 +281,9 @@ class ActionClient(ActionWaitable):
         return self._rosidl_requests["goal"].send(request, request.goal_id)
 
     @staticmethod
-    def _rosidl_require(given: Any, expected: type) -> None:
-        if not isinstance(given, expected):
-            raise TypeError(f"Expected type {expected.__name__} but received {type(given)}")
+    def _rosidl_require(value: Any, expected: type) -> None:
+        if not isinstance(value, expected):
+            raise TypeError(f"Expected type {expected.__name__} but received {type(value)}")
 
     def _cancel_goal_async(self, goal_handle: ClientGoalHandle) -> Future[Any]:
         self._rosidl_require(goal_handle, ClientGoalHandle)
@@ -302,16 +296,13 @@ class ActionClient(ActionWaitable):
         request = self._action_type.Impl.GetResultService.Request(goal_id=goal_handle.goal_id)
         return self._rosidl_requests["result"].send(request, goal_handle.goal_id)
 
-    # ------------------------------------------------------------------------------------------------------ server
-
     def server_is_ready(self) -> bool:
-        """Whether all endpoints of a server are connected. RCLError after the context was shut down."""
+        """Return True if all endpoints of a server are connected; raise RCLError after a shutdown."""
         with self._rosidl_endpoints:
             self._rosidl_endpoints.context.require_ok()
             services = all(requests.client.service_is_available() for requests in self._rosidl_requests.values())
             return services and bool(self._rosidl_feedback.publisher_count and self._rosidl_status.publisher_count)
 
     def wait_for_server(self, timeout_sec: float | None = None) -> bool:
-        """Wait until they are, or the time has passed; nobody has to spin."""
-        limit = None if timeout_sec is None else max(0.0, timeout_sec)
-        return self._rosidl_endpoints.context.wait(self.server_is_ready, limit)
+        """Wait until a server is connected, or the time has passed; no executor is needed."""
+        return self._rosidl_endpoints.context.wait(self.server_is_ready, timeout_sec)

@@ -1,4 +1,4 @@
-"""Which actions there are. An action is known by the topic of its feedback."""
+"""Names and types of actions, found by their feedback topics."""
 
 from __future__ import annotations
 
@@ -19,15 +19,19 @@ def _actions(topics: _Found) -> _Found:
 
 
 def get_action_client_names_and_types_by_node(node: Node, remote_node_name: str, remote_node_namespace: str) -> _Found:
-    """Of the clients of a node, as ``('/turn', ['pkg/action/Turn'])``; NodeNameNonExistentError for an unknown node."""
+    """Return the actions a node has clients of, as ``('/turn', ['pkg/action/Turn'])``.
+
+    Raises:
+        NodeNameNonExistentError: the node is not in the graph.
+    """
     return _actions(node.get_subscriber_names_and_types_by_node(remote_node_name, remote_node_namespace))
 
 
 def get_action_server_names_and_types_by_node(node: Node, remote_node_name: str, remote_node_namespace: str) -> _Found:
-    """Of the servers of a node, as ``('/turn', ['pkg/action/Turn'])``; NodeNameNonExistentError for an unknown node."""
+    """Return the actions of a node's servers; see `get_action_client_names_and_types_by_node`."""
     return _actions(node.get_publisher_names_and_types_by_node(remote_node_name, remote_node_namespace))
 
 
 def get_action_names_and_types(node: Node) -> _Found:
-    """Of all actions that a client or server is there for."""
+    """Return the actions of all clients and servers."""
     return _actions(node.get_topic_names_and_types())

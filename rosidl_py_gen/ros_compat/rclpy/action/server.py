@@ -34,56 +34,56 @@ if TYPE_CHECKING:
 
 _CANCELABLE = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 _UNKNOWN_GOAL_ID, _GOAL_TERMINATED = 2, 3
-"""Of action_msgs/CancelGoal."""
+"""Return codes of action_msgs/CancelGoal."""
 
 
 class GoalResponse(Enum):
-    """What a goal callback decides."""
+    """Decision of a goal callback."""
 
     REJECT = 1
     ACCEPT = 2
 
 
 class CancelResponse(Enum):
-    """What a cancel callback decides."""
+    """Decision of a cancel callback."""
 
     REJECT = 1
     ACCEPT = 2
 
 
 def default_handle_accepted_callback(goal_handle: ServerGoalHandle) -> None:
-    """Execute it now."""
+    """Execute the goal."""
     goal_handle.execute()
 
 
 def default_goal_callback(goal_request: Any) -> GoalResponse:
-    """Accept all."""
+    """Accept every goal."""
     return GoalResponse.ACCEPT
 
 
 def default_cancel_callback(cancel_request: Any) -> CancelResponse:
-    """Cancel none."""
+    """Reject every cancellation."""
     return CancelResponse.REJECT
 
 
 class ActionServer(ActionWaitable):
-    """Serves an action; the executor of the node takes requests and runs the callbacks.
+    """Server of an action; the executor of the node takes its requests and runs its callbacks.
 
     Args:
-        node: it belongs to.
-        action_type: a class such as `example_interfaces.action.Fibonacci`.
-        action_name: expanded and remapped as names of topics are.
-        execute_callback: called with a `ServerGoalHandle`; answers a result of the action.
-        callback_group: None means that of the node.
-        goal_callback: called with the goal; answers a `GoalResponse`.
-        handle_accepted_callback: called with the `ServerGoalHandle`, to execute it now or later.
-        cancel_callback: called with the `ServerGoalHandle`; answers a `CancelResponse`.
-        goal_service_qos_profile: of that service, as the following two.
-        result_service_qos_profile: by default as other services.
-        cancel_service_qos_profile: by default as other services.
-        feedback_pub_qos_profile: of the topic of feedback.
-        status_pub_qos_profile: of the topic of states, whose last message waits for those who come late.
-        result_timeout: seconds for which the result of a goal that ended is kept; negative for ever.
+        node: node of the server.
+        action_type: class such as `example_interfaces.action.Fibonacci`.
+        action_name: name, expanded and remapped like those of topics.
+        execute_callback: function that takes a `ServerGoalHandle` and returns a result of the action.
+        callback_group: group. [default: the node's]
+        goal_callback: function that takes the goal and returns a `GoalResponse`.
+        handle_accepted_callback: function that takes the `ServerGoalHandle` and executes it, now or later.
+        cancel_callback: function that takes the `ServerGoalHandle` and returns a `CancelResponse`.
+        goal_service_qos_profile: profile of the service ``send_goal``.
+        result_service_qos_profile: profile of the service ``get_result``.
+        cancel_service_qos_profile: profile of the service ``cancel_goal``.
+        feedback_pub_qos_profile: profile of the topic of feedback.
+        status_pub_qos_profile: profile of the topic of states.
+        result_timeout: seconds for which a result is retained; negative: unlimited.
     """
 
     def __init__(
@@ -114,24 +114,19 @@ class ActionServer(ActionWaitable):
         self._result_futures: dict[bytes, Future[Any]] = {}
         self._rosidl_ended_ns: dict[bytes, int] = {}
         impl = action_type.Impl
-        with self._rosidl_endpoints.under_construction() as made:
-            goal, cancel, result = goal_service_qos_profile, cancel_service_qos_profile, result_service_qos_profile
+        with self._rosidl_endpoints.under_construction() as endpoints:
             self._rosidl_services = {
-                "goal": made.service(impl.SendGoalService, "send_goal", goal.get_c_qos_profile()),
-                "cancel": made.service(impl.CancelGoalService, "cancel_goal", cancel.get_c_qos_profile()),
-                "result": made.service(impl.GetResultService, "get_result", result.get_c_qos_profile()),
+                "goal": endpoints.service(impl.SendGoalService, "send_goal", goal_service_qos_profile),
+                "cancel": endpoints.service(impl.CancelGoalService, "cancel_goal", cancel_service_qos_profile),
+                "result": endpoints.service(impl.GetResultService, "get_result", result_service_qos_profile),
             }
-            feedback_qos, status_qos = feedback_pub_qos_profile, status_pub_qos_profile
-            self._rosidl_feedback = made.publisher(impl.FeedbackMessage, "feedback", feedback_qos.get_c_qos_profile())
-            self._rosidl_status = made.publisher(impl.GoalStatusMessage, "status", status_qos.get_c_qos_profile())
+            self._rosidl_feedback = endpoints.publisher(impl.FeedbackMessage, "feedback", feedback_pub_qos_profile)
+            self._rosidl_status = endpoints.publisher(impl.GoalStatusMessage, "status", status_pub_qos_profile)
         node.add_waitable(self)
 
     @property
     def action_type(self) -> Any:
-        """The class of the action."""
         return self._action_type
-
-    # ------------------------------------------------------------------------------------------------------- goals
 
     async def _execute_goal_request(self, request: Any) -> None:
         goal_id = request.message.goal_id
@@ -157,12 +152,12 @@ class ActionServer(ActionWaitable):
     def _rosidl_clock(self) -> Clock:
         return self._node.get_clock()
 
-    def _rosidl_respond(self, request: Any, response: Any, what: str) -> bool:
+    def _rosidl_respond(self, request: Any, response: Any, kind: str) -> bool:
         try:
             with self._rosidl_endpoints:
                 request.respond(response)
         except (RCLError, runtime.ClosedError):
-            self._logger.warn(f"Failed to send {what} response (the client may have gone away)")
+            self._logger.warn(f"Failed to send {kind} response (the client may have gone away)")
             return False
         return True
 
@@ -179,38 +174,38 @@ class ActionServer(ActionWaitable):
         response = self._action_type.Impl.GetResultService.Response(status=goal_handle.status)
         response.result = self._rosidl_as_result(result)
         future = self._result_futures.get(bytes(goal_handle.goal_id.uuid))
-        if future is not None:  # else it expired already
+        if future is not None:  # None: it has expired
             future.set_result(response)
 
-    def _rosidl_as_result(self, answer: Any) -> Any:
-        """Return what an execute callback answered; a default result, and an error in the log, when it is no result.
+    def _rosidl_as_result(self, value: Any) -> Any:
+        """Return the result of an execute callback, or a default result and an error in the log.
 
-        As in rclpy a message of another class is taken when it has the fields of a result.
+        As in rclpy, an object of another class is accepted if it has the fields of a result.
         """
         kind = self._action_type.Result
-        if isinstance(answer, kind):
-            return answer
+        if isinstance(value, kind):
+            return value
         try:
-            return kind(**{name: getattr(answer, name) for name in kind.get_fields_and_field_types()})
+            return kind(**{name: getattr(value, name) for name in kind.get_fields_and_field_types()})
         except Exception:
-            found = f"{type(answer).__name__} {answer!r:.100}"
-            self._logger.error(f"execute callback: returned {found}, expected {kind.__name__}; a default one is sent")
+            text = f"execute callback: expected {kind.__name__}, got {type(value).__name__} {value!r:.100}"
+            self._logger.error(f"{text}; a default result is sent")
             return kind()
 
     async def _execute_cancel_request(self, request: Any) -> None:
         response = self._action_type.Impl.CancelGoalService.Response()
-        response.return_code, chosen = self._rosidl_chosen_for_cancel(request.message.goal_info)
+        response.return_code, chosen = self._rosidl_goals_to_cancel(request.message.goal_info)
         for key in chosen:
             goal = self._goal_handles[key]
             if await await_or_execute(self._cancel_callback, goal) != CancelResponse.ACCEPT:
                 continue
-            with contextlib.suppress(RCLError):  # it ended meanwhile
+            with contextlib.suppress(RCLError):  # the goal ended during the callback
                 goal._update_state(GoalEvent.CANCEL_GOAL)
                 response.goals_canceling.append(goal._goal_info)
         self._rosidl_respond(request, response, "cancel")
 
-    def _rosidl_chosen_for_cancel(self, info: Any) -> tuple[int, list[bytes]]:
-        """Return code, and the goals that a request is about: one, those up to a time, or all."""
+    def _rosidl_goals_to_cancel(self, info: Any) -> tuple[int, list[bytes]]:
+        """Return the return code and the goals of a request: one, those up to a time, or all."""
         named, until = bytes(info.goal_id.uuid), Time.from_msg(info.stamp)
         if any(named) and until.nanoseconds == 0:
             goal = self._goal_handles.get(named)
@@ -242,7 +237,8 @@ class ActionServer(ActionWaitable):
             self._rosidl_respond(request, response, "result")
 
     def _rosidl_publish_status(self) -> None:
-        states = [GoalStatus(goal_info=one._goal_info, status=one.status) for one in list(self._goal_handles.values())]
+        goals = list(self._goal_handles.values())
+        states = [GoalStatus(goal_info=goal._goal_info, status=goal.status) for goal in goals]
         with self._rosidl_endpoints:
             self._rosidl_status.publish(self._action_type.Impl.GoalStatusMessage(status_list=states))
 
@@ -251,21 +247,21 @@ class ActionServer(ActionWaitable):
             self._rosidl_feedback.publish(self._action_type.Impl.FeedbackMessage(goal_id=goal_id, feedback=feedback))
 
     def _rosidl_expired(self) -> list[bytes]:
-        """Goals whose result was kept long enough."""
+        """Return the goals whose results have been retained long enough."""
         if self._rosidl_result_timeout_ns < 0:
             return []
         last_ns = self._rosidl_clock().now().nanoseconds - self._rosidl_result_timeout_ns
         return [key for key, ended_ns in list(self._rosidl_ended_ns.items()) if ended_ns <= last_ns]
 
-    def _rosidl_forget(self, key: bytes) -> None:
+    def _rosidl_remove_goal(self, key: bytes) -> None:
         goal = self._goal_handles.pop(key, None)
         self._rosidl_ended_ns.pop(key, None)
-        if goal is not None:  # otherwise another thread was faster
+        if goal is not None:  # None: another thread has removed it
             goal.destroy()
             self.remove_future(self._result_futures.pop(key))
 
     def notify_goal_done(self) -> None:
-        """Note which goals ended: their time runs from now on."""
+        """Start the result timeout of goals that have ended."""
         now_ns = self._rosidl_clock().now().nanoseconds
         for key, goal in list(self._goal_handles.items()):
             if not goal.is_active:
@@ -275,26 +271,23 @@ class ActionServer(ActionWaitable):
     def notify_execute(
         self, goal_handle: ServerGoalHandle, execute_callback: Callable[[ServerGoalHandle], Any] | None
     ) -> None:
-        """Have the node's executor execute a goal, by this callback or the registered one."""
+        """Schedule the execution of a goal, by this callback or the registered one."""
         executor = self._node.executor
         if executor is None:
-            raise RuntimeError("a goal can only be executed while the node of its server is in an executor")
+            raise RuntimeError("cannot execute the goal: the node of its server is not in an executor")
         executor.create_task(self._execute_goal, execute_callback or self._execute_callback, goal_handle)
 
-    # ---------------------------------------------------------------------------------------------------- waitable
-
     def is_ready(self, wait_set: WaitSet) -> bool:
-        """Whether a request came, or a result expired."""
         return any(service.is_ready for service in self._rosidl_services.values()) or bool(self._rosidl_expired())
 
     def take_data(self) -> dict[str, Any]:
-        """One request of each kind that came: ``goal``, ``cancel``, ``result``; and ``expired``."""
+        """Return one request of each kind (``goal``, ``cancel``, ``result``), and the ``expired`` goals."""
         with self._rosidl_endpoints:
             taken = {kind: service.take() for kind, service in self._rosidl_services.items()}
-        return {kind: one for kind, one in taken.items() if one is not None} | {"expired": self._rosidl_expired()}
+        requests = {kind: request for kind, request in taken.items() if request is not None}
+        return requests | {"expired": self._rosidl_expired()}
 
     async def execute(self, taken_data: dict[str, Any]) -> None:
-        """Decide, answer and forget."""
         if "goal" in taken_data:
             await self._execute_goal_request(taken_data["goal"])
         if "cancel" in taken_data:
@@ -303,34 +296,31 @@ class ActionServer(ActionWaitable):
             await self._execute_get_result_request(taken_data["result"])
         for key in taken_data["expired"]:
             if key in self._goal_handles:
-                self._rosidl_forget(key)
+                self._rosidl_remove_goal(key)
 
     def get_num_entities(self) -> NumberOfEntities:
-        """Three services, and the timer of expiry."""
         return NumberOfEntities(num_timers=1, num_services=3)
 
-    # --------------------------------------------------------------------------------------------------- callbacks
-
     def register_handle_accepted_callback(self, handle_accepted_callback: Callable[[Any], Any] | None) -> None:
-        """What is done with accepted goals; None executes them."""
+        """Set the function for accepted goals; None executes them."""
         self._handle_accepted_callback = handle_accepted_callback or default_handle_accepted_callback
 
     def register_goal_callback(self, goal_callback: Callable[[Any], Any] | None) -> None:
-        """What decides on goals; None accepts all."""
+        """Set the function that decides on goals; None accepts all."""
         self._goal_callback = goal_callback or default_goal_callback
 
     def register_cancel_callback(self, cancel_callback: Callable[[Any], Any] | None) -> None:
-        """What decides on cancelling; None refuses all."""
+        """Set the function that decides on cancellations; None rejects all."""
         self._cancel_callback = cancel_callback or default_cancel_callback
 
     def register_execute_callback(self, execute_callback: Callable[[Any], Any]) -> None:
-        """What executes goals; TypeError for what cannot be called."""
+        """Set the function that executes goals; raise TypeError if it is not callable."""
         if not callable(execute_callback):
             raise TypeError("Failed to register goal execution callback: not callable")
         self._execute_callback = execute_callback
 
     def destroy(self) -> None:
-        """End it, and forget its goals."""
+        """Destroy the server and its goals."""
         for goal in list(self._goal_handles.values()):
             goal.destroy()
         for future in list(self._result_futures.values()):

@@ -1,4 +1,4 @@
-"""Goals, as servers of actions have them."""
+"""Goals of an action server."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ GoalEvent = runtime.GoalEvent
 
 
 class ServerGoalHandle:
-    """An accepted goal. `succeed`, `abort` and `canceled` end it at once; its result is what the callback returns."""
+    """Accepted goal. `succeed`, `abort` and `canceled` end it; its result is what the execute callback returns."""
 
     def __init__(self, action_server: ActionServer, goal_info: Any, goal_request: Any) -> None:
         self._action_server = action_server
@@ -34,28 +34,28 @@ class ServerGoalHandle:
 
     @property
     def request(self) -> Any:
-        """The goal, as the client sent it."""
+        """Goal that the client sent."""
         return self._goal_request
 
     @property
     def goal_id(self) -> Any:
-        """A unique_identifier_msgs/UUID."""
+        """Id, a unique_identifier_msgs/UUID."""
         return self._goal_info.goal_id
 
     @property
     def is_active(self) -> bool:
-        """Whether it has not ended."""
+        """True if the goal has not ended."""
         with self._lock:
             return not self._rosidl_is_destroyed and self._rosidl_status.is_active
 
     @property
     def is_cancel_requested(self) -> bool:
-        """Whether it is to be cancelled; the callback ends it then, by `canceled`."""
+        """True if the goal is to be canceled; then the execute callback calls `canceled`."""
         return self.status == runtime.GoalStatus.CANCELING
 
     @property
     def status(self) -> int:
-        """A number of action_msgs/GoalStatus; STATUS_UNKNOWN once it was destroyed."""
+        """Number of action_msgs/GoalStatus; STATUS_UNKNOWN after `destroy`."""
         with self._lock:
             return int(runtime.GoalStatus.UNKNOWN if self._rosidl_is_destroyed else self._rosidl_status)
 
@@ -73,13 +73,13 @@ class ServerGoalHandle:
             self._action_server.notify_goal_done()
 
     def execute(self, execute_callback: Callable[[ServerGoalHandle], Any] | None = None) -> None:
-        """Have the executor execute it, by this callback or that of the server."""
+        """Schedule the execution, by this callback or that of the server."""
         if not self.is_cancel_requested:
             self._update_state(GoalEvent.EXECUTE)
         self._action_server.notify_execute(self, execute_callback)
 
     def publish_feedback(self, feedback: Any) -> None:
-        """Tell clients how far it is; TypeError for what is no feedback of the action."""
+        """Publish feedback; raise TypeError for another class."""
         expected = self._action_server.action_type.Feedback
         if not isinstance(feedback, expected):
             raise TypeError(f"Expected type {expected.__name__} but received {type(feedback)}")
@@ -87,18 +87,18 @@ class ServerGoalHandle:
             self._action_server._rosidl_publish_feedback(self.goal_id, feedback)
 
     def succeed(self) -> None:
-        """End it as reached. RCLError when it cannot, as when it ended before; so the following two."""
+        """End the goal as succeeded; raise RCLError if that is not possible, as the next two methods."""
         self._update_state(GoalEvent.SUCCEED)
 
     def abort(self) -> None:
-        """End it as failed."""
+        """End the goal as aborted."""
         self._update_state(GoalEvent.ABORT)
 
     def canceled(self) -> None:
-        """End it as cancelled; a client has to have asked for that."""
+        """End the goal as canceled, after a client requested that."""
         self._update_state(GoalEvent.CANCELED)
 
     def destroy(self) -> None:
-        """Forget it."""
+        """Invalidate the goal."""
         with self._lock:
             self._rosidl_is_destroyed = True

@@ -1,4 +1,4 @@
-"""What may change in rclpy."""
+"""Experimental parts of rclpy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The executor that does not wait for sets of things, but is told: here all are, and one thread runs callbacks."""
+"""Name of the events executor; here all executors react to events, and one thread runs the callbacks."""
 
 from __future__ import annotations
 
@@ -10,5 +10,5 @@ from rclpy.executors import Executor, SingleThreadedExecutor
 
 
 def EventsExecutor(*, context: Context | None = None) -> Executor:
-    """An executor of one thread."""
+    """Create an executor of one thread."""
     return SingleThreadedExecutor(context=context)

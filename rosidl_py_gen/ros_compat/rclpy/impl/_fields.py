@@ -1,4 +1,4 @@
-"""Fields and attributes that take values of some types only."""
+"""Attributes that accept values of certain types only."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ _T = TypeVar("_T")
 
 
 def valid_or(value: object, kind: type[_T], default: _T) -> _T:
-    """Return what an attribute holds if that is of a kind, else `default`: programs may have replaced it."""
+    """Return the value of an attribute, or `default` if the program replaced it by another type."""
     return value if isinstance(value, kind) else default
 
 
 class Checked(Generic[_T]):
-    """A field as rclpy has them, over the slot `_name`; AssertionError for what is of none of `kinds`.
+    """Field that is stored in the slot `_name`; setting another type raises AssertionError.
 
     Args:
-        kinds: what can be set.
-        made: what is kept of a value; None keeps the value itself.
+        kinds: accepted types.
+        convert: conversion of the value. [default: none]
     """
 
-    def __init__(self, *kinds: type, made: Callable[[Any], _T] | None = None) -> None:
-        self._kinds, self._made = kinds, made
+    def __init__(self, *kinds: type, convert: Callable[[Any], _T] | None = None) -> None:
+        self._kinds, self._convert = kinds, convert
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name, self._slot = name, f"_{name}"
@@ -38,4 +38,4 @@ class Checked(Generic[_T]):
         if not isinstance(value, self._kinds):
             expected = " or ".join(kind.__name__ for kind in self._kinds)
             raise AssertionError(f"{self._name} must be {expected}, got {value!r:.100}")
-        setattr(instance, self._slot, value if self._made is None else self._made(value))
+        setattr(instance, self._slot, value if self._convert is None else self._convert(value))

@@ -1,4 +1,4 @@
-"""The five endpoints behind an action client or server: three services and two topics."""
+"""Endpoints of an action client or server: three services and two topics."""
 
 from __future__ import annotations
 
@@ -11,55 +11,54 @@ from rclpy.waitable import Waitable
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from rclpy.callback_groups import CallbackGroup
     from rclpy.handles import Handle
     from rclpy.node import Node
+    from rclpy.qos import QoSProfile
     from rclpy.waitable import WaitSet
 
 
 class ActionEndpoints(Destroyable):
-    """Those of one action, made in the runtime's node and closed together."""
+    """Endpoints of one action, which are created in the runtime's node and closed together."""
 
     def __init__(self, node: Handle[runtime.Node], name: str) -> None:
         if not name:
-            raise ValueError("the name of an action must not be empty")
+            raise ValueError("action name must not be empty")
         super().__init__(node)
         self.context: ContextHandle = node.context
         self._node = node.entity
         self._name = name
-        self._made: list[Any] = []
+        self._endpoints: list[Any] = []
 
-    def client(self, srv_type: Any, part: str, qos: runtime.QoSProfile) -> Any:
-        """A client of one of the services."""
-        return self._retain(self._node.create_client(srv_type, f"{self._name}/_action/{part}", qos))
+    def client(self, srv_type: Any, name: str, qos: QoSProfile) -> Any:
+        return self._retain(self._node.create_client, srv_type, name, qos.get_c_qos_profile())
 
-    def service(self, srv_type: Any, part: str, qos: runtime.QoSProfile) -> Any:
-        """One of the services; requests are taken."""
-        return self._with_arrival_hook(self._node.create_service(srv_type, f"{self._name}/_action/{part}", None, qos))
+    def publisher(self, msg_type: Any, name: str, qos: QoSProfile) -> Any:
+        return self._retain(self._node.create_publisher, msg_type, name, qos.get_c_qos_profile())
 
-    def subscription(self, msg_type: Any, part: str, qos: runtime.QoSProfile) -> Any:
-        """A subscription to one of the topics; messages are taken."""
-        return self._with_arrival_hook(
-            self._node.create_subscription(msg_type, f"{self._name}/_action/{part}", qos=qos)
-        )
+    def service(self, srv_type: Any, name: str, qos: QoSProfile) -> Any:
+        return self._with_arrival_hook(self._node.create_service, srv_type, name, qos.get_c_qos_profile())
 
-    def publisher(self, msg_type: Any, part: str, qos: runtime.QoSProfile) -> Any:
-        """A publisher of one of the topics."""
-        return self._retain(self._node.create_publisher(msg_type, f"{self._name}/_action/{part}", qos))
+    def subscription(self, msg_type: Any, name: str, qos: QoSProfile) -> Any:
+        return self._with_arrival_hook(self._node.create_subscription, msg_type, name, qos.get_c_qos_profile())
 
-    def _retain(self, endpoint: Any) -> Any:
-        self._made.append(endpoint)
+    def _retain(self, create: Callable[..., Any], *args: Any) -> Any:
+        type_, name, *rest = args
+        endpoint = create(type_, f"{self._name}/_action/{name}", *rest)
+        self._endpoints.append(endpoint)
         return endpoint
 
-    def _with_arrival_hook(self, endpoint: Any) -> Any:
+    def _with_arrival_hook(self, create: Callable[..., Any], type_: Any, name: str, qos: runtime.QoSProfile) -> Any:
+        """Create an endpoint that queues what it receives, and wakes up executors."""
+        endpoint = self._retain(create, type_, name, None, qos)
         endpoint.on_ready(self.context.notify_arrival)
-        return self._retain(endpoint)
+        return endpoint
 
     @contextlib.contextmanager
     def under_construction(self) -> Iterator[ActionEndpoints]:
-        """A block that makes them; closes those there are when one cannot be made."""
+        """Return a context manager for their creation, which closes all of them after an error."""
         try:
             yield self
         except BaseException:
@@ -67,13 +66,13 @@ class ActionEndpoints(Destroyable):
             raise
 
     def _destroy(self) -> None:
-        for endpoint in reversed(self._made):
+        for endpoint in reversed(self._endpoints):
             endpoint.close()
         self.context.notify()
 
 
 class ActionWaitable(Waitable):
-    """What clients and servers of actions have in common: a node, a type and endpoints."""
+    """Base class of action clients and servers: a node, a type and endpoints."""
 
     def __init__(
         self, node: Node, action_type: Any, action_name: str, group: CallbackGroup | None, logger: str
@@ -87,7 +86,7 @@ class ActionWaitable(Waitable):
             self._rosidl_endpoints = ActionEndpoints(node.handle, action_name)
 
     def add_to_wait_set(self, wait_set: WaitSet) -> None:
-        """Nothing to add: what comes wakes the executor by itself."""
+        """Add nothing, because arrivals wake up the executor."""
 
     def __enter__(self) -> None:
         self._rosidl_endpoints.__enter__()
@@ -96,6 +95,6 @@ class ActionWaitable(Waitable):
         self._rosidl_endpoints.__exit__()
 
     def destroy(self) -> None:
-        """End it."""
+        """Destroy the endpoints."""
         self._rosidl_endpoints.destroy_when_not_in_use()
         self._node.remove_waitable(self)

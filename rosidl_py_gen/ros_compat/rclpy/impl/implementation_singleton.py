@@ -1,4 +1,4 @@
-"""``rclpy_implementation``: the exceptions and enums of rclpy's C extension."""
+"""Module ``rclpy_implementation``, which is rclpy's C extension."""
 
 from __future__ import annotations
 

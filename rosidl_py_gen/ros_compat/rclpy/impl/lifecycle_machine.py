@@ -1,4 +1,4 @@
-"""The state of a lifecycle node, over the table of `rosidl_py_gen.runtime`."""
+"""State machine of a lifecycle node, with the transitions of `rosidl_py_gen.runtime`."""
 
 from __future__ import annotations
 
@@ -9,62 +9,60 @@ from rclpy.logging import get_logger
 from rosidl_py_gen import runtime
 
 Described = tuple[int, str, int, str, int, str]
-"""Id and label of a transition, of the state it leaves, and of that it leads to."""
+"""Id and label of a transition, of its start state and of its goal state."""
 
 
 class LifecycleStateMachine:
-    """Goes from state to state, and tells `told` of each transition."""
+    """State of a lifecycle node, which passes each transition to `on_transition`."""
 
     initialized = True
 
-    def __init__(self, told: Callable[[runtime.Transition], object]) -> None:
+    def __init__(self, on_transition: Callable[[runtime.Transition], object]) -> None:
         self._state: runtime.State = runtime.State.UNCONFIGURED
-        self._told = told
+        self._on_transition = on_transition
 
     @property
     def current_state(self) -> tuple[int, str]:
-        """Id and label."""
+        """Id and label of the state."""
         return int(self._state), self._state.label
 
     @property
     def available_states(self) -> list[tuple[int, str]]:
-        """All there are, with id and label."""
+        """Ids and labels of all states."""
         return [(int(state), state.label) for state in runtime.State]
 
     @property
     def available_transitions(self) -> list[Described]:
-        """Those that leave the present state."""
+        """Transitions that start in the current state."""
         return [_described(row) for row in runtime.available_transitions(self._state)]
 
     @property
     def transition_graph(self) -> list[Described]:
-        """All there are."""
+        """All transitions."""
         return [_described(row) for row in runtime.LIFECYCLE_TRANSITIONS]
 
     def get_transition_by_label(self, label: str) -> int:
-        """The id of that which leaves the present state; RCLError when there is none."""
-        return self._only(label, [row for row in runtime.available_transitions(self._state) if row.label == label]).id
+        """Return the id of a transition from the current state; raise RCLError if there is none."""
+        return self._find(label, "label").id
 
     def trigger_transition_by_id(self, transition_id: int) -> None:
-        """RCLError when it does not leave the present state; so the next."""
-        found = [row for row in runtime.available_transitions(self._state) if row.id == transition_id]
-        self._go(self._only(str(transition_id), found))
+        """Change the state; raise RCLError if the transition does not start in the current one."""
+        self._apply(self._find(transition_id, "id"))
 
     def trigger_transition_by_label(self, label: str) -> None:
-        """As `transition_success`."""
-        self._go(self._only(label, [row for row in runtime.available_transitions(self._state) if row.label == label]))
+        """Change the state; raise RCLError if the transition does not start in the current one."""
+        self._apply(self._find(label, "label"))
 
-    def _only(self, name: str, found: list[runtime.Transition]) -> runtime.Transition:
-        if not found:
-            get_logger("rcl_lifecycle").warning(
-                f"No transition matching {name} found for current state {self._state.label}"
-            )
-            raise RCLError(f"Failed to trigger lifecycle transition: {name} is not possible in {self._state.label}")
-        return found[0]
+    def _find(self, key: str | int, attribute: str) -> runtime.Transition:
+        for transition in runtime.available_transitions(self._state):
+            if getattr(transition, attribute) == key:
+                return transition
+        get_logger("rcl_lifecycle").warning(f"No transition matching {key} found for current state {self._state.label}")
+        raise RCLError(f"Failed to trigger lifecycle transition: {key} is not possible in {self._state.label}")
 
-    def _go(self, transition: runtime.Transition) -> None:
+    def _apply(self, transition: runtime.Transition) -> None:
         self._state = transition.goal
-        self._told(transition)
+        self._on_transition(transition)
 
 
 def _described(row: runtime.Transition) -> Described:

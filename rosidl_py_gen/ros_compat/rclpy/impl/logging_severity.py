@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class LoggingSeverity(IntEnum):
-    """The severities of ROS, with its numbers."""
+    """Severities of ROS, with its numbers."""
 
     UNSET = 0
     DEBUG = 10

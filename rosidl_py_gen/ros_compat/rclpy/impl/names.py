@@ -1,4 +1,4 @@
-"""Why ROS refuses a name, in the words of rcl and rmw. The rules are those of `rosidl_py_gen.runtime`."""
+"""Reasons why a name is invalid, with the texts of rcl and rmw. The rules are those of the runtime."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rosidl_py_gen.runtime._rclpy_support import (
     find_node_name_fault,
 )
 
-_GIVEN: dict[NameRule, str] = {
+_RELATIVE: dict[NameRule, str] = {
     NameRule.EMPTY: "topic name must not be empty string",
     NameRule.TRAILING_SLASH: "topic name must not end with a forward slash",
     NameRule.TOKEN_FIRST_DIGIT: "topic name token must not start with a number",
@@ -23,7 +23,7 @@ _GIVEN: dict[NameRule, str] = {
     NameRule.TILDE_SLASH: "topic name must not have a tilde '~' that is not followed by a forward slash '/'",
     NameRule.SUBSTITUTION: "substitution name must not contain characters other than alphanumerics or '_'",
 }
-"""Broken rule -> rcl's text; the same for the tables below."""
+"""Rule of a relative name -> text of rcl. The tables below are analogous."""
 _FULL: dict[NameRule, str] = {
     NameRule.LEADING_SLASH: "topic name must be absolute, it must lead with a '/'",
     NameRule.TRAILING_SLASH: "topic name must not end with a '/'",
@@ -47,47 +47,47 @@ _NODE: dict[NameRule, str] = {
     NameRule.LENGTH: "node name length should not exceed '255'",
 }
 _ONLY_RCL_TAKES = re.compile(r"~[A-Za-z0-9_]|.*\{\}", re.DOTALL)
-"""``~x``, which rcl expands as ``~/`` without slash, and ``{}``, which it refuses when it expands."""
+"""Names that rcl accepts: ``~x``, which it expands as ``~/x``, and ``{}``, which it refuses later."""
 
 Fault = tuple[str, int]
-"""Why a name is refused, and where."""
+"""Reason and index of an error in a name."""
 
 
 def topic_name_error(name: str) -> Fault | None:
-    """Of a name as written, with ``~`` and substitutions; None when it is allowed."""
-    found = find_name_fault(_text(name))
-    if found is None:
+    """Return the error of a relative name with ``~`` and substitutions, None if it is valid."""
+    fault = find_name_fault(_text(name))
+    if fault is None:
         return None
-    index, rule, _ = found
+    index, rule, _ = fault
     if rule is NameRule.SUBSTITUTION and name[index : index + 1].isdigit() and name[index - 1 : index] == "{":
         return "substitution name must not start with a number", index
     if rule in (NameRule.SUBSTITUTION, NameRule.TILDE_SLASH) and _ONLY_RCL_TAKES.match(name):
         return None
-    return _GIVEN[rule], index
+    return _RELATIVE[rule], index
 
 
 def full_topic_name_error(name: str) -> Fault | None:
-    """Of a fully qualified name; None when it is allowed."""
+    """Return the error of a fully qualified name, None if it is valid."""
     return ("topic name must not be empty", 0) if name == "" else _fault(find_full_name_fault(_text(name)), _FULL)
 
 
 def namespace_error(namespace: str) -> Fault | None:
-    """Of a namespace that begins with ``/``; None when it is allowed."""
+    """Return the error of a namespace that begins with ``/``, None if it is valid."""
     if namespace == "":
         return "namespace must not be empty", 0
     return _fault(find_namespace_fault(_text(namespace)), _NAMESPACE)
 
 
 def node_name_error(name: str) -> Fault | None:
-    """Of a name of a node, without namespace; None when it is allowed."""
+    """Return the error of a node name without namespace, None if it is valid."""
     return _fault(find_node_name_fault(_text(name)), _NODE)
 
 
 def _text(name: str) -> str:
     if not isinstance(name, str):
-        raise TypeError(f"a name must be a str, got {name!r:.100}")
+        raise TypeError(f"name must be a str, got {name!r:.100}")
     return name
 
 
-def _fault(found: NameFault | None, texts: dict[NameRule, str]) -> Fault | None:
-    return None if found is None else (texts[found.rule], found.position)
+def _fault(fault: NameFault | None, texts: dict[NameRule, str]) -> Fault | None:
+    return None if fault is None else (texts[fault.rule], fault.position)

@@ -1,4 +1,4 @@
-"""Declarations of parameters, and the reasons of descriptors against values, with rclpy's texts."""
+"""Checks of parameter declarations and of values against descriptors, with rclpy's texts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _NAME_ONLY = (
 
 
 def refusal(parameter: Parameter, descriptor: Any, *, is_declared: bool, check_read_only: bool) -> str:
-    """Why not; empty when it may. A descriptor of dynamic type takes over the type."""
+    """Return the reason why a value is refused, or an empty string. A dynamic descriptor takes the value's type."""
     if check_read_only and descriptor.read_only:
         return rules.read_only_reason(parameter.name)
     is_set = parameter.type_ is not Parameter.Type.NOT_SET
@@ -35,23 +35,23 @@ def refusal(parameter: Parameter, descriptor: Any, *, is_declared: bool, check_r
     return ""
 
 
-def read_declaration(namespace: str, index: int, given: tuple[Any, ...]) -> tuple[str, Any, Any]:
-    """Name, value and completed descriptor of a tuple that `Node.declare_parameters` was given, and which."""
-    if not 1 <= len(given) <= 3:
+def read_declaration(namespace: str, index: int, declaration: tuple[Any, ...]) -> tuple[str, Any, Any]:
+    """Return name, value and completed descriptor of a tuple for `Node.declare_parameters`."""
+    if not 1 <= len(declaration) <= 3:
         raise TypeError(
-            f"Invalid parameter tuple length at index {index} in parameters list: {given}; "
+            f"Invalid parameter tuple length at index {index} in parameters list: {declaration}; "
             "expecting length between 1 and 3"
         )
-    name, value, descriptor = (*given, None, None)[:3]
+    name, value, descriptor = (*declaration, None, None)[:3]
     if not isinstance(name, str):
         raise TypeError(f"First element {name} at index {index} in parameters list is not a str.")
     name = f"{namespace}.{name}" if namespace else name
     validate_parameter_name(name)
-    descriptor = ParameterDescriptor() if len(given) < 3 else descriptor
+    descriptor = ParameterDescriptor() if len(declaration) < 3 else descriptor
     if not isinstance(descriptor, ParameterDescriptor):
         text = f"Third element {descriptor} at index {index} in parameters list is not a ParameterDescriptor."
         raise TypeError(text)
-    if len(given) == 1:
+    if len(declaration) == 1:
         warnings.warn(_NAME_ONLY.format(name), stacklevel=5)
         descriptor.dynamic_typing = True
     if isinstance(value, Parameter.Type):
@@ -74,6 +74,6 @@ def read_declaration(namespace: str, index: int, given: tuple[Any, ...]) -> tupl
 
 
 def initial_value(value: Any) -> Any:
-    """Return an initial value as rclpy has it: arrays are lists, those of bytes (``!!binary``) of single ones."""
-    items = [bytes([one]) for one in value] if isinstance(value, bytes) else value
+    """Return an initial value with arrays as lists, and bytes (``!!binary``) as a list of single bytes."""
+    items = [bytes([byte]) for byte in value] if isinstance(value, bytes) else value
     return list(items) if isinstance(items, (tuple, list)) else items

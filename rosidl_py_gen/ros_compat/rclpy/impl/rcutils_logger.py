@@ -1,4 +1,4 @@
-"""Loggers of rclpy, over those of rosidl_py_gen, which decide levels and where records go."""
+"""Loggers of rclpy; rosidl_py_gen's loggers decide about levels and outputs."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from rosidl_py_gen import runtime
 runtime.print_logs()  # rclpy's loggers print before `rclpy.init`, too
 
 _internal_callers = [__file__, os.path.join(os.path.dirname(os.path.dirname(__file__)), "logging.py")]
-"""Parts of file names whose calls are not the call sites: what wraps loggers may add its own."""
+"""Substrings of files whose frames are not call sites; wrappers of loggers may add their own."""
 
 
 def set_level(name: str, level: int) -> None:
-    """Of a logger; the root, without a level, logs everything. ValueError for an unknown level."""
+    """Set the level of a logger; UNSET of the root enables every record. Raises ValueError for an unknown level."""
     rclpy_logging_set_logger_level(name, LoggingSeverity(level))
 
 
 def as_severity(level: int) -> LoggingSeverity:
-    """The one that a level counts as; programs may have set others by Python's `logging`."""
+    """Return the severity of a level, which programs may have set by Python's `logging`."""
     return max(severity for severity in LoggingSeverity if severity <= level)
 
 
 def _find_caller(frame: FrameType) -> tuple[FrameType, int]:
-    """The first frame from here up that is no internal caller's, and how many are below it."""
+    """Return the first frame from here up that is not internal, and the number of frames below it."""
     depth = 0
     while frame.f_back is not None and any(part in frame.f_code.co_filename for part in _internal_callers):
         frame = frame.f_back
@@ -47,7 +47,7 @@ class _Site(NamedTuple):
 
 
 class CallerId(_Site):
-    """Where a logger was called; two calls in one line differ by `last_index`."""
+    """Call site of a logger; two calls in one line differ in `last_index`."""
 
     def __new__(cls, frame: FrameType | None = None) -> CallerId:
         frame = _find_caller(sys._getframe())[0] if frame is None else frame
@@ -56,13 +56,16 @@ class CallerId(_Site):
 
 
 class LoggingFilter:
-    """Decides, for each place that logs, whether a record passes. `params` has its options, None for required ones."""
+    """Filter that decides for each call site whether a record passes.
+
+    `params` has its options, with None for required ones.
+    """
 
     params: ClassVar[dict[str, Any]] = {}
 
     @classmethod
     def initialize_context(cls, context: dict[str, Any], **kwargs: Any) -> None:
-        """Note the options of the first call. TypeError when a required one is missing."""
+        """Store the options of the first call; raise TypeError if a required one is missing."""
         for param, default in cls.params.items():
             context[param] = kwargs.get(param, default)
             if context[param] is None:
@@ -71,12 +74,12 @@ class LoggingFilter:
 
     @staticmethod
     def should_log(context: dict[str, Any]) -> bool:
-        """Whether this record passes; notes that it came."""
+        """Return True if this record passes."""
         return True
 
 
 class Once(LoggingFilter):
-    """Only the first record passes."""
+    """Filter that only the first record passes."""
 
     params: ClassVar[dict[str, Any]] = {"once": None}
 
@@ -93,7 +96,7 @@ class Once(LoggingFilter):
 
 
 class Throttle(LoggingFilter):
-    """A record passes when the last one that passed is at least `throttle_duration_sec` ago, by a clock."""
+    """Filter that a record passes `throttle_duration_sec` after the last passed one, by a clock."""
 
     params: ClassVar[dict[str, Any]] = {"throttle_duration_sec": None, "throttle_time_source_type": Clock()}
 
@@ -115,7 +118,7 @@ class Throttle(LoggingFilter):
 
 
 class SkipFirst(LoggingFilter):
-    """All records pass but the first."""
+    """Filter that all records except the first pass."""
 
     params: ClassVar[dict[str, Any]] = {"skip_first": None}
 
@@ -134,14 +137,16 @@ class SkipFirst(LoggingFilter):
 supported_filters: OrderedDict[str, type[LoggingFilter]] = OrderedDict(
     throttle=Throttle, skip_first=SkipFirst, once=Once
 )
-"""In the order in which they are asked."""
+"""Filters in the order of their evaluation."""
 
 
 def get_filters_from_kwargs(**kwargs: Any) -> list[str]:
-    """The filters that the options of a call ask for. TypeError for unknown options, and for missing ones."""
+    """Return the names of the filters for options; raise TypeError for unknown and for missing options."""
     known = [param for filter_ in supported_filters.values() for param in filter_.params]
-    wanted = [name for name, filter_ in supported_filters.items() if any(kwargs.get(param) for param in filter_.params)]
-    for name in wanted:
+    requested = [
+        name for name, filter_ in supported_filters.items() if any(kwargs.get(param) for param in filter_.params)
+    ]
+    for name in requested:
         for param, default in supported_filters[name].params.items():
             if param not in kwargs and default is None:
                 raise TypeError(
@@ -150,15 +155,15 @@ def get_filters_from_kwargs(**kwargs: Any) -> list[str]:
     for param in kwargs:
         if param not in known:
             raise TypeError(f'parameter "{param}" is not one of the recognized logging options "{known}"')
-    return wanted
+    return requested
 
 
 class RcutilsLogger:
-    """A logger; get one from `Node.get_logger` or `rclpy.logging.get_logger`.
+    """Logger, returned by `Node.get_logger` and `rclpy.logging.get_logger`.
 
     The methods that log take a text, and the options `once`, `skip_first`, `throttle_duration_sec`,
-    `throttle_time_source_type` (a Clock) and `name`. They return whether the record was logged. The options of one
-    place may not change from call to call: ValueError.
+    `throttle_time_source_type` (a Clock) and `name`. They return True if the record was logged. Options that differ
+    between calls at one call site raise ValueError.
     """
 
     def __init__(self, name: str = "") -> None:
@@ -166,25 +171,25 @@ class RcutilsLogger:
         self.contexts: dict[CallerId, dict[str, Any]] = {}
 
     def get_child(self, name: str) -> RcutilsLogger:
-        """The logger ``<name of this one>.<name>``; ValueError for an empty name."""
+        """Return the logger ``<this name>.<name>``; raise ValueError for an empty name."""
         if not name:
             raise ValueError("Child logger name must not be empty.")
         return RcutilsLogger(f"{self.name}.{name}" if self.name else name)
 
     def set_level(self, level: int) -> None:
-        """Log from this severity on; UNSET for that of the logger above. ValueError for other numbers."""
+        """Set the lowest severity to log, UNSET to inherit it; raise ValueError for other numbers."""
         set_level(self.name, level)
 
     def get_effective_level(self) -> LoggingSeverity:
-        """From which severity on records are logged."""
+        """Return the lowest severity that is logged."""
         return as_severity(runtime.get_logger(self.name).getEffectiveLevel())
 
     def is_enabled_for(self, severity: int) -> bool:
-        """Whether a record of this severity would be logged; ValueError for a number that is none."""
+        """Return True if a severity is logged; raise ValueError for an unknown number."""
         return runtime.get_logger(self.name).isEnabledFor(LoggingSeverity(severity))
 
     def log(self, message: str, severity: int, **kwargs: Any) -> bool:
-        """Log at any severity; options as in the class. TypeError for a message that is no text."""
+        """Log at a severity; raise TypeError unless the message is a str."""
         if not self.is_enabled_for(severity):
             return False
         severity = LoggingSeverity(severity)
@@ -194,9 +199,9 @@ class RcutilsLogger:
         if not self._passes(CallerId(frame), name, severity, filters, kwargs):
             return False
         if message is None:
-            message = "(null)"  # which is what C makes of it
+            message = "(null)"  # as in rclpy, which formats it in C
         if not isinstance(message, str):
-            raise TypeError(f"a log message must be a str, got {type(message).__name__} {message!r:.100}")
+            raise TypeError(f"log message must be a str, got {type(message).__name__} {message!r:.100}")
         if severity:
             runtime.get_logger(name).log(severity, message, stacklevel=depth + 1)
         return True
@@ -207,8 +212,8 @@ class RcutilsLogger:
         context = self.contexts.get(site)
         if context is None:
             context = {"name": name, "severity": severity, "filters": filters}
-            for one in filters:
-                supported_filters[one].initialize_context(context, **options)
+            for filter_ in filters:
+                supported_filters[filter_].initialize_context(context, **options)
             self.contexts[site] = context
         elif severity != context["severity"]:
             raise ValueError("Logger severity cannot be changed between calls.")
@@ -217,11 +222,11 @@ class RcutilsLogger:
         elif filters != context["filters"]:
             raise ValueError("Requested logging filters cannot be changed between calls.")
         else:
-            for one in filters:
-                params = supported_filters[one].params
+            for filter_ in filters:
+                params = supported_filters[filter_].params
                 if any(context[param] != options.get(param, default) for param, default in params.items()):
                     raise ValueError("Logging filter parameters cannot be changed between calls.")
-        return all(supported_filters[one].should_log(context) for one in filters)
+        return all(supported_filters[filter_].should_log(context) for filter_ in filters)
 
     def debug(self, message: str, **kwargs: Any) -> bool:
         """Log at DEBUG."""
@@ -236,7 +241,7 @@ class RcutilsLogger:
         return self.log(message, LoggingSeverity.WARN, **kwargs)
 
     def warn(self, message: str, **kwargs: Any) -> bool:
-        """`warning`, which is the name to use."""
+        """Log at WARN; `warning` is the preferred name."""
         return self.warning(message, **kwargs)
 
     def error(self, message: str, **kwargs: Any) -> bool:

@@ -1,4 +1,4 @@
-"""Lifecycle nodes, also called managed."""
+"""Lifecycle nodes."""
 
 from __future__ import annotations
 

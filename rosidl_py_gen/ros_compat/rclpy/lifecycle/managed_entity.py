@@ -1,4 +1,4 @@
-"""What goes through the transitions of a lifecycle node with it."""
+"""Entities that follow the transitions of a lifecycle node."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ TransitionCallbackReturn = TransitionCallbackReturnType
 
 
 class ManagedEntity:
-    """Agrees to every transition; programs override what they need. `state` is the state before, a `LifecycleState`."""
+    """Entity that accepts every transition; subclasses override methods. `state` is the previous `LifecycleState`."""
 
     def on_configure(self, state: Any) -> TransitionCallbackReturn:
-        """Get ready."""
+        """Prepare the entity."""
         return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, state: Any) -> TransitionCallbackReturn:
-        """Undo that."""
+        """Undo `on_configure`."""
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: Any) -> TransitionCallbackReturn:
-        """End."""
+        """Release the resources."""
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
-        """Begin to work."""
+        """Start working."""
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
@@ -35,12 +35,12 @@ class ManagedEntity:
         return TransitionCallbackReturn.SUCCESS
 
     def on_error(self, state: Any) -> TransitionCallbackReturn:
-        """Another callback raised, or answered ERROR."""
+        """Handle a callback that raised or returned ERROR."""
         return TransitionCallbackReturn.SUCCESS
 
 
 class SimpleManagedEntity(ManagedEntity):
-    """One that knows whether it is active."""
+    """Managed entity with the state active or inactive."""
 
     def __init__(self) -> None:
         self._enabled = False
@@ -55,14 +55,14 @@ class SimpleManagedEntity(ManagedEntity):
 
     @property
     def is_activated(self) -> bool:
-        """Whether it is active."""
+        """True if the entity is active."""
         return self._enabled
 
     @staticmethod
     def when_enabled(
         wrapped: Callable[..., Any] | None = None, *, when_not_enabled: Callable[[], Any] | None = None
     ) -> Callable[..., Any]:
-        """Decorates a method that does something only while it is active; else `when_not_enabled()` is called."""
+        """Decorate a method that runs only while the entity is active; else `when_not_enabled()` is called."""
 
         def decorated(method: Callable[..., Any]) -> Callable[..., None]:
             @wraps(method)

@@ -32,32 +32,32 @@ _CALLBACKS = {
     "deactivating": "on_deactivate",
     "errorprocessing": "on_error",
 }
-"""State that is passed through -> method that runs in it."""
+"""Transition state -> method that runs in it."""
 
 
 class LifecycleState(NamedTuple):
-    """A state, as callbacks are given the one before."""
+    """State of a lifecycle node; callbacks receive the previous one."""
 
     label: str
     state_id: int
 
 
 class LifecycleNodeMixin(ManagedEntity):
-    """What makes a lifecycle node of a `Node` that a class derives from, too.
+    """Base class that makes a `Node` a lifecycle node.
 
     Args:
-        enable_communication_interface: serve the five services by which others see and change the state.
-        callback_group: of these; None means that of the node.
+        enable_communication_interface: serve the five services that read and change the state.
+        callback_group: group of these services. [default: the node's]
     """
 
     def __init__(
         self, *, enable_communication_interface: bool = True, callback_group: CallbackGroup | None = None
     ) -> None:
         node = self._rosidl_as_node()
-        # Programs know some attributes of rclpy, and use their names for their own things, too: ours are beside them.
+        # Programs read some private attributes of rclpy, and others replace them: ours have names of their own.
         self._rosidl_callbacks = {state: getattr(self, method) for state, method in _CALLBACKS.items()}
         self._rosidl_entities: set[ManagedEntity] = set()
-        self._rosidl_machine = LifecycleStateMachine(self._rosidl_tell)
+        self._rosidl_machine = LifecycleStateMachine(self._rosidl_publish_transition)
         self._callbacks, self._managed_entities = self._rosidl_callbacks, self._rosidl_entities
         self._state_machine = self._rosidl_machine
         self._rosidl_transition_events = node.create_publisher(
@@ -72,14 +72,14 @@ class LifecycleNodeMixin(ManagedEntity):
             (srv.GetAvailableTransitions, "get_transition_graph", self._rosidl_on_get_transition_graph),
         ):
             if enable_communication_interface:
-                made = node.create_service(srv_type, f"~/{name}", callback, callback_group=callback_group)
-                setattr(self, f"_service_{name}", made)
+                service = node.create_service(srv_type, f"~/{name}", callback, callback_group=callback_group)
+                setattr(self, f"_service_{name}", service)
 
     def _rosidl_as_node(self) -> Node:
         assert isinstance(self, Node)
         return self
 
-    def _rosidl_tell(self, transition: runtime.Transition) -> None:
+    def _rosidl_publish_transition(self, transition: runtime.Transition) -> None:
         message = lifecycle_msgs.msg.TransitionEvent()
         message.start_state.id, message.start_state.label = int(transition.start), transition.start.label
         message.goal_state.id, message.goal_state.label = int(transition.goal), transition.goal.label
@@ -88,31 +88,26 @@ class LifecycleNodeMixin(ManagedEntity):
     # ------------------------------------------------------------------------------------------------- transitions
 
     def trigger_configure(self) -> TransitionCallbackReturn:
-        """From unconfigured to inactive, as `on_configure` decides; RCLError in other states, as all of these."""
+        """Change from unconfigured to inactive, as `on_configure` decides; raise RCLError in other states."""
         return self._rosidl_change_state(_ids.TRANSITION_CONFIGURE)
 
     def trigger_cleanup(self) -> TransitionCallbackReturn:
-        """From inactive to unconfigured."""
+        """Change from inactive to unconfigured."""
         return self._rosidl_change_state(_ids.TRANSITION_CLEANUP)
 
     def trigger_shutdown(self) -> TransitionCallbackReturn:
-        """To finalized, from unconfigured, inactive or active."""
-        known = {
-            "unconfigured": _ids.TRANSITION_UNCONFIGURED_SHUTDOWN,
-            "inactive": _ids.TRANSITION_INACTIVE_SHUTDOWN,
-            "active": _ids.TRANSITION_ACTIVE_SHUTDOWN,
-        }
-        transition_id = known.get(self._rosidl_machine.current_state[1])
-        if transition_id is None:
+        """Change from unconfigured, inactive or active to finalized."""
+        name = f"TRANSITION_{self._rosidl_machine.current_state[1].upper()}_SHUTDOWN"
+        if not hasattr(_ids, name):
             raise RCLError("Shutdown transtion not possible")
-        return self._rosidl_change_state(transition_id)
+        return self._rosidl_change_state(getattr(_ids, name))
 
     def trigger_activate(self) -> TransitionCallbackReturn:
-        """From inactive to active."""
+        """Change from inactive to active."""
         return self._rosidl_change_state(_ids.TRANSITION_ACTIVATE)
 
     def trigger_deactivate(self) -> TransitionCallbackReturn:
-        """From active to inactive."""
+        """Change from active to inactive."""
         return self._rosidl_change_state(_ids.TRANSITION_DEACTIVATE)
 
     def _rosidl_change_state(self, transition_id: int) -> TransitionCallbackReturn:
@@ -120,85 +115,84 @@ class LifecycleNodeMixin(ManagedEntity):
         state_id, label = machine.current_state
         before = LifecycleState(label, state_id)
         machine.trigger_transition_by_id(transition_id)
-        found = self._rosidl_run_callback(before)
-        machine.trigger_transition_by_label(found.to_label())
-        if found == TransitionCallbackReturn.ERROR:
+        result = self._rosidl_run_callback(before)
+        machine.trigger_transition_by_label(result.to_label())
+        if result == TransitionCallbackReturn.ERROR:
             machine.trigger_transition_by_label(self._rosidl_run_callback(before).to_label())
-        return found
+        return result
 
     def _rosidl_run_callback(self, before: LifecycleState) -> TransitionCallbackReturn:
         name = self._rosidl_machine.current_state[1]
         try:
-            found: TransitionCallbackReturn = self._rosidl_callbacks[name](before)
-        except Exception as error:  # rclpy says nothing of it
+            result: TransitionCallbackReturn = self._rosidl_callbacks[name](before)
+        except Exception as error:  # rclpy does not log it
             self._rosidl_as_node().get_logger().error(f"{_CALLBACKS[name]} raised {type(error).__name__}: {error}")
             return TransitionCallbackReturn.ERROR
-        return found
+        return result
 
     # --------------------------------------------------------------------------------------------------- callbacks
 
-    def _rosidl_ask_entities(self, callback: str, state: LifecycleState) -> TransitionCallbackReturn:
+    def _rosidl_call_entities(self, callback: str, state: LifecycleState) -> TransitionCallbackReturn:
         for entity in self._rosidl_entities:
-            found = getattr(entity, callback)(state)
-            if not isinstance(found, TransitionCallbackReturn):
+            result = getattr(entity, callback)(state)
+            if not isinstance(result, TransitionCallbackReturn):
                 raise TypeError(
                     f"{callback}() return value of class {type(entity)} should be `TransitionCallbackReturn`.\n"
                     f"Instance of the class that caused the failure: {entity}"
                 )
-            if found != TransitionCallbackReturn.SUCCESS:
-                return found
+            if result != TransitionCallbackReturn.SUCCESS:
+                return result
         return TransitionCallbackReturn.SUCCESS
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Ask the managed entities, up to the first that does not succeed; overridden ones call it, as the others."""
-        return self._rosidl_ask_entities("on_configure", state)
+        """Call the managed entities up to the first that does not succeed; overrides of on_... should call it."""
+        return self._rosidl_call_entities("on_configure", state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._rosidl_ask_entities("on_cleanup", state)
+        return self._rosidl_call_entities("on_cleanup", state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._rosidl_ask_entities("on_shutdown", state)
+        return self._rosidl_call_entities("on_shutdown", state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._rosidl_ask_entities("on_activate", state)
+        return self._rosidl_call_entities("on_activate", state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._rosidl_ask_entities("on_deactivate", state)
+        return self._rosidl_call_entities("on_deactivate", state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._rosidl_ask_entities("on_error", state)
+        return self._rosidl_call_entities("on_error", state)
 
     # ---------------------------------------------------------------------------------------------------- entities
 
     def add_managed_entity(self, entity: ManagedEntity) -> None:
-        """Have it go through the transitions; TypeError for what is none."""
+        """Make an entity follow the transitions; raise TypeError unless it is a ManagedEntity."""
         if not isinstance(entity, ManagedEntity):
             raise TypeError("Expected a rclpy.lifecycle.ManagedEntity instance.")
         self._rosidl_entities.add(entity)
 
     def create_lifecycle_publisher(self, *args: Any, **kwargs: Any) -> LifecyclePublisher:
-        """As `Node.create_publisher`; it publishes while the node is active."""
+        """Create a publisher that publishes while the node is active; see `Node.create_publisher`."""
         if "publisher_class" in kwargs:
             raise TypeError("create_publisher() got an unexpected keyword argument 'publisher_class'")
-        made = self._rosidl_as_node().create_publisher(*args, **kwargs, publisher_class=LifecyclePublisher)
-        assert isinstance(made, LifecyclePublisher)
-        self._rosidl_entities.add(made)
-        return made
+        publisher = self._rosidl_as_node().create_publisher(*args, **kwargs, publisher_class=LifecyclePublisher)
+        assert isinstance(publisher, LifecyclePublisher)
+        self._rosidl_entities.add(publisher)
+        return publisher
 
     def destroy_lifecycle_publisher(self, publisher: LifecyclePublisher) -> bool:
-        """As `Node.destroy_publisher`."""
+        """Destroy such a publisher; see `Node.destroy_publisher`."""
         self._rosidl_entities.discard(publisher)
         return self._rosidl_as_node().destroy_publisher(publisher)
 
     # ---------------------------------------------------------------------------------------------------- services
 
     def _rosidl_on_change_state(self, request: Any, response: Any) -> Any:
-        """A transition that is not possible is refused; in rclpy one given by its id ends the spinning."""
         try:
             label = request.transition.label
-            wanted = self._rosidl_machine.get_transition_by_label(label) if label else request.transition.id
-            response.success = self._rosidl_change_state(wanted) == TransitionCallbackReturn.SUCCESS
-        except RCLError:
+            transition_id = self._rosidl_machine.get_transition_by_label(label) if label else request.transition.id
+            response.success = self._rosidl_change_state(transition_id) == TransitionCallbackReturn.SUCCESS
+        except RCLError:  # the transition is not possible; in rclpy an unknown id ends the spinning
             response.success = False
         return response
 
@@ -221,18 +215,18 @@ class LifecycleNodeMixin(ManagedEntity):
 
 
 def _messages(transitions: Iterable[Described]) -> list[Any]:
-    found = []
-    for one in transitions:
+    messages = []
+    for transition in transitions:
         message = lifecycle_msgs.msg.TransitionDescription()
-        message.transition.id, message.transition.label = one[:2]
-        message.start_state.id, message.start_state.label = one[2:4]
-        message.goal_state.id, message.goal_state.label = one[4:]
-        found.append(message)
-    return found
+        message.transition.id, message.transition.label = transition[:2]
+        message.start_state.id, message.start_state.label = transition[2:4]
+        message.goal_state.id, message.goal_state.label = transition[4:]
+        messages.append(message)
+    return messages
 
 
 class LifecycleNode(LifecycleNodeMixin, Node):
-    """A node that is configured and activated before it works; see `LifecycleNodeMixin` and `rclpy.node.Node`."""
+    """Node that is configured and activated before it works; see `LifecycleNodeMixin` and `rclpy.node.Node`."""
 
     def __init__(self, node_name: str, *, enable_communication_interface: bool = True, **kwargs: Any) -> None:
         Node.__init__(self, node_name, **kwargs)

@@ -10,7 +10,7 @@ from rclpy.publisher import Publisher
 
 
 class LifecyclePublisher(SimpleManagedEntity, Publisher):
-    """Publishes while its node is active; what it is given else is lost. Made by `create_lifecycle_publisher`."""
+    """Publisher that publishes while its node is active and drops messages otherwise."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         SimpleManagedEntity.__init__(self)
@@ -18,5 +18,4 @@ class LifecyclePublisher(SimpleManagedEntity, Publisher):
 
     @SimpleManagedEntity.when_enabled
     def publish(self, msg: Any) -> None:
-        """As `rclpy.publisher.Publisher.publish`."""
         Publisher.publish(self, msg)

@@ -1,0 +1,73 @@
+"""Base classes of the entities that own a handle: publishers, subscriptions, clients and services."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from rosidl_py_gen import runtime
+
+if TYPE_CHECKING:
+    from rclpy.clock import Clock
+    from rclpy.event_handler import EventHandler
+    from rclpy.handles import Handle
+    from rclpy.qos import QoSProfile
+    from rclpy.service_introspection import ServiceIntrospectionState
+
+E = TypeVar("E", bound=Any)
+
+
+class Entity(Generic[E]):
+    """Entity of a node."""
+
+    def __init__(self, handle: Handle[E]) -> None:
+        self._rosidl_handle = handle
+
+    @property
+    def handle(self) -> Handle[E]:
+        return self._rosidl_handle
+
+    @property
+    def logger_name(self) -> str:
+        """Name of the node's logger."""
+        with self.handle as handle:
+            return handle.logger_name
+
+    def destroy(self) -> None:
+        """Destroy the entity; use the methods of `Node` for it."""
+        self.handle.destroy_when_not_in_use()
+
+
+class TopicEntity(Entity[E]):
+    """Publisher or subscription."""
+
+    event_handlers: list[EventHandler]
+
+    @property
+    def topic_name(self) -> str:
+        """Name after expansion and remapping."""
+        with self.handle.in_use() as endpoint:
+            return str(endpoint.topic)
+
+    def destroy(self) -> None:
+        for handler in self.event_handlers:
+            handler.destroy()
+        super().destroy()
+
+
+class ServiceEntity(Entity[E]):
+    """Client or server of a service."""
+
+    @property
+    def service_name(self) -> str:
+        """Name after expansion and remapping."""
+        with self.handle.in_use() as endpoint:
+            return str(endpoint.name)
+
+    def configure_introspection(
+        self, clock: Clock, service_event_qos_profile: QoSProfile, introspection_state: ServiceIntrospectionState
+    ) -> None:
+        """Publish requests and responses on ``<service>/_service_event``, as `introspection_state` says."""
+        with self.handle.in_use() as endpoint:
+            profile = service_event_qos_profile.get_c_qos_profile()
+            state = runtime.IntrospectionState(int(introspection_state))
+            endpoint.configure_introspection(clock.handle.clock, profile, state)
