@@ -1,4 +1,4 @@
-"""What readers and writers of bags share."""
+"""Topics, messages, errors and warnings that readers and writers of bags share."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _MAX_TEXT = 4000
 
 
 class BagError(RosidlError, ValueError):
-    """A bag is damaged, of an unknown kind, or cannot be written; names the file and what was found.
+    """Raised when a bag is damaged, of an unknown kind, or cannot be written.
 
-    Names in bags and tables are not trusted: the text is printable, and cut where it is very long.
+    Names in bags and tables are not trusted: the text is printable, and truncated if it is very long.
     """
 
     def __init__(self, text: str = "") -> None:
@@ -26,16 +26,16 @@ class BagError(RosidlError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class BagTopic:
-    """A topic of a bag.
+    """Topic of a bag.
 
     Attributes:
         type_name: ``pkg/msg/Name``.
-        definition: the text with all types it uses; empty when the bag does not have it.
+        definition: text with all types it uses; empty if the bag does not contain it.
         encoding: of the definition: ``ros2msg`` or ``ros2idl``.
         message_encoding: ``cdr`` for everything of ROS 2.
-        type_hash: RIHS01 text, empty when the bag does not have it.
-        offered_qos: YAML as rosbag2 writes it, empty when the bag does not have it.
-        count: messages, None when the bag does not tell, as MCAP files without statistics.
+        type_hash: RIHS01 text; empty if the bag does not contain it.
+        offered_qos: YAML in the format of rosbag2; empty if the bag does not contain it.
+        count: number of messages; None if not known, as for MCAP files without statistics.
     """
 
     name: str
@@ -49,13 +49,13 @@ class BagTopic:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """What tells it from others: the topic, and what decides how its messages are read."""
+        """Identity of a channel: the topic, and the values that decide how its messages are decoded."""
         by_hash = "" if self.definition else self.type_hash
         return self.name, self.type_name, self.message_encoding, self.encoding, self.definition, by_hash
 
 
 def checked_time(nanoseconds: int, topic: str, what: str) -> int:
-    """A time as bags can have it; raises `BagError` for others."""
+    """Return a time that bags can store; raises `BagError` for others."""
     if not 0 <= nanoseconds < 1 << 63:
         raise BagError(f"{topic}: {what} time {nanoseconds} is not from 0 to 2**63-1 ns")
     return nanoseconds
@@ -68,7 +68,7 @@ def require_printable(topic: str) -> None:
 
 
 def replace_durably(partial: Path, target: Path) -> None:
-    """Rename a finished file such that after a power cut the new or the old file exists, never a part of the new one.
+    """Rename a finished file so that a power cut leaves the old or the new file, never an incomplete one.
 
     Raises:
         OSError: the disk is full.
@@ -85,12 +85,12 @@ def replace_durably(partial: Path, target: Path) -> None:
 
 
 class BagMessage(NamedTuple):
-    """A message of a bag; times are nanoseconds since 1970.
+    """Message of a bag; times are nanoseconds since 1970.
 
     Attributes:
-        message: of the class of its type; bytes when read with `raw`.
-        log_time: when it was recorded.
-        publish_time: when it was published, as far as the recorder knew.
+        message: an instance of the topic's class; bytes if read with `raw`.
+        log_time: when the message was recorded.
+        publish_time: when the message was published, as far as the recorder knew.
     """
 
     topic: str
@@ -100,7 +100,7 @@ class BagMessage(NamedTuple):
 
 
 class RawMessage(NamedTuple):
-    """The bytes of a message, with what they were written as; times are those of `BagMessage`.
+    """Serialized message, with the channel that it was written to; times as in `BagMessage`.
 
     Attributes:
         channel: the topic with the definition of this message.
@@ -114,12 +114,12 @@ class RawMessage(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class DamagedPart:
-    """A damaged part of an MCAP file, which a reader with ``skip_damaged=True`` skips.
+    """Damaged part of an MCAP file, which a reader with ``skip_damaged=True`` skips.
 
     Attributes:
-        offset: where it begins in the file, in bytes; of a compressed file, in what it becomes.
+        offset: start in the file, in bytes; for a compressed file, in the decompressed content.
         size: length in bytes.
-        reason: what was found.
+        reason: description of the damage.
         topics: names of the topics that have messages there; None if not known.
         start_ns, end_ns: log times of the first and the last of its messages; None if not known.
     """
@@ -134,7 +134,7 @@ class DamagedPart:
 
     @property
     def place(self) -> str:
-        """Offset, log times and topics as text."""
+        """Text with offset, log times and topics."""
         times = "unknown times" if self.start_ns is None else f"log times from {self.start_ns} to {self.end_ns} ns"
         topics = "unknown topics" if self.topics is None else f"topics {', '.join(self.topics) or '(none)'}"
         return f"{self.size} bytes at byte {self.offset}, {times}, {topics}"
@@ -142,10 +142,10 @@ class DamagedPart:
 
 @dataclass(frozen=True, slots=True)
 class SkippedMessages:
-    """Messages of a topic that a reader cannot decode and has left out.
+    """Messages of a topic that a reader cannot decode and has skipped.
 
     Attributes:
-        count: how many so far, by all calls of `BagReader.messages`.
+        count: number so far, by all calls of `BagReader.messages`.
         reason: why they cannot be decoded.
     """
 
@@ -154,4 +154,4 @@ class SkippedMessages:
 
 
 class BagWarning(UserWarning):
-    """Something of a bag is left out, or read with a definition that it does not have itself."""
+    """Issued when messages are skipped, or decoded with a definition that the bag does not contain."""

@@ -1,13 +1,13 @@
-"""The files that a bag is written into, one after the other, and what its folder says of them.
+"""Base of the bag writers: the files of a bag one after the other, and ``metadata.yaml`` of a folder.
 
-Decides when a file is full, and what rosbag2 calls compression: zstd of whole files, or of each message; chunks inside
-MCAP files are compressed by themselves (`writer.py`).
+rosbag2 compresses whole files or single messages, with zstd. Chunks inside MCAP files are compressed independently of
+that (`writer.py`).
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 from zstandard import ZstdCompressor
 
@@ -19,19 +19,20 @@ from rosidl_py_gen.base.stamps import NS_PER_S
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+    from typing_extensions import Self
+
     from rosidl_py_gen.bags.common import BagTopic
 
 CompressionMode = Literal["none", "file", "message"]
-_PACKINGS = "none", "file", "message"
-_LEVEL = 1
-"""Of zstd, as rosbag2 has it."""
-_PIECE = 1 << 20
+_ZSTD_LEVEL = 1
+"""Compression level of rosbag2."""
+_BLOCK_BYTES = 1 << 20
 
 
 def compress_file(source: Path, zstd: ZstdCompressor | None = None) -> Path:
-    """Replace a file by its compressed form, as rosbag2 does in mode ``file``; returns the new path.
+    """Replace a file by its compressed form, as rosbag2 does in mode ``file``, and return the new path.
 
-    At any moment one of both files is complete, also after a power cut: readers take that one.
+    At any moment one of the two files is complete, also after a power cut; readers open that one.
 
     Raises:
         OSError: the disk is full; the file stays as it was.
@@ -41,7 +42,7 @@ def compress_file(source: Path, zstd: ZstdCompressor | None = None) -> Path:
     try:
         with source.open("rb") as plain, partial.open("wb") as compressed:
             size = source.stat().st_size
-            (zstd or ZstdCompressor(_LEVEL)).copy_stream(plain, compressed, size=size, read_size=_PIECE)
+            (zstd or ZstdCompressor(_ZSTD_LEVEL)).copy_stream(plain, compressed, size=size, read_size=_BLOCK_BYTES)
         replace_durably(partial, target)
     except BaseException:
         partial.unlink(missing_ok=True)
@@ -50,101 +51,134 @@ def compress_file(source: Path, zstd: ZstdCompressor | None = None) -> Path:
     return target
 
 
-class FileSplitter:
-    """Numbers the files of a folder and counts what is in them; or knows the only file of a bag that has no folder.
+class SplittingWriter:
+    """Base of `BagWriter` and `SqliteWriter`: starts files, counts their messages and writes the metadata.
+
+    Subclasses implement `_open` and `_close_file`, and call `_add_message` and `_needs_new_file`.
 
     Raises:
-        BagError: one file shall be split or packed, a limit is no number above 0, or a text of `custom_data` is none.
+        BagError: a bag of one file must not be split, have a `compression_mode` or `custom_data`; a limit is not a
+            number above 0; or `custom_data` contains other values than texts.
     """
+
+    _storage: str
+    _suffix: str
 
     def __init__(
         self,
         path: Path,
-        storage: str,
-        suffix: str,
-        *,
-        is_folder: bool = True,
-        split_bytes: int | None = None,
-        split_s: float | None = None,
-        packing: CompressionMode = "none",
-        threads: int = 0,
-        custom_data: Mapping[str, str] | None = None,
+        is_folder: bool,
+        split_bytes: int | None,
+        split_s: float | None,
+        compression_mode: CompressionMode,
+        compression_threads: int,
+        custom_data: Mapping[str, str] | None,
     ) -> None:
-        if packing not in _PACKINGS:
-            raise BagError(f'packing "{packing}" is not known; there are {", ".join(_PACKINGS)}')
-        self._path, self._is_folder = path, is_folder
+        if compression_mode not in get_args(CompressionMode):
+            modes = ", ".join(get_args(CompressionMode))
+            raise BagError(f'compression_mode: got "{compression_mode}"; expected one of {modes}')
+        self.path, self._is_folder = path, is_folder
         if split_bytes or split_s:
-            self.require_folder()
-        if not is_folder and (packing != "none" or custom_data):
-            raise BagError(f"{path} is one file; packing and custom data are told in the metadata of a folder")
+            self._require_folder()
+        if not is_folder and (compression_mode != "none" or custom_data):
+            raise BagError(f"{path} is one file; only a folder can have compression_mode or custom_data")
         for key, value in (custom_data or {}).items():
             if not (isinstance(key, str) and isinstance(value, str)):
-                raise BagError(f"custom data are texts, found {key!r:.80}: {value!r:.80}")
-        self._storage, self._suffix = storage, suffix
+                raise BagError(f"custom_data: got {key!r:.80}: {value!r:.80}; expected texts")
         self._split_bytes = split_bytes
         self._split_ns = None if split_s is None else round(split_s * NS_PER_S)
-        self._packing: CompressionMode = packing
+        self._compression_mode: CompressionMode = compression_mode
         self._custom_data = dict(custom_data or {})
-        self._zstd = None if packing == "none" else ZstdCompressor(_LEVEL, threads=threads)
-        self._files: list[FileStatistics] = []
-        self._bytes = 0
+        self._zstd = None if compression_mode == "none" else ZstdCompressor(_ZSTD_LEVEL, threads=compression_threads)
+        self._topics: dict[str, BagTopic] = {}
+        self._statistics: list[FileStatistics] = []
+        self._file_bytes = 0
+        self._closed = False
 
-    def begin(self) -> Path:
-        """The next file, which is the current one from now on."""
-        name = f"{self._path.name}_{len(self._files)}{self._suffix}" if self._is_folder else self._path.name
-        self._files.append(FileStatistics(name))
-        self._bytes = 0
-        return self._path / name if self._is_folder else self._path
+    def _open(self) -> None:
+        raise NotImplementedError
 
-    def needs_new_file(self, log_time_ns: int) -> bool:
-        """Whether a message of that time belongs into another file."""
-        first = self._files[-1].first
-        is_long = self._split_ns is not None and first is not None and log_time_ns - first >= self._split_ns
-        return is_long or (self._split_bytes is not None and self._bytes >= self._split_bytes)
-
-    def add(self, topic: str, log_time_ns: int, size: int) -> None:
-        """Count a message of the current file."""
-        self._files[-1].add(topic, log_time_ns)
-        self._bytes += size
-
-    def require_folder(self) -> None:
-        """Raises `BagError` for a bag of one file."""
-        if not self._is_folder:
-            raise BagError(f"{self._path} is one file; a folder can be split")
+    def _close_file(self, metadata: str) -> None:
+        raise NotImplementedError
 
     @property
-    def is_empty(self) -> bool:
-        """Whether nothing is in the current file."""
-        return self._files[-1].first is None
+    def _is_open(self) -> bool:
+        return not self._closed
 
-    def compress_message(self, data: bytes) -> bytes:
-        """The message as it is kept."""
-        return self._zstd.compress(data) if self._zstd is not None and self._packing == "message" else data
+    def _require_open(self) -> None:
+        if not self._is_open:
+            raise BagError(f"{self.path} is closed")
 
-    def file_metadata(self, topics: Iterable[BagTopic]) -> str:
-        """What a file says of itself."""
-        return self._text(self._files[-1:], topics)
+    def _require_folder(self) -> None:
+        if not self._is_folder:
+            raise BagError(f"{self.path} is one file; only a folder can be split")
 
-    def end(self) -> None:
-        """The current file is closed: pack it.
+    def _next_path(self) -> Path:
+        """Return the path of the next file, which becomes the current one."""
+        name = f"{self.path.name}_{len(self._statistics)}{self._suffix}" if self._is_folder else self.path.name
+        self._statistics.append(FileStatistics(name))
+        self._file_bytes = 0
+        return self.path / name if self._is_folder else self.path
+
+    def _needs_new_file(self, log_time_ns: int) -> bool:
+        first = self._statistics[-1].first
+        is_long = self._split_ns is not None and first is not None and log_time_ns - first >= self._split_ns
+        return is_long or (self._split_bytes is not None and self._file_bytes >= self._split_bytes)
+
+    def _add_message(self, topic: str, log_time_ns: int, size: int) -> None:
+        self._statistics[-1].add(topic, log_time_ns)
+        self._file_bytes += size
+
+    def _compress_message(self, data: bytes) -> bytes:
+        return self._zstd.compress(data) if self._zstd is not None and self._compression_mode == "message" else data
+
+    def split(self) -> None:
+        """Continue in a new file, unless the current one is empty; for folders.
 
         Raises:
-            OSError: the disk is full; the file stays as it was.
-        """
-        if self._zstd is None or self._packing != "file":
-            return
-        current = self._files[-1]
-        current.path = compress_file(self._path / current.path, self._zstd).name
-
-    def write_metadata(self, topics: Iterable[BagTopic]) -> None:
-        """Write ``metadata.yaml`` of a folder; nothing for a bag of one file.
-
-        Raises:
+            BagError: the bag is closed, is a single file, or cannot be written.
             OSError: the disk is full.
         """
-        if self._is_folder:
-            write_metadata(self._path, self._text(self._files, topics))
+        self._require_open()
+        self._require_folder()
+        if self._statistics[-1].first is not None:
+            self._next_file()
 
-    def _text(self, files: Iterable[FileStatistics], topics: Iterable[BagTopic]) -> str:
-        mode = "" if self._packing == "none" else self._packing
+    def _next_file(self) -> None:
+        self._finish_file()
+        self._open()
+
+    def _finish_file(self) -> None:
+        self._close_file(self._metadata(self._statistics[-1:]))
+        if self._zstd is not None and self._compression_mode == "file":
+            current = self._statistics[-1]
+            current.path = compress_file(self.path / current.path, self._zstd).name
+
+    def _metadata(self, files: Iterable[FileStatistics]) -> str:
+        mode = "" if self._compression_mode == "none" else self._compression_mode
+        topics = self._topics.values()
         return metadata_text(self._storage, files, topics, compression_mode=mode, custom_data=self._custom_data)
+
+    def close(self) -> None:
+        """Finish the current file, and write ``metadata.yaml`` of a folder; may be called repeatedly.
+
+        Raises:
+            BagError: the bag cannot be written.
+            OSError: the disk is full. Messages written before can be read.
+        """
+        if self._closed:
+            return
+        has_file = self._is_open
+        self._closed = True
+        try:
+            if has_file:
+                self._finish_file()
+        finally:
+            if self._is_folder:
+                write_metadata(self.path, self._metadata(self._statistics))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -1,6 +1,6 @@
-"""``metadata.yaml`` of rosbag2 folders, and QoS as bags carry it.
+"""``metadata.yaml`` of rosbag2 folders, and the QoS profiles in it.
 
-Written is version 8, which Humble to Kilted read; read are versions 1 to 9.
+Written is version 8, which ROS 2 Humble to Kilted read. Versions 1 to 9 are read.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ if TYPE_CHECKING:
 
 FILE = "metadata.yaml"
 _MAX_QOS_BYTES = 1 << 20
-"""Size limit of a topic's QoS text, in bytes: one publisher takes about 400."""
+"""Size limit of a topic's QoS text: one publisher takes about 400 bytes."""
 PERIODS = {"deadline_ns": "deadline", "lifespan_ns": "lifespan", "liveliness_lease_ns": "liveliness_lease_duration"}
-"""Field of a profile -> how rosbag2 calls it."""
+"""Field of a QoS profile -> its name in rosbag2."""
 
 
 @dataclass(frozen=True, slots=True)
 class BagMetadata:
-    """What a metadata file says.
+    """Contents of a metadata file.
 
     Attributes:
         storage: ``mcap`` or ``sqlite3``.
-        files: names below the folder, in their order.
-        compression: of whole files or of messages (``zstd``), empty for none; not that inside MCAP files.
+        files: names in the folder, in the order of recording.
+        compression: of whole files or of messages (``zstd``), empty for none; not of chunks inside MCAP files.
     """
 
     storage: str
@@ -45,47 +45,51 @@ class BagMetadata:
 
 
 def read_metadata(folder: Path) -> BagMetadata:
-    """Raises `BagError`: no such file, no YAML, or something is missing in it."""
+    """Read ``metadata.yaml`` of a folder.
+
+    Raises:
+        BagError: the file is missing, is not YAML, or a value is missing in it.
+    """
     path = folder / FILE
     try:
         with path.open("rb") as stream:
             text = stream.read(MAX_BYTES + 1)
     except OSError as error:
-        raise BagError(f"{path}: {error.strerror}; a bag folder has this file") from None
+        raise BagError(f"{path}: {error.strerror}; every bag folder has this file") from None
     try:
-        told = load_yaml(text)
+        value = load_yaml(text)
     except YamlError as error:
         raise BagError(f"{path}: not YAML: {error}") from None
     try:
-        return _parsed(told["rosbag2_bagfile_information"])
+        return _parse_metadata(value["rosbag2_bagfile_information"])
     except Exception as error:  # KeyError, TypeError, OverflowError of infinity, RecursionError while dumping QoS
-        reason = f"not as rosbag2 writes it: {type(error).__name__} {str(error)[:200]}"
-        raise BagError(f"{path}: {reason}; `rosidl-py bag reindex` writes it again") from None
+        reason = f"not in the format of rosbag2: {type(error).__name__} {str(error)[:200]}"
+        raise BagError(f"{path}: {reason}; recreate it with `rosidl-py bag reindex`") from None
 
 
-def _plain(told: Any) -> str | int | float:
-    """Raises TypeError for all else: as text, a list of aliases of lists of aliases takes all memory."""
-    if not isinstance(told, (str, int, float)):
-        raise TypeError(f"{type(told).__name__}, expected a text or a number")
-    return told
+def _scalar(value: Any) -> str | int | float:
+    """Return a scalar; raises TypeError for others: nested aliases would expand to a text without bound."""
+    if not isinstance(value, (str, int, float)):
+        raise TypeError(f"{type(value).__name__}, expected a text or a number")
+    return value
 
 
-def _text(told: Any) -> str:
-    return str(_plain(told))
+def _text(value: Any) -> str:
+    return str(_scalar(value))
 
 
-def _file(told: Any) -> str:
-    """The name, which never leads out of the folder."""
-    if "\0" in (name := Path(_text(told)).name):
+def _file_name(value: Any) -> str:
+    """Return the name of a file without its folders, so that it cannot lead out of the bag."""
+    if "\0" in (name := Path(_text(value)).name):
         raise ValueError("a file name with a zero byte")
     return name
 
 
-def _parsed(told: Any) -> BagMetadata:
-    files = tuple(map(_file, told["relative_file_paths"]))
+def _parse_metadata(value: Any) -> BagMetadata:
+    files = tuple(map(_file_name, value["relative_file_paths"]))
     topics = []
-    for one in told.get("topics_with_message_count") or ():
-        topic, count = one["topic_metadata"], one["message_count"]
+    for entry in value.get("topics_with_message_count") or ():
+        topic, count = entry["topic_metadata"], entry["message_count"]
         qos = topic.get("offered_qos_profiles") or ""
         topics.append(
             BagTopic(
@@ -97,13 +101,13 @@ def _parsed(told: Any) -> BagMetadata:
                 count=int(count),
             )
         )
-    storage, mode = _text(told["storage_identifier"]), _text(told.get("compression_mode") or "").lower()
-    return BagMetadata(storage, files, tuple(topics), _text(told.get("compression_format") or "").lower(), mode)
+    storage, mode = _text(value["storage_identifier"]), _text(value.get("compression_mode") or "").lower()
+    return BagMetadata(storage, files, tuple(topics), _text(value.get("compression_format") or "").lower(), mode)
 
 
 @dataclass(slots=True)
 class FileStatistics:
-    """What is counted while a file is written; times in nanoseconds."""
+    """Message counts and times of a file that is written; times in nanoseconds."""
 
     path: str
     first: int | None = None
@@ -118,12 +122,12 @@ class FileStatistics:
 
     @property
     def total(self) -> int:
-        """Messages."""
+        """Number of messages."""
         return sum(self.counts.values())
 
     @property
     def duration(self) -> int:
-        """From the first to the last message."""
+        """Time from the first to the last message, in nanoseconds."""
         return 0 if self.first is None else self.last - self.first
 
 
@@ -135,16 +139,16 @@ def metadata_text(
     compression_mode: str = "",
     custom_data: Mapping[str, str] | None = None,
 ) -> str:
-    """The text of a metadata file; `compression_mode` is ``file`` or ``message`` where zstd is used for these."""
+    """Return the text of a metadata file; `compression_mode` is ``file``, ``message`` or empty."""
     files = list(files)
-    starts = [one.first for one in files if one.first is not None]
-    start, end = min(starts, default=0), max((one.last for one in files), default=0)
+    starts = [file.first for file in files if file.first is not None]
+    start, end = min(starts, default=0), max((file.last for file in files), default=0)
     information = {
         "version": 8,
         "storage_identifier": storage,
         "duration": {"nanoseconds": max(0, end - start) if starts else 0},
         "starting_time": {"nanoseconds_since_epoch": start},
-        "message_count": sum(one.total for one in files),
+        "message_count": sum(file.total for file in files),
         "topics_with_message_count": [
             {
                 "topic_metadata": {
@@ -154,21 +158,21 @@ def metadata_text(
                     "offered_qos_profiles": topic.offered_qos,
                     "type_description_hash": topic.type_hash,
                 },
-                "message_count": sum(one.counts.get(topic.name, 0) for one in files),
+                "message_count": sum(file.counts.get(topic.name, 0) for file in files),
             }
             for topic in topics
         ],
         "compression_format": "zstd" if compression_mode else "",
         "compression_mode": compression_mode.upper(),
-        "relative_file_paths": [one.path for one in files],
+        "relative_file_paths": [file.path for file in files],
         "files": [
             {
-                "path": one.path,
-                "starting_time": {"nanoseconds_since_epoch": one.first or 0},
-                "duration": {"nanoseconds": one.duration},
-                "message_count": one.total,
+                "path": file.path,
+                "starting_time": {"nanoseconds_since_epoch": file.first or 0},
+                "duration": {"nanoseconds": file.duration},
+                "message_count": file.total,
             }
-            for one in files
+            for file in files
         ],
         "custom_data": dict(custom_data) if custom_data else None,
         "ros_distro": "",
@@ -177,10 +181,10 @@ def metadata_text(
 
 
 def write_metadata(folder: Path, text: str) -> None:
-    """Write ``metadata.yaml``, or nothing at all.
+    """Write ``metadata.yaml`` atomically.
 
     Raises:
-        OSError: the disk is full; what was there before is still there.
+        OSError: the disk is full; an older file is unchanged.
     """
     partial = folder / f".{FILE}"
     try:
@@ -192,11 +196,11 @@ def write_metadata(folder: Path, text: str) -> None:
 
 
 def qos_text(profiles: Iterable[QoSProfile]) -> str:
-    """QoS profiles as rosbag2 keeps them with a topic."""
-    return yaml.safe_dump([_row(profile) for profile in profiles], sort_keys=False)
+    """Return QoS profiles in the YAML format of rosbag2."""
+    return yaml.safe_dump([_profile_row(profile) for profile in profiles], sort_keys=False)
 
 
-def _row(profile: QoSProfile) -> dict[str, Any]:
+def _profile_row(profile: QoSProfile) -> dict[str, Any]:
     return {
         "history": int(profile.history),
         "depth": profile.depth,
@@ -215,18 +219,18 @@ def _time(nanoseconds: int) -> dict[str, int]:
 
 
 def qos_profiles(text: str) -> list[QoSProfile]:
-    """The profiles of a topic's text, with the numbers or the words of rosbag2; none when it cannot be read."""
+    """Return the profiles in a topic's YAML, with numbers or names as values; none if it cannot be read."""
     try:
-        return [_profile(row) for row in load_yaml(text, max_bytes=_MAX_QOS_BYTES) or ()]
-    except Exception:  # as of `read_metadata`
+        return [_parse_profile(row) for row in load_yaml(text, max_bytes=_MAX_QOS_BYTES) or ()]
+    except Exception:  # the same as in `read_metadata`
         return []
 
 
-def _profile(row: Any) -> QoSProfile:
+def _parse_profile(row: Any) -> QoSProfile:
     values: dict[str, Any] = {}
     for name, kind in POLICIES.items():
-        told: Any = _plain(row[name])
-        values[name] = kind[told.upper()] if isinstance(told, str) else kind(told)
+        value: Any = _scalar(row[name])
+        values[name] = kind[value.upper()] if isinstance(value, str) else kind(value)
     for name, key in PERIODS.items():
         values[name] = min(int(row[key]["sec"]) * NS_PER_S + int(row[key]["nsec"]), INFINITE_NS)
     return QoSProfile(depth=int(row["depth"]), **values)

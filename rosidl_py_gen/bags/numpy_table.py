@@ -1,7 +1,7 @@
-"""Messages as a table: which columns a path of fields means, and the rows.
+"""Messages as a numpy table: columns for paths of fields, and rows.
 
-Decides the paths: ``pose.position.x``, ``position[1]``, a part ``ranges[0:10]``, all ``ranges[:]``, the same for lists
-of messages, ``transforms[0].transform.translation.x``; and what a row has where a sequence is too short.
+Paths are ``pose.position.x``, ``position[1]``, a slice ``ranges[0:10]``, all ``ranges[:]``, and the same for lists of
+messages: ``transforms[0].transform.translation.x``.
 """
 
 from __future__ import annotations
@@ -28,26 +28,27 @@ if TYPE_CHECKING:
 
 Get: TypeAlias = "Callable[[Any], Any]"
 Op: TypeAlias = "str | Get"
-"""The name of an attribute, or what is done with a value."""
+"""Name of an attribute, or a function of a value."""
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 _PART = re.compile(r"(\w+)(?:\[\s*(-?\d{1,9})\s*\]|\[\s*(-?\d{0,9})\s*:\s*(-?\d{0,9})\s*\])?", re.ASCII)
-_OPEN = -1
+_VARIABLE_LENGTH = -1
 _MAX_TIME_NS = (1 << 63) - 1
 _MAX_COLUMNS = 10_000
-_SHOWN_NAMES = 500
-_SPARE, _LARGE = 16, 1 << 26
-"""A column may take so many times what is in it, and so many bytes in any case: one long value makes every row long."""
-_OTHER = "choose another, or name this field in another call"
+_MAX_LISTED_NAMES = 500
+# One long value makes every row long, so a column may take at most this many times its contents, or this many bytes.
+_MAX_PADDING_FACTOR = 16
+_MIN_LIMITED_BYTES = 1 << 26
+_PAD_ADVICE = "pass another pad, or read this field in another call"
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """What a path means.
+    """Column of a table.
 
     Attributes:
-        get: gives the value of a message; raises IndexError where a sequence is too short.
-        kind: of numpy; ``U`` for text.
-        length: of the values of a row: None for a single one, `_OPEN` where it varies.
+        get: returns the value of a message; raises IndexError if a sequence is too short.
+        kind: numpy's letter; ``U`` for text.
+        length: number of values in a row: None for a single value, `_VARIABLE_LENGTH` if it varies.
     """
 
     name: str
@@ -67,10 +68,10 @@ def table(
     where: str,
     pad: Any = None,
 ) -> np.ndarray[Any, np.dtype[np.void]]:
-    """A structured array; see `BagReader.to_arrays`. Messages are of `classes`, which have the columns of the first."""
+    """Return a structured array of messages of `classes`, which have equal columns; see `BagReader.to_arrays`."""
     try:
-        known = _columns(classes[0], fields)
-        getters = {cls: _getters(known, _columns(cls, fields), pad) for cls in classes}
+        columns = _columns(classes[0], fields)
+        getters = {cls: _getters(columns, _columns(cls, fields), pad) for cls in classes}
     except BagError as error:
         raise BagError(f"{where}: {error}") from None
     times, rows = [], []
@@ -83,28 +84,28 @@ def table(
             rows.append([get(message) for get in getters[type(message)]])
         except IndexError:
             place = f"{where} at {item.log_time} ns"
-            pairs = zip(known, getters[type(message)], strict=True)
-            rows.append([_present(column, get, message, pad, place) for column, get in pairs])
-    values = [list(column) for column in zip(*rows, strict=True)] if rows else [[] for _ in known]
-    return _filled(known, times, values, where, pad)
+            pairs = zip(columns, getters[type(message)], strict=True)
+            rows.append([_value_or_pad(column, get, message, pad, place) for column, get in pairs])
+    values = [list(column) for column in zip(*rows, strict=True)] if rows else [[] for _ in columns]
+    return _as_array(columns, times, values, where, pad)
 
 
-def _getters(known: list[Column], columns: list[Column], pad: Any) -> list[Get]:
-    """How messages of one definition give what all have; raises `BagError` where they do not."""
-    for one, other in zip(known, columns, strict=False):
+def _getters(expected: list[Column], columns: list[Column], pad: Any) -> list[Get]:
+    """Return functions for the values of a message; raises `BagError` if definitions have different columns."""
+    for one, other in zip(expected, columns, strict=False):
         if (one.name, one.kind, one.length) != (other.name, other.kind, other.length):
-            raise BagError(f"{one.name} is of another kind in another definition of this topic; read `messages`")
-    if len(known) != len(columns):
-        raise BagError("another definition of this topic has other fields; name those you want, or read `messages`")
-    return [_kept(column, pad) for column in columns]
+            raise BagError(f"{one.name} has different types in the definitions of this topic; read `messages`")
+    if len(expected) != len(columns):
+        raise BagError("the definitions of this topic have different fields; pass fields=, or read `messages`")
+    return [_copying_getter(column, pad) for column in columns]
 
 
-def _kept(column: Column, pad: Any) -> Get:
-    """Gives a value as it is kept: sequences in objects are not views of the whole message."""
+def _copying_getter(column: Column, pad: Any) -> Get:
+    """Return a function that copies sequences of variable length, as views would retain the whole message."""
     get, kind, length = column.get, column.kind, column.length
-    if length is None or (pad is not None and length != _OPEN):
+    if length is None or (pad is not None and length != _VARIABLE_LENGTH):
         return get
-    if length == _OPEN:
+    if length == _VARIABLE_LENGTH:
         return (lambda message: list(get(message))) if kind == "U" else (lambda message: np.array(get(message), kind))
 
     def fixed(message: Any) -> Any:
@@ -116,13 +117,13 @@ def _kept(column: Column, pad: Any) -> Get:
     return fixed
 
 
-def _present(column: Column, get: Get, message: Any, pad: Any, place: str) -> Any:
-    """What there is in a message that misses something; raises `BagError` without `pad`."""
+def _value_or_pad(column: Column, get: Get, message: Any, pad: Any, place: str) -> Any:
+    """Return a value of an incomplete message; raises `BagError` without `pad`."""
     try:
         return get(message)
     except IndexError as error:
         if pad is None:
-            text = f"there are {error.args[0]} elements; pad= gives what is missing"
+            text = f"has {error.args[0]} elements; pass pad= to fill missing elements"
             raise BagError(f"{place}: {column.name}: {text}") from None
         return None if column.length is None else []
 
@@ -132,34 +133,34 @@ def _present(column: Column, get: Get, message: Any, pad: Any, place: str) -> An
 
 def _columns(cls: type[Any], fields: Sequence[str] | None) -> list[Column]:
     if fields is None:
-        found = list(islice(_plain(cls, "", []), _MAX_COLUMNS + 1))
-        if len(found) > _MAX_COLUMNS:
-            raise BagError(f"more than {_MAX_COLUMNS} columns: name the fields you want")
-        return found
+        columns = list(islice(_scalar_columns(cls, "", []), _MAX_COLUMNS + 1))
+        if len(columns) > _MAX_COLUMNS:
+            raise BagError(f"more than {_MAX_COLUMNS} columns; pass fields=")
+        return columns
     paths = [fields] if isinstance(fields, str) else fields
-    return list({column.name: column for path in paths for column in _of_path(cls, path)}.values())
+    return list({column.name: column for path in paths for column in _columns_of_path(cls, path)}.values())
 
 
-def _plain(cls: type[Any], path: str, ops: list[Op], length: int | None = None) -> Iterator[Column]:
-    """All numbers, texts and times below, without those in arrays."""
+def _scalar_columns(cls: type[Any], path: str, ops: list[Op], length: int | None = None) -> Iterator[Column]:
+    """Yield columns of all numbers, texts and times, except those in arrays."""
     for field in cls._TYPE.fields:
         if field.type.arity is Arity.SCALAR:
-            yield from _single(field, f"{path}{field.ros_name}", [*ops, field.py_name], length)
+            yield from _value_columns(field, f"{path}{field.ros_name}", [*ops, field.py_name], length)
 
 
-def _single(field: Field, name: str, ops: list[Op], length: int | None) -> Iterator[Column]:
-    """The column of one value, or of one value of each element when there is a `length`."""
+def _value_columns(field: Field, name: str, ops: list[Op], length: int | None) -> Iterator[Column]:
+    """Yield the columns of a value, or of a value of each element if there is a `length`."""
     if field.cls is None:
         primitive = PRIMITIVES.get(field.type.base)
-        yield Column(name, _joined(ops), "U" if primitive is None else primitive.numpy, length)
+        yield Column(name, _combined(ops), "U" if primitive is None else primitive.numpy, length)
     elif field.cls._TYPE.name in _TIMES:
-        yield Column(name, _joined([*ops, stamp_ns]), "i8", length)
+        yield Column(name, _combined([*ops, stamp_ns]), "i8", length)
     else:
-        yield from _plain(field.cls, f"{name}.", ops, length)
+        yield from _scalar_columns(field.cls, f"{name}.", ops, length)
 
 
-def _of_path(cls: type[Any], path: str) -> list[Column]:
-    """Raises `BagError`, which says what there is."""
+def _columns_of_path(cls: type[Any], path: str) -> list[Column]:
+    """Return the columns of a path; raises `BagError` with the existing names."""
     ops: list[Op] = []
     length, at, done = None, cls, ""
     parts = path.split(".")
@@ -167,29 +168,29 @@ def _of_path(cls: type[Any], path: str) -> list[Column]:
         match = _PART.fullmatch(part)
         field = next((one for one in at._TYPE.fields if match and one.ros_name == match[1]), None)
         if match is None or field is None:
-            raise BagError(_unknown(cls, at, path, done))
+            raise BagError(_unknown_path_text(cls, at, path, done))
         here = done + part
         ops.append(field.py_name)
         if field.type.arity is not Arity.SCALAR:
             if match[2] is None:
                 if length is not None:
-                    raise BagError(f"{here}: a path has one part with several elements at most: give an index")
+                    raise BagError(f"{here}: a path must have at most one slice; pass an index")
                 length = _slice(field, match, ops)
             else:
                 ops.append(_index(field, int(match[2]), here))
         elif "[" in part:
-            raise BagError(f"{here}: {done}{field.ros_name} is one {field.type.base}, and has no elements")
+            raise BagError(f"{here}: {done}{field.ros_name} is a single {field.type.base} without elements")
         if number == len(parts):
-            return list(_single(field, path, ops, length))
+            return list(_value_columns(field, path, ops, length))
         if field.cls is None:
-            raise BagError(f"{path}: {here} is {field.type.base}, and has no fields")
+            raise BagError(f"{path}: {here} is {field.type.base}, which has no fields")
         at, done = field.cls, f"{here}."
     raise AssertionError(path)  # split() gives one part at least
 
 
 def _index(field: Field, index: int, here: str) -> Get:
     if field.type.arity is Arity.ARRAY and not -field.type.capacity <= index < field.type.capacity:
-        raise BagError(f"{here}: there are {field.type.capacity} elements")
+        raise BagError(f"{here}: the array has {field.type.capacity} elements")
 
     def element(values: Any) -> Any:
         try:
@@ -201,22 +202,22 @@ def _index(field: Field, index: int, here: str) -> Get:
 
 
 def _slice(field: Field, match: re.Match[str], ops: list[Op]) -> int:
-    """Take a part of a sequence from now on; returns how many elements rows have, or `_OPEN`."""
+    """Add a slice to `ops`; return the number of elements of a row, or `_VARIABLE_LENGTH`."""
     start, stop = (int(text) if text else None for text in (match[3], match[4]))
     if field.type.arity is Arity.ARRAY:
         begin, end, _ = slice(start, stop).indices(field.type.capacity)
         length = max(0, end - begin)
         if stop is not None and stop > field.type.capacity:
-            raise BagError(f"{match[0]}: there are {field.type.capacity} elements")
+            raise BagError(f"{match[0]}: the array has {field.type.capacity} elements")
     else:
         is_fixed = stop is not None and 0 <= (start or 0) <= stop
-        length = (stop or 0) - (start or 0) if is_fixed else _OPEN
+        length = (stop or 0) - (start or 0) if is_fixed else _VARIABLE_LENGTH
     ops.append(_SliceMarker(slice(start, stop)))
     return length
 
 
 class _SliceMarker:
-    """Marks where getters begin to be those of elements."""
+    """Slice of a sequence; operations after it apply to each element."""
 
     def __init__(self, part: slice) -> None:
         self.part = part
@@ -225,8 +226,8 @@ class _SliceMarker:
         return values[self.part]
 
 
-def _joined(ops: list[Op]) -> Get:
-    """One getter of several; those behind a part are applied to each of its elements."""
+def _combined(ops: list[Op]) -> Get:
+    """Combine operations; those after a slice apply to each of its elements."""
     at = next((number for number, op in enumerate(ops, 1) if isinstance(op, _SliceMarker)), len(ops))
     before, behind = _chain(ops[:at]), ops[at:]
     if not behind:
@@ -236,11 +237,11 @@ def _joined(ops: list[Op]) -> Get:
 
 
 def _chain(ops: list[Op]) -> Get:
-    """One after the other; attributes of attributes at once, which is what most columns are."""
+    """Combine operations; consecutive attributes use one `attrgetter`, the most frequent case."""
     steps: list[Get] = []
     for is_name, group in groupby(ops, lambda op: isinstance(op, str)):
-        found: list[Any] = list(group)
-        steps += [attrgetter(".".join(found))] if is_name else found
+        names: list[Any] = list(group)
+        steps += [attrgetter(".".join(names))] if is_name else names
     first, others = steps[0], steps[1:]
     if not others:
         return first
@@ -254,81 +255,83 @@ def _chain(ops: list[Op]) -> Get:
     return get
 
 
-def _unknown(cls: type[Any], at: type[Any], path: str, done: str) -> str:
-    """What is wrong with a path, with the names that are right."""
-    known = list(islice(_names(cls), _SHOWN_NAMES))
+def _unknown_path_text(cls: type[Any], at: type[Any], path: str, done: str) -> str:
+    """Return the error text for an invalid path, with similar and existing names."""
+    columns = list(islice(_path_names(cls), _MAX_LISTED_NAMES))
     plain = re.sub(r"\[[^\]]*\]", "[:]", path)
-    below = [name for name in known if name.startswith(re.sub(r"\[[^\]]*\]", "[:]", done))] or known
-    return f"no column {path}{did_you_mean(plain, known)}; there are {', '.join(below)[:500]}"
+    below = [name for name in columns if name.startswith(re.sub(r"\[[^\]]*\]", "[:]", done))] or columns
+    return f"no column {path}{did_you_mean(plain, columns)}; columns are {', '.join(below)[:500]}"
 
 
-def _names(cls: type[Any], path: str = "", depth: int = 0) -> Iterator[str]:
-    """All paths of a class, with ``[:]`` for arrays."""
+def _path_names(cls: type[Any], path: str = "", depth: int = 0) -> Iterator[str]:
+    """Yield all paths of a class, with ``[:]`` for arrays."""
     for field in cls._TYPE.fields:
         name = path + field.ros_name + ("" if field.type.arity is Arity.SCALAR else "[:]")
         if field.cls is None or field.cls._TYPE.name in _TIMES or depth > 20:
             yield name
         else:
-            yield from _names(field.cls, f"{name}.", depth + 1)
+            yield from _path_names(field.cls, f"{name}.", depth + 1)
 
 
 # --------------------------------------------------------------------------------------------------------------- rows
 
 
-def _filled(
-    known: list[Column], times: list[int], values: list[list[Any]], where: str, pad: Any
+def _as_array(
+    columns: list[Column], times: list[int], values: list[list[Any]], where: str, pad: Any
 ) -> np.ndarray[Any, np.dtype[np.void]]:
     kinds: list[Any] = [("log_time", "i8")]
     rows = []
-    for column, found in zip(known, values, strict=True):
+    for column, column_values in zip(columns, values, strict=True):
         try:
-            kind, shape, ready = _fitted(column, found, pad)
+            kind, shape, ready = _padded_column(column, column_values, pad)
         except (ValueError, TypeError, OverflowError) as error:
             raise BagError(f"{where}: {column.name}: {error}") from None
         kinds.append((column.name, kind, shape))
         rows.append(ready)
     try:
-        made = np.empty(len(times), kinds)
+        array = np.empty(len(times), kinds)
     except (ValueError, MemoryError) as error:
-        raise BagError(f"{where}: no array has room for these columns: {error}") from None
-    made["log_time"] = times
-    for column, ready in zip(known, rows, strict=True):
-        target = made[column.name]
+        raise BagError(f"{where}: the columns are too large for an array: {error}") from None
+    array["log_time"] = times
+    for column, ready in zip(columns, rows, strict=True):
+        target = array[column.name]
         if target.dtype == object:
             for number, value in enumerate(ready):
                 target[number] = value
         elif len(ready):
             target[...] = ready
-    return made
+    return array
 
 
-def _fitted(column: Column, found: list[Any], pad: Any) -> tuple[str, tuple[int, ...], list[Any]]:
-    """Dtype and shape of a column, and its values with what they are padded with; raises ValueError."""
+def _padded_column(column: Column, values: list[Any], pad: Any) -> tuple[str, tuple[int, ...], list[Any]]:
+    """Return dtype, shape and padded values of a column; raises ValueError."""
     length = column.length
     if length is None:
-        if any(value is None for value in found):
-            pad = _pad(column, pad)
-            found = [pad if value is None else value for value in found]
-        return _text_kind(found) if column.kind == "U" else column.kind, (), found
-    if length == _OPEN:
+        if any(value is None for value in values):
+            pad = _typed_pad(column, pad)
+            values = [pad if value is None else value for value in values]
+        return _text_kind(values) if column.kind == "U" else column.kind, (), values
+    if length == _VARIABLE_LENGTH:
         if pad is None:
-            return "O", (), found
-        length = max(map(len, found), default=0)
-    size, filled = len(found) * length, sum(map(len, found))
+            return "O", (), values
+        length = max(map(len, values), default=0)
+    size, filled = len(values) * length, sum(map(len, values))
     if size > filled:
-        if 8 * size > _LARGE and size > _SPARE * filled:
-            raise ValueError(f"padded it has {size} elements, {filled} of them in the bag; take a part, as [0:100]")
-        pad = _pad(column, pad)
-        found = [_padded(value, length, column.kind, pad) for value in found]
-    kind = _text_kind([text for row in found for text in row]) if column.kind == "U" else column.kind
-    return kind, (length,), found
+        if 8 * size > _MIN_LIMITED_BYTES and size > _MAX_PADDING_FACTOR * filled:
+            raise ValueError(
+                f"with padding it has {size} elements, {filled} of them in the bag; read a slice such as [0:100]"
+            )
+        pad = _typed_pad(column, pad)
+        values = [_padded(value, length, column.kind, pad) for value in values]
+    kind = _text_kind([text for row in values for text in row]) if column.kind == "U" else column.kind
+    return kind, (length,), values
 
 
 def _text_kind(texts: list[str]) -> str:
-    """A kind as long as the longest text; Python's own texts where one long text would make all of them large."""
+    """Return a type as long as the longest text, or objects if one long text would enlarge all rows."""
     longest = max(map(len, texts), default=1) or 1
     size = 4 * longest * len(texts)
-    return "O" if size > _LARGE and size > 4 * _SPARE * sum(map(len, texts)) else f"U{longest}"
+    return "O" if size > _MIN_LIMITED_BYTES and size > 4 * _MAX_PADDING_FACTOR * sum(map(len, texts)) else f"U{longest}"
 
 
 def _padded(value: Any, length: int, kind: str, pad: Any) -> Any:
@@ -340,48 +343,48 @@ def _padded(value: Any, length: int, kind: str, pad: Any) -> Any:
     return np.concatenate((np.array(value, kind), np.full(missing, pad, kind)))
 
 
-def _pad(column: Column, pad: Any) -> Any:
-    """The filling as the type of the column; raises ValueError when it is another value there."""
+def _typed_pad(column: Column, pad: Any) -> Any:
+    """Return the padding in the type of the column; raises ValueError if its value changes."""
     if isinstance(pad, str) != (column.kind == "U"):
-        raise ValueError(f"pad={pad!r:.50} is no {'text' if column.kind == 'U' else 'number'}, {_OTHER}")
+        raise ValueError(f"pad={pad!r:.50} is not a {'text' if column.kind == 'U' else 'number'}; {_PAD_ADVICE}")
     if column.kind == "U":
         return pad
     kind = np.dtype(column.kind)
     with np.errstate(all="ignore"):
         try:
-            made = np.asarray(pad).astype(kind)
+            array = np.asarray(pad).astype(kind)
         except (ValueError, TypeError, OverflowError):
-            made = np.asarray(None)
+            array = np.asarray(None)
     is_nan = kind.kind == "f" and pad != pad
-    is_close = kind.kind == "f" and np.isfinite(made) if made.dtype == kind and not made.ndim else False
-    if not (is_nan or is_close or made == pad):
-        raise ValueError(f"pad={pad!r:.50} is no {kind}, {_OTHER}")
-    return made[()]
+    is_close = kind.kind == "f" and np.isfinite(array) if array.dtype == kind and not array.ndim else False
+    if not (is_nan or is_close or array == pad):
+        raise ValueError(f"pad={pad!r:.50} is not a {kind}; {_PAD_ADVICE}")
+    return array[()]
 
 
 # ------------------------------------------------------------------------------------------------------------- pandas
 
 
-def frame(made: np.ndarray[Any, np.dtype[np.void]]) -> Any:
-    """A table as a `pandas.DataFrame`; see `BagReader.to_pandas`."""
+def frame(array: np.ndarray[Any, np.dtype[np.void]]) -> Any:
+    """Return a table as a `pandas.DataFrame`; see `BagReader.to_pandas`."""
     try:
         pandas: Any = import_module("pandas")
     except ModuleNotFoundError:
         raise ModuleNotFoundError("to_pandas needs pandas: pip install pandas", name="pandas") from None
     columns: dict[str, Any] = {}
-    for name in (made.dtype.names or ())[1:]:
-        column = made[name]
+    for name in (array.dtype.names or ())[1:]:
+        column = array[name]
         if column.ndim == 1:
             columns[name] = column.copy()  # in one piece
         else:
             for number, element in enumerate(_element_names(name, column.shape[1])):
                 columns[element] = column[:, number].copy()
-    index = pandas.DatetimeIndex(pandas.to_datetime(made["log_time"].copy(), unit="ns", utc=True), name="log_time")
+    index = pandas.DatetimeIndex(pandas.to_datetime(array["log_time"].copy(), unit="ns", utc=True), name="log_time")
     return pandas.DataFrame(columns, index=index)
 
 
 def _element_names(name: str, count: int) -> list[str]:
-    """``x[2:4]`` -> ``x[2]``, ``x[3]``; without brackets from 0."""
+    """Return ``x[2]`` and ``x[3]`` for ``x[2:4]``; without brackets from 0."""
     match = re.search(r"\[\s*(-?\d*)\s*:[^\]]*\]", name)
     start = int(match[1] or 0) if match else 0
     before, after = (name[: match.start()], name[match.end() :]) if match else (name, "")

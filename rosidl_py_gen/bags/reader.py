@@ -1,11 +1,12 @@
-"""Reading bags: MCAP files, rosbag2 folders of MCAP or SQLite files, single ``.db3`` files.
+"""Reader of bags: MCAP files, rosbag2 folders of MCAP or SQLite files, single ``.db3`` files.
 
-Decides which class a message is decoded with: that of the definition it was written with, also where a topic has two;
-and what becomes of topics that cannot be decoded: they are left out of a reading of all topics, counted and named.
+Each message is decoded with the definition it was written with, even if its topic has several. Messages that cannot be
+decoded are skipped, counted and reported when all topics are read, and raise an error when their topic is requested.
 """
 
 from __future__ import annotations
 
+import asyncio
 import warnings
 from contextlib import ExitStack
 from dataclasses import replace
@@ -23,11 +24,9 @@ from rosidl_py_gen.bags.definition_lookup import (
     is_empty,
 )
 from rosidl_py_gen.bags.numpy_table import frame, table
-from rosidl_py_gen.bags.pacing import at_recorded_pace
 from rosidl_py_gen.bags.remote import bag_path
 from rosidl_py_gen.bags.storage.damage import Skipped
-from rosidl_py_gen.bags.storage.mcap_file import by_name, joined
-from rosidl_py_gen.bags.storage.open_storage import open_files, split_times
+from rosidl_py_gen.bags.storage.file_compression import open_files
 from rosidl_py_gen.bags.storage.storage_api import (
     MAX_UNPACKED_BYTES,
     BagChannel,
@@ -35,9 +34,13 @@ from rosidl_py_gen.bags.storage.storage_api import (
     TableInput,
     as_table_input,
     merge_by_time,
+    merge_channels,
+    split_times,
+    topics_by_name,
     with_bytes,
 )
 from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import DecodeError, RosidlError
 
 if TYPE_CHECKING:
@@ -54,27 +57,28 @@ _END = 1 << 64
 
 
 class BagReader:
-    """A recorded bag. Use it with ``with``.
+    """Recorded bag. Use it with ``with``.
 
-    Iterating gives a `BagMessage` for each message by log time; `messages` chooses topics and times. Several threads
-    may iterate at once, each for itself.
+    Iterating yields a `BagMessage` for each message by log time; `messages` selects topics and times. Several threads
+    may iterate at the same time, each with an iterator of its own.
 
     Args:
-        path: an ``.mcap`` or ``.db3`` file, or a rosbag2 folder; also with rosbag2's own zstd compression, of files
-            (``.mcap.zstd``, ``.db3.zstd``; they are unpacked into a temporary folder) or of messages. Or the URL of
-            one, as ``s3://bucket/drive.mcap``, with the extra ``tables``: MCAP files are then read by ranges.
-        validate_crcs: compare the checksum of each chunk of an MCAP file, which for images and clouds takes longer than
-            everything else. False is for files you trust; damage is then found only where it breaks the format.
-        max_decompressed_bytes: limit for a decompressed chunk or message, 1 GiB by default. Raise it only if the bag
-            has larger messages: a few bytes can claim any size.
-        search_path: folders with the packages of the recording, for bags that do not have their definitions, as SQLite
-            bags before Iron; looked through before AMENT_PREFIX_PATH and the bundled interfaces, as by `get_message`.
-        skip_damaged: skip damaged parts of MCAP files and record them in `damaged`; by default they raise `BagError`,
-            which names the place, the log times and the topics.
-        typestore: the same by name, and first: ``{"my_msgs/msg/Thing": Thing}``, or the text of a definition.
+        path: an ``.mcap`` or ``.db3`` file, or a rosbag2 folder; also with rosbag2's zstd compression, of files
+            (``.mcap.zstd``, ``.db3.zstd``; decompressed into a temporary folder) or of messages. Or a URL such as
+            ``s3://bucket/drive.mcap``, with the extra ``tables``: MCAP files are then read by ranges.
+        validate_crcs: compare the checksum of each chunk of an MCAP file. For images and clouds this takes most of the
+            time. With False, damage is found only where it breaks the format.
+        max_decompressed_bytes: maximum size of a decompressed chunk or message. A few bytes can state any size; 1 GiB
+            is enough unless there are larger messages.
+        search_path: folders with the packages of the recording, for bags without definitions, as SQLite bags before
+            Iron; searched before AMENT_PREFIX_PATH and the bundled interfaces, as by `get_message`.
+        skip_damaged: skip damaged parts of MCAP files and record them in `damaged`; by default they raise `BagError`
+            with the place, the log times and the topics.
+        typestore: definitions by name, which precede `search_path`: ``{"my_msgs/msg/Thing": Thing}``, or texts.
 
     Raises:
-        BagError: damaged beyond reading, or of an unknown kind. OSError: it cannot be opened.
+        BagError: the bag is damaged beyond reading, or of an unknown kind.
+        OSError: the bag cannot be opened.
     """
 
     def __init__(
@@ -91,33 +95,33 @@ class BagReader:
         skipped = Skipped()
         self.damaged = skipped.parts
         """Damaged parts of MCAP files that were skipped so far; a `BagWarning` reports each of the first 20."""
-        self._kept = ExitStack()
+        self._resources = ExitStack()
         self.skipped: dict[str, SkippedMessages] = {}
-        """Topics whose messages `messages` could not decode and left out so far, with their number and the reason."""
+        """Topics whose messages `messages` could not decode and skipped so far, with their number and the reason."""
         try:
             skip = skipped.add if skip_damaged else None
             self.files, self._files, hashes = open_files(
-                self.path, self._kept, validate_crcs, max_decompressed_bytes, skip
+                self.path, self._resources, validate_crcs, max_decompressed_bytes, skip
             )
-            """The files it consists of."""
+            """Files of the bag."""
             self._definitions = Definitions(self.path, search_path, typestore, hashes)
-            self.channels: list[BagTopic] = joined(topic for file in self._files for topic in file.channels())
-            """What was recorded: a topic that has messages of two definitions is there twice."""
-            self.topics: dict[str, BagTopic] = by_name(self.channels)
-            """What was recorded, by name of the topic; of one with several definitions, the first."""
+            self.channels: list[BagTopic] = merge_channels(topic for file in self._files for topic in file.channels())
+            """Recorded topics, with an entry for each definition of a topic."""
+            self.topics: dict[str, BagTopic] = topics_by_name(self.channels)
+            """Recorded topics by name; the first definition of a topic that has several."""
             spans = [span for file in self._files if (span := file.span()) is not None]
             self.start_ns = min((first for first, _ in spans), default=0)
-            """Log time of the first message, nanoseconds since 1970; 0 when there is none."""
+            """Log time of the first message, nanoseconds since 1970; 0 without messages."""
             self.end_ns = max((last for _, last in spans), default=0)
             """Log time of the last message."""
             self.has_index = all(file.is_whole for file in self._files)
-            """False after a crash of the recorder: all of the files is read then to find something."""
+            """False after a crash of the recorder: the files are then read completely to find messages."""
             self.unread_bytes = sum(file.unread_bytes for file in self._files)
-            """Of records at the end of files that were not finished, as after a crash; a `BagWarning` tells of them."""
-            for file, lost in zip(self.files, (one.unread_bytes for one in self._files), strict=True):
+            """Size of unfinished records at the end of files, as after a crash; each is reported by a `BagWarning`."""
+            for file, lost in zip(self.files, (storage.unread_bytes for storage in self._files), strict=True):
                 if lost:
-                    said = f"{file} breaks off within a record: what its last {lost} bytes hold is lost"
-                    warnings.warn(said, BagWarning, stacklevel=2)
+                    text = f"{file} breaks off within a record; its last {lost} bytes are lost"
+                    warnings.warn(text, BagWarning, stacklevel=2)
         except BaseException:
             self.close()
             raise
@@ -125,36 +129,37 @@ class BagReader:
     # ------------------------------------------------------------------------------------------------------ reading
 
     def message_class(self, topic: str | BagTopic) -> type[Any]:
-        """The class of a topic's messages: of the definition in the bag, else a local one of that name and hash.
+        """Return the class of a topic's messages: of the definition in the bag, else of one with its name and hash.
 
-        Where the bag has neither definition nor hash, the first of that name is taken, which a `BagWarning` says once
-        for the bag; see `definition`.
+        If the bag has neither definition nor hash, the first of that name is used, with one `BagWarning` for the bag;
+        see `definition`.
 
         Args:
             topic: a name, or one of `channels`.
 
         Raises:
-            BagError: no such topic, no definition for it anywhere, none with the recorded hash, or several: ask for one
-                of `channels` then. DefinitionError: the bag's definition is wrong.
+            BagError: the topic does not exist, has no known definition, none with the recorded hash, or several; pass
+                one of `channels` in the last case.
+            DefinitionError: the bag's definition is invalid.
         """
         self.definition(topic)
         channels = [topic] if isinstance(topic, BagTopic) else self._channels_of(topic)
-        return next(self._definitions.class_of(one) for one in channels)
+        return self._definitions.class_of(channels[0])
 
     def definition(self, topic: str | BagTopic) -> TopicDefinition:
-        """What a topic's messages are decoded with, and whether it certainly is that of the recording.
+        """Return the definition of a topic's messages, which states if it is certainly the recorded one.
 
-        Arguments and errors as `message_class`.
+        Arguments and errors are those of `message_class`.
         """
         if isinstance(topic, BagTopic):
             return self._definitions.find(topic)
-        found = {one.message_class: one for one in map(self._definitions.find, self._channels_of(topic))}
-        if len(found) > 1:
+        definitions = {found.message_class: found for found in map(self._definitions.find, self._channels_of(topic))}
+        if len(definitions) > 1:
             raise BagError(
-                f"{self.path}: {topic} was recorded with {len(found)} definitions; `messages` decodes each message "
-                "with its own, and this takes one of `channels`"
+                f"{self.path}: {topic} was recorded with {len(definitions)} definitions; pass one of `channels`, "
+                "or read `messages`"
             )
-        return next(iter(found.values()))
+        return next(iter(definitions.values()))
 
     def _channels_of(self, name: str) -> list[BagTopic]:
         if name not in self.topics:
@@ -171,32 +176,32 @@ class BagReader:
         arrays: bool = False,
         on_error: Literal["raise", "skip"] = "raise",
     ) -> Iterator[BagMessage]:
-        """Messages by log time, each decoded with the definition it was written with.
+        """Yield messages by log time, each decoded with the definition it was written with.
 
         Args:
-            topics: only these; None means all whose type is known, and all when `raw`. What is left out then is in
-                `skipped`, and there is one `BagWarning` for each such topic.
-            start_ns: only those with ``start_ns <= log_time``.
-            end_ns: only those with ``log_time < end_ns``.
-            raw: messages stay bytes of CDR, and cost no decoding.
+            topics: names of topics. None means all topics with a known type, and all if `raw`; skipped messages are
+                counted in `skipped`, and a `BagWarning` reports each such topic.
+            start_ns: first log time.
+            end_ns: end of the log times, exclusive.
+            raw: messages stay CDR bytes, without decoding.
             arrays: sequences of fixed-size messages become structured arrays, as in `decode`.
-            on_error: of a message that is damaged; ``"skip"`` leaves it out as one whose type is not known.
+            on_error: ``"skip"`` skips damaged messages; ``"raise"`` raises an error.
 
         Raises:
-            ValueError: another `on_error`.
-            BagError: damaged, no such topic, or one of `topics` cannot be decoded. DecodeError: a message is damaged;
-                names the topic and the time.
+            ValueError: `on_error` has another value.
+            BagError: the bag is damaged, a topic does not exist, or one of `topics` cannot be decoded.
+            DecodeError: a message is damaged; names the topic and the time.
         """
         if on_error not in ("raise", "skip"):
-            raise ValueError(f'on_error is "raise" or "skip", got {on_error!r}')
+            raise ValueError(f'on_error: got {on_error!r}; expected "raise" or "skip"')
         names = self._names(topics)
+        messages = self._merged(names, start_ns, end_ns)
         if raw:
-            return with_bytes(self._merged(names, start_ns, end_ns), BagMessage, attrgetter("topic"))
+            return with_bytes(messages, BagMessage, attrgetter("topic"))
         for name in names or ():
-            for one in self._channels_of(name):
-                self.message_class(one)
-        found = self._merged(names, start_ns, end_ns)
-        return self._decoded(found, arrays, names is None, on_error == "skip")
+            for channel in self._channels_of(name):
+                self.message_class(channel)
+        return self._decoded(messages, arrays, names is None, on_error == "skip")
 
     def raw_messages(
         self,
@@ -205,9 +210,8 @@ class BagReader:
         start_ns: int | None = None,
         end_ns: int | None = None,
     ) -> Iterator[RawMessage]:
-        """The bytes of messages by log time, with the definition that each was written with; as `messages`."""
-        found = self._merged(self._names(topics), start_ns, end_ns)
-        return with_bytes(found, RawMessage, attrgetter("info"))
+        """Yield serialized messages by log time, with their channels; arguments as for `messages`."""
+        return with_bytes(self._merged(self._names(topics), start_ns, end_ns), RawMessage, attrgetter("info"))
 
     def _names(self, topics: Iterable[str] | str | None) -> list[str] | None:
         names = [topics] if isinstance(topics, str) else None if topics is None else list(topics)
@@ -218,58 +222,60 @@ class BagReader:
     def _merged(self, names: list[str] | None, start_ns: int | None, end_ns: int | None) -> Iterator[Raw]:
         return merge_by_time(self._files, names, start_ns or 0, _END if end_ns is None else end_ns)
 
-    def _decoded(self, found: Iterable[Raw], arrays: bool, may_leave_out: bool, may_skip: bool) -> Iterator[BagMessage]:
+    def _decoded(
+        self, messages: Iterable[Raw], arrays: bool, may_skip_topic: bool, may_skip: bool
+    ) -> Iterator[BagMessage]:
         decoders: dict[BagChannel, Callable[[bytes | memoryview], Any] | None] = {}
-        make = tuple.__new__  # what BagMessage() does, in half the time
-        for channel, data, log_time, publish_time in found:
+        make = tuple.__new__  # twice as fast as BagMessage()
+        for channel, data, log_time, publish_time in messages:
             try:
                 decode = decoders[channel]
             except KeyError:
-                decode = decoders[channel] = self._decoder(channel, data, arrays, may_leave_out, may_skip)
+                decode = decoders[channel] = self._decoder(channel, data, arrays, may_skip_topic, may_skip)
             if decode is None:
-                self._leave_out(channel.topic)
+                self._count_skipped(channel.topic)
                 continue
             try:
                 message = decode(data)
             except DecodeError as error:
                 place = f"{self.path}: {channel.topic} at {log_time} ns: {error.path}"
-                told = DecodeError(place, error.offset_bytes, error.reason)
+                located = DecodeError(place, error.offset_bytes, error.reason)
                 if not may_skip:
-                    raise told from None
-                self._leave_out(channel.topic, told)
+                    raise located from None
+                self._count_skipped(channel.topic, located)
                 continue
             except WrongDefinitionError as error:
-                if not may_leave_out:
+                if not may_skip_topic:
                     raise WrongDefinitionError(f"{self.path}: {error}") from None
                 decoders[channel] = None
-                self._leave_out(channel.topic, error)
+                self._count_skipped(channel.topic, error)
                 continue
             yield make(BagMessage, (channel.topic, message, log_time, publish_time))
 
     def _decoder(
-        self, channel: BagChannel, first: bytes | memoryview, arrays: bool, may_leave_out: bool, may_skip: bool
+        self, channel: BagChannel, first: bytes | memoryview, arrays: bool, may_skip_topic: bool, may_skip: bool
     ) -> Callable[[bytes | memoryview], Any] | None:
-        """None when messages of this channel, of which `first` is one, have to be left out."""
+        """Return the decoder of a channel, of which `first` is a message; None if it must be skipped."""
         topic = channel.info
         try:
-            cls, found = self._definitions.class_of(topic), self._definitions.find(topic)
-            if found.origin == NO_FIELDS and not (found.is_recorded or is_empty(first)):
-                raise BagError(f"{channel.topic}: the bag has no definition of {topic.type_name}, and nobody else")
+            cls, definition = self._definitions.class_of(topic), self._definitions.find(topic)
+            if definition.origin == NO_FIELDS and not (definition.is_recorded or is_empty(first)):
+                raise BagError(f"{channel.topic}: no definition of {topic.type_name} is known")
         except RosidlError as error:
-            if not may_leave_out:
+            if not may_skip_topic:
                 raise
-            self._leave_out(channel.topic, error, 0)
+            self._count_skipped(channel.topic, error, 0)
             return None
         decode = decoder_of(cls, arrays)
-        return decode if found.is_recorded else checked_decoder(topic, found, decode, may_skip)
+        return decode if definition.is_recorded else checked_decoder(topic, definition, decode, may_skip)
 
-    def _leave_out(self, topic: str, error: RosidlError | None = None, count: int = 1) -> None:
-        """Count a message; with the first `error` of a topic, say so."""
+    def _count_skipped(self, topic: str, error: RosidlError | None = None, count: int = 1) -> None:
+        """Count skipped messages; report the first `error` of a topic."""
         before = self.skipped.get(topic)
         if before is None:
             reason = str(error).removeprefix(f"{topic}: ")
             self.skipped[topic] = SkippedMessages(count, reason)
-            warnings.warn(f"{self.path}: left out {topic}: {reason}", BagWarning, stacklevel=4)
+            warnings.warn(f"{self.path}: skipped {topic}: {reason}", BagWarning, stacklevel=4)
         else:
             self.skipped[topic] = replace(before, count=before.count + count)
 
@@ -285,12 +291,14 @@ class BagReader:
         end_ns: int | None = None,
         raw: bool = False,
     ) -> AsyncIterator[BagMessage]:
-        """Messages at the times they were recorded, as far apart as then.
+        """Yield messages with the time between them as recorded.
 
         Args:
-            rate: 2.0 plays twice as fast; arguments otherwise, and errors, as `messages`.
+            rate: 2.0 plays twice as fast; other arguments, and errors, as for `messages`.
         """
-        return at_recorded_pace(self.messages(topics, start_ns=start_ns, end_ns=end_ns, raw=raw), rate)
+        if not rate > 0:
+            raise ValueError(f"rate: got {rate}; expected a number above 0")
+        return _at_recorded_pace(self.messages(topics, start_ns=start_ns, end_ns=end_ns, raw=raw), rate)
 
     def to_arrays(
         self,
@@ -301,24 +309,24 @@ class BagReader:
         end_ns: int | None = None,
         pad: float | str | None = None,
     ) -> np.ndarray[Any, np.dtype[np.void]]:
-        """The messages of a topic as a table: a structured array with a row for each.
+        """Return the messages of a topic as a structured array with a row for each message.
 
         Args:
             fields: paths such as ``"header.stamp"``, ``"position[1]"``, ``"ranges[0:10]"``, ``"ranges[:]"``,
-                ``"transforms[0].transform"`` or ``"poses[:].position.x"``; None means all numbers and
-                texts that are not in arrays. Indices count as Python's. Of a message, all its numbers and texts. Times
+                ``"transforms[0].transform"`` or ``"poses[:].position.x"``. None means all numbers and texts outside of
+                arrays; the path of a message means all numbers and texts in it. Indices are those of Python. Times
                 become nanoseconds in int64.
-            pad: what rows have in place of elements that a message does not have, such as ``float("nan")`` or 0.
+            pad: replaces elements that a message does not have, such as ``float("nan")`` or 0.
 
         Returns:
-            Columns ``log_time`` (nanoseconds) and the fields, called as their paths. Fixed arrays and parts of known
-            length have an axis more. Other sequences are arrays of their own in a column of objects, or, with `pad`, an
-            axis as long as the longest. Texts are as long as the longest, or objects where one is far longer.
+            Columns ``log_time`` (nanoseconds) and the fields, named by their paths. Fixed arrays and slices of known
+            length have an additional axis. Other sequences are arrays in a column of objects; with `pad`, an axis as
+            long as the longest. Texts are as long as the longest, or objects if one is far longer than the others.
 
         Raises:
-            BagError: no such topic or field, or one that is of another kind in another definition of this topic; a
-                sequence is too short and there is no `pad`, or `pad` is none of the field's type. DecodeError: as
-                `messages`.
+            BagError: a topic or field does not exist, or differs in another definition of the topic; a sequence is too
+                short and there is no `pad`, or `pad` is not of the field's type.
+            DecodeError: as for `messages`.
         """
         classes = dict.fromkeys(self.message_class(one) for one in self._channels_of(topic))
         messages = self.messages(topic, start_ns=start_ns, end_ns=end_ns)
@@ -333,12 +341,12 @@ class BagReader:
         end_ns: int | None = None,
         pad: float | str | None = None,
     ) -> Any:
-        """The messages of a topic as a `pandas.DataFrame`, with the log times as index, in UTC.
+        """Return the messages of a topic as a `pandas.DataFrame`, with the log times as index, in UTC.
 
-        An array of known length becomes a column for each element, ``orientation_covariance[0]`` and so on.
+        An array of known length becomes a column for each element, such as ``orientation_covariance[0]``.
 
         Raises:
-            ModuleNotFoundError: there is no pandas. Others as `to_arrays`.
+            ModuleNotFoundError: pandas is not installed. Others as for `to_arrays`.
         """
         return frame(self.to_arrays(topic, fields, start_ns=start_ns, end_ns=end_ns, pad=pad))
 
@@ -352,21 +360,22 @@ class BagReader:
         on_error: Literal["raise", "skip"] = "raise",
         batch_bytes: int = 1 << 21,
     ) -> Any:
-        """The messages of a topic as a ``pyarrow.RecordBatchReader``; polars, pandas and DuckDB take it as it is.
+        """Return the messages of a topic as a ``pyarrow.RecordBatchReader``, which polars, pandas and DuckDB accept.
 
-        The first columns are ``log_time`` and ``publish_time``; then come the fields, those of nested messages in
-        structs. Needs the extra ``tables``.
+        The columns are ``log_time``, ``publish_time`` and the fields, with structs for nested messages. Needs the extra
+        ``tables``.
 
         Args:
             topic: a name, or one of `channels`, for messages of this definition only.
-            columns: paths such as ``"header.stamp"``, which name their columns; None means all fields. Of the other
-                fields only the sizes are looked at.
-            start_ns: as of `messages`, and so are `end_ns` and `on_error`.
-            batch_bytes: a batch has messages of so many bytes, or one that is larger.
+            columns: paths such as ``"header.stamp"``, which name their columns; None means all fields. Other fields are
+                not decoded.
+            start_ns: as for `messages`, and so are `end_ns` and `on_error`.
+            batch_bytes: size of the messages of a batch, which has at least one message.
 
         Raises:
-            ExtraMissingError: there is no pyarrow. BagError: no such topic or column, definitions of the topic whose
-                columns differ, a time or a column that Arrow has no room for; while reading, too. Others as `messages`.
+            ExtraMissingError: pyarrow is not installed.
+            BagError: a topic or column does not exist, definitions of the topic have different columns, or a time or a
+                column cannot be represented in Arrow; also while reading. Others as for `messages`.
         """
         from rosidl_py_gen.tables.reading import reader
 
@@ -375,12 +384,12 @@ class BagReader:
         return reader(self, channels, columns, source, batch_bytes)
 
     def _source(
-        self, names: list[str], start_ns: int | None, end_ns: int | None, on_error: str, may_leave_out: bool = False
+        self, names: list[str], start_ns: int | None, end_ns: int | None, on_error: str, may_skip_topic: bool = False
     ) -> TableInput:
         if on_error not in ("raise", "skip"):
-            raise ValueError(f'on_error is "raise" or "skip", got {on_error!r}')
-        found = as_table_input(self._files, names, start_ns or 0, _END if end_ns is None else end_ns)
-        return TableInput(found, lambda some: self._decoded(some, False, may_leave_out, on_error == "skip"))
+            raise ValueError(f'on_error: got {on_error!r}; expected "raise" or "skip"')
+        messages = as_table_input(self._files, names, start_ns or 0, _END if end_ns is None else end_ns)
+        return TableInput(messages, lambda some: self._decoded(some, False, may_skip_topic, on_error == "skip"))
 
     def _cuts(self, size: int) -> list[int]:
         return split_times(self._files, size)
@@ -394,17 +403,26 @@ class BagReader:
         end_ns: int | None = None,
         on_error: Literal["raise", "skip"] = "raise",
     ) -> Any:
-        """The same as a ``pyarrow.Table``, all of it in memory."""
+        """Return the messages of a topic as a ``pyarrow.Table`` in memory; arguments as for `batches`."""
         return self.batches(topic, columns, start_ns=start_ns, end_ns=end_ns, on_error=on_error).read_all()
 
     # ------------------------------------------------------------------------------------------------------ closing
 
     def close(self) -> None:
-        """Close the files; may be called twice."""
-        self._kept.close()
+        """Close the files; may be called repeatedly."""
+        self._resources.close()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+async def _at_recorded_pace(messages: Iterable[BagMessage], rate: float) -> AsyncIterator[BagMessage]:
+    clock = asyncio.get_running_loop().time
+    start: tuple[float, int] | None = None
+    for message in messages:
+        start = start or (clock(), message.log_time)
+        await asyncio.sleep(max(0.0, start[0] + (message.log_time - start[1]) / NS_PER_S / rate - clock()))
+        yield message

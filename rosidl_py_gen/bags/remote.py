@@ -1,8 +1,7 @@
-"""Bags that have a URL, as ``s3://bucket/drive.mcap``: universal_pathlib shows them as paths, fsspec reads them.
+"""Bags at a URL such as ``s3://bucket/drive.mcap``: universal_pathlib presents them as paths, fsspec reads them.
 
-Decides how much is read at once: what is asked for and a little behind it, so that the records of a file that follow
-each other take few requests, and of what a reader leaves out little is read. What cannot be read by ranges, databases
-and files that are compressed as a whole, is copied into a temporary folder first.
+MCAP files are read by ranges with a read-ahead: consecutive records take few requests, and skipped ones are mostly not
+read. Databases and compressed files are copied into a temporary folder first.
 """
 
 from __future__ import annotations
@@ -22,35 +21,36 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 _READ_AHEAD_BYTES = 1 << 20
-"""Bytes that are read more than asked for."""
+"""Number of bytes that are read in addition to the requested ones."""
 
 
 class BagUnreachableError(BagError):
-    """The place where a bag is did not answer, which says nothing of its bytes."""
+    """Raised when the location of a bag does not respond; the bag may be intact."""
 
 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+(::[A-Za-z][A-Za-z0-9+.-]+)*://")
 _WRAPPING = {"zip", "tar", "libarchive", "simplecache", "filecache", "blockcache", "cached", "reference", "dir", "dask"}
-"""Protocols of fsspec that are about the URL after a ``::``."""
+"""Protocols of fsspec that apply to the URL after a ``::``."""
 
 
-def is_url(place: str) -> bool:
-    """Whether a place is one for fsspec."""
-    return _URL.match(place) is not None
+def is_url(location: str) -> bool:
+    """Return True if a location is a URL for fsspec."""
+    return _URL.match(location) is not None
 
 
 def has_colons_in_names(url: str) -> bool:
-    """Return True if ``::`` is a part of names in a URL: fsspec would take it for a chain of URLs."""
+    """Return True if ``::`` is part of a name in a URL; fsspec would parse it as a chain of URLs."""
     first, separator, rest = url.partition("::")
     protocol, is_one, _ = first.partition("://")
     return bool(separator and is_one) and "://" not in rest and protocol not in _WRAPPING
 
 
 def bag_path(path: str | os.PathLike[str]) -> Path:
-    """The path of a bag: of this machine, or what looks like it.
+    """Return a local path, or the path-like object for a URL.
 
     Raises:
-        BagError: nobody knows such URLs. ExtraMissingError: there is no universal_pathlib.
+        BagError: the protocol of the URL is unknown.
+        ExtraMissingError: universal_pathlib is not installed.
     """
     if isinstance(path, os.PathLike) or not is_url(path):
         return Path(path)
@@ -63,32 +63,32 @@ def bag_path(path: str | os.PathLike[str]) -> Path:
     try:
         # Of a URL with such a name, universal_pathlib would show what is before it; joined, it is read or refused.
         root = path[: path.rfind("/", 0, path.index("::"))] if has_colons_in_names(path) else path
-        found = UPath(root)
-        _ = found.fs
-        found = found.joinpath(path[len(root) + 1 :]) if root != path else found
+        url_path = UPath(root)
+        _ = url_path.fs
+        url_path = url_path.joinpath(path[len(root) + 1 :]) if root != path else url_path
     except (ImportError, ValueError) as error:  # no package for this protocol, no such protocol
         raise BagError(f"{path}: {error}") from None
-    return cast("Path", found)
+    return cast("Path", url_path)
 
 
 @contextmanager
-def unreachable_as_error(place: object) -> Iterator[None]:
-    """Turn what file systems raise, each package its own, into `BagUnreachableError`; those of files are left alone."""
+def unreachable_as_error(location: object) -> Iterator[None]:
+    """Turn exceptions of file systems into `BagUnreachableError`; `OSError` passes unchanged."""
     try:
         yield
     except (RosidlError, OSError, MemoryError):
         raise
     except Exception as error:
-        raise BagUnreachableError(f"{place}: {type(error).__name__}: {str(error)[:300]}") from None
+        raise BagUnreachableError(f"{location}: {type(error).__name__}: {str(error)[:300]}") from None
 
 
 def opened(path: Path) -> IO[bytes]:
-    """A file to read from, here and there."""
+    """Open a file for reading at any offset."""
     return path.open("rb") if isinstance(path, Path) else cast("IO[bytes]", _RangeFile(path))
 
 
 class _RangeFile:
-    """A file that is read by ranges."""
+    """File at a URL that is read by ranges; raises `BagUnreachableError`."""
 
     def __init__(self, path: Any) -> None:
         self._path = path
@@ -96,7 +96,6 @@ class _RangeFile:
             self._stream = path.open("rb", block_size=_READ_AHEAD_BYTES, cache_type="readahead")
 
     def read(self, size: int = -1) -> bytes:
-        """As of a file. Raises `BagUnreachableError`."""
         try:
             return bytes(self._stream.read(size))
         except MemoryError:
@@ -104,31 +103,29 @@ class _RangeFile:
         except Exception as error:
             raise BagUnreachableError(f"{self._path}: {type(error).__name__}: {str(error)[:300]}") from None
 
-    def seek(self, at: int, whence: int = 0) -> int:
-        """As of a file."""
-        return int(self._stream.seek(at, whence))
+    def seek(self, offset: int, whence: int = 0) -> int:
+        return int(self._stream.seek(offset, whence))
 
     def tell(self) -> int:
-        """As of a file."""
         return int(self._stream.tell())
 
     def close(self) -> None:
-        """As of a file."""
         self._stream.close()
 
 
 def local_copy(path: Path, folder: Path) -> Path:
-    """The same file in a folder of this machine, with what SQLite keeps beside it; a local one is left where it is.
+    """Copy a remote file, and SQLite's journals of it, into a local folder; return a local file unchanged.
 
     Raises:
-        BagError: it does not fit there. OSError: it cannot be read.
+        BagError: the copy does not fit there.
+        OSError: the file cannot be read.
     """
     if isinstance(path, Path):
         return path
     with unreachable_as_error(path):
         size, room = path.stat().st_size, shutil.disk_usage(folder).free // 2
         if size > room:
-            raise BagError(f"{path}: it has {size} bytes, more than {room}, half of what is free in {folder}")
+            raise BagError(f"{path}: has {size} bytes; expected at most {room}, half of the free space in {folder}")
         for end in ("", "-wal", "-journal"):
             beside = path.with_name(path.name + end)
             if not end or beside.exists():

@@ -91,7 +91,7 @@ def test_a_chunk_that_becomes_too_large_is_refused(tmp_path: Path, has_index: bo
         path.write_bytes(path.read_bytes()[:-60])
     with BagReader(path, max_decompressed_bytes=101_000) as reader:
         assert [len(one.message.data) for one in reader] == [100_000]
-    told = r"a chunk of \d+ bytes says it holds 1\d{5}; expected at most 10000, unless max_decompressed_bytes is more"
+    told = r"a chunk of \d+ bytes states 1\d{5} bytes; expected at most 10000, unless max_decompressed_bytes is more"
     with pytest.raises(BagError, match=told), BagReader(path, max_decompressed_bytes=10_000) as reader:
         list(reader)
 
@@ -157,7 +157,7 @@ def test_what_breaks_off_says_how_much_is_lost(tmp_path: Path) -> None:
     cut = tmp_path / "b.mcap"
     for end in range(begin + 1, after):
         cut.write_bytes(data[:end])
-        with pytest.warns(BagWarning, match=f"b.mcap breaks off within a record: .* last {end - begin} bytes"):
+        with pytest.warns(BagWarning, match=f"b.mcap breaks off within a record; its last {end - begin} bytes"):
             assert (count_of(cut), BagReader(cut).unread_bytes) == (0, end - begin)
     for end in (begin, *range(after, len(data))):  # only of the index something is missing
         cut.write_bytes(data[:end])
@@ -198,12 +198,12 @@ def test_bytes_of_a_database_may_be_wrong(tmp_path: Path) -> None:
         (
             "drop table messages; create view messages as with recursive n(i) as "
             "(select 1 union all select i + 1 from n limit 9) select i id, 1 topic_id, i timestamp, x'00' data from n;",
-            "messages is no stored table",
+            "messages is not a stored table",
         ),
         (
             "drop table Topics; create view Topics as "
             "select 1 id, '/s' name, 'std_msgs/msg/Bool' type, 'cdr' serialization_format;",
-            "topics is no stored table",
+            "topics is not a stored table",
         ),
         (
             "drop table messages; create table messages(id integer primary key, topic_id integer, timestamp integer, "
@@ -217,7 +217,7 @@ def test_bytes_of_a_database_may_be_wrong(tmp_path: Path) -> None:
         ),
         (
             "drop table messages; create virtual table messages using fts5(id, topic_id, timestamp, data);",
-            "messages is no stored table",
+            "messages is not a stored table",
         ),
     ],
     ids=["view of messages", "view of topics", "column of data", "column of topics", "virtual table"],
@@ -252,9 +252,9 @@ def told(**wrong: str) -> str:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "not as rosbag2 writes it: .*; `rosidl-py bag reindex` writes it again"),
+        ("", "not in the format of rosbag2: .*; recreate it with `rosidl-py bag reindex`"),
         ("{", "not YAML: "),
-        ("rosbag2_bagfile_information: 3", "not as rosbag2 writes it"),
+        ("rosbag2_bagfile_information: 3", "not in the format of rosbag2"),
         ("rosbag2_bagfile_information: {relative_file_paths: [a.mcap]}", "KeyError 'storage_identifier'"),
         ("a: !!int ''", "not YAML: "),
         ("a: !!bool x", "not YAML: "),
@@ -270,7 +270,7 @@ def told(**wrong: str) -> str:
         (BOMB + told(topic="*a29"), "more than 1000000 values, aliases written out"),
         (BOMB + told(storage="*a29"), "more than 1000000 values, aliases written out"),
         (told(files='["a\\0.mcap"]'), "a file name with a zero byte"),
-        ("a: &a [x, x]\nb: &b [*a, *a]\nrosbag2_bagfile_information: [*b, *b]", "not as rosbag2"),
+        ("a: &a [x, x]\nb: &b [*a, *a]\nrosbag2_bagfile_information: [*b, *b]", "not in the format of rosbag2"),
     ],
 )
 @pytest.mark.usefixtures("little_memory")
@@ -303,7 +303,7 @@ def test_metadata_does_not_lead_out_of_its_folder(tmp_path: Path) -> None:
     bag.mkdir()
     text = "rosbag2_bagfile_information: {relative_file_paths: [../secret.mcap], storage_identifier: mcap}"
     (bag / "metadata.yaml").write_text(text)
-    with pytest.raises(BagError, match=r"bag.metadata\.yaml names secret\.mcap, which is not there$"):
+    with pytest.raises(BagError, match=r"bag.metadata\.yaml refers to secret\.mcap, which does not exist$"):
         BagReader(bag)
 
 

@@ -83,7 +83,7 @@ def test_a_definition_of_the_search_path_or_the_typestore_is_taken_and_told(
     (warned,) = recwarn.list  # once, not for each message or topic
     said = str(warned.message)
     assert warned.category is BagWarning and found.origin in said
-    assert "no definition and no hash of old_msgs/msg/Reading (/reading)" in said
+    assert "contains neither definition nor hash of old_msgs/msg/Reading (/reading)" in said
     for given in (THEN, compile_definition(NAME, THEN)):
         with BagReader(bag, typestore={"old_msgs/Reading": given}) as reader:
             assert reader.definition("/reading").origin == "typestore"
@@ -106,14 +106,14 @@ def test_a_definition_of_the_search_path_or_the_typestore_is_taken_and_told(
     [
         (
             NOW,
-            "4 of 12 bytes of a message are behind its last field; typestore, taken because the bag has no definition",
+            "4 of 12 bytes of a message are after its last field; typestore, used because the bag has no definition",
         ),
-        (LATER, "a message of 12 bytes: old_msgs/msg/Reading.unit: at byte 12: expected 4 bytes.*; typestore, taken"),
+        (LATER, "a message of 12 bytes: old_msgs/msg/Reading.unit: at byte 12: expected 4 bytes.*; typestore, used"),
     ],
 )
 def test_messages_that_are_not_of_the_guess_are_never_handed_out(bag: Path, text: str, said: str) -> None:
     with BagReader(bag, typestore={NAME: text}) as reader:
-        with pytest.warns(BagWarning, match=f"left out /reading: {said}") as told:
+        with pytest.warns(BagWarning, match=f"skipped /reading: {said}") as told:
             for _ in range(2):
                 assert list(reader.messages()) == []
         assert len(told) == 2  # the guess, and what is left out

@@ -75,7 +75,7 @@ def metadata(version: int, name: str) -> dict[str, Any]:
     return {"rosbag2_bagfile_information": told}
 
 
-@pytest.mark.filterwarnings("ignore:.*no definition and no hash:rosidl_py_gen.bags.BagWarning")
+@pytest.mark.filterwarnings("ignore:.*contains neither definition nor hash:rosidl_py_gen.bags.BagWarning")
 @pytest.mark.parametrize("version", range(1, 10))
 @pytest.mark.parametrize("release", TOPICS)
 def test_databases_and_metadata_of_all_releases_are_read(tmp_path: Path, release: str, version: int) -> None:

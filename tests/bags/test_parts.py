@@ -115,19 +115,19 @@ def test_what_was_flushed_into_sqlite_is_there_for_others(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("options", "error"),
     [
-        ({"compression_mode": "file"}, "is one file; packing and custom data"),
-        ({"custom_data": {"a": "b"}}, "is one file; packing and custom data"),
-        ({"compression_mode": "all"}, 'packing "all" is not known; there are none, file, message'),
-        ({"split_s": 1}, "is one file; a folder can be split"),
+        ({"compression_mode": "file"}, "is one file; only a folder can have"),
+        ({"custom_data": {"a": "b"}}, "is one file; only a folder can have"),
+        ({"compression_mode": "all"}, 'compression_mode: got "all"; expected one of none, file, message'),
+        ({"split_s": 1}, "is one file; only a folder can be split"),
     ],
 )
 def test_one_file_is_not_split_or_packed(tmp_path: Path, options: Any, error: str) -> None:
     with pytest.raises(BagError, match=error):
         BagWriter(tmp_path / "a.mcap", **options)
-    with BagWriter(tmp_path / "b.mcap") as bag, pytest.raises(BagError, match="is one file; a folder can be split"):
+    with BagWriter(tmp_path / "b.mcap") as bag, pytest.raises(BagError, match="is one file; only a folder can be split"):
         bag.split()
     custom: Any = {"a": 1}
-    with pytest.raises(BagError, match="custom data are texts, found 'a': 1"):
+    with pytest.raises(BagError, match="custom_data: got 'a': 1; expected texts"):
         SqliteWriter(tmp_path / "c", custom_data=custom)
     assert not (tmp_path / "c").exists()
 

@@ -115,20 +115,20 @@ def test_elements_of_messages_lead_on(bag: Path) -> None:
 @pytest.mark.parametrize(
     ("topic", "path", "said"),
     [
-        ("/scan", "ranges[2]", r"/scan at 0 ns: ranges\[2\]: there are 2 elements; pad="),
-        ("/scan", "ranges[0:3]", r"/scan at 0 ns: ranges\[0:3\]: there are 2 elements; pad="),
-        ("/tf", "transforms[1].child_frame_id", r"at 0 ns: transforms\[1\].child_frame_id: there are 1 elements"),
-        ("/imu", "orientation_covariance[9]", r"orientation_covariance\[9\]: there are 9 elements"),
-        ("/imu", "orientation_covariance[0:10]", r"there are 9 elements"),
-        ("/imu", "header[0]", r"header\[0\]: header is one std_msgs/msg/Header, and has no elements"),
-        ("/imu", "header.frame_id.x", r"header.frame_id is string, and has no fields"),
-        ("/imu", "header.frame", r"no column header.frame; did you mean .header.frame_id.*there are header.stamp"),
+        ("/scan", "ranges[2]", r"/scan at 0 ns: ranges\[2\]: has 2 elements; pass pad="),
+        ("/scan", "ranges[0:3]", r"/scan at 0 ns: ranges\[0:3\]: has 2 elements; pass pad="),
+        ("/tf", "transforms[1].child_frame_id", r"at 0 ns: transforms\[1\].child_frame_id: has 1 elements"),
+        ("/imu", "orientation_covariance[9]", r"orientation_covariance\[9\]: the array has 9 elements"),
+        ("/imu", "orientation_covariance[0:10]", r"the array has 9 elements"),
+        ("/imu", "header[0]", r"header\[0\]: header is a single std_msgs/msg/Header without elements"),
+        ("/imu", "header.frame_id.x", r"header.frame_id is string, which has no fields"),
+        ("/imu", "header.frame", r"no column header.frame; did you mean .header.frame_id.*columns are header.stamp"),
         ("/tf", "transform[0].child_frame_id", r"did you mean .transforms\[:\].child_frame_id"),
-        ("/scan", "range[0]", r"no column range\[0\].*there are .*ranges\[:\]"),
+        ("/scan", "range[0]", r"no column range\[0\].*columns are .*ranges\[:\]"),
         ("/scan", "ranges[a]", r"no column ranges\[a\].*ranges\[:\]"),
         ("/scan", "ranges[", r"no column"),
         ("/scan", "", r"no column"),
-        ("/path", "points[:].positions", r"points\[:\].positions: a path has one part with several elements at most"),
+        ("/path", "points[:].positions", r"points\[:\].positions: a path must have at most one slice"),
     ],
 )
 def test_errors_say_what_there_is(bag: Path, topic: str, path: str, said: str) -> None:
@@ -142,10 +142,10 @@ def test_what_is_missing_is_filled_only_with_what_the_field_can_have(bag: Path) 
     assert table["ranges[1:4]"].shape == (3, 3) and table["ranges[1:4]"][2].tolist() == [1, 2, 3]
     assert columns(bag, "/tf", "transforms[1].child_frame_id", pad="-").tolist()[0] == (0, "-")
     for path, pad, said in (
-        ("transforms[1].child_frame_id", NAN, "pad=nan is no text"),
-        ("transforms[1].header.stamp", NAN, "pad=nan is no int64"),
-        ("transforms[1].header.stamp", 0.5, "pad=0.5 is no int64"),
-        ("transforms[1].transform.translation.x", "-", "pad='-' is no number"),
+        ("transforms[1].child_frame_id", NAN, "pad=nan is not a text"),
+        ("transforms[1].header.stamp", NAN, "pad=nan is not a int64"),
+        ("transforms[1].header.stamp", 0.5, "pad=0.5 is not a int64"),
+        ("transforms[1].transform.translation.x", "-", "pad='-' is not a number"),
     ):
         with pytest.raises(BagError, match=said):
             columns(bag, "/tf", path, pad=pad)
@@ -164,7 +164,7 @@ def test_one_long_value_does_not_make_every_row_long(tmp_path: Path) -> None:
         assert tracemalloc.get_traced_memory()[1] < 20 << 20  # 2.4 GB as text of one length
         tracemalloc.stop()
         assert table["data"][6] == "x" and len(table["data"][7]) == 300_000
-        with pytest.raises(BagError, match=r"points\[:\].x: padded it has 60000000 elements, 31999 of them in the bag"):
+        with pytest.raises(BagError, match=r"points\[:\].x: with padding it has 60000000 elements, 31999 of them in the bag"):
             reader.to_arrays("/p", "points[:].x", pad=0)
         with pytest.raises(BagError, match=r"points\[0:99999999\].x"):
             reader.to_arrays("/p", "points[0:99999999].x", pad=0)

@@ -324,7 +324,7 @@ def test_info_tells_what_a_bag_holds(run_here: Any, tmp_path: Path) -> None:
     out = run_here("bag", "info", str(path))[1]
     assert "Duration:   0.950 s\n" in out and "/map\tstd_msgs/msg/String\t1\treliable, transient local\n" in out
     (tmp_path / "no.mcap").write_bytes(b"no bag")
-    for name, text in (("no.mcap", "damaged"), ("nowhere", "no such file"), ("nowhere.mcap", "No such file")):
+    for name, text in (("no.mcap", "damaged"), ("nowhere", "file does not exist"), ("nowhere.mcap", "No such file")):
         code, _, err = run_here("bag", "info", str(tmp_path / name))
         assert (code, text in err, "Traceback" in err) == (1, True, False), err
 
@@ -371,8 +371,8 @@ def test_wrong_words_for_bags_are_told(run_here: Any, tmp_path: Path) -> None:
         (["play", path, "--remap", "/x:=/y", "--discovery", "off"], "/x is not played; there are /map, /words"),
         (["play", path, "--start-offset", "9"], "a.mcap is 0.950 s long"),
         (["convert", path, path], "exists already"),
-        (["convert", path, out + ".mcap", "--max-bag-size", "9"], "out.mcap is one file; a folder can be split"),
-        (["convert", path, out + ".db3", "-s", "sqlite3"], "is a folder; give a name without .db3"),
+        (["convert", path, out + ".mcap", "--max-bag-size", "9"], "out.mcap is one file; only a folder can be split"),
+        (["convert", path, out + ".db3", "-s", "sqlite3"], "is a folder; pass a name without .db3"),
     ):
         code, _, err = run_here("bag", *words)
         assert (code, text in err) == (1, True), err

@@ -87,7 +87,7 @@ def test_a_definition_that_is_not_that_of_the_samples_is_not_written(
     folder = package(tmp_path / "now" / "old_msgs", NOW)
     code, _, err = run_here("bag", "convert", humble, str(tmp_path / "out.mcap"), "--path", folder)
     assert code == 1 and not (tmp_path / "out.mcap").exists()
-    assert "4 of 12 bytes of a message are behind its last field" in err and "Reading.msg" in err
+    assert "4 of 12 bytes of a message are after its last field" in err and "Reading.msg" in err
 
 
 def test_info_says_where_definitions_come_from(run_here: Any, humble: str, tmp_path: Path) -> None:
@@ -165,7 +165,7 @@ async def test_messages_are_played_without_a_definition_that_is_not_theirs(
     process = await tool.start("bag", "play", humble, "--path", folder, "--topics", "/reading")
     assert (await heard.receive(timeout_s=20)).weight == 2.0
     ended = await tool.end(process)
-    assert ended.code == 0 and "4 of 12 bytes of a message are behind its last field" in ended.err, ended.err
+    assert ended.code == 0 and "4 of 12 bytes of a message are after its last field" in ended.err, ended.err
 
 
 def test_a_copy_that_cannot_be_made_leaves_nothing(run_here: Any, tmp_path: Path) -> None:
@@ -181,4 +181,4 @@ def test_a_copy_that_cannot_be_made_leaves_nothing(run_here: Any, tmp_path: Path
     assert code == 1 and "two definitions of my/msg/Pair" in err
     assert not (tmp_path / "copy").exists()
     code, _, err = run_here("bag", "convert", str(source), str(tmp_path / "copy.db3"))
-    assert code == 1 and "copy.db3: this writes MCAP files" in err
+    assert code == 1 and "copy.db3: BagWriter writes MCAP files" in err

@@ -203,12 +203,12 @@ def test_what_cannot_be_reindexed_is_told_and_left_alone(run_here: Any, tmp_path
     taken = without_index(tmp_path / "taken.mcap", cut=0)
     (tmp_path / "taken.mcap.unindexed").write_bytes(b"mine")
     for place, text in (
-        (tmp_path / "empty", "a folder with neither metadata.yaml nor bag files"),
-        (tmp_path / "nowhere", "there is no such file"),
-        (mixed, "some of its files are mcap and sqlite3; a bag is of one kind"),
+        (tmp_path / "empty", "folder contains neither metadata.yaml nor bag files"),
+        (tmp_path / "nowhere", "file does not exist"),
+        (mixed, "its files are mcap and sqlite3; expected files of one kind"),
         (packed, "some of its files are compressed and not compressed"),
         (damaged, "damaged_1.mcap: damaged"),
-        (tmp_path / "db3" / "db3_0.db3", "only MCAP files have an index of their own; give the folder it is in"),
+        (tmp_path / "db3" / "db3_0.db3", "only MCAP files have an index; pass the folder of the file"),
         (taken, "taken.mcap.unindexed exists already"),
     ):
         metadata = place / "metadata.yaml"

@@ -79,7 +79,7 @@ def test_what_fails_stops_nothing_and_is_told_with_its_reason(tmp_path: Path) ->
     assert sorted(report.files) == ["a", "z"] and rows(out) == [("a", 1), ("z", 2)]
     told = {Path(place).name: reason for place, reason in report.failed.items()}
     assert told.keys() >= {"junk.mcap", "text.txt", "empty", "broken.mcap", "gone.mcap"}
-    assert "does not begin as MCAP files do" in told["junk.mcap"] and "neither .mcap nor .db3" in told["text.txt"]
+    assert "does not begin with the magic bytes of MCAP" in told["junk.mcap"] and "expected .mcap, .db3" in told["text.txt"]
     assert "broken.mcap: /s at 7 ns: std_msgs/msg/String.data" in told["broken.mcap"]
     assert told["gone.mcap"].endswith("gone.mcap: there is no such bag") and "without files" in told["empty"]
     assert not list(out.rglob("*broken*.parquet")) and not list(out.rglob("*.partial"))

@@ -1,1 +1,1 @@
-"""What reads the files of a bag, whatever their storage, and what is common to them."""
+"""Readers of the files of a bag: MCAP and SQLite."""

@@ -1,9 +1,10 @@
-"""Damaged parts of an MCAP file: what is reported of one, and where the next intact chunk begins.
+"""Damaged parts of an MCAP file: their report, and the search for the next intact chunk.
 
-A reader either raises at the first damaged part, or skips it and reports which topics and times it had. Chunks have
-checksums, so the search looks for chunks only. A candidate must be consistent: the lengths of its record and of its
-content agree. A chunk of an MCAP file that is the content of a message is no candidate: its records lead to the end of
-that file, within this one.
+A reader either raises at the first damaged part, or skips it and reports its topics and times. Chunks have checksums,
+so the search looks only for chunks. A candidate must be consistent: the lengths of its record and of its content agree.
+A chunk within an MCAP file that is the content of a message is not a candidate: its records lead to the end of that
+    file,
+which is before the end of this one.
 """
 
 from __future__ import annotations
@@ -28,24 +29,24 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags.storage.mcap_chunks import Read
 
 _HEAD = struct.Struct("<BQQQQII")
-"""The record of a chunk: opcode, length, first and last log time, size, checksum, and the length of the next name."""
+"""Start of a chunk record: opcode, length, first and last log time, size, checksum, length of the next name."""
 _COMPRESSIONS = (b"", b"lz4", b"zstd")
 _MAX_HEAD = _HEAD.size + 4 + 8
 _CANDIDATE = re.compile(rb"\x06(?=.{5}\0\0\0)", re.DOTALL)
-"""A chunk whose length is below 2**40."""
+"""Opcode and length of a chunk that is shorter than 2**40 bytes."""
 _MAX_WARNINGS = 20
 _WINDOW = 1 << 20
 _FIRST_PRIVATE = 0x80
 _INDEX = struct.Struct("<BQH")
-"""The record of a message index: opcode, length, channel."""
+"""Start of a message index record: opcode, length, channel."""
 
 
 class Damage(NamedTuple):
-    """A damaged stretch of a file.
+    """Damaged range of a file.
 
     Attributes:
-        first, last: log times of its messages, None if not known.
-        channels: numbers of the channels it has messages of, None if not known.
+        first, last: log times of its messages; None if not known.
+        channels: ids of the channels of its messages; None if not known.
     """
 
     offset: int
@@ -60,7 +61,7 @@ class Skipped:
     """Damaged parts that were skipped.
 
     Attributes:
-        parts: each of them once.
+        parts: the parts, without duplicates.
     """
 
     def __init__(self) -> None:
@@ -85,10 +86,10 @@ OnDamage = Callable[[Damage], None]
 
 
 class ChunkHead(NamedTuple):
-    """The head of a chunk record whose lengths agree.
+    """Start of a chunk record whose lengths agree.
 
     Attributes:
-        end: where the record ends, which may be after the end of the file.
+        end: end of the record, which may be after the end of the file.
     """
 
     end: int
@@ -97,12 +98,12 @@ class ChunkHead(NamedTuple):
 
     @classmethod
     def at(cls, read: Read, at: int) -> Self | None:
-        """Return the head of the chunk record there, whatever its opcode is; None if there is no consistent one."""
+        """Return the start of a chunk record at an offset, whatever its opcode; None if it is not consistent."""
         return cls.within(read(at, _MAX_HEAD), 0, at)
 
     @classmethod
     def within(cls, data: bytes, start: int, at: int) -> Self | None:
-        """Return the head of the chunk record that begins at `start` of `data`, which is `at` in the file, or None."""
+        """Return the start of a chunk record at `start` of `data`, which is `at` in the file; None as for `at`."""
         if len(data) < start + _HEAD.size + 8:
             return None
         _, length, first, last, _, _, name = _HEAD.unpack_from(data, start)
@@ -116,7 +117,7 @@ class ChunkHead(NamedTuple):
 
 
 def next_chunk(read: Read, at: int, end: int, size: int) -> int:
-    """Return where the next chunk of a file of `size` bytes begins, from `at` on; `end` if there is none before."""
+    """Return the offset of the next chunk of a file of `size` bytes, from `at` on; `end` if there is none before."""
     while at < end:
         window = read(at, min(_WINDOW, end - at) + _MAX_HEAD)
         for found in _CANDIDATE.finditer(window, 0, min(_WINDOW, end - at) + RECORD.size):
@@ -134,7 +135,7 @@ def next_chunk(read: Read, at: int, end: int, size: int) -> int:
 
 
 def _embedding_end(read: Read, at: int, size: int) -> int:
-    """Return where the MCAP file ends whose records go on at `at`, if it is within this file; 0 if it is this file."""
+    """Return the end of an embedded MCAP file whose records continue at `at`; 0 if it is this file."""
     while at + RECORD.size <= size:
         head = read(at, _MAX_HEAD)
         if head.startswith(MCAP0_MAGIC):
@@ -147,7 +148,7 @@ def _embedding_end(read: Read, at: int, size: int) -> int:
 
 
 def is_known(opcode: int) -> bool:
-    """Return True for the opcodes of MCAP, and for those that it leaves to programs."""
+    """Return True for the opcodes of MCAP, and for those that MCAP reserves for applications."""
     return 0 < opcode <= max(Opcode) or opcode >= _FIRST_PRIVATE
 
 
@@ -164,5 +165,5 @@ def indexed_channels(read: Read, at: int, size: int) -> set[int] | None:
 
 
 def are_zeros(read: Read, at: int, size: int) -> bool:
-    """Return True if a file has only zeros from `at` on, or nothing: what a power cut leaves."""
+    """Return True if a file has only zeros from `at` on, as after a power cut, or ends there."""
     return not any(read(start, _WINDOW).strip(b"\0") for start in range(at, size, _WINDOW))

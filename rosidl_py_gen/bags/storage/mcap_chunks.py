@@ -1,7 +1,7 @@
-"""Chunks of MCAP: unpacked within bounds, and cut into their records.
+"""Chunks of MCAP: decompression within bounds, and the records in them.
 
-Decides how much a chunk may become: what it says of itself, which has to be what its compression says, and at most what
-the reader allows. A large one is unpacked in pieces: whole records, about a megabyte of them, or one that is larger.
+The stated size of a chunk must be the size that its compression states, and at most the limit of the reader. A large
+chunk is decompressed in blocks of whole records, about a megabyte each, or one record that is larger.
 """
 
 from __future__ import annotations
@@ -30,40 +30,40 @@ if TYPE_CHECKING:
     Array = NDArray[Any]
 
 RECORD = struct.Struct("<BQ")
-"""Kind and length of a record of MCAP."""
+"""Opcode and length of an MCAP record."""
 _HEAD = struct.Struct("<QQQII")
-"""What a chunk begins with: log times, size, checksum, and the length of its compression's name."""
+"""Start of a chunk: log times, size, checksum, and length of the compression's name."""
 _MAX_NAME = 100
 BLOCK_BYTES = 1 << 20
 MAX_WHOLE_CHUNK_BYTES = 1 << 23
-"""Chunks up to this size are unpacked at once, which is quicker."""
+"""Size up to which chunks are decompressed at once, which is faster."""
 MAX_WINDOW = 1 << 27
-"""What zstd may look back: as `zstd` itself has it without ``--long``."""
+"""Maximum window of zstd, as of `zstd` itself without ``--long``."""
 Read = Callable[[int, int], bytes]
-"""Bytes of the file, from where and how many; less at its end."""
+"""Reads bytes of the file: offset and size; fewer at its end."""
 MESSAGE = struct.Struct("<BQHIQQ")
-"""The same of a message, then channel, sequence, log time and publish time; the rest of the record is its data."""
+"""Start of a message record: opcode, length, channel, sequence, log time and publish time; the data follow."""
 MIN_MESSAGE_BYTES = MESSAGE.size - RECORD.size
 IS_MESSAGE = int(Opcode.MESSAGE)  # comparing with the enum costs as much as the rest of the loop
 _HEADS = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("number", "<u4"), ("log", "<u8"), ("publish", "<u8")]
 )
 _MIN_EQUAL_RUN = 4
-"""After so many messages of equal length, more are expected."""
+"""Number of messages of equal length after which more are expected."""
 _LARGE = 8
-"""A message is large when its chunk has at most so many times its size."""
+"""A message is large if its chunk has at most this many times its size."""
 _MAX_FRAME_HEAD = 18
-"""Bytes of the head of a frame of zstd."""
+"""Size of the header of a zstd frame."""
 _MAX_LZ4 = 255
-"""LZ4 makes at most so many bytes of one."""
+"""Maximum compression ratio of LZ4."""
 
 
 class TooLargeError(BagError):
-    """A chunk becomes larger than the user allows, which says nothing of damage."""
+    """Raised when a chunk is larger than allowed; it may be intact."""
 
 
 class ChunkHeader(NamedTuple):
-    """What a chunk says of itself; its records are stored from `at` to `end` of the file."""
+    """Header of a chunk; its records are stored from `at` to `end` of the file."""
 
     at: int
     end: int
@@ -74,37 +74,37 @@ class ChunkHeader(NamedTuple):
 
 
 class Zstd(threading.local):
-    """A decompressor for each thread: one that several use at once mixes up what they unpack."""
+    """Decompressor for each thread: one that is shared by threads mixes up their data."""
 
     def __init__(self) -> None:
         self.own = ZstdDecompressor()
 
 
 class ChunkDecompressor:
-    """Unpacks the chunks of one file.
+    """Decompressor and parser for the chunks of a file.
 
     Args:
-        max_bytes: the most that a compressed chunk may become.
+        max_bytes: maximum size of a decompressed chunk.
         validate_crcs: compare checksums.
     """
 
     def __init__(self, path: Path, max_bytes: int, validate_crcs: bool) -> None:
         self.path = path
         self.where = str(path)
-        """The file, for errors."""
+        """Path of the file, for errors."""
         self._max_bytes = max_bytes
         self.validate_crcs = validate_crcs
         self._zstd = Zstd()
 
     def decompress(self, read: Read, head: ChunkHeader) -> bytes:
-        """Return the records in a chunk. Raises `BagError`, and what libraries raise."""
+        """Return the records of a chunk. Raises `BagError`, and exceptions of the libraries."""
         data = self._decompressed(head, read(head.at, head.end - head.at))
         if self.validate_crcs and head.crc and zlib.crc32(data) != head.crc:
-            raise BagError(f"{self.where}: damaged: the checksum of a chunk is not that of its {len(data)} bytes")
+            raise BagError(f"{self.where}: damaged: the checksum of a chunk of {len(data)} bytes is wrong")
         return data
 
     def require_size(self, read: Read, head: ChunkHeader) -> None:
-        """Raise `BagError` before a chunk is read that is damaged, or becomes too large."""
+        """Raise `BagError` if the header of a chunk is inconsistent, or the chunk is too large."""
         if head.compression:
             self._require_size(head.size, head.end - head.at, head.compression, read(head.at, _MAX_FRAME_HEAD))
 
@@ -117,32 +117,31 @@ class ChunkDecompressor:
             return self._zstd.own.decompress(stored, max_output_size=size)
         if head.compression == "lz4":
             self._require_size(size, compressed_size, "lz4")
-            # One byte more than there may be: zero would mean no limit.
+            # One byte more than the limit, as 0 would mean no limit.
             data: bytes = lz4.frame.LZ4FrameDecompressor().decompress(stored, max_length=size + 1)
             if len(data) != size:
-                raise BagError(f"{self.where}: damaged: a chunk says it holds {size} bytes, and has others")
+                raise BagError(f"{self.where}: damaged: a chunk states {size} bytes, and contains others")
             return data
-        raise BagError(f'{self.where}: a chunk is compressed with "{head.compression[:50]}"; zstd and lz4 are read')
+        raise BagError(f'{self.where}: a chunk is compressed with "{head.compression[:50]}"; expected zstd or lz4')
 
-    def _require_size(self, size: int, packed: int, compression: str, start: bytes = b"") -> None:
-        """Raise `BagError` before a chunk is decompressed whose sizes disagree, or that becomes too large."""
-        if compression == "lz4" and size > _MAX_LZ4 * packed:
-            raise BagError(f"{self.where}: damaged: a chunk of {packed} bytes says it holds {size}")
-        if compression == "zstd" and (said := frame_content_size(start)) not in (-1, size):
-            raise BagError(f"{self.where}: damaged: a chunk says it holds {size} bytes, and its compression {said}")
+    def _require_size(self, size: int, stored_size: int, compression: str, start: bytes = b"") -> None:
+        if compression == "lz4" and size > _MAX_LZ4 * stored_size:
+            raise BagError(f"{self.where}: damaged: a chunk of {stored_size} bytes states {size} bytes")
+        if compression == "zstd" and (stated := frame_content_size(start)) not in (-1, size):
+            raise BagError(f"{self.where}: damaged: a chunk states {size} bytes, and its compression {stated}")
         if size > self._max_bytes:
             raise TooLargeError(
-                f"{self.where}: a chunk of {packed} bytes says it holds {size}; expected at most {self._max_bytes}, "
-                "unless max_decompressed_bytes is more"
+                f"{self.where}: a chunk of {stored_size} bytes states {size} bytes; expected at most "
+                f"{self._max_bytes}, unless max_decompressed_bytes is more"
             )
 
     def messages(
         self, data: bytes | bytearray, wanted: Mapping[int, BagChannel], known: Container[int], size: int = -1
     ) -> list[Raw]:
-        """The messages among records that belong to the channels in `wanted`; `known` are all channels.
+        """Return the messages of the channels in `wanted`; `known` are all channels.
 
         Args:
-            size: of the records, when they are not all of `data`.
+            size: of the records, if they are not all of `data`.
         """
         view = memoryview(data)
         size, found, at = (len(data) if size < 0 else size), [], 0
@@ -159,33 +158,36 @@ class ChunkDecompressor:
                     whole: Any = view if length * _LARGE > size else data
                     found.append((wanted[channel], whole[at + MESSAGE.size : end], log_time, publish_time))
                 elif channel not in known:
-                    raise BagError(f"{self.where}: damaged: a message of channel {channel}, which there is not")
+                    raise BagError(
+                        f"{self.where}: damaged: a message refers to channel {channel}, which is not defined"
+                    )
             at = end
         return found
 
     def message_headers(
         self, data: bytes | bytearray, known: Container[int], size: int = -1
     ) -> tuple[Array, NDArray[np.int64]]:
-        """What `messages` reads before the data of each message, all at once, as an array, and where the data are.
-
-        Raises:
-            BagError: as `messages`.
-        """
+        """Return the headers of all messages as an array, and the offsets of their data."""
         size = len(data) if size < 0 else size
         at = self._message_offsets(data, size)
         every: Array = np.ndarray((max(0, size - MESSAGE.size + 1),), f"V{MESSAGE.size}", data, 0, (1,))
         heads = every[at].view(_HEADS)
         for channel in np.unique(heads["channel"]).tolist():
             if channel not in known:
-                raise BagError(f"{self.where}: damaged: a message of channel {channel}, which there is not")
+                raise BagError(f"{self.where}: damaged: a message refers to channel {channel}, which is not defined")
         return heads, at + MESSAGE.size
 
     def _message_offsets(self, data: bytes | bytearray, size: int) -> NDArray[np.int64]:
-        """Where messages begin. Many that are equally long are found at once: guessed, and then looked at."""
+        """Return the offsets of messages.
+
+        After a message length has repeated, the rest is viewed as rows of that length and the record headers are
+        compared at once; the run ends at the first row that differs. After a wrong guess more equal messages are
+        required.
+        """
         found: list[NDArray[np.int64]] = []
         single: list[int] = []
         octets: Array = np.ndarray(size, np.uint8, data)
-        at, before, alike, enough = 0, -1, 0, _MIN_EQUAL_RUN
+        at, previous_length, equal_count, required_count = 0, -1, 0, _MIN_EQUAL_RUN
         while at < size:
             opcode, length = RECORD.unpack_from(data, at)
             step = RECORD.size + length
@@ -194,16 +196,19 @@ class ChunkDecompressor:
             if opcode == IS_MESSAGE:
                 if length < MIN_MESSAGE_BYTES:
                     raise BagError(f"{self.where}: damaged: a message of {length} bytes, shorter than its times")
-                alike = alike + 1 if length == before else 0
-                before = length
-                if alike == enough:
+                equal_count = equal_count + 1 if length == previous_length else 0
+                previous_length = length
+                if equal_count == required_count:
                     rows = np.ndarray((size - at) // step * step, np.uint8, octets, at).reshape(-1, step)
                     wrong = np.flatnonzero((rows[:, : RECORD.size] != rows[0, : RECORD.size]).any(axis=1))
                     count = int(wrong[0]) if len(wrong) else len(rows)
                     found += [np.array(single, np.int64), at + step * np.arange(count)]
                     single = []
                     at += count * step
-                    alike, enough = 0, (enough if count > 4 * _MIN_EQUAL_RUN else 2 * enough)
+                    equal_count, required_count = (
+                        0,
+                        (required_count if count > 4 * _MIN_EQUAL_RUN else 2 * required_count),
+                    )
                     continue
                 single.append(at)
             at += step
@@ -214,24 +219,24 @@ class ChunkDecompressor:
 
 
 def read_chunk_header(read: Read, body: int, end: int, where: str) -> ChunkHeader:
-    """The head of the chunk whose record has its body there; raises `BagError`, and what libraries raise."""
+    """Return the header of a chunk. Raises `BagError`, and exceptions of the libraries."""
     _, _, size, crc, name = _HEAD.unpack(read(body, _HEAD.size))
     if name > _MAX_NAME:
         raise BagError(f"{where}: damaged: the compression of a chunk has a name of {name} bytes")
     at = body + _HEAD.size + name
     (length,) = struct.unpack("<Q", read(at, 8))
     if at + 8 + length != end:
-        raise BagError(f"{where}: damaged: a chunk says it has {length} bytes of records, and has {end - at - 8}")
+        raise BagError(f"{where}: damaged: a chunk states {length} bytes of records, and has {end - at - 8}")
     return ChunkHeader(at + 8, end, read(body + _HEAD.size, name).decode(), size, crc, where)
 
 
 def iter_chunk_blocks(read: Read, head: ChunkHeader, validate_crcs: bool) -> Iterator[tuple[bytes | bytearray, int]]:
-    """The records of a chunk in pieces, each with how many of its bytes are whole records.
+    """Yield the records of a chunk in blocks, each with the size of its whole records.
 
     Raises:
-        BagError: damaged; a wrong checksum is known at the end. And what libraries raise.
+        BagError: the chunk is damaged; a wrong checksum is found at the end. Also exceptions of the libraries.
     """
-    unpack = _unpacking(_Stored(read, head), head)
+    unpack = _block_reader(_Stored(read, head), head)
     left, crc, need = head.size, 0, 0
     data: bytes | bytearray = b""
     while left or data:
@@ -240,27 +245,27 @@ def iter_chunk_blocks(read: Read, head: ChunkHeader, validate_crcs: bool) -> Ite
             raise BagError(f"{head.where}: damaged: a chunk ends within a record")
         left -= len(piece)
         crc = zlib.crc32(piece, crc)
-        data += piece  # in place, while one that is larger than a piece comes
+        data += piece  # in place while it is a bytearray
         need -= len(piece)
         if need > 0:
             continue
-        at, need = _whole(data)
+        at, need = _end_of_whole_records(data)
         if need > left:
             raise BagError(f"{head.where}: damaged: a record in a chunk is longer than the chunk")
         if at:
             yield data, at
         data = data[at:] if need <= BLOCK_BYTES else bytearray(data[at:])
     if unpack(1):
-        raise BagError(f"{head.where}: damaged: a chunk becomes more than the {head.size} bytes it says")
+        raise BagError(f"{head.where}: damaged: a chunk has more than the {head.size} bytes that it states")
     if validate_crcs and head.crc and crc != head.crc:
-        raise BagError(f"{head.where}: damaged: the checksum of a chunk is another")
+        raise BagError(f"{head.where}: damaged: the checksum of a chunk is wrong")
 
 
 def is_large(read: Read, head: ChunkHeader) -> bool:
-    """Whether to unpack a chunk in pieces: not when one of its first messages is half of it."""
+    """Return True if a chunk is read in blocks: it is large, and none of its first messages is half of it."""
     if head.size <= MAX_WHOLE_CHUNK_BYTES:
         return False
-    data, at = _unpacking(_Stored(read, head), head)(BLOCK_BYTES), 0
+    data, at = _block_reader(_Stored(read, head), head)(BLOCK_BYTES), 0
     while at + RECORD.size <= len(data):
         opcode, length = RECORD.unpack_from(data, at)
         if opcode == Opcode.MESSAGE and 2 * length >= head.size:
@@ -269,8 +274,8 @@ def is_large(read: Read, head: ChunkHeader) -> bool:
     return True
 
 
-def _whole(data: bytes | bytearray) -> tuple[int, int]:
-    """Where the last whole record ends, and how much is missing to the next."""
+def _end_of_whole_records(data: bytes | bytearray) -> tuple[int, int]:
+    """Return the end of the last whole record, and the number of missing bytes of the next."""
     at, size = 0, len(data)
     while at + RECORD.size <= size:
         end: int = at + RECORD.size + RECORD.unpack_from(data, at)[1]
@@ -281,21 +286,20 @@ def _whole(data: bytes | bytearray) -> tuple[int, int]:
 
 
 class _Stored:
-    """The records as they are stored, as a stream."""
+    """Stored records of a chunk as a stream."""
 
     def __init__(self, read: Read, head: ChunkHeader) -> None:
         self._read, self._at, self._end = read, head.at, head.end
 
     def read(self, size: int = -1, /) -> bytes:
-        """At most `size` bytes."""
         left = self._end - self._at
         found = self._read(self._at, left if size < 0 else min(size, left))
         self._at += len(found)
         return found
 
 
-def _unpacking(source: _Stored, head: ChunkHeader) -> Callable[[int], bytes]:
-    """What reads at most so many unpacked bytes, and none at the end."""
+def _block_reader(source: _Stored, head: ChunkHeader) -> Callable[[int], bytes]:
+    """Return a function that reads at most `n` decompressed bytes, and none at the end."""
     if not head.compression:
         return source.read
     if head.compression == "zstd":
@@ -303,7 +307,7 @@ def _unpacking(source: _Stored, head: ChunkHeader) -> Callable[[int], bytes]:
         return zstd.stream_reader(source, read_size=BLOCK_BYTES, read_across_frames=True).read  # type: ignore[arg-type]
     if head.compression == "lz4":
         return _Lz4(source).read
-    raise BagError(f'{head.where}: a chunk is compressed with "{head.compression}"; zstd and lz4 are read')
+    raise BagError(f'{head.where}: a chunk is compressed with "{head.compression}"; expected zstd or lz4')
 
 
 class _Lz4:
@@ -312,7 +316,6 @@ class _Lz4:
         self._frame: Any = lz4.frame.LZ4FrameDecompressor()
 
     def read(self, size: int) -> bytes:
-        """Some of at most `size` bytes."""
         found = b""
         while size and not found and not self._frame.eof:
             more = self._source.read(BLOCK_BYTES) if self._frame.needs_input else b""

@@ -1,19 +1,19 @@
-"""An MCAP file, with the index it has or one that is made by walking through it.
+"""Reader of an MCAP file, with its index or one that is made by walking through the file.
 
-Decides the order: parts are read by the time of their first message, and what is later than the beginning of the next
-one waits for it. The package's own reader orders message by message, and its objects cost twice as much as decoding.
+Segments are read in the order of their first log time; later messages wait until the next segment begins. The reader of
+the package `mcap` sorts message by message, and its objects cost twice as much as decoding.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from bisect import bisect_left, bisect_right
 from functools import cached_property
 from heapq import heapify, heappop, heappush
 from io import SEEK_END
-from itertools import pairwise
+from itertools import chain, pairwise
 from operator import attrgetter
 from threading import Lock
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from mcap.writer import MCAP0_MAGIC
@@ -38,31 +38,31 @@ from rosidl_py_gen.bags.storage.storage_api import (
     BagChannel,
     MessageBlock,
     library_errors_as_bag_error,
+    merge_channels,
 )
-from rosidl_py_gen.bags.storage.waiting import Waiting
 from rosidl_py_gen.bags.storage.walk import Walk
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Collection, Container, Iterator, Mapping
     from pathlib import Path
 
     from mcap.records import Channel as ChannelRecord
     from mcap.records import Schema
-    from numpy.typing import NDArray
 
     from rosidl_py_gen.bags.storage.mcap_chunks import ChunkHeader
     from rosidl_py_gen.bags.storage.storage_api import Raw
 
-
 T = TypeVar("T")
+_MESSAGE_BYTES = 200
+"""Memory of a message in addition to its data: a tuple, two integers and a slice."""
 
 
 class McapFile:
-    """An MCAP file; without an index, as after a crash, it is read from the beginning to where it ends.
+    """MCAP file. Without an index, as after a crash, it is read from start to end.
 
     Args:
-        max_decompressed_bytes: the most that a chunk may become, and that messages of chunks which overlap in time
-            may take while they wait for their turn.
+        max_decompressed_bytes: maximum size of a decompressed chunk, and of the messages that wait for earlier ones
+            because chunks overlap in time.
         on_skipped: called with each damaged part, which is skipped then; None raises `BagError`.
     """
 
@@ -76,90 +76,92 @@ class McapFile:
         self._path = path
         self._on_skipped = on_skipped
         self._max_bytes = max_decompressed_bytes
-        self._unpacker = ChunkDecompressor(path, max_decompressed_bytes, validate_crcs)
-        self._reading = Lock()  # of `_stream`, which several iterations may read from
+        self._chunks = ChunkDecompressor(path, max_decompressed_bytes, validate_crcs)
+        self._lock = Lock()  # of `_stream`, which several iterations may read from
         self._stream = opened(path)
-        self._ordered: dict[int, bool] = {}  # of large chunks, by where they are
+        self._is_ordered: dict[int, bool] = {}  # of large chunks, by where they are
         try:
             with library_errors_as_bag_error(path):
                 self._size = self._stream.seek(0, SEEK_END)
                 self._stream.seek(0)
                 if not MCAP0_MAGIC.startswith(self._stream.read(len(MCAP0_MAGIC))):  # shorter: nothing was written yet
-                    raise BagError(f"{path}: damaged: it does not begin as MCAP files do")
-                self._own = read_index(self._stream, self._size)
+                    raise BagError(f"{path}: damaged: does not begin with the magic bytes of MCAP")
+                self._stored_index = read_index(self._stream, self._size)
         except BaseException:
             self._stream.close()
             raise
-        self.is_whole = self._own is not None
+        self.is_whole = self._stored_index is not None
 
     @cached_property
     def _index(self) -> Index:
-        """What the file says of itself, or else what is in it."""
-        if self._own is not None:
-            return self._own
+        """Index of the file, or its contents found by a walk."""
+        if self._stored_index is not None:
+            return self._stored_index
         index = Index()
         self._walk(index, len(MCAP0_MAGIC), self._size)
         return index
 
     @cached_property
-    def _parts(self) -> list[MessageSegment]:
-        """Everything with messages. An index speaks of chunks only, but messages may lie outside of them."""
+    def _segments(self) -> list[MessageSegment]:
+        """All segments with messages. An index lists chunks only, but messages may be outside of chunks."""
         index = self._index
         if index.unindexed_ranges:
-            loose = Index(channels=index.channels, schemas=index.schemas, parts=index.parts)
+            unchunked = Index(channels=index.channels, schemas=index.schemas, segments=index.segments)
             for start, end in index.unindexed_ranges:
                 if start < end:
-                    self._walk(loose, start, end)
-            if not any(part.is_chunk for part in index.parts):
-                self._require_counts(index, loose)
+                    self._walk(unchunked, start, end)
+            if not any(segment.is_chunk for segment in index.segments):
+                self._require_counts(index, unchunked)
             index.unindexed_ranges = []
-            spans = [one for one in (index.time_range, loose.time_range) if one is not None]
+            spans = [one for one in (index.time_range, unchunked.time_range) if one is not None]
             index.time_range = (min(one[0] for one in spans), max(one[1] for one in spans)) if spans else None
-        return sorted(index.parts, key=attrgetter("first"))
+        return sorted(index.segments, key=attrgetter("first"))
 
-    def _require_counts(self, index: Index, loose: Index) -> None:
-        """Raises `BagError` when no message is in a chunk, and there are not as many as the statistics say."""
-        told = {number: count for number, count in (index.counts or {}).items() if count}
-        if index.counts is not None and told != loose.counts:
+    def _require_counts(self, index: Index, unchunked: Index) -> None:
+        """Raise `BagError` if no message is in a chunk, and the statistics state other counts."""
+        stated = {number: count for number, count in (index.counts or {}).items() if count}
+        if index.counts is not None and stated != unchunked.counts:
             raise BagError(
-                f"{self._path}: damaged: it says it has {sum(told.values())} messages, and "
-                f"{sum((loose.counts or {}).values())} were found"
+                f"{self._path}: damaged: states {sum(stated.values())} messages, and contains "
+                f"{sum((unchunked.counts or {}).values())}"
             )
 
     def _walk(self, index: Index, start: int, end: int) -> None:
-        found: list[Damage] = []  # reported at the end, as topics may be known only then
+        found: list[Damage] = []  # reported at the end, when all topics are known
         skips = self._on_skipped is not None
-        on_damage = found.append if skips else lambda one: self._damaged(one, index)
-        with library_errors_as_bag_error(self._path), self._reading:
+        on_damage = found.append if skips else lambda one: self._report_damage(one, index)
+        with library_errors_as_bag_error(self._path), self._lock:
             try:
-                Walk(self._stream, self._size, self._unpacker, index, on_damage, skips).run(start, end)
+                Walk(self._stream, self._size, self._chunks, index, on_damage, skips).run(start, end)
             except BagError as error:
                 raise error if str(self._path) in str(error) else BagError(f"{self._path}: {error}") from None
         for one in found:
-            self._damaged(one, index)
+            self._report_damage(one, index)
 
-    def _damaged(self, damage: Damage, index: Index) -> None:
+    def _report_damage(self, damage: Damage, index: Index) -> None:
         """Report a damaged part, or raise `BagError` if the reader does not skip it."""
         names = None
         if damage.channels is not None:
             names = tuple(sorted({index.channels[one].topic for one in damage.channels if one in index.channels}))
         reason = str(damage.error).removeprefix(f"{self._path}: ").removeprefix("damaged: ")
         size = damage.end - damage.offset
-        part = DamagedPart(self._path, damage.offset, size, reason, names, damage.first, damage.last)
+        segment = DamagedPart(self._path, damage.offset, size, reason, names, damage.first, damage.last)
         if self._on_skipped is None:
-            raise BagError(f"{self._path}: damaged: {reason} ({part.place})") from None
-        self._on_skipped(part)
+            raise BagError(f"{self._path}: damaged: {reason} ({segment.place})") from None
+        self._on_skipped(segment)
 
-    def _guarded(self, part: MessageSegment, contents: Iterator[T]) -> Iterator[T]:
-        """Pass on what a part contains; a damaged one is reported."""
+    def _reporting_damage(self, segment: MessageSegment, contents: Iterator[T]) -> Iterator[T]:
+        """Yield the contents of a segment, and report damage."""
         try:
             with library_errors_as_bag_error(self._path):
                 yield from contents
         except (BagUnreachableError, TooLargeError):
             raise
         except BagError as error:
-            begin = part.offset - RECORD.size if part.is_chunk else part.offset
-            self._damaged(Damage(begin, part.end, error, part.first, part.last, part.channels), self._index)
+            begin = segment.offset - RECORD.size if segment.is_chunk else segment.offset
+            self._report_damage(
+                Damage(begin, segment.end, error, segment.first, segment.last, segment.channels), self._index
+            )
 
     # ------------------------------------------------------------------------------------------------------ contents
 
@@ -170,47 +172,58 @@ class McapFile:
     def channels(self) -> list[BagTopic]:
         index = self._index
         with library_errors_as_bag_error(self._path):
-            return joined(channel.info for channel in self._channels(index).values())
+            return merge_channels(channel.info for channel in self._channels(index).values())
 
     def _channels(self, index: Index) -> dict[int, BagChannel]:
         counts = index.counts
         return {
             number: BagChannel(
-                _topic(one, index.schemas.get(one.schema_id), None if counts is None else counts.get(number, 0))
+                _topic_of(one, index.schemas.get(one.schema_id), None if counts is None else counts.get(number, 0))
             )
             for number, one in index.channels.items()
         }
 
     def span(self) -> tuple[int, int] | None:
-        if self._index.counts is None:  # no statistics: what lies outside of chunks is looked for
+        if self._index.counts is None:  # no statistics, so messages outside of chunks are searched
             with library_errors_as_bag_error(self._path):
-                return self._index.time_range if self._parts else None
+                return self._index.time_range if self._segments else None
         return self._index.time_range
 
-    def parts(self) -> list[tuple[int, int]]:
-        if self._own is None:
+    def segments(self) -> list[tuple[int, int]]:
+        if self._stored_index is None:
             return []
         with library_errors_as_bag_error(self._path):
-            return [(one.first, one.end - one.offset) for one in self._parts]
+            return [(one.first, one.end - one.offset) for one in self._segments]
 
     # ------------------------------------------------------------------------------------------------------ messages
 
     def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
         with library_errors_as_bag_error(self._path):
-            parts = [one for one in self._parts if one.first < end and one.last >= start]
-            known = self._channels(self._index)
-            wanted = {number: one for number, one in known.items() if topics is None or one.topic in topics}
-            if topics is not None:
-                parts = [one for one in parts if one.channels is None or not wanted.keys().isdisjoint(one.channels)]
-            yield from self._merge_by_time(parts, wanted, known, start, end)
+            yield from self._merge_by_time(*self._select(topics, start, end), start, end)
+
+    def _select(
+        self, topics: Collection[str] | None, start: int, end: int
+    ) -> tuple[list[MessageSegment], dict[int, BagChannel], dict[int, BagChannel]]:
+        """Return the segments that may have requested messages, the requested channels, and all channels."""
+        segments = [one for one in self._segments if one.first < end and one.last >= start]
+        known = self._channels(self._index)
+        wanted = {number: one for number, one in known.items() if topics is None or one.topic in topics}
+        if topics is not None:
+            segments = [one for one in segments if one.channels is None or not wanted.keys().isdisjoint(one.channels)]
+        return segments, wanted, known
 
     def _merge_by_time(
-        self, parts: list[MessageSegment], wanted: Mapping[int, BagChannel], known: Container[int], start: int, end: int
+        self,
+        segments: list[MessageSegment],
+        wanted: Mapping[int, BagChannel],
+        known: Container[int],
+        start: int,
+        end: int,
     ) -> Iterator[Raw]:
-        waiting = Waiting()
+        buffer = _MergeBuffer()
         due = [
-            (part.first, number, self._guarded(part, self._blocks(part, wanted, known)))
-            for number, part in enumerate(parts)
+            (segment.first, number, self._reporting_damage(segment, self._blocks(segment, wanted, known)))
+            for number, segment in enumerate(segments)
         ]
         heapify(due)
         while due:
@@ -224,55 +237,56 @@ class McapFile:
                 found = [one for one in found if start <= one[2] < end]
             del block
             before = due[0][0] if due else None
-            if waiting.is_empty and (before is None or not found or found[-1][2] < before):
+            if buffer.is_empty and (before is None or not found or found[-1][2] < before):
                 yield from found
             else:
-                waiting.add(found)
-                yield from waiting.before(before)
-                self._check_buffered_bytes(waiting.size)
-            if (
-                size > MAX_WHOLE_CHUNK_BYTES
-            ):  # not kept while the next is unpacked, as small ones are, whose memory is not new then
+                buffer.add(found)
+                yield from buffer.before(before)
+                if buffer.size > self._max_bytes:
+                    raise BagError(
+                        f"{self._path}: chunks overlap in time so much that {buffer.size} bytes of messages have to "
+                        f"wait; expected at most {self._max_bytes}, unless max_decompressed_bytes is more"
+                    )
+            if size > MAX_WHOLE_CHUNK_BYTES:  # memory of smaller ones is reused by the next chunk
                 del found
-        yield from waiting.before(None)
+        yield from buffer.before(None)
 
     def blocks(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[MessageBlock] | None:
         with library_errors_as_bag_error(self._path):
-            parts = [one for one in self._parts if one.first < end and one.last >= start]
-            known = self._channels(self._index)
-            wanted = {number: one.topic for number, one in known.items() if topics is None or one.topic in topics}
-            if len(set(wanted.values())) < len(wanted):  # two channels of a topic, whose messages may be mixed
+            segments, wanted, known = self._select(topics, start, end)
+            if len({one.topic for one in wanted.values()}) < len(wanted):  # messages of its channels may be mixed
                 return None
-            parts = [one for one in parts if one.channels is None or not wanted.keys().isdisjoint(one.channels)]
-            if any(one.last > other.first for one, other in pairwise(parts)):
+            if any(one.last > other.first for one, other in pairwise(segments)):
                 return None
-        return self._in_blocks(parts, wanted, known, start, end)
+        return chain.from_iterable(
+            self._reporting_damage(segment, self._segment_blocks(segment, wanted, known, start, end))
+            for segment in segments
+        )
 
-    def _in_blocks(
-        self, parts: list[MessageSegment], wanted: Container[int], known: Mapping[int, BagChannel], start: int, end: int
+    def _segment_blocks(
+        self, segment: MessageSegment, wanted: Container[int], known: Mapping[int, BagChannel], start: int, end: int
     ) -> Iterator[MessageBlock]:
-        for part in parts:
-            yield from self._guarded(part, self._part_blocks(part, wanted, known, start, end))
-
-    def _part_blocks(
-        self, part: MessageSegment, wanted: Container[int], known: Mapping[int, BagChannel], start: int, end: int
-    ) -> Iterator[MessageBlock]:
-        for data, size in self._contents(part, known):
-            heads, begin = self._unpacker.message_headers(data, known, size)
+        for data, size, _ in self._contents(segment, known):
+            heads, begin = self._chunks.message_headers(data, known, size)
             by_channel = np.argsort(heads["channel"], kind="stable")
             bounds = np.flatnonzero(np.diff(heads["channel"][by_channel])) + 1
-            for mine in np.split(by_channel, bounds) if len(heads) else ():
-                number = int(heads["channel"][mine[0]])
+            for rows_of_channel in np.split(by_channel, bounds) if len(heads) else ():
+                number = int(heads["channel"][rows_of_channel[0]])
                 if number in wanted:
-                    block = MessageBlock(known[number], data, begin[mine], *_columns(heads[mine]))
-                    yield from self._select_rows(block, part, start, end)
+                    rows = heads[rows_of_channel]
+                    sizes = rows["length"].astype(np.int64) - MIN_MESSAGE_BYTES
+                    starts = begin[rows_of_channel]
+                    block = MessageBlock(known[number], data, starts, sizes, rows["log"], rows["publish"])
+                    yield from self._select_rows(block, segment, start, end)
 
-    def _select_rows(self, block: MessageBlock, part: MessageSegment, start: int, end: int) -> Iterator[MessageBlock]:
-        """The messages of a part that are asked for, by log time."""
+    def _select_rows(
+        self, block: MessageBlock, segment: MessageSegment, start: int, end: int
+    ) -> Iterator[MessageBlock]:
+        """Yield the requested messages of a segment by log time."""
         times = block.log_times
-        self._require_span(part, int(times.min()), int(times.max()))
+        self._require_span(segment, int(times.min()), int(times.max()))
         rows = np.arange(len(times))
-        if start > part.first or end <= part.last:
+        if start > segment.first or end <= segment.last:
             rows = np.flatnonzero((times >= start) & (times <= min(end, 1 << 64) - 1))
         if (times[1:] < times[:-1]).any():
             rows = rows[np.argsort(times[rows], kind="stable")]
@@ -280,124 +294,121 @@ class McapFile:
             whole = len(rows) == len(times) and rows[0] == 0 and (np.diff(rows) == 1).all()
             yield block if whole else block.rows(rows)
 
-    def _contents(self, part: MessageSegment, known: Container[int]) -> Iterator[tuple[bytes | bytearray, int]]:
-        """The records of a part, at once or piece by piece, and how many bytes of each are whole records."""
-        head = read_chunk_header(self._read, part.offset, part.end, str(self._path)) if part.is_chunk else None
-        if head is not None and self._reads_in_blocks(head, known):
-            yield from iter_chunk_blocks(self._read, head, False)  # its checksum was compared
-            return
-        data = self._data(part, head)
-        yield data, len(data)
+    def _contents(
+        self, segment: MessageSegment, known: Container[int]
+    ) -> Iterator[tuple[bytes | bytearray, int, bool]]:
+        """Yield the records of a segment, in blocks if it is large.
 
-    # --------------------------------------------------------------------------------------------------------- parts
+        Each comes with the size of its whole records, -1 for all of it, and True if more may follow.
+        """
+        head = read_chunk_header(self._read, segment.offset, segment.end, str(self._path)) if segment.is_chunk else None
+        if head is None:
+            yield self._read(segment.offset, max(0, segment.end - segment.offset)), -1, False
+        elif not self._reads_in_blocks(head, known):
+            yield self._chunks.decompress(self._read, head), -1, False
+        else:
+            for data, size in iter_chunk_blocks(self._read, head, False):  # its checksum was compared
+                yield data, size, True
 
     def _blocks(
-        self, part: MessageSegment, wanted: Mapping[int, BagChannel], known: Container[int]
+        self, segment: MessageSegment, wanted: Mapping[int, BagChannel], known: Container[int]
     ) -> Iterator[tuple[list[Raw], int, bool]]:
-        """The messages of a part, at once or piece by piece, each with its size and whether more may follow."""
-        head = read_chunk_header(self._read, part.offset, part.end, str(self._path)) if part.is_chunk else None
-        if head is None or not self._reads_in_blocks(head, known):
-            data = self._data(part, head)
-            found = self._unpacker.messages(data, wanted, known)
+        """Yield the messages of a segment in blocks by log time, each with its size and True if more may follow."""
+        for data, whole, has_more in self._contents(segment, known):
+            found = self._chunks.messages(data, wanted, known, whole)
             size = len(data)
             del data
-            self._sort(part, found)
-            yield found, size, False
-            return
-        for some, whole in iter_chunk_blocks(self._read, head, False):  # its checksum was compared
-            found = self._unpacker.messages(some, wanted, known, whole)
-            self._sort(part, found)
-            yield found, len(some), True
-
-    def _data(self, part: MessageSegment, head: ChunkHeader | None) -> bytes:
-        """Return the records of a part that is read at once."""
-        if head is not None:
-            return self._unpacker.decompress(self._read, head)
-        return self._read(part.offset, max(0, part.end - part.offset))
+            if found:
+                found.sort(key=LOG_TIME)
+                self._require_span(segment, found[0][2], found[-1][2])
+            yield found, size, has_more
 
     def _reads_in_blocks(self, head: ChunkHeader, known: Container[int]) -> bool:
-        """Whether a chunk is read in pieces: it is large, and its messages are in order, which takes reading it all."""
-        self._unpacker.require_size(self._read, head)
+        """Return True for a large chunk whose messages are in order, which is found by reading it."""
+        self._chunks.require_size(self._read, head)
         if not is_large(self._read, head):
             return False
-        is_ordered = self._ordered.get(head.at)
+        is_ordered = self._is_ordered.get(head.at)
         if is_ordered is None:
             last, is_ordered = 0, True
             everything = self._channels(self._index)
-            for some, whole in iter_chunk_blocks(self._read, head, self._unpacker.validate_crcs):
-                for _, _, log_time, _ in self._unpacker.messages(some, everything, known, whole):
+            for some, whole in iter_chunk_blocks(self._read, head, self._chunks.validate_crcs):
+                for _, _, log_time, _ in self._chunks.messages(some, everything, known, whole):
                     is_ordered, last = is_ordered and log_time >= last, log_time
-            self._ordered[head.at] = is_ordered
+            self._is_ordered[head.at] = is_ordered
         return is_ordered
 
-    def _sort(self, part: MessageSegment, found: list[Raw]) -> None:
-        """By log time. Raises `BagError`: parts are chosen and ordered by the times that are told of them."""
-        if found:
-            found.sort(key=LOG_TIME)
-            self._require_span(part, found[0][2], found[-1][2])
-
-    def _require_span(self, part: MessageSegment, first: int, last: int) -> None:
-        if first < part.first or last > part.last:
+    def _require_span(self, segment: MessageSegment, first: int, last: int) -> None:
+        if first < segment.first or last > segment.last:
             raise BagError(
-                f"{self._path}: damaged: a chunk says its messages are from {part.first} to {part.last} ns, and "
-                f"has some from {first} to {last} ns"
+                f"{self._path}: damaged: a chunk states messages from {segment.first} to {segment.last} ns, and "
+                f"contains some from {first} to {last} ns"
             )
 
     def _read(self, at: int, size: int) -> bytes:
-        with self._reading:
+        with self._lock:
             self._stream.seek(at)
             return self._stream.read(size)
-
-    def _check_buffered_bytes(self, held: int) -> None:
-        if held > self._max_bytes:
-            raise BagError(
-                f"{self._path}: its chunks overlap in time so much that {held} bytes of messages have to wait for "
-                f"earlier ones; expected at most {self._max_bytes}, unless max_decompressed_bytes is more"
-            )
 
     def close(self) -> None:
         self._stream.close()
 
 
-def _columns(heads: NDArray[np.void]) -> tuple[NDArray[Any], ...]:
-    """Sizes, log times and publish times of messages."""
-    return heads["length"].astype(np.int64) - MIN_MESSAGE_BYTES, heads["log"], heads["publish"]
-
-
-def _topic(channel: ChannelRecord, schema: Schema | None, count: int | None) -> BagTopic:
-    told = channel.metadata
+def _topic_of(channel: ChannelRecord, schema: Schema | None, count: int | None) -> BagTopic:
+    stated = channel.metadata
     return BagTopic(
         channel.topic,
         schema.name if schema else "",
         schema.data.decode(errors="replace") if schema else "",
         schema.encoding if schema else "",
         channel.message_encoding,
-        told.get("topic_type_hash", ""),
-        told.get("offered_qos_profiles", ""),
+        stated.get("topic_type_hash", ""),
+        stated.get("offered_qos_profiles", ""),
         count,
     )
 
 
-def joined(rows: Iterable[BagTopic]) -> list[BagTopic]:
-    """One row for each topic and definition: files may have several channels of them."""
-    found: dict[Any, BagTopic] = {}
-    for row in rows:
-        key = row.key
-        before = found.get(key)
-        both = None if before is None or before.count is None or row.count is None else before.count + row.count
-        found[key] = row if before is None else replace(before, count=both)
-    return sorted(found.values(), key=attrgetter("name"))
+class _MergeBuffer:
+    """Messages of chunks that overlap in time, while they wait for earlier ones.
+
+    A heap merges runs of messages, each by log time: n messages of m chunks take n log m steps.
+
+    Attributes:
+        size: memory of the messages, in bytes.
+    """
+
+    def __init__(self) -> None:
+        self.size = 0
+        self._count = 0
+        self._runs: list[tuple[int, int, int, list[Raw]]] = []  # next log time, number, position of the next message
+
+    @property
+    def is_empty(self) -> bool:
+        return not self._runs
+
+    def add(self, run: list[Raw]) -> None:
+        """Add messages; of equal log times, those that were added first come first."""
+        if run:
+            heappush(self._runs, (run[0][2], self._count, 0, run))
+            self._count += 1
+            self.size += _memory_of(run)
+
+    def before(self, end: int | None) -> Iterator[Raw]:
+        """Remove and yield the messages with ``log_time < end`` by log time; all if `end` is None."""
+        runs = self._runs
+        while runs and (end is None or runs[0][0] < end):
+            _, number, at, run = heappop(runs)
+            to = len(run) if end is None else bisect_left(run, end, at, key=LOG_TIME)
+            if runs and run[to - 1][2] >= runs[0][0]:
+                find = bisect_right if number < runs[0][1] else bisect_left
+                to = find(run, runs[0][0], at, to, key=LOG_TIME)
+            due = run[at:to]
+            if to < len(run):
+                heappush(runs, (run[to][2], number, to, run))
+            self.size -= _memory_of(due)
+            del run
+            yield from due
 
 
-def by_name(channels: Iterable[BagTopic]) -> dict[str, BagTopic]:
-    """One for each topic: of one with several definitions the first, with the number of all."""
-    found: dict[str, BagTopic] = {}
-    for topic in channels:
-        before = found.get(topic.name)
-        found[topic.name] = topic if before is None else _added(before, topic)
-    return dict(sorted(found.items()))
-
-
-def _added(one: BagTopic, two: BagTopic) -> BagTopic:
-    both = None if one.count is None or two.count is None else one.count + two.count
-    return replace(one if one.definition else two, count=both)
+def _memory_of(messages: list[Raw]) -> int:
+    return _MESSAGE_BYTES * len(messages) + sum(len(message[1]) for message in messages)

@@ -1,14 +1,14 @@
-"""The index of an MCAP file: what the file contains, and where.
+"""Index of an MCAP file: its contents and their offsets.
 
-An index is used if its checksum is right and it knows all chunks, channels and schemas that it refers to. Writers may
-omit any of these, and killed recorders omit all; then `walk` makes one.
+An index is used if its checksum is right and all chunks, channels and schemas that it refers to are in it. Writers may
+omit any of these, and killed recorders omit all; then `walk` creates one.
 """
 
 from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass, field
-from io import SEEK_END
+from io import SEEK_END, BytesIO
 from struct import Struct
 from typing import IO, TYPE_CHECKING, NamedTuple
 
@@ -28,22 +28,20 @@ if TYPE_CHECKING:
     from mcap.summary import Summary
 
 _FOOTER = Struct("<BQQQI8s")
-"""The end of a file: kind, length, where the index begins, a part of it, checksum of the index and of what is left of
-the checksum here, and the magic bytes.
-"""
+"""End of a file: opcode, length, start of the summary, start of its offsets, checksum of the summary, magic bytes."""
 _FOOTER_CRC = 12
-"""Where the checksum is, from the end."""
-_PIECE = 1 << 20
+"""Offset of the checksum, from the end of the file."""
+_BLOCK_BYTES = 1 << 20
 
 
 class MessageSegment(NamedTuple):
-    """A stretch of a file whose messages are read together: a chunk, or messages that are in none.
+    """Segment of a file whose messages are read together: a chunk, or messages outside of chunks.
 
     Attributes:
-        offset: where its first record begins; for a chunk, the body of its record.
-        end: where it ends.
+        offset: start of its first record; for a chunk, of the body of its record.
+        end: end of the segment.
         first, last: log times.
-        channels: those it has messages of; None when that is not known.
+        channels: channels of its messages; None if not known.
     """
 
     offset: int
@@ -59,13 +57,13 @@ class Index:
     """Contents of a file.
 
     Attributes:
-        counts: messages by channel; None when the file does not tell.
-        span: log times of the first and the last message, None when there is none.
-        gaps: stretches that the index says nothing about; messages may be there, too.
-        unread_bytes: at the end of the file, of a record that was not finished.
+        counts: messages by channel; None if not known.
+        time_range: log times of the first and the last message; None if there is none.
+        unindexed_ranges: ranges that the index does not describe; they may contain messages.
+        truncated_bytes: size of an unfinished record at the end of the file.
     """
 
-    parts: list[MessageSegment] = field(default_factory=list)
+    segments: list[MessageSegment] = field(default_factory=list)
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
     counts: dict[int, int] | None = field(default_factory=dict)
@@ -73,16 +71,12 @@ class Index:
     unindexed_ranges: list[tuple[int, int]] = field(default_factory=list)
     truncated_bytes: int = 0
 
-    def add_record(self, opcode: int, body: bytes | bytearray) -> None:
-        """Add what a record states of a schema or channel."""
-        self.take_all([(opcode, body)])
-
-    def take_all(self, records: Iterable[tuple[int, bytes | bytearray]]) -> None:
-        """Add what several records state of schemas and channels, or nothing of it if it contradicts what is known."""
+    def add_records(self, records: Iterable[tuple[int, bytes | bytearray]]) -> None:
+        """Add schema and channel records, or none of them if one contradicts a known one."""
         schemas: dict[int, Schema] = {}
         channels: dict[int, Channel] = {}
         for opcode, body in records:
-            stream = ReadDataStream(_stream(body))
+            stream = ReadDataStream(BytesIO(body))
             if opcode == Opcode.SCHEMA:
                 schema = Schema.read(stream)
                 _require_same(schemas.setdefault(schema.id, self.schemas.get(schema.id, schema)), schema)
@@ -100,23 +94,14 @@ class Index:
 
 
 def _require_same(before: Schema | Channel, now: Schema | Channel) -> None:
-    """Raises `BagError`: what was written with the other one would be read wrong."""
+    """Raise `BagError` if two definitions of an id differ, as messages would be decoded with the wrong one."""
     if before != now:
         kind = type(now).__name__.lower()
-        raise BagError(f"damaged: {kind} {now.id} is told twice, and not the same")
-
-
-def _stream(body: bytes | bytearray) -> IO[bytes]:
-    from io import BytesIO
-
-    return BytesIO(body)
-
-
-# ------------------------------------------------------------------------------------------------------- the file's own
+        raise BagError(f"damaged: {kind} {now.id} has two different definitions")
 
 
 def read_index(stream: IO[bytes], size: int) -> Index | None:
-    """The file's index; None when there is none, or it is wrong or says too little."""
+    """Return the file's index; None if it is missing, wrong or incomplete."""
     try:
         stream.seek(-_FOOTER.size, SEEK_END)
         _, _, start, _, expected, _ = _FOOTER.unpack(stream.read())
@@ -132,17 +117,17 @@ def read_index(stream: IO[bytes], size: int) -> Index | None:
 
 
 def checksum(stream: IO[bytes], start: int, end: int) -> int:
-    """In pieces, as a file may say that all of it is index."""
+    """Return the CRC of a range, read in blocks, as the range may be the whole file."""
     stream.seek(start)
     found = 0
-    for at in range(start, end, _PIECE):
-        found = zlib.crc32(stream.read(min(_PIECE, end - at)), found)
+    for at in range(start, end, _BLOCK_BYTES):
+        found = zlib.crc32(stream.read(min(_BLOCK_BYTES, end - at)), found)
     return found
 
 
-def _is_complete(told: Summary) -> bool:
-    """Whether it knows every chunk once, and every channel and schema; the package looks at none of this."""
-    statistics, chunks, channels = told.statistics, told.chunk_indexes, told.channels
+def _is_complete(stated: Summary) -> bool:
+    """Return True if each chunk, channel and schema is in the index; the package `mcap` does not check this."""
+    statistics, chunks, channels = stated.statistics, stated.chunk_indexes, stated.channels
     if len({one.chunk_start_offset for one in chunks}) != len(chunks):
         return False
     if statistics is None:
@@ -150,19 +135,19 @@ def _is_complete(told: Summary) -> bool:
             return False
     elif statistics.chunk_count != len(chunks) or statistics.channel_count > len(channels):
         return False
-    if any(one.schema_id and one.schema_id not in told.schemas for one in channels.values()):
+    if any(one.schema_id and one.schema_id not in stated.schemas for one in channels.values()):
         return False
     return all(one.message_index_offsets.keys() <= channels.keys() for one in chunks)
 
 
-def _index_of(told: Summary, summary_start: int) -> Index:
-    chunks = sorted(told.chunk_indexes, key=lambda one: one.chunk_start_offset)
+def _index_of(stated: Summary, summary_start: int) -> Index:
+    chunks = sorted(stated.chunk_indexes, key=lambda one: one.chunk_start_offset)
     gaps, at = [], len(MCAP0_MAGIC)
     for one in chunks:
         gaps.append((at, one.chunk_start_offset))
         at = one.chunk_start_offset + one.chunk_length + one.message_index_length
     gaps.append((at, summary_start))
-    parts = [
+    segments = [
         MessageSegment(
             one.chunk_start_offset + RECORD.size,
             one.chunk_start_offset + one.chunk_length,
@@ -173,10 +158,10 @@ def _index_of(told: Summary, summary_start: int) -> Index:
         )
         for one in chunks
     ]
-    statistics = told.statistics
+    statistics = stated.statistics
     if statistics is not None:
-        counts = {number: statistics.channel_message_counts.get(number, 0) for number in told.channels}
+        counts = {number: statistics.channel_message_counts.get(number, 0) for number in stated.channels}
         span = (statistics.message_start_time, statistics.message_end_time) if statistics.message_count else None
-        return Index(parts, dict(told.channels), dict(told.schemas), counts, span, gaps)
-    span = (min(one.first for one in parts), max(one.last for one in parts)) if parts else None
-    return Index(parts, dict(told.channels), dict(told.schemas), None, span, gaps)
+        return Index(segments, dict(stated.channels), dict(stated.schemas), counts, span, gaps)
+    span = (min(one.first for one in segments), max(one.last for one in segments)) if segments else None
+    return Index(segments, dict(stated.channels), dict(stated.schemas), None, span, gaps)

@@ -1,7 +1,7 @@
-"""A ``.db3`` file of rosbag2.
+"""Reader of a ``.db3`` file of rosbag2.
 
-Decides how it is opened: as something that does not change, so that nothing appears beside it; unless a journal lies
-there, as after a crash or while it is recorded, whose messages would be missing.
+The file is opened as immutable, so that SQLite creates no files next to it; except if it has a journal, as after a
+crash or during recording, whose messages would be missing otherwise.
 """
 
 from __future__ import annotations
@@ -14,8 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.bags.common import BagError, BagTopic
-from rosidl_py_gen.bags.storage.mcap_file import joined
-from rosidl_py_gen.bags.storage.storage_api import BagChannel, library_errors_as_bag_error
+from rosidl_py_gen.bags.storage.storage_api import BagChannel, library_errors_as_bag_error, merge_channels
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -23,40 +22,40 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags.storage.storage_api import Raw
 
 _TABLES = "messages", "topics", "message_definitions"
-"""What is read of a database."""
+"""Tables that are read."""
 _JOURNALS = "-wal", "-journal"
 _JOURNAL_MAGIC = b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7"
-"""What a journal begins with, and ends with when it names a journal of several databases."""
+"""Start of a journal, and end of one that names a journal of several databases."""
 _MAX_TIME = (1 << 63) - 1
 
 
 class SqliteFile:
-    """A ``.db3`` file of rosbag2. Any thread may read it."""
+    """``.db3`` file of rosbag2. Thread: any."""
 
     is_whole = True
     unread_bytes = 0
 
-    def parts(self) -> list[tuple[int, int]]:
+    def segments(self) -> list[tuple[int, int]]:
         return []
 
     def __init__(self, path: Path) -> None:
         self._path = path
         if not path.is_file():
-            raise BagError(f"{path}: there is no such file")
+            raise BagError(f"{path}: file does not exist")
         self._copy: TemporaryDirectory[str] | None = None
         self._without_topic: dict[Any, BagTopic] = {}
         with library_errors_as_bag_error(path):
-            self._base = self._connected()
+            self._database = self._open_database()
         try:
             with library_errors_as_bag_error(path):
-                self._base.execute("pragma trusted_schema=off")
+                self._database.execute("pragma trusted_schema=off")
                 self._require_tables()
         except BaseException:
             self.close()
             raise
 
-    def _connected(self) -> sqlite3.Connection:
-        real = self._path.resolve()  # beside which SQLite looks for them
+    def _open_database(self) -> sqlite3.Connection:
+        real = self._path.resolve()  # SQLite expects journals next to it
         ends = [end for end in _JOURNALS if Path(f"{real}{end}").is_file()]
         if not any(Path(f"{real}{end}").stat().st_size for end in ends):
             return _connect(self._path, "mode=ro&immutable=1")
@@ -64,7 +63,7 @@ class SqliteFile:
         try:
             base.execute("select count(*) from sqlite_master").fetchone()
             return base
-        except sqlite3.OperationalError:  # it has to be rolled back, or its folder cannot be written to
+        except sqlite3.OperationalError:  # it must be rolled back, or its folder is read-only
             base.close()
         self._copy = TemporaryDirectory(prefix="rosidl-py-gen-bag-")
         copied = Path(self._copy.name, "bag.db3")
@@ -74,58 +73,58 @@ class SqliteFile:
         return _connect(copied, "mode=rw")
 
     def _require_tables(self) -> None:
-        """Raises `BagError` when something is computed, not stored: a few bytes can make rows without end."""
-        for name, kind, text in self._base.execute("select lower(name), type, lower(sql) from sqlite_master"):
-            if name in _TABLES and (kind != "table" or "virtual" in str(text)):
-                raise BagError(f"{self._path}: {name} is no stored table")
+        """Raise `BagError` for computed tables: a few bytes can define rows without end."""
+        for name, type_name, text in self._database.execute("select lower(name), type, lower(sql) from sqlite_master"):
+            if name in _TABLES and (type_name != "table" or "virtual" in str(text)):
+                raise BagError(f"{self._path}: {name} is not a stored table")
         for name in _TABLES:
-            if any(row[6] for row in self._base.execute(f"pragma table_xinfo({name})")):
+            if any(row[6] for row in self._database.execute(f"pragma table_xinfo({name})")):
                 raise BagError(f"{self._path}: {name} has columns that are not stored")
 
     # ------------------------------------------------------------------------------------------------------ contents
 
     def channels(self) -> list[BagTopic]:
         with library_errors_as_bag_error(self._path):
-            counts = dict(self._base.execute("select topic_id, count(*) from messages group by topic_id"))
+            counts = dict(self._database.execute("select topic_id, count(*) from messages group by topic_id"))
             topics = self._topics(counts)
             self._without_topic = {
                 key: _placeholder_topic(key, count) for key, count in counts.items() if key not in topics
             }
-            return joined([*topics.values(), *self._without_topic.values()])
+            return merge_channels([*topics.values(), *self._without_topic.values()])
 
     def _topics(self, counts: dict[Any, int]) -> dict[Any, BagTopic]:
-        """Rows of topics, by the number that messages name them with."""
+        """Return topics by the id that messages refer to."""
         texts = self._definitions()
         columns = self._columns("topics")
         optional = [name if name in columns else "''" for name in ("offered_qos_profiles", "type_description_hash")]
-        rows = self._base.execute(f"select id, name, type, serialization_format, {', '.join(optional)} from topics")
+        rows = self._database.execute(f"select id, name, type, serialization_format, {', '.join(optional)} from topics")
         found = {}
         for row in rows.fetchall():
-            key, (name, kind, how, qos, told) = row[0], map(str, row[1:])
-            text, encoding = _pick_definition(texts.get(kind, []), told)
-            found[key] = BagTopic(name, kind, text, encoding, how, told, qos, counts.get(key, 0))
+            key, (name, type_name, options, qos, type_hash) = row[0], map(str, row[1:])
+            text, encoding = _pick_definition(texts.get(type_name, []), type_hash)
+            found[key] = BagTopic(name, type_name, text, encoding, options, type_hash, qos, counts.get(key, 0))
         return found
 
     def _columns(self, table: str) -> set[str]:
-        return {row[1] for row in self._base.execute(f"pragma table_info({table})")}
+        return {row[1] for row in self._database.execute(f"pragma table_info({table})")}
 
     def _definitions(self) -> dict[str, list[tuple[str, str, str]]]:
-        """Hash, text and encoding by name; a type may have been recorded in two versions."""
+        """Return hash, text and encoding by name; a type may have several versions."""
         columns = self._columns("message_definitions")
         if not columns:
             return {}
         hashes = "type_description_hash" if "type_description_hash" in columns else "''"
-        rows = self._base.execute(
+        rows = self._database.execute(
             f"select topic_type, {hashes}, encoded_message_definition, encoding from message_definitions"
         )
         found: dict[str, list[tuple[str, str, str]]] = {}
-        for name, told, text, encoding in rows:
-            found.setdefault(str(name), []).append((str(told), str(text), str(encoding)))
+        for name, type_hash, text, encoding in rows:
+            found.setdefault(str(name), []).append((str(type_hash), str(text), str(encoding)))
         return found
 
     def span(self) -> tuple[int, int] | None:
         with library_errors_as_bag_error(self._path):
-            first, last = self._base.execute("select min(timestamp), max(timestamp) from messages").fetchone()
+            first, last = self._database.execute("select min(timestamp), max(timestamp) from messages").fetchone()
             if first is None:
                 return None
             if not isinstance(first, int) or not isinstance(last, int):
@@ -139,7 +138,7 @@ class SqliteFile:
             known = {key: BagChannel(topic) for key, topic in {**self._without_topic, **self._topics({})}.items()}
             wanted = [key for key, channel in known.items() if topics is None or channel.topic in topics]
             marks = "" if topics is None else f"topic_id in ({','.join('?' * len(wanted))}) and "
-            rows = self._base.execute(
+            rows = self._database.execute(
                 f"select topic_id, timestamp, data from messages where {marks}timestamp >= ? and timestamp <= ? "
                 "order by timestamp, id",
                 [*(wanted if marks else ()), min(start, _MAX_TIME), min(end - 1, _MAX_TIME)],
@@ -148,38 +147,42 @@ class SqliteFile:
                 if key not in known:
                     known[key] = BagChannel(_placeholder_topic(key))
                 if not isinstance(data, bytes) or not isinstance(stamp, int):
-                    raise BagError(f"{self._path}: a message on {known[key].topic} is no bytes with a time")
+                    raise BagError(
+                        f"{self._path}: a message on {known[key].topic} does not consist of bytes and a time"
+                    )
                 yield known[key], data, stamp, stamp
 
     def blocks(self, topics: Collection[str] | None, start: int, end: int) -> None:
         return None
 
     def close(self) -> None:
-        self._base.close()
+        self._database.close()
         if self._copy is not None:
             self._copy.cleanup()
 
 
 def _pick_definition(texts: list[tuple[str, str, str]], wanted: str) -> tuple[str, str]:
-    """Text and encoding of the definition with a hash; of that without one only where there is no other."""
+    """Return text and encoding of the definition with a hash; of one without hash only if unambiguous."""
     fitting = [one for one in texts if one[0] == wanted] or [one for one in texts if not (one[0] and wanted)]
     return fitting[0][1:] if len({one[1:] for one in fitting}) == 1 else ("", "")
 
 
 def _placeholder_topic(key: object, count: int | None = None) -> BagTopic:
-    """Stands for a topic whose row is missing, so that what was recorded of it is counted and can be had as bytes."""
+    """Return a topic for an id without a row, so that its messages are counted and readable as bytes."""
     return BagTopic(f"(no topic has id {key!r})", "", count=count)
 
 
 def _require_own_journal(path: Path, journal: Path) -> None:
-    """Raises `BagError`: SQLite deletes the file that a journal of several databases names, whatever it is."""
+    """Raise `BagError`: SQLite deletes the file that a journal of several databases names."""
     if journal.is_file():
         with journal.open("rb") as stream:
             stream.seek(-min(len(_JOURNAL_MAGIC), journal.stat().st_size), SEEK_END)
             if stream.read() == _JOURNAL_MAGIC:
-                raise BagError(f"{path}: its -journal is of several databases; expected one of this file alone")
+                raise BagError(
+                    f"{path}: its -journal belongs to several databases; expected a journal of this file only"
+                )
 
 
-def _connect(path: Path, how: str) -> sqlite3.Connection:
-    # Read by one thread at a time, each by cursors of its own; the library itself is built for that.
-    return sqlite3.connect(f"{path.resolve().as_uri()}?{how}", uri=True, check_same_thread=False)
+def _connect(path: Path, options: str) -> sqlite3.Connection:
+    # SQLite is built thread-safe, and each iteration has a cursor of its own.
+    return sqlite3.connect(f"{path.resolve().as_uri()}?{options}", uri=True, check_same_thread=False)

@@ -1,16 +1,16 @@
-"""What a bag's files have in common, and in which order their messages come.
+"""Interface of the readers of a bag's files, and merging of several files by log time.
 
-Decides that every message knows the channel it was written to: a topic may have been recorded with two definitions, and
-each message is read with its own. Whatever a damaged file makes the libraries raise becomes a `BagError` that names the
-file.
+Every message refers to the channel it was written to, because a topic may have been recorded with several definitions.
+All exceptions of libraries over damaged files become a `BagError` that names the file.
 """
 
 from __future__ import annotations
 
 import contextlib
 import heapq
+from dataclasses import replace
 from itertools import chain, pairwise
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from rosidl_py_gen.bags.common import BagError, BagTopic
@@ -25,19 +25,17 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.bags.common import BagMessage
 
+K = TypeVar("K")
 M = TypeVar("M")
 MAX_TIME = (1 << 64) - 1
-"""Of MCAP; databases have half of it."""
+"""Largest log time of MCAP; SQLite stores half of the range."""
 MAX_UNPACKED_BYTES = 1 << 30
-"""What is unpacked at once, a chunk above all, may become so large where the user does not say otherwise."""
+"""Default limit of data that are decompressed at once, in bytes."""
 LOG_TIME = itemgetter(2)
 
 
 class BagChannel:
-    """A topic with the definition that its messages were written with.
-
-    Compared by identity: it is looked up for every message.
-    """
+    """Topic with the definition of its messages. Compared by identity, as it is a key for each message."""
 
     __slots__ = ("info", "topic")
 
@@ -47,18 +45,19 @@ class BagChannel:
 
 
 _NO_CHANNEL = BagChannel(BagTopic("", ""))
-"""Comes at the time at which a file begins."""
+"""Channel of a placeholder message at the first log time of a file."""
 Raw: TypeAlias = "tuple[BagChannel, bytes | memoryview, int, int]"
-"""What a `BagMessage` has, before decoding; a plain tuple is made in a third of the time. Large messages view the chunk
-they are in, and so do the arrays that are decoded from them.
+"""Contents of a `BagMessage` before decoding; a plain tuple takes a third of the time.
+
+Large messages are views of their chunk, and so are arrays that are decoded from them.
 """
 
 
 class MessageBlock(NamedTuple):
-    """Messages of one channel by log time, without an object for each: a row of the arrays, and their bytes in `data`.
+    """Messages of one channel by log time as arrays, with a row for each message, and their bytes in `data`.
 
     Attributes:
-        begin, size: where the bytes of each are.
+        begin, size: offset and size of each message.
     """
 
     channel: BagChannel
@@ -69,43 +68,43 @@ class MessageBlock(NamedTuple):
     publish_times: NDArray[np.uint64]
 
     def rows(self, chosen: slice | NDArray[np.int64]) -> MessageBlock:
-        """Some of the messages."""
+        """Return some of the messages."""
         begin, size, log_times, publish_times = (one[chosen] for one in self[2:])
         return MessageBlock(self.channel, self.data, begin, size, log_times, publish_times)  # type: ignore[arg-type]
 
 
 class Storage(Protocol):
-    """One file."""
+    """One file of a bag."""
 
     is_whole: bool
-    """False when the file has no index, as after a crash."""
+    """False if the file has no index, as after a crash."""
 
     @property
     def unread_bytes(self) -> int:
-        """At the end of the file, of a record that was not finished."""
+        """Size of an unfinished record at the end of the file."""
 
     def channels(self) -> list[BagTopic]:
-        """What it holds, with counts where it has an index; a topic with two definitions is there twice."""
+        """Return the channels, with counts if there is an index; one for each definition of a topic."""
 
     def span(self) -> tuple[int, int] | None:
-        """Log times of the first and the last message; None when there is none."""
+        """Return the log times of the first and the last message; None without messages."""
 
     def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
-        """Raw messages with ``start <= log_time < end``, by log time; None means all topics."""
+        """Yield raw messages with ``start <= log_time < end``, by log time; None means all topics."""
 
     def blocks(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[MessageBlock] | None:
-        """The same in blocks; None where the messages of a topic would not be in order then."""
+        """Yield messages in blocks; None if the messages of a topic would not be in order then."""
 
-    def parts(self) -> list[tuple[int, int]]:
-        """First log time and stored bytes of what is read together; none where finding a time takes reading all."""
+    def segments(self) -> list[tuple[int, int]]:
+        """Return first log time and size of each segment; none if this requires reading the file."""
 
     def close(self) -> None:
-        """May be called twice."""
+        """Close the file; may be called repeatedly."""
 
 
 @contextlib.contextmanager
 def library_errors_as_bag_error(path: Path) -> Iterator[None]:
-    """Turn what libraries raise over wrong bytes into a `BagError` that names the file."""
+    """Turn exceptions of libraries over wrong bytes into a `BagError` that names the file."""
     try:
         yield
     except (RosidlError, GeneratorExit):
@@ -127,7 +126,7 @@ def with_bytes(found: Iterable[Raw], kind: type[M], first: Callable[[BagChannel]
 
 
 def merge_by_time(files: list[Storage], topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
-    """The messages of several files by log time."""
+    """Yield the messages of several files by log time."""
     if len(files) == 1:
         return files[0].messages(topics, start, end)
     each = []
@@ -139,16 +138,16 @@ def merge_by_time(files: list[Storage], topics: Collection[str] | None, start: i
 
 
 def _open_when_due(file: Storage, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
-    """Begun when its first message may be due, so that not every file of a bag has a chunk in memory."""
+    """Read a file once its first message is due, so that not every file has a chunk in memory."""
     yield from file.messages(topics, start, end)
 
 
 class TableInput(NamedTuple):
-    """What tables are made of.
+    """Input of tables.
 
     Attributes:
-        found: blocks, in the order of their messages for each topic, or messages in their order.
-        decoded: messages of raw ones, with the errors that reading them has, or without those it leaves out.
+        found: blocks, ordered for each topic, or messages by log time.
+        decoded: decodes raw messages; errors are raised or skipped as requested.
     """
 
     found: Iterator[MessageBlock] | Iterator[Raw]
@@ -158,9 +157,7 @@ class TableInput(NamedTuple):
 def as_table_input(
     files: list[Storage], topics: Collection[str] | None, start: int, end: int
 ) -> Iterator[MessageBlock] | Iterator[Raw]:
-    """The messages of several files: in blocks where one after the other gives them by log time, else as
-    `merge_by_time`.
-    """
+    """Return the messages in blocks if the files do not overlap in time, else as `merge_by_time`."""
     due = [(span, file) for file in files if (span := file.span()) is not None and span[0] < end and span[1] >= start]
     due.sort(key=itemgetter(0))
     if not any(one[0][1] > other[0][0] for one, other in pairwise(due)):
@@ -169,3 +166,39 @@ def as_table_input(
         if len(blocks) == len(each):
             return chain.from_iterable(blocks)
     return merge_by_time(files, topics, start, end)
+
+
+def split_times(files: Iterable[Storage], size: int) -> list[int]:
+    """Return log times that split a bag into slices of about `size` stored bytes; none if it is not larger."""
+    times: list[int] = []
+    slice_bytes, slice_start = 0, None
+    for first, stored in sorted(segment for file in files for segment in file.segments()):
+        slice_start = first if slice_start is None else slice_start
+        if slice_bytes >= size and first > slice_start:
+            times.append(first)
+            slice_bytes, slice_start = 0, first
+        slice_bytes += stored
+    return times
+
+
+def merge_channels(channels: Iterable[BagTopic]) -> list[BagTopic]:
+    """Return one entry for each topic and definition; a file may have several channels of them."""
+    return sorted(_merged(channels, attrgetter("key")).values(), key=attrgetter("name"))
+
+
+def topics_by_name(channels: Iterable[BagTopic]) -> dict[str, BagTopic]:
+    """Return one entry for each topic: the first that has a definition, with the number of all messages."""
+    return dict(sorted(_merged(channels, attrgetter("name")).items()))
+
+
+def _merged(channels: Iterable[BagTopic], key_of: Callable[[BagTopic], K]) -> dict[K, BagTopic]:
+    merged: dict[K, BagTopic] = {}
+    for channel in channels:
+        key = key_of(channel)
+        previous = merged.get(key)
+        if previous is not None:
+            counts = previous.count, channel.count
+            count = None if None in counts else sum(counts)  # type: ignore[arg-type]
+            channel = replace(previous if previous.definition or not channel.definition else channel, count=count)
+        merged[key] = channel
+    return merged

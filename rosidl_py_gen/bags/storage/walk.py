@@ -1,4 +1,4 @@
-"""A walk through the records of an MCAP file whose index is missing or incomplete.
+"""Walk through the records of an MCAP file whose index is missing or incomplete.
 
 One chunk is in memory at a time. The walk ends where the file breaks off: within a record, with zeros, or with a chunk
 whose end is zeros, as after a power cut. Any other damage is reported, and skipped if the reader skips damaged parts.
@@ -39,8 +39,8 @@ from rosidl_py_gen.bags.storage.storage_api import MAX_TIME, library_errors_as_b
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-_PIECE = 1 << 20
-"""Bytes of messages outside of chunks that are read together."""
+_MAX_SEGMENT_BYTES = 1 << 20
+"""Maximum size of a segment of messages outside of chunks."""
 _CRC = Struct("<I")
 _SUMMARY = "SCHEMA CHANNEL CHUNK_INDEX ATTACHMENT_INDEX STATISTICS METADATA_INDEX SUMMARY_OFFSET FOOTER"
 _HOLD_MESSAGES = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
@@ -49,10 +49,10 @@ _AFTER_DATA = [b"", *(bytes([Opcode[name]]) for name in _SUMMARY.split())]
 
 
 class Walk:
-    """A walk through the records of a file of `size` bytes, which adds what it finds to `index`.
+    """Walk through the records of a file of `size` bytes, which adds its contents to `index`.
 
     Args:
-        on_damage: called with each damaged stretch; if it returns, the walk goes on after it.
+        on_damage: called with each damaged range; if it returns, the walk continues after the range.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Walk:
     ) -> None:
         self._stream, self._size, self._unpacker, self._index = stream, size, unpacker, index
         self._on_damage, self._skips = on_damage, skips
-        self._loose = _Loose(index)
+        self._unchunked = _UnchunkedMessages(index)
         self._end = 0
         self._is_doubtful = False  # since the last damage, until a chunk is right: a chunk may have lost its head
         self._doubtful_from: int | None = None
@@ -71,7 +71,7 @@ class Walk:
         while at < end:
             head = self._read(at, MESSAGE.size)
             if len(head) < RECORD.size:
-                self._index.truncated_bytes = _unread(head, at, self._size)
+                self._index.truncated_bytes = _truncated_size(head, at, self._size)
                 break
             opcode, length = RECORD.unpack_from(head)
             after = at + RECORD.size + length
@@ -79,41 +79,43 @@ class Walk:
                 if self._breaks_off(opcode, at):
                     break
                 at = self._skip(
-                    at, self._next(at), BagError(f"no record at byte {at}, though the file has an end or goes on")
+                    at,
+                    self._next_chunk(at),
+                    BagError(f"no record at byte {at}, although the file is complete or continues"),
                 )
                 continue
             if opcode == Opcode.DATA_END:
-                at = self._ended(at, length, after)
+                at = self._check_data_end(at, length, after)
                 continue
             if opcode == IS_MESSAGE:
                 if len(head) < MESSAGE.size or length < MESSAGE.size - RECORD.size:
                     at = self._skip(at, after, BagError(f"a message of {length} bytes at offset {at}"))
                     continue
                 if not self._is_doubtful:
-                    self._loose.add(at, after, *MESSAGE.unpack(head)[2:5:2])
+                    self._unchunked.add(at, after, *MESSAGE.unpack(head)[2:5:2])
                 elif self._doubtful_from is None:
                     self._doubtful_from = at
                 at = after
                 continue
-            self._end_doubtful(at)
-            self._loose.end()
-            at = self._take(opcode, at, after)
+            self._report_doubtful(at)
+            self._unchunked.end()
+            at = self._add_other_record(opcode, at, after)
             if at < 0:
                 return
-        self._end_doubtful(at)
-        self._loose.end()
+        self._report_doubtful(at)
+        self._unchunked.end()
         if at > max(start, end):
-            self._skip(end, at, BagError(f"a record goes beyond byte {end}, where the next one begins"))
+            self._skip(end, at, BagError(f"a record exceeds byte {end}, where the next one begins"))
 
     def _read(self, at: int, size: int) -> bytes:
         self._stream.seek(at)
         return self._stream.read(size)
 
-    def _next(self, at: int) -> int:
+    def _next_chunk(self, at: int) -> int:
         return next_chunk(self._read, at + 1, self._end, self._size) if self._skips else self._end
 
     def _skip(self, at: int, after: int, error: BagError, head: ChunkHead | None = None) -> int:
-        """Report a damage; returns where it ends."""
+        """Report a damage; return its end."""
         if head is None:
             self._on_damage(Damage(at, after, error))
         else:
@@ -122,53 +124,55 @@ class Walk:
         self._is_doubtful = True
         return after
 
-    def _end_doubtful(self, at: int) -> None:
+    def _report_doubtful(self, at: int) -> None:
         """Report messages outside of chunks that ended before `at`, if they followed a damage."""
         if self._doubtful_from is not None:
             self._skip(self._doubtful_from, at, BagError("messages after a damaged part, which have no checksum"))
             self._doubtful_from = None
 
     def _breaks_off(self, opcode: int, at: int) -> bool:
-        """Return True where a file was not finished: within a record, or with the zeros that a power cut leaves."""
+        """Return True if a file is unfinished: it ends within a record, or with the zeros of a power cut."""
         if self._read(self._size - len(MCAP0_MAGIC), len(MCAP0_MAGIC)) == MCAP0_MAGIC:
             return False
         if not opcode:
             if not are_zeros(self._read, at, self._size):
                 return False
-            self._loose.drop_unfinished(self._read(at - 1, 1))
+            self._unchunked.drop_unfinished(self._read(at - 1, 1))
         elif not is_known(opcode) or self._continues(at):
             return False
-        self._index.truncated_bytes = self._size - at if not opcode else _unread(bytes([opcode]), at, self._size)
+        self._index.truncated_bytes = (
+            self._size - at if not opcode else _truncated_size(bytes([opcode]), at, self._size)
+        )
         return True
 
     def _continues(self, at: int) -> bool:
-        """Return True if chunks follow a record that seems to go beyond the end of the file: its length is damaged."""
+        """Return True if chunks follow a record that exceeds the file, so that its length is damaged."""
         if ChunkHead.at(self._read, at) is not None:
             return False
         return next_chunk(self._read, at + 1, self._size, self._size) < self._size
 
-    def _ended(self, at: int, length: int, after: int) -> int:
-        """Check the end of the data; returns where the walk goes on."""
-        is_all = self._end == self._size or not self._index.parts  # else only the stretches between chunks were read
+    def _check_data_end(self, at: int, length: int, after: int) -> int:
+        """Check the end of the data; return where the walk continues."""
+        is_all = self._end == self._size or not self._index.segments  # else only the stretches between chunks were read
         try:
-            _require_end(self._stream, after, self._end, self._size)
+            _check_follows_data(self._stream, after, self._end, self._size)
         except BagError as error:
             return self._skip(at, after, error)
-        if not self._skips or self._loose.count:  # chunks have their own checksums, and some may have been skipped
-            _require_checksum(self._stream, self._unpacker, at, length, is_all or self._loose.count > 0)
+        if not self._skips or self._unchunked.count:  # chunks have their own checksums, and some may have been skipped
+            _check_crc(self._stream, self._unpacker, at, length, is_all or self._unchunked.count > 0)
         return self._end
 
-    def _take(self, opcode: int, at: int, after: int) -> int:
-        """Add a record that is no message; returns where it ends, -1 where the file breaks off within it."""
+    def _add_other_record(self, opcode: int, at: int, after: int) -> int:
+        """Add a record other than a message; return its end, -1 if the file breaks off within it."""
         head = ChunkHead.at(self._read, at)
         body = at + RECORD.size
         try:
             with library_errors_as_bag_error(self._unpacker.path):
                 if opcode == Opcode.CHUNK:
-                    _add_chunk(_pieces(self._stream, self._unpacker, body, after), body, after, self._index)
+                    _add_chunk(_chunk_blocks(self._stream, self._unpacker, body, after), body, after, self._index)
                     self._is_doubtful = False
                 elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                    self._index.add_record(opcode, self._read(body, after - body))
+                    self._index.add_records([(opcode, self._read(body, after - body))])
                 elif head is not None:
                     raise BagError(f"a chunk at byte {at} with the opcode {opcode}")
         except (BagUnreachableError, TooLargeError):
@@ -179,18 +183,18 @@ class Walk:
                 self._index.truncated_bytes = self._size - at  # the blocks of the disk were not all written
                 return -1
             if opcode == Opcode.CHUNK and head is None:
-                after = self._next(at)
+                after = self._next_chunk(at)
             return self._skip(at, after, error, head)
         return after
 
 
-def _unread(head: bytes, at: int, size: int) -> int:
+def _truncated_size(head: bytes, at: int, size: int) -> int:
     """Return the size of an unfinished record at the end of a file; 0 for a record of an index."""
     return size - at if head[:1] and head[0] in _HOLD_MESSAGES else 0
 
 
-def _require_end(stream: IO[bytes], at: int, end: int, size: int) -> None:
-    """Raises `BagError` when what follows the last record of data is neither the summary nor the footer."""
+def _check_follows_data(stream: IO[bytes], at: int, end: int, size: int) -> None:
+    """Raise `BagError` if neither the summary nor the footer follows the data."""
     if end < size:
         is_right = at == end
     else:
@@ -200,18 +204,18 @@ def _require_end(stream: IO[bytes], at: int, end: int, size: int) -> None:
         raise BagError(f"the data ends at byte {at}, where neither the summary nor the footer begins")
 
 
-def _require_checksum(stream: IO[bytes], unpacker: ChunkDecompressor, at: int, length: int, is_needed: bool) -> None:
-    """Check the sum over all data: records, their kinds and messages outside of chunks have no other."""
+def _check_crc(stream: IO[bytes], unpacker: ChunkDecompressor, at: int, length: int, is_needed: bool) -> None:
+    """Compare the checksum of all data: records and messages outside of chunks have no other."""
     if not (is_needed and unpacker.validate_crcs and length == _CRC.size):
         return
     stream.seek(at + RECORD.size)
     (expected,) = _CRC.unpack(stream.read(_CRC.size))
     if expected and expected != checksum(stream, 0, at):
-        raise BagError("damaged: the checksum of its messages is another")
+        raise BagError("damaged: the checksum of its messages is wrong")
 
 
 def _records(data: bytes | bytearray) -> Iterator[tuple[int, int, int]]:
-    """Kind, beginning and end of each record."""
+    """Yield opcode, start and end of each record."""
     at, size = 0, len(data)
     while at < size:
         opcode, length = RECORD.unpack_from(data, at)
@@ -222,8 +226,8 @@ def _records(data: bytes | bytearray) -> Iterator[tuple[int, int, int]]:
         at = end
 
 
-def _pieces(stream: IO[bytes], unpacker: ChunkDecompressor, body: int, end: int) -> Iterator[bytes | bytearray]:
-    """The records of a chunk, at once or a megabyte at a time."""
+def _chunk_blocks(stream: IO[bytes], unpacker: ChunkDecompressor, body: int, end: int) -> Iterator[bytes | bytearray]:
+    """Yield the records of a chunk, in blocks if it is large."""
 
     def read(at: int, size: int) -> bytes:
         stream.seek(at)
@@ -241,7 +245,7 @@ def _pieces(stream: IO[bytes], unpacker: ChunkDecompressor, body: int, end: int)
 def _add_chunk(some: Iterator[bytes | bytearray], offset: int, end: int, index: Index) -> None:
     """Add a chunk, or nothing of it if it is damaged."""
     first, last, counts = MAX_TIME, -1, dict[int, int]()
-    described: list[tuple[int, bytes | bytearray]] = []
+    definitions: list[tuple[int, bytes | bytearray]] = []
     for data in some:
         for opcode, at, after in _records(data):
             if opcode == IS_MESSAGE:
@@ -251,36 +255,35 @@ def _add_chunk(some: Iterator[bytes | bytearray], offset: int, end: int, index: 
                 counts[channel] = counts.get(channel, 0) + 1
                 first, last = min(first, log_time), max(last, log_time)
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                described.append((opcode, data[at + RECORD.size : after]))
-    index.take_all(described)
+                definitions.append((opcode, data[at + RECORD.size : after]))
+    index.add_records(definitions)
     if counts:
         index.count(counts)
-        _add(index, MessageSegment(offset, end, True, first, last, counts.keys()))
+        _add_segment(index, MessageSegment(offset, end, True, first, last, counts.keys()))
 
 
-def _add(index: Index, part: MessageSegment) -> None:
-    index.parts.append(part)
-    first, last = index.time_range or (part.first, part.last)
-    index.time_range = min(first, part.first), max(last, part.last)
+def _add_segment(index: Index, segment: MessageSegment) -> None:
+    index.segments.append(segment)
+    first, last = index.time_range or (segment.first, segment.last)
+    index.time_range = min(first, segment.first), max(last, segment.last)
 
 
-class _Loose:
-    """Messages outside of chunks, gathered to parts of a megabyte."""
+class _UnchunkedMessages:
+    """Messages outside of chunks, combined to segments of a megabyte."""
 
     def __init__(self, index: Index) -> None:
         self._index = index
-        self._part: MessageSegment | None = None
+        self._segment: MessageSegment | None = None
         self._channels: set[int] = set()
         self._last: tuple[int, int, int, int] | None = None
         self.count = 0
 
     def add(self, at: int, after: int, channel: int, log_time: int) -> None:
-        """Add a message: its record, channel and log time."""
         self._flush()
         self._last = at, after, channel, log_time
 
     def drop_unfinished(self, last_byte: bytes) -> None:
-        """Drop the last message, which zeros follow, if it ends with a zero: its end may not have been written."""
+        """Drop the last message before the zeros of a power cut if it ends with a zero itself."""
         if last_byte == b"\0":
             self._last = None
 
@@ -289,20 +292,21 @@ class _Loose:
             return
         at, after, channel, log_time = self._last
         self._last = None
-        if self._part is not None and after - self._part.offset > _PIECE:
-            self._end_part()
-        part = self._part or MessageSegment(at, after, False, log_time, log_time)
+        if self._segment is not None and after - self._segment.offset > _MAX_SEGMENT_BYTES:
+            self._end_segment()
+        segment = self._segment or MessageSegment(at, after, False, log_time, log_time)
         self._channels.add(channel)
-        self._part = part._replace(end=after, first=min(part.first, log_time), last=max(part.last, log_time))
+        self._segment = segment._replace(
+            end=after, first=min(segment.first, log_time), last=max(segment.last, log_time)
+        )
         self.count += 1
         self._index.count({channel: 1})
 
-    def _end_part(self) -> None:
-        if self._part is not None:
-            _add(self._index, self._part._replace(channels=self._channels))
-        self._part, self._channels = None, set()
+    def _end_segment(self) -> None:
+        if self._segment is not None:
+            _add_segment(self._index, self._segment._replace(channels=self._channels))
+        self._segment, self._channels = None, set()
 
     def end(self) -> None:
-        """End a part: another record follows, or none."""
         self._flush()
-        self._end_part()
+        self._end_segment()
