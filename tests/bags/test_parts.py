@@ -124,7 +124,10 @@ def test_what_was_flushed_into_sqlite_is_there_for_others(tmp_path: Path) -> Non
 def test_one_file_is_not_split_or_packed(tmp_path: Path, options: Any, error: str) -> None:
     with pytest.raises(BagError, match=error):
         BagWriter(tmp_path / "a.mcap", **options)
-    with BagWriter(tmp_path / "b.mcap") as bag, pytest.raises(BagError, match="is one file; only a folder can be split"):
+    with (
+        BagWriter(tmp_path / "b.mcap") as bag,
+        pytest.raises(BagError, match="is one file; only a folder can be split"),
+    ):
         bag.split()
     custom: Any = {"a": 1}
     with pytest.raises(BagError, match="custom_data: got 'a': 1; expected texts"):

@@ -164,7 +164,9 @@ def test_one_long_value_does_not_make_every_row_long(tmp_path: Path) -> None:
         assert tracemalloc.get_traced_memory()[1] < 20 << 20  # 2.4 GB as text of one length
         tracemalloc.stop()
         assert table["data"][6] == "x" and len(table["data"][7]) == 300_000
-        with pytest.raises(BagError, match=r"points\[:\].x: with padding it has 60000000 elements, 31999 of them in the bag"):
+        with pytest.raises(
+            BagError, match=r"points\[:\].x: with padding it has 60000000 elements, 31999 of them in the bag"
+        ):
             reader.to_arrays("/p", "points[:].x", pad=0)
         with pytest.raises(BagError, match=r"points\[0:99999999\].x"):
             reader.to_arrays("/p", "points[0:99999999].x", pad=0)

@@ -206,7 +206,7 @@ def test_what_cannot_be_reindexed_is_told_and_left_alone(run_here: Any, tmp_path
         (tmp_path / "empty", "folder contains neither metadata.yaml nor bag files"),
         (tmp_path / "nowhere", "file does not exist"),
         (mixed, "its files are mcap and sqlite3; expected files of one kind"),
-        (packed, "some of its files are compressed and not compressed"),
+        (packed, "its files are compressed and not compressed"),
         (damaged, "damaged_1.mcap: damaged"),
         (tmp_path / "db3" / "db3_0.db3", "only MCAP files have an index; pass the folder of the file"),
         (taken, "taken.mcap.unindexed exists already"),

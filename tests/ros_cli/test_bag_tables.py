@@ -88,7 +88,7 @@ def test_errors_name_bag_topic_and_message(run_here: Any, tmp_path: Path) -> Non
         code, _, err = run_here("bag", *command)
         assert code == 1 and f"{bag}: /s at 1000000000 ns: std_msgs/msg/String.data" in err
     code, said, err = run_here("bag", "table", bag, "-o", str(out), "--skip-damaged")
-    assert code == 0 and said == f"50 messages of 1 topics in {out}\n" and "skipped /s: " in err
+    assert code == 0 and said == f"50 messages of 1 topics in {out}\n" and "left out /s: " in err
     code, _, err = run_here("bag", "sql", "select * from nothing", bag)
     assert code == 1 and "no topic nothing; there are /image, /imu, /s" in err
 

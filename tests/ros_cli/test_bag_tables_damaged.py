@@ -171,10 +171,10 @@ def test_messages_that_cannot_be_decoded_are_left_out_of_both_when_that_is_asked
 MEASURED = """
 import atexit, sys
 from pathlib import Path
-from rosidl_py_gen import tools
+from rosidl_py_gen import ros_cli
 status = Path("/proc/self/status")
 atexit.register(lambda: print("VmHWM:", status.read_text().partition("VmHWM:")[2].split()[0], file=sys.stderr))
-tools.main(sys.argv[1:])
+ros_cli.main(sys.argv[1:])
 """
 
 

@@ -79,7 +79,10 @@ def test_what_fails_stops_nothing_and_is_told_with_its_reason(tmp_path: Path) ->
     assert sorted(report.files) == ["a", "z"] and rows(out) == [("a", 1), ("z", 2)]
     told = {Path(place).name: reason for place, reason in report.failed.items()}
     assert told.keys() >= {"junk.mcap", "text.txt", "empty", "broken.mcap", "gone.mcap"}
-    assert "does not begin with the magic bytes of MCAP" in told["junk.mcap"] and "expected .mcap, .db3" in told["text.txt"]
+    assert (
+        "does not begin with the magic bytes of MCAP" in told["junk.mcap"]
+        and "expected .mcap, .db3" in told["text.txt"]
+    )
     assert "broken.mcap: /s at 7 ns: std_msgs/msg/String.data" in told["broken.mcap"]
     assert told["gone.mcap"].endswith("gone.mcap: there is no such bag") and "without files" in told["empty"]
     assert not list(out.rglob("*broken*.parquet")) and not list(out.rglob("*.partial"))
@@ -283,7 +286,7 @@ def test_a_file_system_that_does_not_answer_is_no_damage(tmp_path: Path, monkeyp
     def read(self: Any, size: int = -1) -> bytes:
         raise TimeoutError("nobody there")
 
-    monkeypatch.setattr(MemoryFile, "drain", read, raising=False)
+    monkeypatch.setattr(MemoryFile, "read", read, raising=False)
     with pytest.raises(BagError, match=r"memory://far/a.mcap: TimeoutError: nobody there"):
         BagReader("memory://far/a.mcap")
 

@@ -252,7 +252,7 @@ def test_a_bag_without_definitions_is_read_by_name_and_measured(tmp_path: Path) 
         samples = enumerate(one.encode() for one in imus(20))
         base.executemany("insert into messages(topic_id, timestamp, data) values (1, ?, ?)", samples)
     base.close()
-    with BagReader(file) as bag, pytest.warns(BagWarning, match="no definition"):
+    with BagReader(file) as bag, pytest.warns(BagWarning, match="contains neither definition"):
         table = bag.table("/imu")
         assert rows(table) == [of_message(one) for one in imus(20)]
         assert b"geometry_msgs" in table.schema.metadata[b"ros.definition"]

@@ -44,7 +44,7 @@ class RecordOptions:
     output: str | None
     storage: str
     compression: str | None
-    packing: Literal["none", "file", "message"]
+    compression_mode: Literal["none", "file", "message"]
     threads: int
     cache_bytes: int | None
     split_bytes: int | None
@@ -146,7 +146,6 @@ def _pairs(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> 
 )
 @click.option(
     "--compression-mode",
-    "packing",
     type=click.Choice(["none", "file", "message"]),
     default="none",
     show_default=True,
@@ -210,7 +209,7 @@ def record(
     arguments["topics"] = [*arguments["topics"], *more_topics]
     if not any(arguments[name] for name in _WHAT):
         raise click.UsageError("say what to record: topics, --services, --actions, --topic-types, --regex, or --all")
-    if compression_format and arguments["packing"] == "none":
+    if compression_format and arguments["compression_mode"] == "none":
         raise click.UsageError("--compression-format is for --compression-mode file or message")
     if arguments["compression"] not in (None, "none") and arguments["storage"] == "sqlite3":
         raise click.UsageError("--compression is of chunks in MCAP files; SQLite bags have --compression-mode")

@@ -38,17 +38,17 @@ def record_bag(network: NetworkOptions, options: RecordOptions) -> AsyncCommand:
 def _writer(options: RecordOptions) -> BagWriter | SqliteWriter:
     """The bag; raises as its class."""
     path = options.output or f"rosbag2_{datetime.now():%Y_%m_%d-%H_%M_%S}"
-    packs_files = options.packing == "file"
+    packs_files = options.compression_mode == "file"
     common: dict[str, Any] = {
         "split_bytes": options.split_bytes,
         "split_s": options.split_s,
-        "compression_mode": options.packing,
+        "compression_mode": options.compression_mode,
         "compression_threads": options.threads or (-1 if packs_files else 0),  # one message is too small for several
         "custom_data": options.custom_data,
     }
     if options.storage == "sqlite3":
         return SqliteWriter(path, **common)
-    inside = options.compression or ("zstd" if options.packing == "none" else "none")
+    inside = options.compression or ("zstd" if options.compression_mode == "none" else "none")
     return BagWriter(path, compression="" if inside == "none" else inside, **common)
 
 
