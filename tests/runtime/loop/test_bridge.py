@@ -562,7 +562,7 @@ def test_importing_the_package_needs_no_cyclonedds_and_using_dds_without_it_says
     assert output.startswith("BackendMissingError")
     assert output.endswith("Correct ROSIDL_LIBDDSC, or unset it\n")
     assert "MemoryTransport works without it" in output
-    assert "ROSIDL_LIBDDSC is set, so that nothing else was tried" in output and "libnowhere.so: not found" in output
+    assert "ROSIDL_LIBDDSC is set, so nothing else was tried" in output and "libnowhere.so: not found" in output
 
 
 @pytest.mark.parametrize("module", ["rosidl_py_gen", "rosidl_py_gen.runtime"])

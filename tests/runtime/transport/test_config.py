@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rosidl_py_gen.runtime.transport.api import DiscoveryRange, DomainSettings
-from rosidl_py_gen.runtime.transport.cyclone.config import DEFAULT_CONFIG, ELEMENTS, cyclone_xml
+from rosidl_py_gen.runtime.transport.cyclone.config import DEFAULT_CONFIG, OPTIONAL_ELEMENTS, cyclone_xml
 
 
 def test_subnet_sets_what_ros_peers_expect() -> None:
@@ -68,17 +68,17 @@ def test_extra_elements_are_placed_in_the_domain() -> None:
 def test_what_a_library_does_not_know_is_left_out() -> None:
     local = DomainSettings(discovery_range=DiscoveryRange.LOCALHOST)
     last = "<SharedMemory><Enable>false</Enable></SharedMemory>"
-    text = cyclone_xml(local, process_id=1, extra=DEFAULT_CONFIG + last, lacks=ELEMENTS)
+    text = cyclone_xml(local, process_id=1, extra=DEFAULT_CONFIG + last, unsupported=OPTIONAL_ELEMENTS)
     found = {element.tag for element in ElementTree.fromstring(text).iter()}
-    assert not found & ELEMENTS and "ParticipantIndex" in found
+    assert not found & OPTIONAL_ELEMENTS and "ParticipantIndex" in found
     assert {
         one.tag for one in ElementTree.fromstring(cyclone_xml(local, process_id=1, extra=DEFAULT_CONFIG + last)).iter()
-    } >= ELEMENTS
+    } >= OPTIONAL_ELEMENTS
 
 
 def test_a_library_before_11_is_bound_to_loopback_only_where_nobody_shall_be_found() -> None:
     for mode, is_bound in ((DiscoveryRange.LOCALHOST, False), (DiscoveryRange.OFF, True)):
-        text = cyclone_xml(DomainSettings(discovery_range=mode), process_id=1, lacks={"IgnoreTypeInformation"})
+        text = cyclone_xml(DomainSettings(discovery_range=mode), process_id=1, unsupported={"IgnoreTypeInformation"})
         assert ("127.0.0.1" in text) is is_bound and "<AllowMulticast>false</AllowMulticast>" in text
 
 
@@ -86,7 +86,7 @@ def test_shared_memory_is_switched_off_behind_the_users_configuration() -> None:
     text = cyclone_xml(DomainSettings(cyclonedds_uri="<x/>"), process_id=1, last="<off/>")
     assert text.endswith(',<x/>,<CycloneDDS><Domain Id="any"><off/></Domain></CycloneDDS>')
     off = "<SharedMemory><Enable>false</Enable></SharedMemory>"
-    text = cyclone_xml(DomainSettings(cyclonedds_uri="<x/>"), process_id=1, last=off, lacks={"SharedMemory"})
+    text = cyclone_xml(DomainSettings(cyclonedds_uri="<x/>"), process_id=1, last=off, unsupported={"SharedMemory"})
     assert text.endswith(",<x/>")  # a library that was built without any would refuse the element
 
 

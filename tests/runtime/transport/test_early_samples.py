@@ -31,7 +31,7 @@ KINDS = [
 
 def flags_of(entity: int) -> int:
     """What Cyclone has noted of a reader."""
-    api, layout, pinned = cyclone._api, cyclone._fast_dds.reader_place, ct.c_void_p()
+    api, layout, pinned = cyclone._api, cyclone._fast_dds.reader_offsets, ct.c_void_p()
     assert layout is not None and api.entity_pin(entity, ct.byref(pinned)) == 0 and pinned.value
     reader = ct.c_uint64.from_address(pinned.value + layout.entity).value
     flags = ct.c_ubyte.from_address(reader + layout.flags).value
@@ -78,7 +78,7 @@ def test_readers_are_left_alone_where_they_do_not_look_as_known(dds: World, monk
     monkeypatch.setattr(private_layout, "probe_reader_offsets", lambda *_: None)
     early.probe_layout(participant.discovery.entities[0])
     told = unknown.capabilities()["first samples of nodes on Fast DDS"]
-    assert told == "readers do not look as known in this library"
+    assert told == "the layout of readers is unknown in this library"
     listeners: list[int] = []
     assert early.create_reader(lambda listener: (listeners.append(listener), 7)[1], is_reliable=True) == 7
     assert listeners == [participant._listener]
@@ -87,10 +87,10 @@ def test_readers_are_left_alone_where_they_do_not_look_as_known(dds: World, monk
 
 def test_a_reader_that_is_not_as_known_is_left_alone_and_ends_it(dds: World) -> None:
     fast_dds = FastDdsInterop(cyclone._api)
-    known = cyclone._fast_dds.reader_place
+    known = cyclone._fast_dds.reader_offsets
     early, participant = early_samples(dds, fast_dds)
     assert known is not None
-    fast_dds.reader_place = known._replace(entity=known.entity - 16)  # its topic
+    fast_dds.reader_offsets = known._replace(entity=known.entity - 16)  # its topic
     participant._early = early
     node = dds.nodes[-1]
     node.create_subscription(String, "topic")

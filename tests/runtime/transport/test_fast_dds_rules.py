@@ -333,12 +333,12 @@ def test_samples_with_bytes_elsewhere_are_copied_and_services_of_fast_dds_refuse
     participant: Any = with_service(dds.node("ours"))._scope.participant
     known = participant.type_object(REQUEST)
     fast_dds = FastDdsInterop(cyclone._api)
-    fast_dds.prepare(known._replace(content=None), REQUEST)
-    assert fast_dds.refusal == "the bytes of samples do not lie in one place"
+    fast_dds.prepare(known._replace(payload_offset=None), REQUEST)
+    assert fast_dds.refusal == "payloads do not have a constant offset in samples"
     node = dds.node("other")
     publisher, subscription = node.create_publisher(String, "topic"), node.create_subscription(String, "topic")
     reader: Any = subscription._reader
-    reader._content = None
+    reader._payload_offset = None
     for text in ("small", "x" * 100_000):
         publisher.publish(String(data=text))
         assert String.decode(subscription._items.popleft()[0]).data == text
@@ -346,7 +346,7 @@ def test_samples_with_bytes_elsewhere_are_copied_and_services_of_fast_dds_refuse
 
 def test_a_process_of_32_bits_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(private_layout, "WORD", 4)
-    assert FastDdsInterop(cyclone._api).refusal == "that was never tried on Linux with 32 bits, little-endian"
+    assert FastDdsInterop(cyclone._api).refusal == "not tested on Linux with 32 bits, little-endian"
 
 
 def test_a_refusal_is_told_once_and_only_where_fast_dds_peers_are() -> None:
@@ -440,7 +440,7 @@ def test_what_earlier_packets_left_is_not_taken_for_the_place_of_the_packet() ->
     for _ in range(2):
         assert fast_dds.set_inline_qos_flag(other.iov, WRITER)
     assert other.data.raw[53] == 1 | rtps.INLINE_QOS_FLAG
-    assert fast_dds.refusal is None and fast_dds.packets._data == 112
+    assert fast_dds.refusal is None and fast_dds.packets._pointer_offset == 112
 
 
 @pytest.mark.parametrize(("word", "value"), [(1, 1), (3, 1), (4, 1)], ids=["room", "other parameters", "has a message"])
@@ -499,5 +499,5 @@ async def test_after_something_that_is_not_as_known_calls_are_refused_instead_of
     await client.call(SetBool.Request(), timeout_s=10)
     monkeypatch.setattr(cyclone._fast_dds, "refusal", None)  # restored at the end
     cyclone._fast_dds.disable("a test")
-    with pytest.raises(IncompatibleServiceError, match="does not behave as known: a test"):
+    with pytest.raises(IncompatibleServiceError, match="unexpected data in Cyclone DDS: a test"):
         await client.call(SetBool.Request(), timeout_s=10)

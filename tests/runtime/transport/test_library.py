@@ -14,7 +14,7 @@ import pytest
 from support.node_fixtures import ROOT
 
 from rosidl_py_gen.runtime.transport.cyclone import library
-from rosidl_py_gen.runtime.transport.cyclone.c_api import NEEDED, CycloneApi
+from rosidl_py_gen.runtime.transport.cyclone.c_api import REQUIRED_SYMBOLS, CycloneApi
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import FastDdsInterop
 from rosidl_py_gen.runtime.transport.cyclone.library import DdscLibrary, candidates, load
 from rosidl_py_gen.runtime.transport.cyclone.private_layout import VtableSlots
@@ -67,7 +67,7 @@ def test_the_order_is_wheels_then_ros_then_the_system(tmp_path: Path, monkeypatc
     [
         ("libnowhere.so", "libnowhere.so: not found"),
         (__file__, "invalid ELF header"),
-        ("libm.so.6", "libm.so.6: it is no libddsc"),
+        ("libm.so.6", "libm.so.6: it is not a libddsc"),
     ],
 )
 def test_what_is_no_libddsc_is_named(name: str, told: str) -> None:
@@ -83,11 +83,11 @@ def test_where_there_is_none_it_is_said_what_to_install(monkeypatch: pytest.Monk
 
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler")
 def test_a_library_without_one_function_is_refused_by_its_name(tmp_path: Path) -> None:
-    complete = load({"ROSIDL_LIBDDSC": stub(tmp_path, NEEDED)})
+    complete = load({"ROSIDL_LIBDDSC": stub(tmp_path, REQUIRED_SYMBOLS)})
     assert isinstance(complete, DdscLibrary) and complete.version == "9.8"
     assert complete.unsupported_elements >= {"IgnoreTypeInformation", "SPDPInterval"}
     (tmp_path / "old").mkdir()
-    lacking = tuple(name for name in NEEDED if name != "dds_qset_data_representation")
+    lacking = tuple(name for name in REQUIRED_SYMBOLS if name != "dds_qset_data_representation")
     found = load({"ROSIDL_LIBDDSC": stub(tmp_path / "old", lacking)})
     assert isinstance(found, str)
     assert "it lacks dds_qset_data_representation, which Cyclone DDS has from 0.10 on" in found
@@ -95,7 +95,7 @@ def test_a_library_without_one_function_is_refused_by_its_name(tmp_path: Path) -
 
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler")
 def test_functions_that_call_nothing_leave_the_slots_unknown(tmp_path: Path) -> None:
-    found = load({"ROSIDL_LIBDDSC": stub(tmp_path, NEEDED)})
+    found = load({"ROSIDL_LIBDDSC": stub(tmp_path, REQUIRED_SYMBOLS)})
     assert isinstance(found, DdscLibrary)
     fast_dds = FastDdsInterop(CycloneApi(found.handle))
     assert fast_dds.slots is None
@@ -123,7 +123,7 @@ PROBED = {
     ],
 )
 def test_slots_are_those_that_leave_no_doubt(tmp_path: Path, wrong: dict[str, str], found: VtableSlots | None) -> None:
-    loaded = load({"ROSIDL_LIBDDSC": stub(tmp_path, tuple({*NEEDED, *PROBED}), {**PROBED, **wrong})})
+    loaded = load({"ROSIDL_LIBDDSC": stub(tmp_path, tuple({*REQUIRED_SYMBOLS, *PROBED}), {**PROBED, **wrong})})
     assert isinstance(loaded, DdscLibrary)
     assert FastDdsInterop(CycloneApi(loaded.handle)).slots == found
 

@@ -42,7 +42,7 @@ def parameter(pid: int, guid: bytes, number: int, *, big: bool = False) -> bytes
 @pytest.mark.parametrize("number", [1, 2**31, 2**40 + 5])
 def test_what_we_send_names_the_reader_in_both_forms(kind: int, number: int) -> None:
     parameters = rtps.encode_inline_qos((READER, number))
-    assert len(parameters) == rtps.PARAMETERS_BYTES
+    assert len(parameters) == rtps.INLINE_QOS_BYTES
     assert rtps.read_submessage(packet(CYCLONE), submessage(parameters, kind=kind), is_reply=True) == (READER, number)
     assert parameters == (
         bytes.fromhex("8300 1800") + READER + struct.pack("<iI", number >> 32, number & 0xFFFFFFFF)  # PID, 24 bytes

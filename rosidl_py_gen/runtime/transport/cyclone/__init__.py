@@ -1,4 +1,4 @@
-"""The transport over Cyclone DDS, by the C functions of its library; all that is known of Cyclone is in here.
+"""DDS transport over the C functions of Cyclone DDS; only this package knows Cyclone.
 
 May import: what transport may.
 """

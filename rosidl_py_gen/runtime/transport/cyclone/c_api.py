@@ -1,11 +1,9 @@
-"""The public C functions of Cyclone DDS as Python callables.
+"""Public C functions of Cyclone DDS as Python callables: prototypes, structures and return codes.
 
-Decides prototypes, public structures and return codes; what they are used for is others' business. This file gets the
-library as an argument and knows nothing that its headers do not promise: that is in `structures.py`.
+Only what the headers of Cyclone promise; `private_layout.py` has the rest. Handles and addresses are plain integers.
 
-Handles and addresses are plain integers. The Python classes of `cyclonedds` are not used: they hide which reader woke a
-WaitSet, hold the GIL in write and take, and are never deleted when part of a reference cycle
-(docs/internals/protocol.md 11.4).
+The Python classes of `cyclonedds` are not used: they do not tell which reader triggered a WaitSet, hold the GIL in
+write and take, and are never deleted if they are part of a reference cycle (docs/internals/protocol.md 11.4).
 """
 
 from __future__ import annotations
@@ -25,23 +23,24 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 _set_handler = import_module("_signal").signal
-"""`signal.signal` without its Python wrapper, which looks for an enum member: 7 us, on the way of each reply."""
+"""`signal.signal` without its Python wrapper, which costs 7 us for each reply."""
 
 TIMEOUT = -10
 PRECONDITION_NOT_MET = -4
 SAMPLE_NOT_CONSUMED = frozenset({-3, -9, -12})
-"""What `dds_writecdr` answers when it never came to the writer, and left the reference to the sample with us."""
+"""Return codes of `dds_writecdr` if it did not reach the writer: the caller still owns its reference to the sample."""
 SAMPLE_WITH_DATA = 2
-DCPS_PARTICIPANT, DCPS_PUBLICATION, DCPS_SUBSCRIPTION = 0x7FFF0001, 0x7FFF0003, 0x7FFF0004
-"""Pseudo handles of the builtin topics."""
+DCPS_PARTICIPANT = 0x7FFF0001
+"""Pseudo handle of a builtin topic, like the following two."""
+DCPS_PUBLICATION = 0x7FFF0003
+DCPS_SUBSCRIPTION = 0x7FFF0004
 
-
-_Lent = TypeVar("_Lent", bound=ct.Structure)
+_Loan = TypeVar("_Loan", bound=ct.Structure)
 _is_windows = sys.platform == "win32"
 
 
 class Iov(ct.Structure):
-    """ddsrt_iovec_t: where bytes lie, and how many."""
+    """ddsrt_iovec_t: address and size of a memory block."""
 
     _fields_ = (
         *((("size", ct.c_uint32),) if _is_windows else ()),
@@ -55,9 +54,9 @@ def _windows_iov(address: int, size: int) -> bytes:
 
 
 pack_iov: Callable[[int, int], bytes] = _windows_iov if _is_windows else struct.Struct("@PN").pack
-"""One `Iov` as bytes, in a third of the time. Whoever passes it on keeps the bytes that it names."""
+"""Pack an `Iov` in a third of the time; the caller must keep the memory block alive."""
 address_of = ct.PYFUNCTYPE(ct.c_void_p, ct.py_object)(("PyBytes_AsString", ct.pythonapi))
-"""Where the content of a bytes object lies."""
+"""Return the address of the content of a bytes object."""
 
 
 class DdsMatchedStatus(ct.Structure):
@@ -85,8 +84,8 @@ class BuiltinEndpoint(ct.Structure):
     )
 
 
-def cast_loan(address: int, kind: type[_Lent]) -> _Lent:
-    """What a reader of a builtin topic has lent, or a writer or reader was asked for."""
+def cast_loan(address: int, kind: type[_Loan]) -> _Loan:
+    """Return the structure at an address that Cyclone returned."""
     return ct.cast(address, ct.POINTER(kind)).contents
 
 
@@ -145,7 +144,7 @@ _FUNCTIONS = {
     "b:psp": "dds_qget_prop",
     "b:pp": "dds_qget_durability dds_qget_lifespan dds_qget_deadline",
 }
-"""By result and arguments. They let go of the GIL, because a DDS call may block."""
+"""Functions by result and arguments. They release the GIL, because a DDS call may block."""
 _SHORT = {
     "p:pizpz": "ddsi_serdata_from_ser_iov",
     "p:pzzp": "ddsi_serdata_to_ser_ref",
@@ -154,14 +153,14 @@ _SHORT = {
     "u:p": "ddsi_serdata_size",
     "-:pzzp": "ddsi_serdata_to_ser",
 }
-"""Of samples. They keep the GIL, which is dearer to get back than what they do, and wait for nobody."""
+"""Functions for samples. They never block and keep the GIL, because reacquiring it costs more than their work."""
 _BARE = ("dds_takecdr",)
-_OTHERS = ("ddsi_sertype_v0", "ddsi_serdata_from_ser", "ddsi_sertype_derive_sertype")
+_SYMBOLS = ("ddsi_sertype_v0", "ddsi_serdata_from_ser", "ddsi_sertype_derive_sertype")
 _OPTIONAL = {"i:ip": "dds_get_entity_sertype", "-:pup": "dds_qset_psmx_instances"}
-"""Which 0.10 does not have."""
-OLDEST = "0.10"
-"""The first version that has all of the following."""
-NEEDED = (*" ".join([*_FUNCTIONS.values(), *_SHORT.values()]).split(), *_BARE, *_OTHERS)
+"""Functions that 0.10 does not have."""
+MIN_VERSION = "0.10"
+"""First version that has all required symbols."""
+REQUIRED_SYMBOLS = (*" ".join([*_FUNCTIONS.values(), *_SHORT.values()]).split(), *_BARE, *_SYMBOLS)
 
 
 def _function(library: ct.CDLL, name: str, text: str, make: Any = ct.CFUNCTYPE) -> Any:
@@ -170,12 +169,12 @@ def _function(library: ct.CDLL, name: str, text: str, make: Any = ct.CFUNCTYPE) 
 
 
 class CycloneApi:
-    """The functions as attributes, without their ``dds_`` or ``ddsi_`` prefix; optional ones are None where missing."""
+    """Functions as attributes without their ``dds_`` or ``ddsi_`` prefix; a missing optional one is None."""
 
     def __init__(self, library: ct.CDLL) -> None:
         self.library = library
-        # The calls of every message, without argument converters, which would be half of what a call costs.
-        # Nothing checks what is passed: C ints as Python ints, everything else as a ctypes object of the right type.
+        # Functions of every message have no argument converters, which are half of the cost of a call. Nothing checks
+        # the arguments: C ints must be Python ints, everything else a ctypes object of the right type.
         self.bare_write: Callable[..., int] = library["dds_writecdr"]
         self.bare_take: Callable[..., int] = library["dds_takecdr"]
         self.bare_matched: Callable[..., int] = library["dds_get_publication_matched_status"]
@@ -183,65 +182,65 @@ class CycloneApi:
         for table, make in ((_FUNCTIONS, ct.CFUNCTYPE), (_SHORT, ct.PYFUNCTYPE), (_OPTIONAL, ct.CFUNCTYPE)):
             for text, names in table.items():
                 for name in names.split():
-                    is_there = table is not _OPTIONAL or hasattr(library, name)
-                    function = _function(library, name, text, make) if is_there else None
+                    is_missing = table is _OPTIONAL and not hasattr(library, name)
+                    function = None if is_missing else _function(library, name, text, make)
                     setattr(self, name.removeprefix("dds_").removeprefix("ddsi_"), function)
         self.copy_large = _function(library, "ddsi_serdata_from_ser_iov", "p:pizpz")
         self.drop_large = _function(library, "ddsi_serdata_unref", "-:p")
         self.sertype_version: int = ct.cast(library["ddsi_sertype_v0"], ct.c_void_p).value or 0
-        """What stands first in the function table of a type object."""
+        """First entry of the vtable of a sertype."""
 
     if TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Callable[..., Any]: ...
 
     def guid_of(self, entity: int) -> bytes:
-        """The entity's GUID in network order."""
+        """Return the GUID of an entity in network order."""
         buffer = ct.create_string_buffer(16)
         self.check(self.get_guid(entity, buffer), "read a GUID")
         return buffer.raw
 
     @contextmanager
     def locked_entity(self, entity: int) -> Iterator[int]:
-        """The address of an entity, which stays there for as long."""
-        found = ct.c_void_p()
-        self.check(self.entity_pin(entity, ct.byref(found)), "look at an entity")
+        """Yield the address of an entity, which cannot be deleted inside the block."""
+        address = ct.c_void_p()
+        self.check(self.entity_pin(entity, ct.byref(address)), "lock an entity")
         try:
-            yield found.value or 0
+            yield address.value or 0
         finally:
-            self.entity_unpin(found)
+            self.entity_unpin(address)
 
     def counts(self, entity: int, status: str, number: int) -> tuple[int, ...]:
-        """The first counts of a status, such as ``sample_lost``: all of them begin with 32 bit numbers."""
-        found = (ct.c_uint32 * 8)()
-        self.check(getattr(self, f"get_{status}_status")(entity, found), f"read the status {status}")
-        return tuple(found[:number])
+        """Return the first numbers of a status, such as ``sample_lost``; all statuses begin with 32 bit numbers."""
+        numbers = (ct.c_uint32 * 8)()
+        self.check(getattr(self, f"get_{status}_status")(entity, numbers), f"read the status {status}")
+        return tuple(numbers[:number])
 
     def disable_deletes(self) -> None:
-        """In a forked child: deleting an inherited entity would wait for threads that are not there."""
+        """Make `delete` do nothing. In a forked child it would wait for threads that do not exist there."""
         vars(self)["delete"] = lambda entity: 0
 
-    def check(self, code: int, doing: str) -> int:
-        """Pass a handle or a count through; raise `TransportError` for a negative code."""
+    def check(self, code: int, activity: str) -> int:
+        """Return a handle or a count; raise `TransportError` for a negative code."""
         if code < 0:
             reason = self.strretcode(code)
-            raise TransportError(f"Cyclone DDS could not {doing}: {reason.decode()} ({code})")
+            raise TransportError(f"Cyclone DDS could not {activity}: {reason.decode()} ({code})")
         return code
 
 
 def call_with_sigint_deferred(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call into Cyclone, from where it may call functions of ours, and let Ctrl-C wait until it is back.
+    """Call a function of Cyclone that may call our functions; handle SIGINT after it has returned.
 
-    Python runs signal handlers in the main thread, in whatever Python function is next. One that raises in a function
-    that C has called leaves C with a result that nobody made.
+    Python runs signal handlers in the main thread, in the next Python function. If a handler raises in a function that
+    C has called, C gets an undefined result.
     """
     if threading.current_thread() is not threading.main_thread():
         return function(*arguments)
-    noted: list[int] = []
-    before = _set_handler(signal.SIGINT, lambda number, _: noted.append(number))
+    received: list[int] = []
+    previous = _set_handler(signal.SIGINT, lambda number, _: received.append(number))
     try:
         return function(*arguments)
     finally:
-        _set_handler(signal.SIGINT, signal.SIG_DFL if before is None else before)
-        for number in noted[:1]:
+        _set_handler(signal.SIGINT, signal.SIG_DFL if previous is None else previous)
+        for number in received[:1]:
             signal.raise_signal(number)

@@ -1,8 +1,7 @@
-"""What Cyclone's builtin topics say about participants and endpoints, as discovery events.
+"""Discovery events from Cyclone's builtin topics.
 
-Decides nothing about ROS: names and types are only spelled in its way. It also remembers which GUID
-belongs to which local instance handle, because samples and matched lists carry handles only; the handle in the builtin
-sample of an endpoint is the publication handle of its samples.
+Also maps local instance handles to GUIDs, because samples and lists of matched endpoints contain handles only. The
+handle of an endpoint's builtin sample is the publication handle of its samples.
 
 Source: docs/internals/protocol.md 11.7.
 """
@@ -27,7 +26,12 @@ from rosidl_py_gen.runtime.transport.cyclone.qos import read_profile, read_prope
 from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import putw
 from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR
 from rosidl_py_gen.runtime.transport.dds.names import channel_of, parse_user_data
-from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, EntityLost, ParticipantDiscovered
+from rosidl_py_gen.runtime.transport.discovery_events import (
+    GUID_PREFIX_BYTES,
+    DiscoveredEndpoint,
+    EntityLost,
+    ParticipantDiscovered,
+)
 from rosidl_py_gen.runtime.transport.type_names import ros_type
 
 if TYPE_CHECKING:
@@ -37,24 +41,29 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent
 
 _BATCH = 64
-"""Of all arrays that a builtin reader is given: 0.10 fills in as many pointers as it has ever lent."""
-_REMEMBERED = 4096
-"""Handles of lost endpoints that are still known: their last samples may lie in a queue."""
+"""Length of all arrays for a builtin reader, because 0.10 writes as many pointers as it has ever lent."""
+_MAX_LOST_HANDLES = 4096
+"""Maximum number of handles of lost endpoints to retain: their last samples may still be in a queue."""
 _ALIVE = 16
-_PREFIX_BYTES = 12
-_NEW = 2 | 4 | 8 | _ALIVE
-"""Samples that were not read yet, of whatever view, that have data."""
+_UNREAD = 2 | 4 | 8 | _ALIVE
+"""State mask of samples that were not read yet, in any view state, of alive instances."""
 _info = struct.Struct("=8xI?3x8xQ32x").unpack_from
 """instance_state, valid_data and instance_handle of dds_sample_info_t (64 bytes)."""
 _ADDRESSES = b"__NetworkAddresses"
-"""A property that Cyclone adds to what a participant said of itself."""
-_OF_DDS = "DCPS"
-"""Begins the names of the topics by which DDS itself works."""
+"""Property of a participant that Cyclone adds."""
+_BUILTIN_PREFIX = "DCPS"
+"""Prefix of the names of DDS builtin topics."""
 _TOPICS = (DCPS_PARTICIPANT, c_api.DCPS_PUBLICATION, c_api.DCPS_SUBSCRIPTION)
 
 
 class BuiltinTopicReaders:
-    """The three builtin readers of a participant."""
+    """Readers of the three builtin topics of a participant.
+
+    Args:
+        listener: listener that writes the handles of endpoint readers into the pipe.
+        stream: writing end of that pipe.
+        greet: called with GUID and addresses of each discovered Fast DDS participant.
+    """
 
     def __init__(
         self,
@@ -65,42 +74,39 @@ class BuiltinTopicReaders:
         stream: int,
         greet: Callable[[bytes, str], None],
     ) -> None:
-        """`listener` puts handles into the pipe behind `stream`; that of participants has more to do. `greet` gets the
-        GUID and the addresses of participants on Fast DDS that were found.
-        """
         self._api = api
         self._greet = greet
         self._fast_dds = fast_dds
         self._addresses: dict[bytes, str] = {}
-        """Of participants on Fast DDS, by their GUIDs without the last four bytes."""
+        """Addresses of Fast DDS participants, by GUID prefix."""
         self._on_participants_function = ct.CFUNCTYPE(None, ct.c_int32, ct.c_void_p)(self._on_participants)
-        of_participants: int = api.create_listener(None)
-        api.lset_data_available_arg(of_participants, self._on_participants_function, stream, True)
+        participant_listener: int = api.create_listener(None)
+        api.lset_data_available_arg(participant_listener, self._on_participants_function, stream, True)
         self._readers: dict[int, int] = {}
         try:
             for topic in _TOPICS:
-                own = of_participants if topic == DCPS_PARTICIPANT else listener
-                code = api.create_reader(participant, topic, None, own)
+                topic_listener = participant_listener if topic == DCPS_PARTICIPANT else listener
+                code = api.create_reader(participant, topic, None, topic_listener)
                 self._readers[topic] = api.check(code, "create a discovery reader")
         finally:
-            api.delete_listener(of_participants)
+            api.delete_listener(participant_listener)
         self.entities = tuple(self._readers.values())
         fast_dds.on_participants_pending(self._readers[DCPS_PARTICIPANT])
         self.sink: Callable[[list[DiscoveryEvent]], None] | None = None
         self._lock = threading.RLock()
         self._is_stopped = False
         self.guids: dict[int, bytes] = {}
-        """By local handle, what is known so far; to be looked at first, then `endpoint_guid` asked."""
+        """Known GUIDs by local handle; `endpoint_guid` finds others."""
         self._lost_handles: deque[int] = deque()
 
     def _loaned_samples(
-        self, reader: int, look: Callable[..., int], *states: int
+        self, reader: int, function: Callable[..., int], *states: int
     ) -> Iterator[tuple[int, int, bool, int]]:
-        """All that a reader has: where it lies until the next one, its state, whether it has data, and its handle."""
+        """Yield address (valid until the next one), instance state, validity and handle of each sample of a reader."""
         count = _BATCH
         while count == _BATCH:
-            pointers, infos = (ct.c_void_p * _BATCH)(), (ct.c_ubyte * (64 * _BATCH))()  # asks for loans
-            count = look(reader, pointers, infos, _BATCH, _BATCH, *states)
+            pointers, infos = (ct.c_void_p * _BATCH)(), (ct.c_ubyte * (64 * _BATCH))()  # null pointers request loans
+            count = function(reader, pointers, infos, _BATCH, _BATCH, *states)
             try:
                 for index in range(count):
                     yield pointers[index] or 0, *_info(infos, 64 * index)
@@ -109,19 +115,19 @@ class BuiltinTopicReaders:
                     self._api.return_loan(reader, pointers, count)
 
     def _on_participants(self, reader: int, stream: int) -> None:
-        """Called by Cyclone in a thread of its own, before it takes anything else from those that it has found."""
+        """Called by Cyclone in its own thread, before it processes anything else of a new participant."""
         self._fast_dds.on_participants_pending(reader)
         try:
-            for pointer, *_ in self._loaned_samples(reader, self._api.read_mask, _NEW):
-                self._record_participant(cast_loan(pointer, BuiltinParticipant))  # before the loop takes it
+            for pointer, *_ in self._loaned_samples(reader, self._api.read_mask, _UNREAD):
+                self._record_participant(cast_loan(pointer, BuiltinParticipant))  # earlier than the loop
         finally:
             putw(reader, stream)
 
     def _record_participant(self, participant: BuiltinParticipant) -> None:
-        """Note the addresses of one on Fast DDS, and greet it when it is new."""
+        """Store the addresses of a Fast DDS participant, and greet a new one."""
         guid = bytes(participant.key)
         if guid.startswith(FAST_DDS_VENDOR):
-            prefix = guid[:_PREFIX_BYTES]
+            prefix = guid[:GUID_PREFIX_BYTES]
             is_new = prefix not in self._addresses
             self._addresses[prefix] = read_property(self._api, participant.qos, _ADDRESSES)
             if is_new:
@@ -130,13 +136,13 @@ class BuiltinTopicReaders:
     # ---------------------------------------------------------------------------------------------------- events
 
     def report(self) -> None:
-        """Pass all news to the sink."""
+        """Pass all new events to the sink."""
         with self._lock:
-            news = [] if self._is_stopped else list(self._read_events())
-        for complaint in self._fast_dds.new_warnings():
-            get_root_logger().warning(complaint)
-        if news and self.sink is not None:
-            self.sink(news)
+            events = [] if self._is_stopped else list(self._read_events())
+        for warning in self._fast_dds.new_warnings():
+            get_root_logger().warning(warning)
+        if events and self.sink is not None:
+            self.sink(events)
 
     def _read_events(self) -> Iterator[DiscoveryEvent]:
         for topic, reader in self._readers.items():
@@ -147,11 +153,11 @@ class BuiltinTopicReaders:
             for pointer, state, is_valid, handle in self._loaned_samples(reader, self._api.take):
                 if is_valid:
                     events += self._participant(pointer) if is_participant else self._endpoint(topic, pointer, handle)
-                if not is_valid or state != _ALIVE:  # or came and went since the last look; nothing else will tell
-                    guid = bytes(cast_loan(pointer, BuiltinParticipant).key)  # where all builtin samples have theirs
+                if not is_valid or state != _ALIVE:  # also if it appeared and disappeared since the last call
+                    guid = bytes(cast_loan(pointer, BuiltinParticipant).key)  # all builtin samples begin with the key
                     events.append(EntityLost(guid))
                     if is_participant:
-                        self._addresses.pop(guid[:_PREFIX_BYTES], None)
+                        self._addresses.pop(guid[:GUID_PREFIX_BYTES], None)
                     else:
                         self._forget_later(handle)
             if is_participant:
@@ -160,18 +166,18 @@ class BuiltinTopicReaders:
 
     def _participant(self, pointer: int) -> Iterator[ParticipantDiscovered]:
         participant = cast_loan(pointer, BuiltinParticipant)
-        self._record_participant(participant)  # perhaps before Cyclone's thread has come to it
-        told = parse_user_data(read_user_data(self._api, participant.qos))
-        yield ParticipantDiscovered(bytes(participant.key), told.get("enclave"))
+        self._record_participant(participant)  # perhaps earlier than Cyclone's thread
+        user_data = parse_user_data(read_user_data(self._api, participant.qos))
+        yield ParticipantDiscovered(bytes(participant.key), user_data.get("enclave"))
 
     def _endpoint(self, topic: int, pointer: int, handle: int) -> Iterator[DiscoveredEndpoint]:
         endpoint = cast_loan(pointer, BuiltinEndpoint)
         self.guids[handle] = guid = bytes(endpoint.key)
         name, type = endpoint.topic_name.decode(errors="replace"), endpoint.type_name.decode(errors="replace")
-        if name.startswith(_OF_DDS):
+        if name.startswith(_BUILTIN_PREFIX):
             return
         is_writer = topic == c_api.DCPS_PUBLICATION
-        told = parse_user_data(read_user_data(self._api, endpoint.qos))
+        user_data = parse_user_data(read_user_data(self._api, endpoint.qos))
         yield DiscoveredEndpoint(
             guid,
             bytes(endpoint.participant_key),
@@ -179,53 +185,53 @@ class BuiltinTopicReaders:
             channel_of(name),
             ros_type(type),
             read_profile(self._api, endpoint.qos, is_writer=is_writer),
-            told.get("typehash", ""),
-            told.get("serviceid") or told.get("clientid") or "",
+            user_data.get("typehash", ""),
+            user_data.get("serviceid") or user_data.get("clientid") or "",
             wire_name=name,
             wire_type=type,
         )
 
     def _forget_later(self, handle: int) -> None:
         self._lost_handles.append(handle)
-        if len(self._lost_handles) > _REMEMBERED:
+        if len(self._lost_handles) > _MAX_LOST_HANDLES:
             self.guids.pop(self._lost_handles.popleft(), None)
 
     def stop(self) -> None:
-        """The readers are about to be deleted, and what they lent with them: wait for a thread that looks at it."""
+        """Stop reading and wait for a thread that reads: deleting the readers also frees the loaned samples."""
         with self._lock:
             self._is_stopped = True
 
     def close(self) -> None:
-        """The participant and its readers are deleted."""
+        """Forget the readers, which were deleted with the participant."""
         self._fast_dds.forget_reader(self._readers[DCPS_PARTICIPANT])
 
     # --------------------------------------------------------------------------------------------------- handles
 
     def fast_dds_addresses(self, endpoint: bytes) -> str | None:
-        """The addresses of the participant that an endpoint is of, if it is on Fast DDS and was greeted."""
-        return self._addresses.get(endpoint[:_PREFIX_BYTES])
+        """Return the addresses of an endpoint's participant; None if it is not a known Fast DDS participant."""
+        return self._addresses.get(endpoint[:GUID_PREFIX_BYTES])
 
     def matched(self, entity: int, *, is_writer: bool) -> list[bytes]:
-        """GUIDs of the endpoints that a writer or reader of ours is connected with."""
+        """Return the GUIDs of the endpoints that are matched with a writer or reader of this participant."""
         api = self._api
         count_of = api.get_matched_subscriptions if is_writer else api.get_matched_publications
-        room = 64
+        capacity = 64
         while True:
-            handles = (ct.c_uint64 * room)()
-            count = count_of(entity, handles, room)
-            if count <= room:
+            handles = (ct.c_uint64 * capacity)()
+            count = count_of(entity, handles, capacity)
+            if count <= capacity:
                 break
-            room = count
+            capacity = count
         guids = (self.endpoint_guid(entity, handle, is_writer=is_writer) for handle in handles[: max(0, count)])
         return [guid for guid in guids if guid is not None]
 
     def endpoint_guid(self, entity: int, handle: int, *, is_writer: bool) -> bytes | None:
-        """The GUID behind a handle; asks Cyclone when discovery has not been read that far."""
+        """Return the GUID of a handle, from Cyclone if discovery was not read that far."""
         guid = self.guids.get(handle)
         if guid is None:
             api = self._api
-            look_up = api.get_matched_subscription_data if is_writer else api.get_matched_publication_data
-            pointer = look_up(entity, handle)
+            get_data = api.get_matched_subscription_data if is_writer else api.get_matched_publication_data
+            pointer = get_data(entity, handle)
             if not pointer:
                 return None
             guid = self.guids[handle] = bytes(cast_loan(pointer, BuiltinEndpoint).key)

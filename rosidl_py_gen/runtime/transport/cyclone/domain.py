@@ -1,11 +1,8 @@
-"""DDS domains of this process: configured once, shared by its participants, and not usable after a fork.
+"""DDS domains of this process: configured once, shared by its participants, and unusable after a fork.
 
-Decides what is refused because Cyclone would do something else than was asked, or hang, and what to tell the user when
-a domain cannot be configured. Cyclone itself answers "Error" to every trouble and prints the details on stderr.
-
-Why not after a fork: the child inherits the open domain, but not the threads that serve it. Tried with 11.0.1: a
-participant of the same domain is created, discovers nobody, and its deletion waits for ever. When all contexts were
-closed before the fork nothing is inherited, and DDS works in the child.
+A forked child inherits the open domain, but not the threads that serve it. Tried with 11.0.1: a participant of the same
+domain can be created, discovers no peer, and its deletion never returns. If all contexts were closed before the fork,
+nothing is inherited, and DDS works in the child.
 """
 
 from __future__ import annotations
@@ -26,13 +23,17 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import FastDdsInterop
 
 _CLOSE_TIMEOUT_S = 5.0
+"""Maximum time that `leave` waits for other threads that write."""
 _CLOSE_POLL_INTERVAL_S = 0.001
-"""How long `leave` waits for writes, and how often it looks: to be told of each would cost more than they do."""
-_FIRST_PORT, _PORTS_PER_DOMAIN, _FIRST_UNICAST, _PORTS_PER_INDEX = 7400, 250, 10, 2
+"""Interval in which `leave` polls: a notification by each write would cost more than the write."""
+_FIRST_PORT = 7400
+_PORTS_PER_DOMAIN = 250
+_FIRST_UNICAST_PORT = 10
+_PORTS_PER_INDEX = 2
 
 
 class Domain:
-    """A configured domain; lives as long as a participant of ours uses it."""
+    """Configured domain; it exists while a participant of this process uses it."""
 
     _open: ClassVar[dict[int, Domain]] = {}
     _lock: ClassVar[threading.Lock] = threading.Lock()
@@ -44,21 +45,20 @@ class Domain:
         self._xml = xml
         self._users = 0
         self.is_closing = False
-        """Nobody uses it any more, and it ends as soon as nobody writes."""
+        """No participant uses the domain; it is deleted when no thread writes."""
         self.writing: list[int] = []
-        """Threads that make a sample or write it just now: types and memory of the domain are in use there."""
+        """Threads that create or write a sample, and so use types and memory of the domain."""
         self._end_lock = threading.Lock()
         self._has_ended = False
         self.types = Sertypes(api, fast_dds.prepare)
         code = api.create_domain(domain_id, xml.encode())
         self._handle = 0 if code == c_api.PRECONDITION_NOT_MET else code
-        if self._handle == 0:
-            # Another user of the same libddsc made the domain already.
+        if self._handle == 0:  # another user of the same libddsc has created the domain
             get_root_logger().warning(
                 f"domain {domain_id} was configured by other code of this process: discovery range, static peers and "
                 "CYCLONEDDS_URI have no effect here"
             )
-        elif code < 0:
+        elif code < 0:  # Cyclone returns "Error" for all causes, and prints details to stderr
             reason = api.strretcode(code).decode()
             raise TransportError(
                 f"Cyclone DDS could not configure domain {domain_id}: {reason} ({code}). "
@@ -67,17 +67,17 @@ class Domain:
 
     @classmethod
     def join(cls, api: c_api.CycloneApi, fast_dds: FastDdsInterop, domain_id: int, xml: str) -> Domain:
-        """The domain with that configuration. Every `join` needs a `leave`.
+        """Return the domain with that configuration. Every `join` needs a `leave`.
 
         Raises:
-            TransportError: it is open with another configuration, or cannot be configured, or this process was forked
-                from one that has a domain open.
+            TransportError: the domain is open with another configuration or cannot be configured, or this process was
+                forked from one that has a domain open.
         """
         with cls._lock:
             if cls._forked:
                 raise TransportError(
-                    "this process was forked from one that uses DDS, whose threads did not come along; start it with "
-                    'multiprocessing\'s "spawn" method, or fork before the first node is made'
+                    "this process was forked from one that uses DDS, whose threads do not exist here; start it with "
+                    'multiprocessing\'s "spawn" method, or fork before the first node is created'
                 )
             domain = cls._open.get(domain_id)
             if domain is None:
@@ -86,27 +86,28 @@ class Domain:
                 raise TransportError(
                     f"domain {domain_id} is open in this process with another configuration, and DDS has one for each "
                     "domain of a process. Use the same discovery range, static peers and CYCLONEDDS_URI, close the "
-                    f"first context, or take another domain. Open: {domain._xml!r}; asked for: {xml!r}"
+                    f"first context, or use another domain. Open: {domain._xml!r}; requested: {xml!r}"
                 )
             domain._users += 1
             return domain
 
     def leave(self) -> None:
-        """Undo one `join`; the last one waits for other threads that write. Where it is called in a signal handler that
-        interrupted a write, the domain ends with that.
+        """Undo one `join`; the last one waits for other threads that write, and deletes the domain.
+
+        A signal handler may call it during a write of the same thread: then that write deletes the domain.
         """
         with Domain._lock:
             self._users -= 1
             if self._users == 0:
                 del self._open[self._domain_id]
                 self.is_closing = True
-                end_s, here = time.monotonic() + _CLOSE_TIMEOUT_S, threading.get_ident()
-                while any(one != here for one in tuple(self.writing)) and time.monotonic() < end_s:
+                end_s, thread_id = time.monotonic() + _CLOSE_TIMEOUT_S, threading.get_ident()
+                while any(writer != thread_id for writer in tuple(self.writing)) and time.monotonic() < end_s:
                     time.sleep(_CLOSE_POLL_INTERVAL_S)
                 self.end_if_unused()
 
     def end_if_unused(self) -> None:
-        """After `leave`, and after each write from then on."""
+        """Delete the domain if no thread writes. Called after the last `leave` and after each later write."""
         with self._end_lock:
             if self.writing or self._has_ended:
                 return
@@ -117,7 +118,7 @@ class Domain:
 
     @classmethod
     def detach_after_fork(cls) -> None:
-        """In a forked child: leave what was inherited alone, and remember that it is there."""
+        """Refuse to use DDS in this forked child if a domain was inherited."""
         cls._lock = threading.Lock()
         for domain in cls._open.values():
             cls._forked = True
@@ -126,27 +127,27 @@ class Domain:
 
 
 def _diagnose_failure(domain_id: int, xml: str) -> str:
-    """What is wrong, as far as can be told from outside, and what to do."""
+    """Return the probable cause of a domain that cannot be configured, and the fix."""
     if not _has_free_index(domain_id):
         return (
-            f"All {MAX_PARTICIPANT_INDEX} participant indexes of the domain are taken on this machine, so that many "
-            "processes are in it already: end some, or use another ROS_DOMAIN_ID"
+            f"All {MAX_PARTICIPANT_INDEX} participant indexes of the domain are taken on this machine: end some of its "
+            "processes, or use another ROS_DOMAIN_ID"
         )
     uri = os.environ.get("CYCLONEDDS_URI", "")
     if uri:
         return (
-            f"CYCLONEDDS_URI is set to {uri!r}: most likely its XML is not valid, its file does not exist, or it names "
-            "an interface that does not. Cyclone printed what it stumbled over; correct the variable or unset it"
+            f"CYCLONEDDS_URI is set to {uri!r}: probably its XML is not valid, its file does not exist, or it names "
+            "an interface that does not. Cyclone DDS printed the details; correct the variable or unset it"
         )
-    return f"Cyclone printed why; most likely no network interface can be used. The configuration was {xml!r}"
+    return f"Cyclone DDS printed the reason; probably no network interface is usable. The configuration was {xml!r}"
 
 
 def _has_free_index(domain_id: int) -> bool:
-    """Whether one of the UDP ports that participants of this machine share can be bound.
+    """Return True if one of the UDP ports that participants of this machine share can be bound.
 
     Source: docs/internals/protocol.md 10.6.
     """
-    first = _FIRST_PORT + _PORTS_PER_DOMAIN * domain_id + _FIRST_UNICAST
+    first = _FIRST_PORT + _PORTS_PER_DOMAIN * domain_id + _FIRST_UNICAST_PORT
     return any(_is_free(first + _PORTS_PER_INDEX * index) for index in range(MAX_PARTICIPANT_INDEX))
 
 

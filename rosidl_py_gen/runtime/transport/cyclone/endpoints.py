@@ -1,11 +1,10 @@
-"""Writers and readers of the DDS transport.
+"""Writers and readers of the DDS transport. The rules of `participant.py` hold here, too.
 
-Decides how bytes get into and out of Cyclone: a sample is made of them and written; samples are taken in batches, and
-their bytes copied, or, of large ones, shown where they are. `participant.py` makes them; the rules written there hold
-here.
+A write creates a sample from bytes and writes it. Samples are taken in batches; their payloads are copied, or, if they
+are large, exposed as views.
 
-A sample belongs to whoever holds a reference, wherever it came from: in one process the reader gets the very sample
-that was written. One of up to 256 bytes goes back to a pool of its domain, so that small ones are never kept.
+A sample is reference-counted, wherever it came from: inside a process the reader gets the sample that was written.
+Samples of up to 256 bytes return to a pool of their domain, so they are always copied.
 
 Source: docs/internals/dds.md 9.
 """
@@ -38,11 +37,11 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.samples import Payload, Sink
 
 _BATCH = 32
-"""Samples per take. More only helps when the queue is deeper; the arrays cost 72 bytes a piece."""
+"""Maximum number of samples per take. A larger one helps only with deeper queues; each costs 72 bytes."""
 _ANY_STATE = 127
-_LARGE_SAMPLE = 65536
-"""Samples of this size are copied into Cyclone without the GIL, and out of it not at all: they are freed when the last
-view of them dies."""
+_LARGE_SAMPLE_BYTES = 65536
+"""Size from which samples are copied into Cyclone without the GIL, and not copied out of it: they are freed with their
+last view."""
 
 _OFFERED = {
     "deadline": ("offered_deadline_missed", 1),
@@ -55,14 +54,14 @@ _REQUESTED = {
     "message_lost": ("sample_lost", 1),
     "matched": ("subscription_matched", 1),
 }
-"""The status of DDS that counts an event, and how many of its numbers do."""
+"""DDS status of each event, and the number of its totals."""
 
 _by_reference = ct.byref
 _address = ct.c_void_p
 _size = ct.c_size_t
 _one = ct.c_size_t(1)
 _time_ns = time.time_ns
-_thread = threading.get_ident
+_get_thread_id = threading.get_ident
 _info_fields = struct.Struct("=12x?3xq8xQ24x").unpack_from
 """valid_data, source timestamp and publication handle of dds_sample_info_t (64 bytes)."""
 _local_lock = threading.Lock()
@@ -71,26 +70,20 @@ _local_readers: dict[tuple[int, str], tuple[CycloneReader, ...]] = {}
 
 
 class _CycloneEndpoint:
-    """What writers and readers have in common.
-
-    Attributes:
-        entity: 0 once it is closed.
-    """
+    """Common part of writers and readers; `entity` is 0 after `close`, `endpoint.qos` a result of `qos.effective`."""
 
     _statuses: Mapping[str, tuple[str, int]]
 
-    def __init__(self, owner: CycloneParticipant, entity: int, end: DdsEndpoint) -> None:
-        """`end` has the profile that went through `qos.effective`."""
+    def __init__(self, owner: CycloneParticipant, entity: int, endpoint: DdsEndpoint) -> None:
         self._owner = owner
         self._api = owner.api
         self.entity = entity
-        self.topic = end.topic
-        self.type = end.type
-        self._key = (owner.domain_id, end.topic)
+        self.topic = endpoint.topic
+        self.type = endpoint.type
+        self._key = (owner.domain_id, endpoint.topic)
         self.guid = owner.api.guid_of(entity)
 
     def event_counts(self, event: str) -> tuple[int, ...] | None:
-        """See `port.Writer` and `port.Reader`."""
         return self._api.counts(self.entity, *self._statuses[event])
 
 
@@ -98,17 +91,17 @@ class _CycloneEndpoint:
 
 
 class CycloneWriter(_CycloneEndpoint):
-    """See `port.Writer`."""
+    """Writer of the DDS transport."""
 
     _statuses = _OFFERED
 
-    def __init__(self, owner: CycloneParticipant, entity: int, end: DdsEndpoint) -> None:
-        super().__init__(owner, entity, end)
+    def __init__(self, owner: CycloneParticipant, entity: int, endpoint: DdsEndpoint) -> None:
+        super().__init__(owner, entity, endpoint)
         api = owner.api
         self._copy = api.bare_copy
-        address = owner.type_object(end.type).address
+        address = owner.type_object(endpoint.type).address
         self._type_object = _address(address)
-        self._fast_dds_hooks = owner.fast_dds.samples(address)
+        self._fast_dds_hooks = owner.fast_dds.hooks_of(address)
         self._write = api.bare_write if self._fast_dds_hooks is None else self._fast_dds_hooks.write_plain
         self._domain = owner.domain
         self._writing = owner.domain.writing
@@ -117,30 +110,29 @@ class CycloneWriter(_CycloneEndpoint):
         self.handle = handle.value
 
     def write(self, data: Payload) -> bool:
-        """See `port.Writer`. Raises `ClosedError` or `TransportError`."""
         if data.__class__ is not bytes or len(data) % NETWORK_ALIGN:
             data = pad_to_4_bytes(data)
         size = len(data)
         iov = pack_iov(address_of(data), size)
         if size > LARGE_BYTES:
             warn_about_socket_buffers(size)
-        domain, writing, here = self._domain, self._writing, _thread()
-        writing.append(here)
+        domain, writing, thread_id = self._domain, self._writing, _get_thread_id()
+        writing.append(thread_id)
         try:
             if domain.is_closing:
                 raise ClosedError(f"the writer of {self.topic} is closed")
-            if size < _LARGE_SAMPLE:
+            if size < _LARGE_SAMPLE_BYTES:
                 sample = self._copy(self._type_object, SAMPLE_WITH_DATA, _one, iov, _size(size))
             else:
                 sample = self._api.copy_large(self._type_object, SAMPLE_WITH_DATA, 1, iov, size)
             if not sample:
-                what = f"{data[:8].hex()}... ({size} bytes)"
-                raise TransportError(f"Cyclone DDS does not take {what}: no serialized message")
+                text = f"{data[:8].hex()}... ({size} bytes)"
+                raise TransportError(f"Cyclone DDS refused {text}: not a serialized message")
             code = self._write(self.entity, _address(sample))
             if code in SAMPLE_NOT_CONSUMED:
                 self._api.serdata_unref(sample)
         finally:
-            writing.remove(here)
+            writing.remove(thread_id)
             if domain.is_closing:
                 domain.end_if_unused()
         if code == 0 and self._key not in _local_readers:
@@ -148,23 +140,23 @@ class CycloneWriter(_CycloneEndpoint):
         return self._is_written(code, data)
 
     def write_with_identity(self, data: Payload, identity: SampleIdentity) -> bool:
-        """As `write`, with an identity beside the sample."""
+        """Send a sample with an identity; otherwise as `write`."""
         data = pad_to_4_bytes(data)
         if len(data) > LARGE_BYTES:
             warn_about_socket_buffers(len(data))
         if self.entity == 0:
             raise ClosedError(f"the writer of {self.topic} is closed")
         if self._fast_dds_hooks is None:
-            raise TransportError(f"Cyclone DDS cannot say whose a sample is: {self._owner.fast_dds.refusal}")
+            raise TransportError(f"Cyclone DDS cannot send a sample identity: {self._owner.fast_dds.refusal}")
         address = self._type_object.value or 0
-        domain, writing, here = self._domain, self._writing, _thread()
-        writing.append(here)
+        domain, writing, thread_id = self._domain, self._writing, _get_thread_id()
+        writing.append(thread_id)
         try:
             if domain.is_closing:
                 raise ClosedError(f"the writer of {self.topic} is closed")
             code = self._fast_dds_hooks.write(self.entity, self.guid[12:], address, data, identity)
         finally:
-            writing.remove(here)
+            writing.remove(thread_id)
             if domain.is_closing:
                 domain.end_if_unused()
         return self._is_written(code, data)
@@ -207,10 +199,10 @@ class CycloneWriter(_CycloneEndpoint):
 
 
 class TakeBuffers:
-    """The arrays of one take; shared by all readers of a participant, under their lock.
+    """Arrays of one take, shared by all readers of a participant. Lock: `lock` must be held.
 
-    A signal handler, or a finalizer of the user, may run while they are in use, in the same thread, and publish or
-    close. So the lock is reentrant, and `active_reader` says who is in the middle of a take.
+    A signal handler or a finalizer of the user may run during a take, in the same thread, and publish or close. So the
+    lock is reentrant, and `active_reader` is the reader that takes.
     """
 
     def __init__(self) -> None:
@@ -219,23 +211,23 @@ class TakeBuffers:
         self.samples: ct.Array[Any] = (ct.c_void_p * _BATCH)()
         self.infos = (ct.c_ubyte * (64 * _BATCH))()
         self.arguments: tuple[Any, ...] = (ct.byref(self.samples), _BATCH, ct.byref(self.infos), _ANY_STATE)
-        """Of a take, behind the reader; made once, because converting them would take longer than the call."""
+        """Arguments of a take after the reader; converted once, because that takes longer than the call."""
         self.info_bytes = memoryview(self.infos)
 
 
 class CycloneReader(_CycloneEndpoint):
-    """See `port.Reader`."""
+    """Reader of the DDS transport."""
 
     _statuses = _REQUESTED
 
-    def __init__(self, owner: CycloneParticipant, entity: int, end: DdsEndpoint) -> None:
-        super().__init__(owner, entity, end)
-        self.is_reliable = end.qos.reliability is Reliability.RELIABLE
-        self.queue = ReceiveQueue(end.qos)
+    def __init__(self, owner: CycloneParticipant, entity: int, endpoint: DdsEndpoint) -> None:
+        super().__init__(owner, entity, endpoint)
+        self.is_reliable = endpoint.qos.reliability is Reliability.RELIABLE
+        self.queue = ReceiveQueue(endpoint.qos)
         self.sink: Sink | None = None
         self._take = owner.api.bare_take
-        address, self._content = owner.type_object(end.type)
-        self._fast_dds_hooks = owner.fast_dds.samples(address)
+        address, self._payload_offset = owner.type_object(endpoint.type)
+        self._fast_dds_hooks = owner.fast_dds.hooks_of(address)
         self._size_of, self._unref = owner.api.serdata_size, owner.api.serdata_unref
         self._buffers = owner.buffers
         self._guids = owner.discovery.guids
@@ -250,26 +242,26 @@ class CycloneReader(_CycloneEndpoint):
             self._owner.pipe.notify(self.entity)
 
     def fetch(self) -> bool:
-        """Move all samples from DDS into the queue; returns whether there were any. From any thread."""
+        """Move all samples from DDS into the queue; return True if there were any. Thread: any."""
         buffers = self._buffers
         with buffers.lock:
             if buffers.active_reader is not None:
-                # A signal handler came between: newer samples must not overtake those being taken.
+                # Called by a signal handler during a take: newer samples must not overtake those being taken.
                 return buffers.active_reader is not self and self._take_all(TakeBuffers())
             buffers.active_reader = self
             try:
-                found = self._take_all(buffers)
+                has_samples = self._take_all(buffers)
             finally:
                 buffers.active_reader = None
             large, self._large_bytes = self._large_bytes, 0
         if large:
-            warn_about_socket_buffers(large)  # logging takes locks of its own: never under ours
-        return found
+            warn_about_socket_buffers(large)  # logging takes locks: never while our lock is held
+        return has_samples
 
     def _take_all(self, buffers: TakeBuffers) -> bool:
-        items, found = self.queue.items, False
-        size_of, unref, content = self._size_of, self._unref, self._content
-        functions_of_ours, samples = self._fast_dds_hooks, buffers.samples
+        items, has_samples = self.queue.items, False
+        size_of, unref, payload_offset = self._size_of, self._unref, self._payload_offset
+        hooks, samples = self._fast_dds_hooks, buffers.samples
         count = _BATCH
         while count == _BATCH:
             count = self._take(self.entity, *buffers.arguments)
@@ -282,25 +274,25 @@ class CycloneReader(_CycloneEndpoint):
                     continue
                 size = size_of(sample)
                 data: Payload | None = None
-                if functions_of_ours is not None and functions_of_ours.sends:
-                    data = functions_of_ours.identified(sample, size)
+                if hooks is not None and hooks.sends:
+                    data = hooks.with_embedded_identity(sample, size)
                 if data is not None:
                     unref(sample)
-                elif content is None:
+                elif payload_offset is None:
                     data = self._copy_payload(sample, size)
-                elif size < _LARGE_SAMPLE:
-                    data = bytes_at(sample + content, size)
+                elif size < _LARGE_SAMPLE_BYTES:
+                    data = bytes_at(sample + payload_offset, size)
                     unref(sample)
                 else:
-                    data = self._view(sample, sample + content, size)
-                if len(items) == items.maxlen:  # as `ReceiveQueue.push`, without a call for each sample
+                    data = self._view(sample, sample + payload_offset, size)
+                if len(items) == items.maxlen:  # inlined `ReceiveQueue.push`
                     self.queue.dropped += 1
                 items.append((data, source_ns, writer, now, None))
-                found = True
-        return found
+                has_samples = True
+        return has_samples
 
     def _view(self, sample: int, address: int, size: int) -> memoryview:
-        """A read-only view of the bytes of a sample, which is freed when the last view of it is gone."""
+        """Return a read-only view of a payload; the sample is freed with its last view."""
         if size > LARGE_BYTES:
             self._large_bytes = size
         array = payload_array(address, size)
@@ -308,7 +300,6 @@ class CycloneReader(_CycloneEndpoint):
         return memoryview(array).cast("B").toreadonly()
 
     def _copy_payload(self, sample: int, size: int) -> bytes:
-        """A copy of the bytes of a sample, wherever they lie."""
         copy = (ct.c_ubyte * size)()
         self._api.serdata_to_ser(sample, 0, size, copy)
         self._unref(sample)
@@ -326,9 +317,9 @@ class CycloneReader(_CycloneEndpoint):
         if not entity:
             return
         with _local_lock:
-            left = tuple(reader for reader in _local_readers[self._key] if reader is not self)
-            if left:
-                _local_readers[self._key] = left
+            remaining = tuple(reader for reader in _local_readers[self._key] if reader is not self)
+            if remaining:
+                _local_readers[self._key] = remaining
             else:
                 del _local_readers[self._key]
         self._owner.readers.pop(entity, None)

@@ -1,7 +1,7 @@
-"""Which libddsc is used: where one is looked for, what makes it one, and what to install where there is none.
+"""Finds and loads the C library of Cyclone DDS, libddsc, or states what to install.
 
-The first that loads and has every function of `functions.NEEDED` wins. It is loaded once, and its symbols stay apart
-from those of another libddsc in this process, which is another world of DDS then.
+The first candidate that loads and has all of `c_api.REQUIRED_SYMBOLS` is used. It is loaded once. Another libddsc in
+this process has its own symbols; the two do not discover each other in the process.
 
 Source: docs/internals/dds.md 7.
 """
@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.runtime.transport.api import BackendMissingError
-from rosidl_py_gen.runtime.transport.cyclone.c_api import NEEDED, OLDEST
-from rosidl_py_gen.runtime.transport.cyclone.config import ELEMENTS
+from rosidl_py_gen.runtime.transport.cyclone.c_api import MIN_VERSION, REQUIRED_SYMBOLS
+from rosidl_py_gen.runtime.transport.cyclone.config import OPTIONAL_ELEMENTS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -34,20 +34,20 @@ _PATTERN = {"win32": "ddsc*.dll", "darwin": "libddsc*.dylib"}.get(sys.platform, 
 _NAMES = {"win32": ("ddsc.dll",), "darwin": ("libddsc.dylib",)}.get(
     sys.platform, ("libddsc.so.11", "libddsc.so.0", "libddsc.so.0debian", "libddsc.so")
 )
-"""For the loader. The plain one is only where there are headers, too, and Debian's has a suffix of its own."""
+"""Names for the loader. The plain name exists only with the headers, and that of Debian has a special suffix."""
 _WHEELS = {
     "rosidl_libddsc": ("lib", "../rosidl_libddsc.libs"),
     "cyclonedds": (".dylibs", "../cyclonedds.libs", "../cyclonedds_nightly.libs"),
 }
-"""Packages that bring the library, and where they have it. Beside these cyclonedds has another copy, for compilers."""
+"""Packages that contain the library, and the folders. cyclonedds has another copy elsewhere, for compilers."""
 
 
 @dataclass(frozen=True)
 class DdscLibrary:
-    """One that has all we need.
+    """Loaded libddsc with all required symbols.
 
     Attributes:
-        file: its real name; where the system does not tell, the one it was asked for by.
+        file: real path of the library; the name that was loaded if the system does not report the path.
     """
 
     handle: ct.CDLL
@@ -55,37 +55,37 @@ class DdscLibrary:
 
     @property
     def version(self) -> str:
-        """For people only; nothing depends on it."""
-        found = re.search(r"(\d+\.\d+[\w.]*?)(\.dylib)?$", Path(self.file).name)
-        return found[1] if found else "of unknown version"
+        """Version from the file name, for people; no code depends on it."""
+        match = re.search(r"(\d+\.\d+[\w.]*?)(\.dylib)?$", Path(self.file).name)
+        return match[1] if match else "of unknown version"
 
     def __str__(self) -> str:
         return f"Cyclone DDS {self.version}, {self.file}"
 
     @cached_property
     def unsupported_elements(self) -> frozenset[str]:
-        """Elements of a configuration, of those in `config.ELEMENTS`, that it does not know: one ends the domain."""
+        """Members of `config.OPTIONAL_ELEMENTS` that the library does not know; one of them makes a domain fail."""
         try:
             content = Path(self.file).read_bytes()
         except OSError:
-            return ELEMENTS
-        return frozenset(name for name in ELEMENTS if name.encode() + b"\0" not in content)
+            return OPTIONAL_ELEMENTS
+        return frozenset(name for name in OPTIONAL_ELEMENTS if name.encode() + b"\0" not in content)
 
 
 def find() -> DdscLibrary:
-    """The library of this process.
+    """Return the library of this process.
 
     Raises:
-        BackendMissingError: there is none; it says what was tried, and what to install.
+        BackendMissingError: no library was found; the text contains what was tried, and what to install.
     """
-    found = _load_cached()
-    if isinstance(found, str):
-        raise BackendMissingError(found, name="cyclonedds")
-    return found
+    library = _load_cached()
+    if isinstance(library, str):
+        raise BackendMissingError(library, name="cyclonedds")
+    return library
 
 
 def is_found() -> bool:
-    """Whether there is one."""
+    """Return True if the library was found."""
     return isinstance(_load_cached(), DdscLibrary)
 
 
@@ -95,44 +95,43 @@ def _load_cached() -> DdscLibrary | str:
 
 
 def load(environ: Mapping[str, str]) -> DdscLibrary | str:
-    """The first one that will do, or why there is none."""
+    """Return the first usable candidate, or the text of the error."""
     tried = []
     for name in candidates(environ):
         try:
             library = ct.CDLL(name)
         except OSError as error:
-            # Most are simply not there, which the loader says of each in its own words.
+            # Most candidates do not exist, and the loader has several texts for that.
             tried.append(f"{name}: {error}" if os.path.exists(name) else f"{name}: not found")
             continue
-        missing = [one for one in NEEDED if not hasattr(library, one)]
+        missing = [symbol for symbol in REQUIRED_SYMBOLS if not hasattr(library, symbol)]
         if not missing:
             return DdscLibrary(library, _file_of(library, name))
-        what = f"it lacks {missing[0]}, which Cyclone DDS has from {OLDEST} on"
-        tried.append(f"{name}: {'it is no libddsc' if 'dds_create_participant' in missing else what}")
-    named = environ.get(VARIABLE)
-    only = f" {VARIABLE} is set, so that nothing else was tried." if named else ""
-    help_ = f"Correct {VARIABLE}, or unset it" if named else f"To install it: {install_advice()}"
+        reason = f"it lacks {missing[0]}, which Cyclone DDS has from {MIN_VERSION} on"
+        tried.append(f"{name}: {'it is not a libddsc' if 'dds_create_participant' in missing else reason}")
+    is_set = environ.get(VARIABLE)
+    only = f" {VARIABLE} is set, so nothing else was tried." if is_set else ""
+    fix = f"Correct {VARIABLE}, or unset it" if is_set else f"To install it: {install_advice()}"
     return (
         f"DDS needs the C library of Cyclone DDS, libddsc, and none was found.{only} MemoryTransport works without it. "
-        f"Tried: {'; '.join(tried)}. {help_}"
+        f"Tried: {'; '.join(tried)}. {fix}"
     )
 
 
 def candidates(environ: Mapping[str, str]) -> Iterator[str]:
-    """Paths, and names for the loader, in the order in which they are tried."""
+    """Yield paths, and names for the loader, in the order in which they are tried."""
     if environ.get(VARIABLE):
         yield environ[VARIABLE]
         return
     for package, folders in _WHEELS.items():
         spec = find_spec(package)
-        for place in (spec.submodule_search_locations or ()) if spec else ():
-            yield from chain(*(_files(Path(place), folder) for folder in folders))
+        for path in (spec.submodule_search_locations or ()) if spec else ():
+            yield from chain(*(_files(Path(path), folder) for folder in folders))
     installed = filter(None, environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
     for prefix in chain(map(Path, installed), sorted(Path("/opt/ros").glob("*"))):
         yield from chain(*(_files(prefix, folder) for folder in ("lib", "lib/*", "bin")))
     yield from _NAMES
-    found = ctypes.util.find_library("ddsc")  # asks ldconfig or a compiler, which takes its time
-    if found:
+    if found := ctypes.util.find_library("ddsc"):  # slow: runs ldconfig or a compiler
         yield found
 
 
@@ -141,18 +140,17 @@ def _files(below: Path, folder: str) -> list[str]:
 
 
 def _file_of(library: ct.CDLL, name: str) -> str:
-    """Which file was loaded, whatever name it was asked for by."""
     try:
-        tell = ct.CDLL(None).dladdr
+        dladdr = ct.CDLL(None).dladdr
     except (AttributeError, OSError, TypeError):  # Windows
         return name
-    told = (ct.c_char_p * 4)()  # Dl_info, which begins with the name of the file
-    is_known = tell(ct.cast(library["dds_create_participant"], ct.c_void_p), told)
-    return os.path.realpath(os.fsdecode(told[0])) if is_known and told[0] else name
+    info = (ct.c_char_p * 4)()  # Dl_info, which begins with the name of the file
+    is_known = dladdr(ct.cast(library["dds_create_participant"], ct.c_void_p), info)
+    return os.path.realpath(os.fsdecode(info[0])) if is_known and info[0] else name
 
 
 def has_wheel() -> bool:
-    """Whether there is a wheel of cyclonedds for this Python; the markers in pyproject.toml say the same."""
+    """Return True if cyclonedds has a wheel for this Python; pyproject.toml has the same markers."""
     system, machine = sys.platform, platform.machine()
     return (
         sys.version_info < (3, 14)
@@ -162,7 +160,7 @@ def has_wheel() -> bool:
 
 
 def install_advice() -> str:
-    """The command, or what else helps here."""
+    """Return the command that installs the library, or other advice for this system."""
     if has_wheel():
         return install_command("node")
     if sys.platform == "linux":

@@ -1,18 +1,14 @@
-"""The DDS transport: Cyclone DDS through plain C calls, on the libddsc that `library.py` finds.
+"""DDS transport over plain C calls of Cyclone DDS, with the libddsc that `library.py` finds.
 
-Decides how entities are made, waited for, read and deleted. What stands for the types is in `topics.py`; the C
-functions are in `functions.py`, QoS in `qos.py`, services of Fast DDS in `fast_dds`.
+Rules:
 
-Rules a newcomer would otherwise break:
-
-- Entities are integers. Whoever creates one deletes it in `close`; nothing depends on the garbage collector.
-- A write never blocks: max_blocking_time is 0 and a full writer answers False.
-- Samples are taken into the reader's own queue by whoever comes first: the thread that calls `take_ready_sinks`, or,
-for writers
-  of this process, the writing thread itself. Cyclone delivers inside the process during the write, so taking at once
-  makes KEEP_LAST and `dropped` exact there, whatever the event loop is busy with.
-- Whoever has something to do is told by the pipe, and by nothing else: a reader that was named and whose queue is not
-  empty, no matter who filled it.
+- Entities are integers. The creator of an entity deletes it in `close`; nothing depends on the garbage collector.
+- A write never blocks: max_blocking_time is 0, and the write of a full writer returns False.
+- Samples are taken into the reader's queue by the first of: the thread that calls `take_ready_sinks`, or, with writers
+  of this process, the writing thread. Cyclone delivers inside the process during the write, so an immediate take makes
+  KEEP_LAST and `dropped` exact, independent of the event loop.
+- Sinks become ready by the pipe only: those of readers whose handles it contains and whose queues are not empty, by
+  whatever thread they were filled.
 """
 
 from __future__ import annotations
@@ -55,10 +51,8 @@ if TYPE_CHECKING:
 
 _MAX_IDLE_TOPICS = 256
 _MATCH_DELAY_S = 0.002
-"""Cyclone connects a writer some 50 us after it has told of it, longer when it is held up, and says nothing of that.
-After 10 ms it asks in its own way, which counts as the question.
-"""
-
+"""Delay of the request for early samples after a writer was discovered. Cyclone matches it after some 50 us without
+notification, later on a busy machine; after 10 ms it sends a request of its own, and Fast DDS ignores later ones."""
 
 _library = library.find()
 _api = c_api.CycloneApi(_library.handle)
@@ -66,28 +60,25 @@ _fast_dds = FastDdsInterop(_api, _library.unsupported_elements)
 
 
 class CycloneTransport:
-    """Joins DDS domains; see `port.Transport`. Stateless."""
+    """Transport that joins DDS domains; it has no state."""
 
     clocks = SYSTEM_CLOCKS
 
     def open(self, settings: DomainSettings, enclave: str = "/") -> CycloneParticipant:
-        """Join the domain, which all participants of a process configure alike; see `domain.py`."""
+        """Join the domain; all participants of a process must configure it alike (`domain.py`)."""
         xml = cyclone_xml(
             settings,
             process_id=os.getpid(),
             extra=DEFAULT_CONFIG,
-            last=_without_shared_memory(),
-            lacks=_library.unsupported_elements,
+            last=_no_shared_memory(),
+            unsupported=_library.unsupported_elements,
         )
         is_local = settings.discovery_range in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF)
         return CycloneParticipant(settings.domain_id, participant_user_data(enclave), xml, is_local=is_local)
 
 
-# --------------------------------------------------------------------------------------------------------- participant
-
-
 class CycloneParticipant(DdsParticipant):
-    """See `port.Participant`."""
+    """Participant of the DDS transport."""
 
     def __init__(self, domain_id: int, user_data: bytes, xml: str, *, is_local: bool) -> None:
         super().__init__(_fast_dds)
@@ -98,7 +89,7 @@ class CycloneParticipant(DdsParticipant):
         self._topics: dict[tuple[str, str], list[int]] = {}
         self._idle_topics: dict[tuple[str, str], None] = {}
         self.readers: dict[int, CycloneReader] = {}
-        """By their entities: those that `take_ready_sinks` looks at when `pipe` names them."""
+        """Readers by entity, which is the handle that `pipe` contains."""
         self.buffers = TakeBuffers()
         self._is_local = is_local
         with ExitStack() as undo:
@@ -112,10 +103,10 @@ class CycloneParticipant(DdsParticipant):
             self._early = EarlySampleReaders(_api, _fast_dds, self._listener)
             undo.callback(self._early.close)
             with new_qos(_api, user_data) as qos:
-                what = f"create a participant in domain {domain_id}"
-                self.entity = _api.check(_api.create_participant(domain_id, qos, None), what)
+                activity = f"create a participant in domain {domain_id}"
+                self.entity = _api.check(_api.create_participant(domain_id, qos, None), activity)
             undo.callback(_api.delete, self.entity)
-            if IGNORE_TYPE_INFORMATION in _library.unsupported_elements:  # before anybody answers
+            if IGNORE_TYPE_INFORMATION in _library.unsupported_elements:  # before the first peer replies
                 self.domain.types.create_topic(self.entity, PROBE_TYPE, PROBE_TYPE)
             self._publisher = _api.check(_api.create_publisher(self.entity, None, None), "create a publisher")
             self._subscriber = _api.check(_api.create_subscriber(self.entity, None, None), "create a subscriber")
@@ -129,84 +120,86 @@ class CycloneParticipant(DdsParticipant):
 
     @property
     def library(self) -> str:
-        """See `port.Participant`."""
         return str(_library)
 
     @property
     def capabilities(self) -> dict[str, str]:
-        """See `port.Participant`."""
-        _ = self.fast_dds.slots  # which decides about services
+        _ = self.fast_dds.slots  # probes whether services are available
         return self.fast_dds.capabilities()
 
     # ------------------------------------------------------------------------------------------------ endpoints
 
-    def make_writer(self, end: DdsEndpoint) -> CycloneWriter:
-        end = replace(end, qos=effective(end.qos, is_writer=True))
-        with endpoint_qos(_api, end, is_writer=True) as cqos:
-            entity = self._create(_api.create_writer, self._publisher, end, cqos, None)
-        return CycloneWriter(self, entity, end)
+    def make_writer(self, endpoint: DdsEndpoint) -> CycloneWriter:
+        endpoint = replace(endpoint, qos=effective(endpoint.qos, is_writer=True))
+        with endpoint_qos(_api, endpoint, is_writer=True) as cqos:
+            entity = self._create(_api.create_writer, self._publisher, endpoint, cqos, None)
+        return CycloneWriter(self, entity, endpoint)
 
-    def make_reader(self, end: DdsEndpoint) -> CycloneReader:
-        end = replace(end, qos=effective(end.qos, is_writer=False))
-        with endpoint_qos(_api, end, is_writer=False) as cqos:
-            create = partial(self._create, _api.create_reader, self._subscriber, end, cqos)
-            entity = self._early.create_reader(create, is_reliable=end.qos.reliability is Reliability.RELIABLE)
-        return CycloneReader(self, entity, end)
+    def make_reader(self, endpoint: DdsEndpoint) -> CycloneReader:
+        endpoint = replace(endpoint, qos=effective(endpoint.qos, is_writer=False))
+        with endpoint_qos(_api, endpoint, is_writer=False) as cqos:
+            create = partial(self._create, _api.create_reader, self._subscriber, endpoint, cqos)
+            entity = self._early.create_reader(create, is_reliable=endpoint.qos.reliability is Reliability.RELIABLE)
+        return CycloneReader(self, entity, endpoint)
 
-    def _create(self, create: Callable[..., int], parent: int, end: DdsEndpoint, qos: int, listener: int | None) -> int:
+    def _create(
+        self, create: Callable[..., int], parent: int, endpoint: DdsEndpoint, qos: int, listener: int | None
+    ) -> int:
         if self._closed:
             raise ClosedError("this participant is closed")
-        handle = self._acquire_topic(end.topic, end.type)
+        handle = self._acquire_topic(endpoint.topic, endpoint.type)
         try:
-            return _api.check(create(parent, handle, qos, listener), f"create an endpoint of {end.topic} ({end.type})")
+            return _api.check(
+                create(parent, handle, qos, listener), f"create an endpoint of {endpoint.topic} ({endpoint.type})"
+            )
         except BaseException:
-            self.release_topic(end.topic, end.type)
+            self.release_topic(endpoint.topic, endpoint.type)
             raise
 
     def _acquire_topic(self, topic: str, type: str) -> int:
         with self._lock:
-            held = self._topics.get((topic, type))
+            entry = self._topics.get((topic, type))
             self._idle_topics.pop((topic, type), None)
-            if held is None:
+            if entry is None:
                 handle = self.domain.types.create_topic(self.entity, topic, type)
-                held = self._topics[topic, type] = [handle, 0]
-            held[1] += 1
-            return held[0]
+                entry = self._topics[topic, type] = [handle, 0]
+            entry[1] += 1
+            return entry[0]
 
     def type_object(self, type: str) -> Sertype:
-        """What stands for a type that has endpoints."""
+        """Return the sertype of a type that has endpoints."""
         return self.domain.types[type]
 
     def release_topic(self, topic: str, type: str) -> None:
-        """Give back what `_acquire_topic` took.
+        """Release a topic after its endpoint was deleted.
 
-        Topics without users are kept for the next one, up to a number: creating and deleting the same topic over and
-        over beside discovery is where the library was once seen to crash.
+        Up to `_MAX_IDLE_TOPICS` unused topics are cached: Cyclone has crashed when a topic was repeatedly created and
+        deleted during discovery.
         """
         with self._lock:
-            held = self._topics[topic, type]
-            held[1] -= 1
-            if held[1] == 0:
+            entry = self._topics[topic, type]
+            entry[1] -= 1
+            if entry[1] == 0:
                 self._idle_topics[topic, type] = None
                 if len(self._idle_topics) > _MAX_IDLE_TOPICS:
                     oldest = next(iter(self._idle_topics))
                     del self._idle_topics[oldest]
                     _api.delete(self._topics.pop(oldest)[0])
 
-    # ------------------------------------------------------------------------------------------------- arrivals
+    # ------------------------------------------------------------------------------------------------ reception
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
-        pass_on = self.start_discovery_info(sink)
+        forward = self.start_discovery_info(sink)
 
-        def take(events: list[DiscoveryEvent]) -> None:
+        def on_events(events: list[DiscoveryEvent]) -> None:
             self._schedule_sample_request(events)
-            pass_on(events)
+            forward(events)
 
-        self.discovery.sink = take
+        self.discovery.sink = on_events
         self.pipe.notify(self.discovery.entities[0])
 
     def _schedule_sample_request(self, events: list[DiscoveryEvent]) -> None:
-        """Those on Fast DDS are asked what they have written, when Cyclone has had time to connect them."""
+        """Request early samples of new Fast DDS writers, after Cyclone had time to match them."""
         new = [
             event
             for event in events
@@ -224,13 +217,14 @@ class CycloneParticipant(DdsParticipant):
         for reader in list(self.readers.values()):
             if reader.is_reliable:
                 readers[reader.topic, reader.type].append(reader.guid)
-        asked: defaultdict[str, list[tuple[bytes, bytes]]] = defaultdict(list)
+        pairs: defaultdict[str, list[tuple[bytes, bytes]]] = defaultdict(list)
         for writer in writers:
-            told = self.discovery.fast_dds_addresses(writer.guid)
-            if told is not None:  # it may be gone
-                asked[told] += [(guid, writer.guid) for guid in readers.get((writer.wire_name, writer.wire_type), ())]
-        for told, pairs in asked.items():
-            request_samples(pairs, told, is_local=self._is_local)
+            addresses = self.discovery.fast_dds_addresses(writer.guid)
+            if addresses is not None:  # the writer may have disappeared
+                guids = readers.get((writer.wire_name, writer.wire_type), ())
+                pairs[addresses] += [(guid, writer.guid) for guid in guids]
+        for addresses, of_participant in pairs.items():
+            request_samples(of_participant, addresses, is_local=self._is_local)
 
     def report_discovery(self) -> None:
         self.discovery.report()
@@ -244,11 +238,11 @@ class CycloneParticipant(DdsParticipant):
             self.pipe.read_in_thread(notify)
 
     def take_ready_sinks(self) -> list[Sink]:
-        named, readers = self.pipe.drain(), self.readers
-        if named is None:
-            named = (*self.discovery.entities, *readers)
+        entities, readers = self.pipe.drain(), self.readers
+        if entities is None:
+            entities = (*self.discovery.entities, *readers)
         sinks: list[Sink] = []
-        for entity in named:
+        for entity in entities:
             reader = readers.get(entity)
             if reader is not None:
                 if (reader.fetch() or reader.queue.items) and reader.sink is not None:
@@ -273,6 +267,6 @@ class CycloneParticipant(DdsParticipant):
         self.discovery.close()
 
 
-def _without_shared_memory() -> str:
-    """Bytes of a sample may lie elsewhere then; versions that do not have this element are told by QoS."""
+def _no_shared_memory() -> str:
+    # With shared memory a payload may be stored outside of the sample. Newer versions disable it by QoS.
     return "" if _api.qset_psmx_instances is not None else "<SharedMemory><Enable>false</Enable></SharedMemory>"

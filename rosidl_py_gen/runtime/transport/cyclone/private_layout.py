@@ -1,16 +1,15 @@
-"""What Cyclone keeps to itself: where it lies, and how it is read and changed. The only file that knows.
+"""Offsets in Cyclone's private structures, and functions that read and change these structures.
 
-Decides nothing by a version, the name of a file or an architecture. Each fact is asked of the loaded library, by a
-probe: an object that we know is looked at, and what is found has to agree with it. What a probe does not find is None,
-and whoever needs it does without, or says why it cannot.
+No offset depends on a version, a file name or an architecture. Each is measured by a probe of the loaded library: an
+object with known content is examined, and exactly one place must agree with it. Otherwise the probe returns None, and
+the caller disables its feature.
 
 Rules, each with a test:
 
-- Memory is read in three ways: through a pipe (`SafeMemoryReader`), where it may not be there; behind an address
-that a C function
-  has given for it; and where the same kind of object was seen through the pipe before. What is read in the last way is
-  compared with what has to be there before anything is changed.
-- A table of functions is replaced by a copy that lives for ever: Cyclone drops its references in threads of its own.
+- Memory is read in three ways: through a pipe (`SafeMemoryReader`) if it may be unmapped; directly at addresses that a
+  C function returned; and directly where an object of the same kind was read through the pipe before. In the third case
+  the content is compared with expectations before anything is changed.
+- A vtable is replaced by an immortal copy, because Cyclone drops its references in its own threads.
 
 Source: docs/internals/dds.md 2.
 """
@@ -32,71 +31,81 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi
 
-Table: TypeAlias = "ct.Array[ct.c_void_p]"
+Vtable: TypeAlias = "ct.Array[ct.c_void_p]"
 WORD = ct.sizeof(ct.c_void_p)
-TYPE_FUNCTIONS, SAMPLE_FUNCTIONS = 0, WORD
-"""Where a type has the addresses of its two tables."""
-_TABLE_WORDS, _SLOTS = 17, 20
-"""So many functions are copied, and looked for."""
+TYPE_FUNCTIONS = 0
+"""Offset of the address of a sertype's own vtable."""
+SAMPLE_FUNCTIONS = WORD
+"""Offset in a sertype of the address of the vtable of its samples."""
+_VTABLE_WORDS = 17
+"""Number of functions to copy. Some vtables are shorter; the words after them do no harm."""
+_PROBED_SLOTS = 20
 _TYPE_DOMAIN = 40
-_ENTITY_BYTES, _READER_BYTES, _DOMAIN_BYTES = 2048, 1024, 16384
+"""Offset in a sertype of the address of its domain."""
+_ENTITY_BYTES = 2048
+_READER_BYTES = 1024
+_DOMAIN_BYTES = 16384
 _PAGE = 4096
-_CONTENT = bytes.fromhex("00010000") + bytes(range(65, 81))
-_fragment = struct.Struct("=Q16xHH")
-"""The packet, and where submessage and payload begin in it."""
-_PACKET = 48
-_out = struct.Struct("=8xQQi4xQ")
-"""Room, size of the submessages, whether there are parameters, the message if there is one; then the iov."""
-_OUT_HEAD = 40
-_number = struct.Struct("<iI").unpack_from
-"""The number of a sample, 15 bytes behind the flags of its submessage."""
-_FIRST_OUT, _LAST_OUT = 16, 472
+_PROBE_SAMPLE = bytes.fromhex("00010000") + bytes(range(65, 81))
+_received_fragment = struct.Struct("=Q16xHH")
+"""Address of the packet, offsets of the submessage and of the payload in it."""
+_RECEIVED_HEAD_BYTES = 48
+_packet_head = struct.Struct("=8xQQi4xQ")
+"""Capacity, size of the submessages, presence of parameters, message or null; the iov follows."""
+_PACKET_DATA_HEAD_BYTES = 40
+_sequence_number = struct.Struct("<iI").unpack_from
+_SEQUENCE_NUMBER_OFFSET = 15
+"""Distance of a sample's sequence number from the flags of its submessage."""
+_POINTER_OFFSETS = range(16, 472, WORD)
+"""Distances from the iov at which the address of the packet's data may be stored."""
 _READER_KIND = (5).to_bytes(4, "little")
-_RELIABLE, _WANTS_ALL = 1, 2
+_RELIABLE_FLAG = 1
+_REQUESTS_HISTORY_FLAG = 2
 _AnyFunction = ct.PYFUNCTYPE(ct.c_void_p, *[ct.c_void_p] * 4)
 
 bytes_at = ct.PYFUNCTYPE(ct.py_object, ct.c_void_p, ct.c_ssize_t)(("PyBytes_FromStringAndSize", ct.pythonapi))
 """`ctypes.string_at` without its Python wrapper."""
-_immortal_vtables: dict[tuple[int, int, int | None], Table] = {}
-_direct = nullcontext(bytes_at)
-"""In the place of a `SafeMemoryReader`, where the same kind of object was seen through one."""
+_immortal_vtables: dict[tuple[int, int, int | None], Vtable] = {}
+_direct_reader = nullcontext(bytes_at)
+"""Replaces a `SafeMemoryReader` where an object of the same kind was read through one before."""
 
 
 class SafeMemoryReader:
-    """Reads memory that may not be there: a system call says so, and nothing ends. For one thread, in a `with` block.
+    """Reader of memory that may be unmapped. For one thread, in a `with` block.
 
-    Where there is no POSIX, it finds nothing.
+    It writes the memory into a pipe: `write` fails with EFAULT where an access would crash the process. Without POSIX
+    it reads nothing.
     """
 
     def __enter__(self) -> Self:
-        self._out, self._in = os.pipe()
+        self._read_end, self._write_end = os.pipe()
         return self
 
     def __exit__(self, *_: object) -> None:
-        os.close(self._out)
-        os.close(self._in)
+        os.close(self._read_end)
+        os.close(self._write_end)
 
     def __call__(self, address: int, size: int) -> bytes:
-        """The bytes there, as many of them as there are."""
-        found = b""
-        while len(found) < size and os.name == "posix":
-            begin = address + len(found)
-            count = min(size - len(found), _PAGE - begin % _PAGE)  # a page is there as a whole, or not
+        """Return the bytes at an address, up to the first unmapped one."""
+        data = b""
+        while len(data) < size and os.name == "posix":
+            begin = address + len(data)
+            count = min(size - len(data), _PAGE - begin % _PAGE)  # a page is mapped as a whole
             try:
-                os.write(self._in, (ct.c_char * count).from_address(begin))
+                os.write(self._write_end, (ct.c_char * count).from_address(begin))
             except OSError:
                 break
-            found += os.read(self._out, count)
-        return found
+            data += os.read(self._read_end, count)
+        return data
 
     def words(self, address: int, size: int) -> tuple[int, ...]:
-        """The same as numbers of the size of an address."""
-        found = self(address, size)
-        count = len(found) // WORD
-        return struct.unpack(f"={count}{'Q' if WORD == 8 else 'I'}", found[: count * WORD])
+        """Return these bytes as integers of the size of an address."""
+        data = self(address, size)
+        count = len(data) // WORD
+        return struct.unpack(f"={count}{'Q' if WORD == 8 else 'I'}", data[: count * WORD])
 
     def word(self, address: int) -> int:
-        """One of them; 0 when it is not there."""
+        """Return the integer at an address; 0 if unmapped."""
         return next(iter(self.words(address, WORD)), 0)
 
 
@@ -104,7 +113,7 @@ class SafeMemoryReader:
 
 
 def is_type(peek: SafeMemoryReader, address: int, name: bytes, version: int) -> bool:
-    """Whether a type of that name lies there; `version` stands first in the table of its functions."""
+    """Return True if a sertype of that name is stored at the address; its vtable begins with `version`."""
     if address % WORD or address < _PAGE:
         return False
     head = peek.words(address, 8 * WORD)
@@ -114,37 +123,37 @@ def is_type(peek: SafeMemoryReader, address: int, name: bytes, version: int) -> 
 
 
 def probe_sertype(entity: int, name: bytes, version: int) -> int | None:
-    """The address of the type of that name, which stands somewhere in an entity."""
+    """Return the address of the sertype of that name, to which an entity has a pointer; None if not found."""
     with SafeMemoryReader() as peek:
         words = peek.words(entity, _ENTITY_BYTES)
         return next((word for word in words if is_type(peek, word, name, version)), None)
 
 
 def find_type_of_domain(neighbour: int, name: bytes, version: int) -> int | None:
-    """The same, of a type that the domain of another type has for itself."""
+    """Return the address of a builtin sertype in the domain of the sertype `neighbour`; None if not found."""
     with SafeMemoryReader() as peek:
         words = peek.words(peek.word(neighbour + _TYPE_DOMAIN), _DOMAIN_BYTES)
         return next((word for word in words if is_type(peek, word, name, version)), None)
 
 
 def vtable_address(type_object: int, which: int) -> int:
-    """The address of a table of functions."""
+    """Return the address of a vtable; `which` is TYPE_FUNCTIONS or SAMPLE_FUNCTIONS."""
     return ct.c_void_p.from_address(type_object + which).value or 0
 
 
-def copy_vtable(type_object: int, which: int) -> Table:
-    """A copy of it. Some are shorter; what follows them does no harm."""
+def copy_vtable(type_object: int, which: int) -> Vtable:
+    """Return a copy of a vtable."""
     with SafeMemoryReader() as peek:
-        return (ct.c_void_p * _TABLE_WORDS)(*peek.words(vtable_address(type_object, which), WORD * _TABLE_WORDS))
+        return (ct.c_void_p * _VTABLE_WORDS)(*peek.words(vtable_address(type_object, which), WORD * _VTABLE_WORDS))
 
 
-def set_vtable(type_object: int, which: int, table: Table) -> None:
-    """Let the type have another table. Whoever calls keeps it for ever."""
+def set_vtable(type_object: int, which: int, table: Vtable) -> None:
+    """Replace a vtable. The caller must keep the new one alive until the process ends."""
     ct.c_void_p.from_address(type_object + which).value = ct.addressof(table)
 
 
 def replace_vtable_function(type_object: int, which: int, slot: int, function: int | None) -> None:
-    """Let the type have a copy of its table with another function in that slot; types that shared a table share it."""
+    """Replace a vtable by an immortal copy with another function in a slot; sertypes that shared it share the copy."""
     key = vtable_address(type_object, which), slot, function
     table = _immortal_vtables.setdefault(key, copy_vtable(type_object, which))
     table[slot] = function
@@ -155,7 +164,7 @@ def replace_vtable_function(type_object: int, which: int, slot: int, function: i
 
 
 class VtableSlots(NamedTuple):
-    """Places of functions in the tables."""
+    """Slots of functions in the vtables."""
 
     from_ser: int
     to_ser_ref: int
@@ -163,75 +172,78 @@ class VtableSlots(NamedTuple):
 
 
 def probe_vtable_slots(api: CycloneApi) -> VtableSlots | None:
-    """Ask the exported functions which function of a table each of them calls."""
+    """Find the slots of functions in the vtables; None if not found.
+
+    Calls exported functions with a fake object, whose vtables record which slot was called.
+    """
     called: list[tuple[int, int]] = []
-    noting = [
-        [_AnyFunction(lambda *_, at=(table, slot): called.append(at)) for slot in range(_SLOTS)] for table in range(2)
+    recorders = [
+        [_AnyFunction(lambda *_, at=(table, slot): called.append(at)) for slot in range(_PROBED_SLOTS)]
+        for table in range(2)
     ]
-    tables = [(ct.c_void_p * _SLOTS)(*(ct.cast(one, ct.c_void_p) for one in row)) for row in noting]
-    either, blank = (ct.c_void_p * 64)(*map(ct.addressof, tables)), (ct.c_uint32 * 64)()
-    places = []
+    tables = [(ct.c_void_p * _PROBED_SLOTS)(*(ct.cast(one, ct.c_void_p) for one in row)) for row in recorders]
+    fake, blank = (ct.c_void_p * 64)(*map(ct.addressof, tables)), (ct.c_uint32 * 64)()
+    slots = []
     for name, second, table in (
         ("ddsi_serdata_from_ser", SAMPLE_WITH_DATA, 1),
         ("ddsi_serdata_to_ser_ref", 0, 0),
         ("ddsi_sertype_derive_sertype", 0, 0),
     ):
         called.clear()
-        _AnyFunction((name, api.library))(ct.addressof(either), second, ct.addressof(blank), ct.addressof(blank))
+        _AnyFunction((name, api.library))(ct.addressof(fake), second, ct.addressof(blank), ct.addressof(blank))
         if len(called) != 1 or called[0][0] != table:
             return None
-        places.append(called[0][1])
-    return VtableSlots(*places)
+        slots.append(called[0][1])
+    return VtableSlots(*slots)
 
 
 def new_sample(api: CycloneApi, type_object: int, data: bytes) -> int:
-    """A sample with these bytes; 0 when they are none."""
+    """Create a sample; return 0 if the bytes are not a serialized message."""
     iov = pack_iov(address_of(data), len(data))
     return api.serdata_from_ser_iov(type_object, SAMPLE_WITH_DATA, 1, iov, len(data)) or 0
 
 
 def probe_payload_offset(api: CycloneApi, type_object: int) -> int | None:
-    """How far behind the beginning of a sample its bytes lie; None when that is not the same for all samples.
+    """Find the offset of the payload in samples; None if it is not constant.
 
-    Asks functions that `replaced` ones stand behind: to be called before these are.
+    Calls functions of the sample, so it must be called before they are replaced.
     """
-    found = set()
-    for data in (_CONTENT, _CONTENT * 40):
+    offsets = set()
+    for data in (_PROBE_SAMPLE, _PROBE_SAMPLE * 40):
         sample, iov = new_sample(api, type_object, data), Iov()
         if not sample:
             return None
         api.serdata_to_ser_ref(sample, 0, len(data), ct.byref(iov))
         if iov.base and bytes_at(iov.base, len(data)) == data and api.serdata_size(sample) == len(data):
-            found.add(iov.base - sample)
+            offsets.add(iov.base - sample)
         else:
-            found.add(-1)
+            offsets.add(-1)
         api.serdata_to_ser_unref(sample, ct.byref(iov))
         api.serdata_unref(sample)
-    distance = found.pop()
-    return distance if not found and 0 < distance < _PAGE else None
+    offset = offsets.pop()
+    return offset if not offsets and 0 < offset < _PAGE else None
 
 
-def probe_size_offset(api: CycloneApi, type_object: int, content: int) -> int | None:
-    """Where a sample says how many bytes follow its first four; None when it is not found, or samples do not have the
-    functions of their type.
+def probe_size_offset(api: CycloneApi, type_object: int, payload_offset: int) -> int | None:
+    """Find the offset of the size field in samples, which contains the payload size minus 4.
 
-    Args:
-        content: how far behind its beginning its bytes lie.
+    Searches a small and a large sample for the one word that equals the size in both. Returns None if there is not
+    exactly one, or if samples do not have the vtable of their type.
     """
-    places = []
-    for data in (_CONTENT, _CONTENT * 40):
+    candidates = []
+    for data in (_PROBE_SAMPLE, _PROBE_SAMPLE * 40):
         sample = new_sample(api, type_object, data)
         is_known = vtable_address(sample, 0) == vtable_address(type_object, SAMPLE_FUNCTIONS)
-        head = struct.unpack(f"={content // 4}I", bytes_at(sample, content // 4 * 4))
-        places.append({4 * at for at, number in enumerate(head) if is_known and number == len(data) - 4})
+        head = struct.unpack(f"={payload_offset // 4}I", bytes_at(sample, payload_offset // 4 * 4))
+        candidates.append({4 * at for at, number in enumerate(head) if is_known and number == len(data) - 4})
         api.serdata_unref(sample)
-    found = places[0] & places[1]
-    return found.pop() if len(found) == 1 else None
+    offsets = candidates[0] & candidates[1]
+    return offsets.pop() if len(offsets) == 1 else None
 
 
-def hide_sample_tail(api: CycloneApi, sample: int, place: int, count: int) -> bool:
-    """Let a sample of ours end so many bytes earlier; False when Cyclone does not say that it does."""
-    size, number = api.serdata_size(sample), ct.c_uint32.from_address(sample + place)
+def hide_sample_tail(api: CycloneApi, sample: int, size_offset: int, count: int) -> bool:
+    """Reduce the size field of a sample by `count` bytes; return False, unchanged, if Cyclone reports another size."""
+    size, number = api.serdata_size(sample), ct.c_uint32.from_address(sample + size_offset)
     if number.value + 4 != size:
         return False
     number.value -= count
@@ -242,60 +254,67 @@ def hide_sample_tail(api: CycloneApi, sample: int, place: int, count: int) -> bo
 
 
 def payload_array(address: int, size: int) -> ct.Array[ct.c_ubyte]:
-    """The bytes of a sample as an array; whoever has it keeps the sample."""
+    """Return a payload as an array. The caller must keep the sample alive."""
     return (ct.c_ubyte * size).from_address(address)
 
 
-def write_iovec(place: int, address: int, size: int) -> None:
-    """Say there that the bytes lie elsewhere."""
-    ct.memmove(place, pack_iov(address, size), 2 * WORD)
+def write_iovec(iov: int, address: int, size: int) -> None:
+    """Set address and size in an iovec."""
+    ct.memmove(iov, pack_iov(address, size), 2 * WORD)
 
 
 # ------------------------------------------------------------------------------------------------------------- readers
 
 
 class ReaderOffsets(NamedTuple):
-    """Where the entity of a reader has the address of the reader of the layer below, and that one its flags."""
+    """Offset of the DDSI reader's address in a reader entity, and of the flags in the DDSI reader."""
 
     entity: int
     flags: int
 
 
 def probe_reader_offsets(entity: int, guid: bytes) -> ReaderOffsets | None:
-    """Look at a reader that is reliable and transient local, as builtin ones are."""
+    """Find the offsets by a reader that is reliable and transient local, as builtin readers are; None if not found.
+
+    The pointer leads to the reader kind and the GUID. The word before the pointer is repeated in the DDSI reader, two
+    words before the flags.
+    """
     with SafeMemoryReader() as peek:
         words = peek.words(entity, _ENTITY_BYTES)
-        for place, (history, address) in enumerate(pairwise(words), 1):
+        for pointer, (previous, address) in enumerate(pairwise(words), 1):
             if address < _PAGE or peek(address, 20) != _head_of_reader(guid):
                 continue
-            inside = peek.words(address, _READER_BYTES)
-            for at, (word, flags) in enumerate(zip(inside, inside[2:], strict=False), 2):
-                if word == history and flags & 3 == _RELIABLE | _WANTS_ALL:
-                    return ReaderOffsets(WORD * place, WORD * at)
+            reader = peek.words(address, _READER_BYTES)
+            for index, (word, flags) in enumerate(zip(reader, reader[2:], strict=False), 2):
+                if word == previous and flags & 3 == _RELIABLE_FLAG | _REQUESTS_HISTORY_FLAG:
+                    return ReaderOffsets(WORD * pointer, WORD * index)
     return None
 
 
-def set_requests_history(entity: int, place: ReaderOffsets, guid: bytes, is_reliable: bool | None) -> str | None:
-    """Let a reader want all that writers have, if it is reliable; what is not as known, when something is not.
+def set_requests_history(entity: int, offsets: ReaderOffsets, guid: bytes, is_reliable: bool | None) -> str | None:
+    """Set the flag that makes a reliable reader request the history of writers.
 
     Args:
-        is_reliable: what it was made to be, if that is known.
+        is_reliable: reliability of the reader; None if unknown.
+
+    Returns:
+        Description of the first unexpected value; None on success.
     """
     with SafeMemoryReader() as peek:
-        reader = peek.word(entity + place.entity)
-        found = peek(reader, place.flags + 1)
-    if found[:20] != _head_of_reader(guid) or len(found) <= place.flags:
-        return f"a reader, {found[:20].hex()}"
-    reliable = found[-1] & _RELIABLE
-    if is_reliable not in (None, bool(reliable)):
-        return f"the flags of a reader, {found[-1]:#x}"
-    if reliable:
-        ct.c_ubyte.from_address(reader + place.flags).value |= _WANTS_ALL
+        reader = peek.word(entity + offsets.entity)
+        data = peek(reader, offsets.flags + 1)
+    if data[:20] != _head_of_reader(guid) or len(data) <= offsets.flags:
+        return f"a reader, {data[:20].hex()}"
+    has_reliable_flag = bool(data[-1] & _RELIABLE_FLAG)
+    if is_reliable not in (None, has_reliable_flag):
+        return f"the flags of a reader, {data[-1]:#x}"
+    if has_reliable_flag:
+        ct.c_ubyte.from_address(reader + offsets.flags).value |= _REQUESTS_HISTORY_FLAG
     return None
 
 
 def _head_of_reader(guid: bytes) -> bytes:
-    """Its kind and its GUID, which is kept as four numbers in the byte order of this machine (little-endian)."""
+    # The GUID is stored as four numbers in the byte order of the machine (little-endian).
     return _READER_KIND + b"".join(guid[at : at + 4][::-1] for at in range(0, 16, 4))
 
 
@@ -303,78 +322,86 @@ def _head_of_reader(guid: bytes) -> bytes:
 
 
 class PacketAccess:
-    """Those that were received, and those being made; the first of each is looked at through the pipe."""
+    """Access to received packets and to packets that are being built; the first of each is read through the pipe."""
 
     def __init__(self) -> None:
-        self._data: int | None = None
-        """How far behind the iov a packet being made has the address of its data."""
+        self._pointer_offset: int | None = None
+        """Distance from the iov to the address of the data of a packet that is being built."""
         self._has_received = False
 
     def read_received(self, fragment: int) -> tuple[bytes, bytes]:
-        """What stands before a message: all of the packet up to there, and the last submessage of it.
+        """Return the part of a packet before the payload of a fragment, and its last submessage.
 
         Raises:
-            ValueError: it is not as known.
+            ValueError: the memory does not contain a packet.
         """
-        with _direct if self._has_received else SafeMemoryReader() as read:
-            found = read(fragment, _fragment.size).ljust(_fragment.size, b"\0")
-            packet, begin, payload = _fragment.unpack(found)
-            before = read(packet + _PACKET, payload)
-        if before[:4] != b"RTPS":
-            raise ValueError(f"no packet: {before[:20].hex()}")
+        with _direct_reader if self._has_received else SafeMemoryReader() as read:
+            data = read(fragment, _received_fragment.size).ljust(_received_fragment.size, b"\0")
+            packet, begin, payload = _received_fragment.unpack(data)
+            head = read(packet + _RECEIVED_HEAD_BYTES, payload)
+        if head[:4] != b"RTPS":
+            raise ValueError(f"no packet: {head[:20].hex()}")
         self._has_received = True
-        return before, before[begin:]
+        return head, head[begin:]
 
     def set_inline_qos_flag(self, iov: int, writer_id: bytes) -> bool:
-        """Set the flag in the packet that `iov` belongs to; False when no packet is being made.
+        """Set the flag in the packet that `iov` belongs to; return False if no packet is being built.
+
+        The address of the packet's data is stored at an unknown distance from the iov. The first time, all words there
+        are tested as pointers; if exactly one leads to a packet of the writer, its distance is cached. Later packets
+        are compared byte by byte before the flag is set.
 
         Raises:
-            ValueError: it does not look like a packet of that writer.
+            ValueError: the memory does not contain a packet of that writer.
         """
-        place = self._data  # which another thread may set meanwhile
-        with _direct if place is not None else SafeMemoryReader() as read:
-            out = read(iov - _out.size, _out.size).ljust(_out.size, b"\0")
-            room, size, has_parameters, message = _out.unpack(out)
-            if message or not rtps.DATA_FRAG_BYTES <= size <= room:
-                return False  # no packet is being made: the sample is copied for somebody
+        offset = self._pointer_offset  # another thread may set it
+        with _direct_reader if offset is not None else SafeMemoryReader() as read:
+            head = read(iov - _packet_head.size, _packet_head.size).ljust(_packet_head.size, b"\0")
+            capacity, size, has_parameters, message = _packet_head.unpack(head)
+            if message or not rtps.DATA_FRAG_BYTES <= size <= capacity:
+                return False  # no packet: the sample is copied
             if has_parameters:
-                return False  # Cyclone has put some in, for a reader that wants hashes of keys
+                return False  # Cyclone has added some for a reader that requests key hashes
             if isinstance(read, SafeMemoryReader):
-                places = find_packet_pointers(read, iov, _OUT_HEAD + size, writer_id)
-                place = places[-1] if places else None
-                if len(places) == 1:  # of several the next packet tells
-                    self._data = place
-        if place is not None:
-            address = ct.c_void_p.from_address(iov + place).value or 0
-            data = bytes_at(address, _OUT_HEAD + size) if address else b""
-            flags = _flags_of_packet(data, writer_id)
+                offsets = find_packet_pointers(read, iov, _PACKET_DATA_HEAD_BYTES + size, writer_id)
+                offset = offsets[-1] if offsets else None
+                if len(offsets) == 1:  # otherwise the next packet decides
+                    self._pointer_offset = offset
+        if offset is not None:
+            address = ct.c_void_p.from_address(iov + offset).value or 0
+            data = bytes_at(address, _PACKET_DATA_HEAD_BYTES + size) if address else b""
+            flags = _find_flags(data, writer_id)
             if flags:
                 ct.c_ubyte.from_address(address + flags).value |= rtps.INLINE_QOS_FLAG
                 return True
-        raise ValueError(out.hex())
+        raise ValueError(head.hex())
 
 
 def find_packet_pointers(peek: SafeMemoryReader, iov: int, size: int, writer_id: bytes) -> list[int]:
-    """How far behind the iov addresses of packets of that writer stand; that of the newest comes last.
+    """Return the distances from the iov to addresses of packets of that writer, that of the newest packet last.
 
-    The one being made has its address in one place. Others are what is left of earlier use of that memory, which may be
-    the same address.
+    The address of the packet that is being built is stored once. Others remain from earlier use of the memory; they may
+    be equal. Addresses of earlier packets are recognized by a lower sequence number.
     """
-    found = []
-    for place in range(_FIRST_OUT, _LAST_OUT, WORD):
-        address = peek.word(iov + place)
+    candidates = []
+    for offset in _POINTER_OFFSETS:
+        address = peek.word(iov + offset)
         data = peek(address, size) if address >= _PAGE else b""
-        flags = _flags_of_packet(data, writer_id)
+        flags = _find_flags(data, writer_id)
         if flags:
-            found.append((_number(data, flags + 15), place))
-    return [place for _, place in sorted(found)]
+            candidates.append((_sequence_number(data, flags + _SEQUENCE_NUMBER_OFFSET), offset))
+    return [offset for _, offset in sorted(candidates)]
 
 
-def _flags_of_packet(data: bytes, writer_id: bytes) -> int:
-    """Where the flags of its last submessage are; 0 when it is no packet of that writer."""
-    if len(data) >= _OUT_HEAD + rtps.DATA_BYTES and data[0] == rtps.INFO_SRC and data[24] == rtps.INFO_DST:
+def _find_flags(data: bytes, writer_id: bytes) -> int:
+    """Return the offset of the flags of the last submessage; 0 if the data is not a packet of that writer."""
+    if (
+        len(data) >= _PACKET_DATA_HEAD_BYTES + rtps.DATA_BYTES
+        and data[0] == rtps.INFO_SRC
+        and data[24] == rtps.INFO_DST
+    ):
         for kind, length in ((rtps.DATA, rtps.DATA_BYTES), (rtps.DATA_FRAG, rtps.DATA_FRAG_BYTES)):
-            part = data[-length:]
-            if part[0] == kind and part[12:16] == writer_id:
+            submessage = data[-length:]
+            if submessage[0] == kind and submessage[12:16] == writer_id:
                 return len(data) - length + 1
     return 0

@@ -1,7 +1,6 @@
-"""ROS QoS profiles as Cyclone QoS objects, and back.
+"""Conversion of ROS QoS profiles to Cyclone QoS objects (docs/internals/protocol.md 7.3) and back (6.4).
 
-Decides what DDS gets (docs/internals/protocol.md 7.3) and what discovery shows (docs/internals/protocol.md 6.4).
-Everything else keeps the DDS default.
+All other policies have the default of DDS.
 """
 
 from __future__ import annotations
@@ -24,21 +23,20 @@ _HISTORY = {History.KEEP_LAST: 0, History.KEEP_ALL: 1}
 _DURABILITY = {Durability.VOLATILE: 0, Durability.TRANSIENT_LOCAL: 1}
 _RELIABILITY = {Reliability.BEST_EFFORT: 0, Reliability.RELIABLE: 1}
 _LIVELINESS = {Liveliness.AUTOMATIC: 0, Liveliness.MANUAL_BY_TOPIC: 2}
-"""What stands for a policy in DDS."""
+"""Numbers of DDS for the members of each policy."""
 _UNLIMITED = -1
 _XCDR1 = (ct.c_int16 * 1)(0)
 
 _MAX_BLOCKING_NS = 0
-"""A write that would block returns at once instead: `entities/publisher.py` waits elsewhere, the event loop never
-does.
+"""Maximum blocking time of a write. 0, because the event loop must not block; `entities/publisher.py` waits instead.
 
-rmw_cyclonedds says infinite here; the value takes no part in matching (docs/internals/protocol.md 7.3).
+rmw_cyclonedds has infinity; the value does not influence matching (docs/internals/protocol.md 7.3).
 """
 
 
 @contextmanager
 def new_qos(api: CycloneApi, user_data: bytes) -> Iterator[int]:
-    """QoS with that USER_DATA, all else as DDS has it: that of a participant."""
+    """Yield default QoS with that USER_DATA."""
     qos = api.create_qos()
     try:
         if user_data:
@@ -49,11 +47,11 @@ def new_qos(api: CycloneApi, user_data: bytes) -> Iterator[int]:
 
 
 @contextmanager
-def endpoint_qos(api: CycloneApi, end: DdsEndpoint, *, is_writer: bool) -> Iterator[int]:
-    """QoS of a writer or reader, whose profile went through `qos.effective`."""
-    profile, history = end.qos, _HISTORY[end.qos.history]
-    depth = profile.depth or 1  # of all that is kept
-    user_data = endpoint_user_data(end.type_hash, client_id=end.client_id, service_id=end.service_id)
+def endpoint_qos(api: CycloneApi, endpoint: DdsEndpoint, *, is_writer: bool) -> Iterator[int]:
+    """Yield the QoS of a writer or reader, whose profile is a result of `qos.effective`."""
+    profile, history = endpoint.qos, _HISTORY[endpoint.qos.history]
+    depth = profile.depth or 1  # 0 with KEEP_ALL, where DDS ignores it
+    user_data = endpoint_user_data(endpoint.type_hash, client_id=endpoint.client_id, service_id=endpoint.service_id)
     with new_qos(api, user_data) as qos:
         api.qset_history(qos, history, depth)
         api.qset_reliability(qos, _RELIABILITY[profile.reliability], _MAX_BLOCKING_NS)
@@ -70,27 +68,27 @@ def endpoint_qos(api: CycloneApi, end: DdsEndpoint, *, is_writer: bool) -> Itera
                 api.qset_lifespan(qos, profile.lifespan_ns)
         if api.qset_psmx_instances is not None:
             api.qset_psmx_instances(qos, 0, None)
-        if end.ignore_local:
+        if endpoint.ignore_local:
             api.qset_ignorelocal(qos, 1)
         yield qos
 
 
 def read_user_data(api: CycloneApi, qos: int) -> bytes:
-    """USER_DATA of a discovered entity."""
+    """Return the USER_DATA of a discovered entity."""
     pointer, size = ct.c_void_p(), ct.c_size_t()
-    is_there = api.qget_userdata(qos, ct.byref(pointer), ct.byref(size))
-    return _taken(api, pointer, size.value) if is_there else b""
+    exists = api.qget_userdata(qos, ct.byref(pointer), ct.byref(size))
+    return _take_copy(api, pointer, size.value) if exists else b""
 
 
 def read_property(api: CycloneApi, qos: int, name: bytes) -> str:
-    """A property of a discovered participant; empty when it has none of that name."""
+    """Return a property of a discovered participant; empty if it does not exist."""
     pointer = ct.c_void_p()
-    is_there = api.qget_prop(qos, name, ct.byref(pointer))
-    return _taken(api, pointer, -1).decode(errors="replace") if is_there else ""
+    exists = api.qget_prop(qos, name, ct.byref(pointer))
+    return _take_copy(api, pointer, -1).decode(errors="replace") if exists else ""
 
 
-def _taken(api: CycloneApi, pointer: ct.c_void_p, size: int) -> bytes:
-    """The bytes of a copy that the library made for us, which is freed; -1 means that they end with a NUL."""
+def _take_copy(api: CycloneApi, pointer: ct.c_void_p, size: int) -> bytes:
+    """Return and free bytes that the library has allocated; with a size of -1 they end with a NUL."""
     try:
         return ct.string_at(pointer, size) if pointer else b""
     finally:
@@ -98,11 +96,11 @@ def _taken(api: CycloneApi, pointer: ct.c_void_p, size: int) -> bytes:
 
 
 def read_profile(api: CycloneApi, qos: int, *, is_writer: bool) -> QoSProfile:
-    """The profile of a discovered endpoint; a policy it does not carry has its DDS default."""
+    """Return the profile of a discovered endpoint; a missing policy has the default of DDS."""
     kind, depth, lease, period = ct.c_int(), ct.c_int32(), ct.c_int64(INFINITE_NS), ct.c_int64()
 
     def number_of(policy: str, *others: object) -> int:
-        kind.value = 0  # the default of DDS, for each
+        kind.value = 0  # the default of DDS for each policy
         getattr(api, f"qget_{policy}")(qos, ct.byref(kind), *others)
         return kind.value
 
@@ -124,5 +122,5 @@ def read_profile(api: CycloneApi, qos: int, *, is_writer: bool) -> QoSProfile:
     )
 
 
-def _policy(numbers: Mapping[_Policy, int], number: int, other: _Policy) -> _Policy:
-    return next((policy for policy, own in numbers.items() if own == number), other)
+def _policy(numbers: Mapping[_Policy, int], number: int, default: _Policy) -> _Policy:
+    return next((policy for policy, policy_number in numbers.items() if policy_number == number), default)

@@ -1,5 +1,4 @@
-"""What peers on Fast DDS need of Cyclone that it does not do by itself: identities of requests and replies, and samples
-that were sent before it was connected.
+"""Interoperation with Fast DDS peers beyond Cyclone: sample identities, and samples sent before Cyclone has matched.
 
 May import: what transport may.
 """

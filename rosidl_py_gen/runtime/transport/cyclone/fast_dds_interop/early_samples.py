@@ -1,19 +1,19 @@
-"""Makes readers ask writers on Fast DDS for what those sent before Cyclone had heard a heartbeat of them.
+"""Readers that request the samples which a Fast DDS writer sent before Cyclone had received a heartbeat of the writer.
 
-A writer on Fast DDS connects with our reader, says in a heartbeat that nothing was written yet, and writes. Cyclone
-knows the writer a moment later: a millisecond as a rule, up to a second in a new network. Heartbeat and samples that
-came earlier are gone, and the next heartbeat comes up to 3 s after the first. Cyclone takes what that one tells of for
-history that a volatile reader does not want, so that a request, or a half-received message of many fragments, is never
-asked for. (Writers on Cyclone say nothing of the kind before their first heartbeat was answered.)
+A Fast DDS writer matches our reader, sends a heartbeat that nothing was written yet, and writes. Cyclone discovers the
+writer later: usually by a millisecond, in a new network up to a second. The heartbeat and the samples before that are
+lost, and the next heartbeat comes up to 3 s after the first. Cyclone takes what it announces for history, which a
+volatile reader does not need, and never requests it: neither a request nor the missing fragments of a large message.
+(Writers of Cyclone announce nothing before their first heartbeat was answered.)
 
-When it connects a reader with a writer, Cyclone looks at a flag that says whether the reader is transient local, which
-means: ask for all that the writer has. Nothing else looks at that flag, and here all reliable readers get it. History
-does not arrive for that: a writer keeps nothing for volatile readers, and says so when asked.
+When Cyclone matches a reader with a writer, it reads the flag "transient local" of the reader to decide whether to
+request all samples that the writer has. The flag has no other use after creation, so it is set for all reliable
+readers. No real history arrives, because a writer retains none for volatile readers, and says so.
 
-With the flag nothing has to be done in time. A forged heartbeat to ourselves, sent when discovery has told of a writer,
-was tried: it helps only behind the connection and before the writer's own. For writers that are known when a reader is
-created the flag has to be set during the creation: when Cyclone tells a listener that it is about to connect the first
-one, in the creating thread.
+With the flag no action depends on timing. (Tried: a forged heartbeat to ourselves after the discovery of a writer. It
+helps only between the match and the writer's own heartbeat.) Writers that are known already are matched while the
+reader is created. For these the flag is set by a listener that Cyclone calls before the first match, in the creating
+thread.
 """
 
 from __future__ import annotations
@@ -32,10 +32,13 @@ if TYPE_CHECKING:
 
 
 class EarlySampleReaders:
-    """Creates readers that want what was sent early, where those of Cyclone look as known; others as they are."""
+    """Creates readers that request early samples; plain readers if the layout of readers is unknown.
+
+    Args:
+        listener: listener of the created readers.
+    """
 
     def __init__(self, api: c_api.CycloneApi, fast_dds: FastDdsInterop, listener: int) -> None:
-        """`listener` is what the readers have in the end."""
         self._api = api
         self._fast_dds = fast_dds
         self._listener = listener
@@ -47,16 +50,17 @@ class EarlySampleReaders:
         api.lset_subscription_matched_arg(self._during_creation, ct.cast(self._on_matched, ct.c_void_p), None, True)
 
     def probe_layout(self, builtin_reader: int) -> None:
-        """Find out how readers look: from one of a builtin topic, of which no peer is told."""
+        """Find the layout of readers by that of a builtin topic, which is not announced to peers."""
         fast_dds = self._fast_dds
-        if fast_dds.reader_place is None and not fast_dds.early_refusal:
+        if fast_dds.reader_offsets is None and not fast_dds.early_refusal:
             with self._api.locked_entity(builtin_reader) as address:
-                fast_dds.reader_place = private_layout.probe_reader_offsets(address, self._api.guid_of(builtin_reader))
-            if fast_dds.reader_place is None:
-                fast_dds.early_refusal = "readers do not look as known in this library"
+                guid = self._api.guid_of(builtin_reader)
+                fast_dds.reader_offsets = private_layout.probe_reader_offsets(address, guid)
+            if fast_dds.reader_offsets is None:
+                fast_dds.early_refusal = "the layout of readers is unknown in this library"
 
     def create_reader(self, create: Callable[[int], int], *, is_reliable: bool) -> int:
-        """The handle of a reader; `create` gets the listener to create it with."""
+        """Return the handle of a new reader, which `create` creates with the listener that it gets."""
         if self._fast_dds.early_refusal:
             return create(self._listener)
         entity: int = c_api.call_with_sigint_deferred(create, self._during_creation)
@@ -65,18 +69,18 @@ class EarlySampleReaders:
         return entity
 
     def _on_subscription_matched(self, entity: int, *_: object) -> None:
-        """Called by Cyclone, with what it tells listeners."""
+        """Called by Cyclone; must not raise, block or log."""
         self._request_history(entity, None)
 
     def _request_history(self, entity: int, is_reliable: bool | None) -> None:
-        """Set the flag, unless the reader is gone."""
-        place, wrong = self._fast_dds.reader_place, None
-        if place is not None:
-            with suppress(TransportError), self._api.locked_entity(entity) as address:
-                wrong = private_layout.set_requests_history(address, place, self._api.guid_of(entity), is_reliable)
-        if wrong is not None:
-            self._fast_dds.early_refusal = f"Cyclone DDS does not behave as known: {wrong}"
+        offsets, unexpected = self._fast_dds.reader_offsets, None
+        if offsets is not None:
+            with suppress(TransportError), self._api.locked_entity(entity) as address:  # the reader may be deleted
+                guid = self._api.guid_of(entity)
+                unexpected = private_layout.set_requests_history(address, offsets, guid, is_reliable)
+        if unexpected is not None:
+            self._fast_dds.early_refusal = f"unexpected data in Cyclone DDS: {unexpected}"
 
     def close(self) -> None:
-        """When the readers are deleted."""
+        """Delete the listener. Called after the readers were deleted."""
         self._api.delete_listener(self._during_creation)

@@ -1,6 +1,6 @@
-"""Bytes of RTPS, the protocol below DDS: what Fast DDS says of requests and replies beside the message.
+"""Sample identities in RTPS packets, as Fast DDS sends them in the inline QoS of requests and replies.
 
-Knows packets, not how Cyclone keeps them; that is `services.py`. What comes in here comes from the network.
+`private_layout.py` knows how Cyclone stores packets. The bytes come from the network: any content is possible.
 
 Source: docs/internals/protocol.md 5.3, docs/internals/dds.md 2; OMG DDSI-RTPS 2.3, 9.4 and 9.6.
 """
@@ -15,80 +15,87 @@ from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR, IDE
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.dds.correlation import SampleIdentity
 
-DATA, DATA_FRAG, INFO_SRC, INFO_DST = 0x15, 0x16, 0x0C, 0x0E
-DATA_BYTES, DATA_FRAG_BYTES = 24, 36
+DATA = 0x15
+"""Kind of a submessage, like the following three."""
+DATA_FRAG = 0x16
+INFO_SRC = 0x0C
+INFO_DST = 0x0E
+DATA_BYTES = 24
+DATA_FRAG_BYTES = 36
 INLINE_QOS_FLAG = 2
-PARAMETERS_BYTES = 2 * (4 + IDENTITY_BYTES) + 4
-"""Length of what `encode_inline_qos` makes."""
+INLINE_QOS_BYTES = 2 * (4 + IDENTITY_BYTES) + 4
+"""Length of the result of `encode_inline_qos`."""
 
 _LITTLE = 1
-_PID_END, _PID_IDENTITY, _PID_IDENTITY_EARLIER = 1, 0x0083, 0x800F
-"""Fast DDS up to 2.9 knows the last only, later ones send both."""
-_VENDORS_OF_EARLIER = (FAST_DDS_VENDOR, b"\x01\x01")
-"""Whose parameters above 0x8000 mean what they mean to Fast DDS (itself and RTI)."""
+_PID_END = 1
+_PID_IDENTITY = 0x0083
+_PID_LEGACY_IDENTITY = 0x800F
+"""Parameter of Fast DDS up to 2.9; later versions send both."""
+_LEGACY_VENDORS = (FAST_DDS_VENDOR, b"\x01\x01")
+"""Vendors whose parameters above 0x8000 have the meaning of Fast DDS (itself and RTI)."""
 _both = struct.Struct("<HH16siI HH16siI I")
 _numbers = (struct.Struct(">HH").unpack_from, struct.Struct("<HH").unpack_from)
 _sequence_numbers = (struct.Struct(">iI").unpack_from, struct.Struct("<iI").unpack_from)
 
 
 def encode_inline_qos(identity: SampleIdentity) -> bytes:
-    """Both forms of the identity, and the end of the list; little-endian as all we send."""
+    """Encode the identity as both parameters, little-endian, with the end of the list."""
     guid, sequence = identity
     high, low = sequence >> 32, sequence & 0xFFFFFFFF
     return _both.pack(
         *(_PID_IDENTITY, IDENTITY_BYTES, guid, high, low),
-        *(_PID_IDENTITY_EARLIER, IDENTITY_BYTES, guid, high, low),
+        *(_PID_LEGACY_IDENTITY, IDENTITY_BYTES, guid, high, low),
         _PID_END,
     )
 
 
-def decode_inline_qos(parameters: bytes) -> SampleIdentity:
-    """What `encode_inline_qos` made them of."""
-    _, _, guid, high, low, *_ = _both.unpack(parameters)
+def decode_inline_qos(inline_qos: bytes) -> SampleIdentity:
+    """Return the identity that `encode_inline_qos` encoded."""
+    _, _, guid, high, low, *_ = _both.unpack(inline_qos)
     return guid, high << 32 | low
 
 
 def read_submessage(packet: bytes, submessage: bytes, *, is_reply: bool) -> SampleIdentity | None:
-    """The identity of a sample: the request it is, or the request it answers.
+    """Return the sample identity of a request or reply.
 
     Args:
         packet: begins with the RTPS header of 20 bytes.
-        submessage: DATA or DATA_FRAG with its parameters, up to the payload, as Cyclone leaves it: the numbers of the
-            header in the byte order of this machine (little-endian), the id of the writer turned round with them.
+        submessage: DATA or DATA_FRAG with its inline QoS, up to the payload, as Cyclone stores it: the numbers of the
+            header and the writer id in the byte order of this machine (little-endian).
 
     Returns:
-        None when there is none: a sample of another middleware, or a reply nobody asked for that way.
+        None if there is none: a sample of another middleware, or a reply to a request without identity.
 
     Raises:
-        ValueError: these are no such bytes.
+        ValueError: the bytes are not a packet with such a submessage.
     """
     if packet[:4] != b"RTPS" or not submessage or submessage[0] not in (DATA, DATA_FRAG):
         raise ValueError(f"no RTPS data: {packet.hex()} {submessage[:DATA_BYTES].hex()}")
     if len(submessage) < DATA_BYTES:
-        return None  # of a peer that lets its payload begin inside the header
+        return None  # the payload of this peer begins inside the header
     flags, vendor = submessage[1], packet[6:8]
-    found = None
+    identity = None
     if flags & INLINE_QOS_FLAG:
         after_header = 8 + int.from_bytes(submessage[6:8], "little")
-        found = _find_identity(submessage, after_header, flags & _LITTLE, vendor in _VENDORS_OF_EARLIER)
+        identity = _find_identity(submessage, after_header, flags & _LITTLE, vendor in _LEGACY_VENDORS)
     if is_reply:
-        return found
+        return identity
     high, low = _sequence_numbers[_LITTLE](submessage, 16)
-    if found is not None and any(found[0]):
-        return found[0], high << 32 | low
+    if identity is not None and any(identity[0]):
+        return identity[0], high << 32 | low
     if vendor != FAST_DDS_VENDOR:
         return None
     return packet[8:20] + submessage[15:11:-1], high << 32 | low
 
 
-def _find_identity(submessage: bytes, offset: int, order: int, knows_earlier: bool) -> SampleIdentity | None:
+def _find_identity(submessage: bytes, offset: int, order: int, knows_legacy: bool) -> SampleIdentity | None:
     unpack = _numbers[order]
     while offset + 4 <= len(submessage):
         pid, length = unpack(submessage, offset)
         offset += 4
         if pid == _PID_END:
             break
-        is_identity = pid == _PID_IDENTITY or (pid == _PID_IDENTITY_EARLIER and knows_earlier)
+        is_identity = pid == _PID_IDENTITY or (pid == _PID_LEGACY_IDENTITY and knows_legacy)
         if is_identity and length >= IDENTITY_BYTES and offset + length <= len(submessage):
             high, low = _sequence_numbers[order](submessage, offset + 16)
             return submessage[offset : offset + 16], high << 32 | low
