@@ -82,7 +82,7 @@ def test_while_closing(ros_node):
                 judge(String())
             except AssertionError:
                 node._scope.report_failure("closing")
-    node._scope.own(Part())
+    node._scope.register(Part())
 
 def test_expected(ros_node, ros_errors):
     ros_errors.expect(AssertionError, match="wrong word")

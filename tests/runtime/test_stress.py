@@ -78,7 +78,7 @@ async def test_a_stalled_reliable_reader_stops_neither_the_loop_nor_other_tasks(
             await asyncio.sleep(0.005)  # what the test is about: does the loop come back from it?
             pause_s.append(time.monotonic() - last)
             last = time.monotonic()
-        with pytest.raises(WaitTimeoutError, match=r"was not acknowledged by all 1 in 0.1 s"):
+        with pytest.raises(WaitTimeoutError, match=r"were not acknowledged by all 1 subscription in 0.1 s"):
             await publisher.wait_for_acknowledged(timeout_s=0.1)
         # The machine may hold us up now and then; a reader that is waited for holds up every message after the first.
         assert sorted(publish_s)[-20] < 0.1 and sorted(pause_s)[-20] < 0.2

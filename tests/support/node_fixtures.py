@@ -205,9 +205,9 @@ class World:
         self.nodes: list[Node] = []
         self._numbers = itertools.count()
 
-    def context(self, *args: str, driver: LoopRunner | None = None) -> Context:
+    def context(self, *args: str, loop_runner: LoopRunner | None = None) -> Context:
         """A context of this world; `args` is a command line without program name, in words or as a whole."""
-        context = Context(transport=self.transport, args=["test", *" ".join(args).split()], loop_runner=driver)
+        context = Context(transport=self.transport, args=["test", *" ".join(args).split()], loop_runner=loop_runner)
         self.contexts.append(context)
         return context
 

@@ -69,7 +69,7 @@ def writer(node: Any, topic: str, type: str, qos: QoSProfile = DEEP, type_hash: 
 def announce(node: Any, topic: str, type: str, type_hash: str = "", *, is_writer: bool = True) -> Reader | Writer:
     """An endpoint that belongs to the node, as far as others can tell."""
     end = (writer if is_writer else reader)(node, topic, type, QoSProfile(), type_hash)
-    node._scope.own(end, **{"writer" if is_writer else "reader": end.guid})
+    node._scope.register(end, **{"writer" if is_writer else "reader": end.guid})
     return end
 
 

@@ -141,7 +141,9 @@ class ResultRequester:
         self._pending: set[_ResultRequest] = set()
         self._look_timer: asyncio.TimerHandle | None = None
         self._seen_s = 0.0
-        self.client: Client[Any, Any] = Client(scope, service_type, name, SERVICES_DEFAULT, pause_s=_BATCH_INTERVAL_S)
+        self.client: Client[Any, Any] = Client(
+            scope, service_type, name, SERVICES_DEFAULT, batch_interval_s=_BATCH_INTERVAL_S
+        )
 
     @property
     def pending_count(self) -> int:

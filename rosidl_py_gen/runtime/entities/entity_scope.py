@@ -1,9 +1,7 @@
-"""What the endpoints of one node share, without knowing the node.
+"""Resources and functions that all entities of one node share.
 
-Endpoints get a `EntityScope` and a resolved name, never the node: a node holds its endpoints, and the way back would
-make a
-cycle. Decides how to wait for the graph, how callbacks are run and how their failures are reported; and who closes
-what: a scope closes all that is made with it, and what is made of several parts has a nested one for them.
+Entities get an `EntityScope` and a resolved name, never the node: a node owns its entities, and a reference back would
+make a cycle. A scope closes everything that was created with it. A composite entity has a nested scope of its own.
 """
 
 from __future__ import annotations
@@ -26,9 +24,9 @@ from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.time.values import ClockType
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Coroutine
+    from collections.abc import Callable, Collection, Coroutine, MutableMapping
 
-    from rosidl_py_gen.runtime.entities.flow_control import RequestFlowControls
+    from rosidl_py_gen.runtime.entities.flow_control import RequestFlowControl
     from rosidl_py_gen.runtime.graph.discovery import Discovery
     from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
     from rosidl_py_gen.runtime.graph.unmatched import UnmatchedReason
@@ -41,18 +39,18 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _MATCH_POLL_INTERVAL_S = 0.05
-"""Matching inside DDS may follow the discovery event by some moments, and nothing announces that."""
+"""DDS matches endpoints some time after their discovery, and reports no event of that."""
 
 
 class Closeable(Protocol):
-    """Something a node owns."""
+    """Anything that a scope owns."""
 
     def close(self) -> None:
         """Release everything; may be called twice."""
 
 
 class Entity:
-    """An entity of a node: it closes with the node, or before; its constructor ends with `EntityScope.own`."""
+    """Entity of a node: it closes with the node or before; its constructor ends with `EntityScope.register`."""
 
     def __init__(self, scope: EntityScope) -> None:
         self._scope = scope
@@ -67,7 +65,7 @@ class Entity:
         self.close()
 
     def _begin_close(self, *guids: bytes) -> bool:
-        """What `close` begins with: True the first time; then it is not owned any more, and `guids` are withdrawn."""
+        """Unregister the entity and withdraw its endpoints; return False if it was closed before."""
         if self._closed:
             return False
         self._closed = True
@@ -76,7 +74,7 @@ class Entity:
 
 
 class CompositeEntity(Entity):
-    """What is made of parts: whatever is made with `_parts` ends with it, endpoints as well as tasks."""
+    """Entity that consists of others: everything created with the scope `_parts` closes with it, tasks as well."""
 
     def __init__(self, scope: EntityScope, *, type_hash_check: TypeCheck | None = None) -> None:
         super().__init__(scope)
@@ -84,34 +82,34 @@ class CompositeEntity(Entity):
         self._parts.type_hash_check = checked_mode(type_hash_check, scope.type_hash_check)
 
     def close(self) -> None:
-        """Close everything this is made of. From any thread; may be called twice."""
+        """Close all entities that this one consists of. From any thread; may be called twice."""
         if self._begin_close():
             self._parts.close()
 
 
-def entity_repr(owner: Entity, *parts: str, peers: Callable[[], int], peer: str) -> str:
-    """A `repr`: ``Publisher(/chatter, std_msgs/msg/String, reliable, volatile, keep last 10, 2 subscriptions)``.
+def entity_repr(entity: Entity, *details: str, peers: Callable[[], int], peer: str) -> str:
+    """Return a `repr` such as ``Publisher(/chatter, std_msgs/msg/String, reliable, keep last 10, 2 subscriptions)``.
 
-    It never fails and never waits: nothing that is closed, or was forked, is asked for its `peers`.
+    It never fails and never waits: the peers of a closed or forked entity are not counted.
     """
-    state = "closed" if owner._closed or owner._scope.closed else pluralize(peers(), peer)
-    return f"{type(owner).__name__}({', '.join((*parts, state))})"
+    state = "closed" if entity._closed or entity._scope.closed else pluralize(peers(), peer)
+    return f"{type(entity).__name__}({', '.join((*details, state))})"
 
 
-def pluralize(number: int, what: str) -> str:
-    """``1 server``, ``2 servers``."""
-    return f"{number} {what}{'' if number == 1 else 's'}"
+def pluralize(number: int, noun: str) -> str:
+    """Return a count with its noun: ``1 server``, ``2 servers``."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 class Throttle:
-    """Lets something pass at most once a second; one for each endpoint, so that one cannot silence another."""
+    """Rate limit of one message per second; each endpoint has its own, so that none can silence another."""
 
     def __init__(self, clocks: ClockFunctions) -> None:
         self._steady_ns = clocks.steady_ns
         self._next_ns = 0
 
     def allows(self) -> bool:
-        """True when the last time it said so was a second ago."""
+        """Return True if it returned True the last time at least a second ago."""
         now_ns = self._steady_ns()
         if now_ns < self._next_ns:
             return False
@@ -120,123 +118,121 @@ class Throttle:
 
 
 class EntityScope:
-    """One node's share of a context; or of that, what belongs to one `CompositeEntity`."""
+    """Lifetime and shared resources of the entities of a node, or (nested) of a `CompositeEntity`."""
 
     def __init__(
         self,
         participant: Participant,
         bridge: LoopBinding,
         discovery: Discovery,
-        request_windows: RequestFlowControls,
+        request_windows: MutableMapping[TopicKey, RequestFlowControl],
         clocks: ClockFunctions,
         number: int,
         fully_qualified_name: str,
         on_error: OnError = "log",
     ) -> None:
-        """`number` is the node's in `discovery`."""
+        """`number` is the node's in `discovery`; `request_windows` are those of all services in the context."""
         self.participant = participant
         self.bridge = bridge
         self.discovery = discovery
         self.graph = discovery.graph
+        self.request_windows = request_windows
         self.clocks = clocks
         self.number = number
         self.node_name = fully_qualified_name
         self.logger = node_logger(fully_qualified_name)
         self.failures = CallbackFailures(bridge, on_error)
-        """What becomes of exceptions in functions of the user."""
         self.closed = False
         self.owned: dict[int, Closeable] = {}
-        """Everything that has to be closed with this scope, oldest first; emptied by `close`."""
+        """Everything to close with this scope, oldest first; emptied by `close`."""
         self.with_callbacks: dict[int, object] = {}
-        """Entities with a function of the user, by `id`; those that the user closed before the node are not in it."""
+        """Entities with a user callback, by `id`, without those that the user closed before the node."""
         self.type_hash_check: TypeCheck = "error"
-        """What endpoints do about messages of another definition, where they are not told otherwise."""
-        self.request_window = request_windows.of
-        """All clients of a service in one context share its window."""
+        """Default of the entities' `type_hash_check`."""
         self._tasks: set[asyncio.Task[Any]] = set()
         self._node: EntityScope | None = None
-        """The node's, in one that is nested."""
+        """Scope of the node, if this one is nested."""
 
     def create_child(self) -> EntityScope:
-        """One that closes before the node does: what it owns, and its tasks, are its own, the rest is the node's."""
+        """Create a nested scope with its own entities and tasks, which may close before the node does."""
         child = copy.copy(self)
         child.owned, child._tasks, child._node = {}, set(), self._node or self
         return child
 
     def make_clock(self, clock_type: ClockType = ClockType.ROS_TIME) -> Clock:
-        """A clock that goes as those of everybody this node can meet."""
-        own = self.clocks
-        return Clock(clock_type, system_ns=own.system_ns, steady_ns=own.steady_ns, on_failure=self.report_failure)
+        """Create a clock that runs on the time functions of the transport."""
+        functions = self.clocks
+        return Clock(
+            clock_type,
+            system_ns=functions.system_ns,
+            steady_ns=functions.steady_ns,
+            on_failure=self.report_failure,
+        )
 
-    # ---------------------------------------------------------------------------------------------------- entities
-
-    def register(self, endpoint: Closeable, *, reader: bytes = b"", writer: bytes = b"") -> None:
-        """Announce these GUIDs, and close `endpoint` with the scope; it lives until then, or until it calls
-        `unregister`.
+    def register(self, entity: Closeable, *, reader: bytes = b"", writer: bytes = b"") -> None:
+        """Own an entity until it calls `unregister` or the scope closes it, and announce its endpoints.
 
         Raises:
-            ClosedError: the scope was closed meanwhile, by another thread; then the endpoint is closed, too.
+            ClosedError: another thread has closed the scope; the entity is closed, too.
         """
-        self.owned[id(endpoint)] = endpoint
+        self.owned[id(entity)] = entity
         if reader or writer:
             self.discovery.change_endpoints(self.number, reader=reader, writer=writer)
         if self.closed:
-            self.owned.pop(id(endpoint), None)
-            endpoint.close()
+            self.owned.pop(id(entity), None)
+            entity.close()
             self.require_open(False, "the node")
 
     def set_type_hash_check(self, mode: TypeCheck, *guids: bytes) -> None:
-        """What endpoints of ours do about others of another definition; said before they are announced."""
+        """Set the type hash check of endpoints; must be called before they are announced."""
         if mode != "error":
             self.discovery.type_hash_checks.update(dict.fromkeys(guids, mode))
 
-    def unregister(self, endpoint: object, *guids: bytes) -> None:
-        """Undo `register`; nothing is announced when the whole node is going."""
-        self.owned.pop(id(endpoint), None)
+    def unregister(self, entity: object, *guids: bytes) -> None:
+        """Undo `register`; while the whole node closes, nothing is announced."""
+        self.owned.pop(id(entity), None)
         if (self._node or self).closed:
             return
-        self.with_callbacks.pop(id(endpoint), None)
+        self.with_callbacks.pop(id(entity), None)
         if guids:
             self.discovery.change_endpoints(self.number, remove=guids)
 
-    def require_open(self, closed: bool, what: str) -> None:
-        """Raise `ClosedError` when the endpoint or the node is closed."""
+    def require_open(self, closed: bool, subject: str) -> None:
+        """Raise `ClosedError` if `closed`, or if the scope is closed."""
         if closed or self.closed:
-            named = f"node {self.node_name}" if what == "the node" else f"{what} of node {self.node_name}"
-            raise ClosedError(f"{named} is closed")
+            owner = f"node {self.node_name}" if subject == "the node" else f"{subject} of node {self.node_name}"
+            raise ClosedError(f"{owner} is closed")
 
     def close(self) -> None:
-        """Cancel all tasks but the calling one, close everything that is owned, newest first, withdraw the node.
+        """Cancel all tasks but the calling one, close all entities, newest first, and withdraw the node.
 
         May be called twice.
         """
-        # One graph message at the end of a node, not one per endpoint. What another thread is making just now closes
-        # itself, and what comes of a task that is cancelled counts as its end.
+        # The graph message is sent once, when the node is removed, not for each endpoint. An entity that another thread
+        # creates at the same time closes itself in `register`.
         self.closed = True
-        here = current_loop()
-        for task in self._tasks - {None if here is None else asyncio.current_task()}:
+        running_loop = current_loop()
+        for task in self._tasks - {None if running_loop is None else asyncio.current_task()}:
             loop = task.get_loop()
-            if loop is here:
+            if loop is running_loop:
                 task.cancel()
             else:
-                with contextlib.suppress(RuntimeError):  # it is closed
+                with contextlib.suppress(RuntimeError):  # the loop is closed
                     loop.call_soon_threadsafe(task.cancel)
-        for endpoint in reversed(list(self.owned.values())):
-            endpoint.close()
+        for entity in reversed(list(self.owned.values())):
+            entity.close()
         self.owned.clear()
         if self._node is None:
             self.discovery.remove_node(self.number)
 
     def abandon(self, reason: str) -> None:
-        """In a forked child: look closed, and touch nothing of the transport; errors give the reason."""
+        """Mark everything as closed in a forked child, without a call into the transport; errors contain the reason."""
         self.closed = True
         self.node_name += f" ({reason})"
-        for part in self.owned.values():
-            if isinstance(part, CompositeEntity):
-                part._parts.abandon(reason)
+        for entity in self.owned.values():
+            if isinstance(entity, CompositeEntity):
+                entity._parts.abandon(reason)
         self.owned.clear()
-
-    # ----------------------------------------------------------------------------------------------------- waiting
 
     async def wait_until(
         self,
@@ -246,13 +242,14 @@ class EntityScope:
         *,
         poll_s: float = _MATCH_POLL_INTERVAL_S,
     ) -> bool:
-        """Wait until `condition` holds; checked at every change of the graph and every `poll_s` seconds.
+        """Wait until `condition` holds; it is checked at every change of the graph and every `poll_s` seconds.
 
         Returns:
-            False when the time passed.
+            False if the time has passed.
 
         Raises:
-            ClosedError: whoever waits is closed, or was meanwhile. TypeError, ValueError: see `Deadline`.
+            ClosedError: the waiting entity or its node is closed, also while waiting.
+            TypeError, ValueError: see `Deadline`.
         """
         deadline = Deadline(timeout_s)
         self.require_open(is_closed(), "what was waited for")
@@ -277,26 +274,22 @@ class EntityScope:
         why: Callable[[], str] = lambda: "",
         poll_s: float = _MATCH_POLL_INTERVAL_S,
     ) -> Literal[True]:
-        """Wait for a user until `condition` holds: `missing` returns what did not come in time, `why` the reason.
-
-        Returns:
-            True, so that what was written for an answer of true or false reads the same.
+        """Wait until `condition` holds; return True, so that callers may test the result.
 
         Raises:
-            WaitTimeoutError: the time passed. Others as `wait_until`.
+            WaitTimeoutError: the time has passed; the text consists of `missing` and the reason `why`.
+            Exception: like `wait_until`.
         """
         if not await self.wait_until(condition, timeout_s, is_closed, poll_s=poll_s):
             raise WaitTimeoutError(f"{missing()} in {timeout_s:g} s", why())
         return True
 
     def why_unmatched(
-        self, own: bytes, channel: TopicKey, *, is_writer: bool, matched: Collection[bytes] = (), ending: str = ""
+        self, guid: bytes, channel: TopicKey, *, is_writer: bool, matched: Collection[bytes] = (), ending: str = ""
     ) -> UnmatchedReason:
         """Return why an endpoint has no other peers than `matched`; see `UnmatchedReasons.why`."""
         self.discovery.refresh()
-        return self.discovery.unmatched.why(own, channel, is_writer=is_writer, matched=matched, ending=ending)
-
-    # --------------------------------------------------------------------------------------------------- callbacks
+        return self.discovery.unmatched.why(guid, channel, is_writer=is_writer, matched=matched, ending=ending)
 
     def create_task(self, coroutine: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
         """Run a coroutine as a task that is kept alive, and cancelled when the scope closes."""
@@ -305,23 +298,24 @@ class EntityScope:
         task.add_done_callback(self._tasks.discard)
         return task
 
-    def run_blocking(self, coroutine: Coroutine[Any, Any, T], what: str, instead: str) -> T:
-        """Run a coroutine from plain code, on the loop that runs, or on one that is kept for the purpose.
+    def run_blocking(self, coroutine: Coroutine[Any, Any, T], activity: str, alternative: str) -> T:
+        """Run a coroutine on the context's event loop, and block until it has ended.
 
         Raises:
-            WouldDeadlockError: `what` was called inside the event loop, where `instead` is to be used. ClosedError.
+            WouldDeadlockError: `activity` was called on the event loop's thread; the text names the `alternative`.
+            ClosedError: the node is closed.
         """
         in_loop = self.bridge.in_loop_thread() or current_loop() is not None
         if in_loop or self.closed:
             coroutine.close()
             self.require_open(False, "the node")
             raise WouldDeadlockError(
-                f"{what} from inside the event loop would wait for ever; use {instead} in an async function, or call "
+                f"{activity} inside the event loop would deadlock; use {alternative} in an async function, or call "
                 "it from another thread"
             )
         raises = self.failures.on_error == "raise"
         return self.bridge.run(self.failures.run_guarded(coroutine) if raises else coroutine)
 
-    def report_failure(self, doing: str) -> None:
-        """Log the exception being handled, with its traceback, as the node; raise it where that is asked for."""
-        self.failures.report(doing, self.logger)
+    def report_failure(self, activity: str) -> None:
+        """Log the current exception with its traceback as the node; with ``on_error="raise"``, raise it."""
+        self.failures.report(activity, self.logger)

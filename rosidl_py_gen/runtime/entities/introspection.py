@@ -1,7 +1,7 @@
-"""Service introspection: what passes a client or a server, published on ``<service>/_service_event``.
+"""Service introspection: publishes requests and responses on ``<service>/_service_event``.
 
-Decides what an event says (docs/internals/protocol.md 12.1). Clients and servers report to a `ServiceEventPublisher`
-while they have one, so that services without introspection pay nothing for it.
+Contents of an event: docs/internals/protocol.md 12.1. A client or server has a `ServiceEventPublisher` only while its
+introspection is switched on.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class ServiceEventType(IntEnum):
-    """Numbers of service_msgs/ServiceEventInfo."""
+    """Event types of service_msgs/ServiceEventInfo."""
 
     REQUEST_SENT = 0
     REQUEST_RECEIVED = 1
@@ -36,7 +36,7 @@ class ServiceEventType(IntEnum):
 
 
 class ServiceEventPublisher:
-    """Publisher of the events of one client or server."""
+    """Publisher of the introspection events of one client or server."""
 
     def __init__(self, scope: EntityScope, service: ServiceType[Any, Any], name: str, *, is_client: bool) -> None:
         from rosidl_py_gen import get_service
@@ -50,15 +50,11 @@ class ServiceEventPublisher:
         self._state = IntrospectionState.OFF
 
     def configure(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> bool:
-        """Publish so from now on; `qos` counts when the state was OFF before. Whether there is anything to publish.
-
-        Raises:
-            TypeError: no clock, no state. InvalidQoSError. Nothing is changed then.
-        """
+        """Implement `ServiceEndpoint.configure_introspection`; return False if nothing is to be published."""
         if not isinstance(clock, Clock):
             raise TypeError(f"clock must be a Clock such as node.clock, got {clock!r:.100}")
         if not isinstance(state, IntrospectionState):
-            names = ", ".join(f"IntrospectionState.{known.name}" for known in IntrospectionState)
+            names = ", ".join(f"IntrospectionState.{member.name}" for member in IntrospectionState)
             raise TypeError(f"state must be one of {names}, got {state!r:.100}")
         profile = as_profile(qos)
         self._clock, self._state = clock, state
@@ -68,36 +64,36 @@ class ServiceEventPublisher:
             self._publisher = Publisher(self._scope, message_type(self._cls.Event), self._topic, profile)
         return self._publisher is not None
 
-    def sent(self, client_gid: bytes, sequence: int, message: Payload) -> None:
-        """Publish that the client or server has written a message."""
-        kind = ServiceEventType.REQUEST_SENT if self._is_client else ServiceEventType.RESPONSE_SENT
-        self._publish(kind, client_gid, sequence, message)
+    def on_sent(self, client_gid: bytes, sequence_number: int, message: Payload) -> None:
+        """Publish that the client or server has sent a message."""
+        event_type = ServiceEventType.REQUEST_SENT if self._is_client else ServiceEventType.RESPONSE_SENT
+        self._publish(event_type, client_gid, sequence_number, message)
 
-    def received(self, client_gid: bytes, sequence: int, message: Payload) -> None:
-        """Publish that a message has arrived for the client or server."""
-        kind = ServiceEventType.RESPONSE_RECEIVED if self._is_client else ServiceEventType.REQUEST_RECEIVED
-        self._publish(kind, client_gid, sequence, message)
+    def on_received(self, client_gid: bytes, sequence_number: int, message: Payload) -> None:
+        """Publish that the client or server has received a message."""
+        event_type = ServiceEventType.RESPONSE_RECEIVED if self._is_client else ServiceEventType.REQUEST_RECEIVED
+        self._publish(event_type, client_gid, sequence_number, message)
 
-    def _publish(self, kind: ServiceEventType, client_gid: bytes, sequence: int, message: Payload) -> None:
+    def _publish(self, event_type: ServiceEventType, client_gid: bytes, sequence_number: int, message: Payload) -> None:
         if self._scope.closed or self._publisher is None:
-            return  # The node is going; a last response must not fail because of us.
+            return  # a response that is sent while the node closes must not fail
         event = self._cls.Event()
-        event.info.event_type = int(kind)
-        event.info.client_gid = np.frombuffer(client_gid, np.uint8)  # suits either flavour
-        event.info.sequence_number = sequence
+        event.info.event_type = int(event_type)
+        event.info.client_gid = np.frombuffer(client_gid, np.uint8)  # fits messages of both APIs
+        event.info.sequence_number = sequence_number
         set_stamp(event.info.stamp, self._clock.now_ns())
         try:
             if self._state is IntrospectionState.CONTENTS:
-                if kind in (ServiceEventType.REQUEST_SENT, ServiceEventType.REQUEST_RECEIVED):
+                if event_type in (ServiceEventType.REQUEST_SENT, ServiceEventType.REQUEST_RECEIVED):
                     event.request = [self._cls.Request._decode(message)]
                 else:
                     event.response = [self._cls.Response._decode(message)]
         except DecodeError:
-            return  # The endpoint itself will count and log it.
+            return  # the client or server itself counts and logs it
         self._publisher.publish(event)
 
     def close(self) -> None:
-        """Publish nothing more."""
+        """Close the publisher."""
         publisher, self._publisher = self._publisher, None
         if publisher is not None:
             publisher.close()

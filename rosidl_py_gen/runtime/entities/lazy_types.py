@@ -1,7 +1,7 @@
-"""Types that every node announces and few nodes ever use: known by name and hash, imported with their first message.
+"""Message and service types whose modules are imported with their first message.
 
-Importing the messages of the parameter services takes longer than everything else in the start of a node. Decides
-nothing; the hashes are a table that is generated with the bundled packages.
+Every node announces the parameter services and few nodes use them, but importing their messages would take longer than
+all other steps of a node's start. Names and hashes come from a table that is generated with the bundled packages.
 """
 
 from __future__ import annotations
@@ -16,44 +16,23 @@ from rosidl_py_gen.runtime.entities.message_types import MessageType, ServiceTyp
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.samples import Payload
-
 
 def late_service_type(name: str) -> ServiceType[Any, Any]:
-    """A service of the bundled packages, as `service_type` would give it."""
-
-    @cache
-    def known() -> ServiceType[Any, Any]:
-        return service_type(_bundled(name))
-
-    return ServiceType(
-        name,
-        HASHES[name],
-        _late(f"{name}_Request", lambda: known().request),
-        _late(f"{name}_Response", lambda: known().response),
-    )
+    """Return the type that `service_type` returns for a service of the bundled packages."""
+    load = cache(lambda: service_type(_bundled_class(name)))
+    request = _lazy_type(f"{name}_Request", lambda: load().request)
+    return ServiceType(name, HASHES[name], request, _lazy_type(f"{name}_Response", lambda: load().response))
 
 
 def lazy_message_type(name: str) -> MessageType[Any]:
-    """A message of the bundled packages, as `message_type` would give it."""
-
-    @cache
-    def known() -> MessageType[Any]:
-        return message_type(_bundled(name))
-
-    return _late(name, known)
+    """Return the type that `message_type` returns for a message of the bundled packages."""
+    return _lazy_type(name, cache(lambda: message_type(_bundled_class(name))))
 
 
-def _late(name: str, known: Callable[[], MessageType[Any]]) -> MessageType[Any]:
-    def encode(value: Any) -> bytes:
-        return known().encode(value)
-
-    def decode(data: Payload) -> Any:
-        return known().decode(data)
-
-    return MessageType(name, HASHES[name], encode, decode)
+def _lazy_type(name: str, load: Callable[[], MessageType[Any]]) -> MessageType[Any]:
+    return MessageType(name, HASHES[name], lambda value: load().encode(value), lambda data: load().decode(data))
 
 
-def _bundled(name: str) -> Any:
+def _bundled_class(name: str) -> Any:
     package, kind, stem = name.split("/")
     return getattr(import_module(f"rosidl_py_gen.msgs.{package}.{kind}"), stem)

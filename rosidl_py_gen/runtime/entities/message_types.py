@@ -1,7 +1,7 @@
-"""What endpoints need of a message type: its names, and two functions between values and bytes.
+"""Message and service types as entities use them: a name, a hash, and functions that encode and decode.
 
-Decides how "a type" may be given: as a generated class, or as text such as ``"std_msgs/msg/String"``. With text the
-values are dicts (`to_dict` / `from_dict`), so that a program works without importing, or even having, generated code.
+A type is given as a generated class, or as text such as ``"std_msgs/msg/String"``. With text, messages are dicts
+(`to_dict`, `from_dict`), so that a program needs no generated code.
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ ResponseT = TypeVar("ResponseT")
 MessageT = TypeVar("MessageT", bound=Message)
 
 DictMessage: TypeAlias = "dict[str, Any]"
-"""A message as `to_dict` shows it; its values are whatever the definition says."""
+"""A message as `to_dict` returns it; the types of its values depend on the definition."""
 
 _BUFFER_BASES = ("uint8", "char")
-"""What rosidl makes buffers of: `char` is the same to it, `byte` is not."""
+"""Element types that rosidl stores in buffers; `byte` is none of them."""
 
-# Not those of `dynamic`: whoever leaves bytes as they are subscribes with a class that has the hash of a type and no
-# fields. Others must not find it when they look for a class of that hash, and describing a type must not load dynamic.
+# Separate from the classes of `dynamic`, because programs that forward bytes subscribe with a class that has the hash
+# of a type and no fields, which a search for a class of that hash must not find.
 _classes: weakref.WeakValueDictionary[tuple[str, str], type[Any]] = weakref.WeakValueDictionary()
 
 
 @dataclass(frozen=True, slots=True)
 class MessageType(Generic[T]):
-    """A message type as endpoints use it.
+    """Message type as entities use it.
 
     Attributes:
         ros_name: ``pkg/msg/Name``, or ``pkg/srv/Name_Request``.
         type_hash: RIHS01 text.
-        encode: value -> 4-byte header + CDR; raises EncodeError, or TypeError for a value of another type.
-        decode: the reverse; raises DecodeError.
+        encode: returns 4-byte header and CDR of a message; raises EncodeError, or TypeError for another type.
+        decode: returns the message; raises DecodeError.
     """
 
     ros_name: str
@@ -55,7 +55,7 @@ class MessageType(Generic[T]):
 
 @dataclass(frozen=True, slots=True)
 class ServiceType(Generic[RequestT, ResponseT]):
-    """A service type as endpoints use it; `type_hash` is the one of the service itself."""
+    """Service type as entities use it; `type_hash` is that of the service, not of a message."""
 
     ros_name: str
     type_hash: str
@@ -64,9 +64,15 @@ class ServiceType(Generic[RequestT, ResponseT]):
 
 
 def message_type(source: type[Message] | str, *, arrays: bool = False) -> MessageType[Any]:
-    """Raises `TypeNotFoundError` for a text that names no known type, `TypeError` for anything else.
+    """Return the `MessageType` of a class or text.
 
-    `arrays`: messages of a class are decoded with structured arrays; `TypeError` for a text.
+    Args:
+        source: generated class, or name such as ``"std_msgs/msg/String"``.
+        arrays: decode sequences of fixed-size messages as structured arrays; only with a class.
+
+    Raises:
+        TypeNotFoundError: the text names no known type.
+        TypeError: `source` is neither text nor message class, or a text is combined with `arrays`.
     """
     if isinstance(source, str):
         from rosidl_py_gen import get_message
@@ -79,7 +85,7 @@ def message_type(source: type[Message] | str, *, arrays: bool = False) -> Messag
 
 
 def service_type(source: type[Service[Any, Any]] | str, *, arrays: bool = False) -> ServiceType[Any, Any]:
-    """Raises as `message_type`, whose `arrays` it has."""
+    """Return the `ServiceType` of a class or text; parameters and exceptions as for `message_type`."""
     cls: Any = source
     if isinstance(source, str):
         from rosidl_py_gen import get_service
@@ -90,54 +96,49 @@ def service_type(source: type[Service[Any, Any]] | str, *, arrays: bool = False)
         raise TypeError(
             f"expected a generated service class or a text like 'example_interfaces/srv/AddTwoInts', got {source!r}"
         )
-    _remember(cls)
+    _classes[cls._TYPE.name, cls._TYPE.hash] = cls
     make = _untyped if isinstance(source, str) else _with_arrays if arrays else _typed
     return ServiceType(cls._TYPE.name, cls._TYPE.hash, make(cls.Request), make(cls.Response))
 
 
 def _refuse_arrays(arrays: bool) -> None:
     if arrays:
-        raise TypeError("arrays=True needs a class: types given as text make dicts of lists")
+        raise TypeError("arrays=True needs a message class; with a type given as text, messages are dicts of lists")
 
 
 def class_of(ros_name: str, type_hash: str) -> type[Any] | None:
-    """The class an endpoint of this process got its message or service type from; None for types imported late.
+    """Return the class that an entity of this process uses for a type; None for lazily imported types.
 
-    A name alone does not tell: a class compiled from text may share it with another.
+    The hash is needed because a class that is compiled from text may have the name of another one.
     """
     return _classes.get((ros_name, type_hash))
 
 
-def _remember(cls: type[Any]) -> None:
-    _classes[cls._TYPE.name, cls._TYPE.hash] = cls
+def has_unbounded_bytes(message_type: MessageType[Any]) -> bool:
+    """Return True if messages contain an unbounded byte array at any depth, or are raw with unknown fields.
 
-
-def has_unbounded_bytes(known: MessageType[Any]) -> bool:
-    """Whether messages have an unbounded array of bytes, also deep inside; True for raw ones of unknown fields.
-
-    Types that are loaded late have none.
+    Lazily imported types contain none.
     """
-    cls = class_of(known.ros_name, known.type_hash)
+    cls = class_of(message_type.ros_name, message_type.type_hash)
     if cls is None or not cls._TYPE.fields:
-        return known.decode is bytes
-    parts = (part for part in referenced_classes(cls).values() if issubclass(part, Message))
-    kinds = (field.type for part in parts for field in part._TYPE.fields)
-    return any(kind.base in _BUFFER_BASES and kind.arity is Arity.UNBOUNDED for kind in kinds)
+        return message_type.decode is bytes
+    classes = (member for member in referenced_classes(cls).values() if issubclass(member, Message))
+    types = (field.type for member in classes for field in member._TYPE.fields)
+    return any(type_.base in _BUFFER_BASES and type_.arity is Arity.UNBOUNDED for type_ in types)
 
 
-def raw_type(known: MessageType[Any]) -> MessageType[bytes]:
-    """A type whose messages are left as bytes."""
-    return MessageType(known.ros_name, known.type_hash, bytes, bytes)
+def raw_type(message_type: MessageType[Any]) -> MessageType[bytes]:
+    """Return a type whose messages remain bytes."""
+    return MessageType(message_type.ros_name, message_type.type_hash, bytes, bytes)
 
 
 def _typed(cls: type[MessageT]) -> MessageType[MessageT]:
-    _remember(cls)
-    # The generated functions themselves: a wrapper would cost as much as encoding a small message.
-    encode_known = cls._encode
+    _classes[cls._TYPE.name, cls._TYPE.hash] = cls
+    encode_own = cls._encode  # the generated function itself: a wrapper costs as much as encoding a small message
 
     def encode(value: MessageT) -> bytes:
         if value.__class__ is cls or isinstance(value, cls):
-            return encode_known(value)
+            return encode_own(value)
         if is_of_type(value, cls):
             return value._encode()
         raise TypeError(f"expected a {cls.__name__} ({cls._TYPE.name}), got {type(value).__name__}: {value!r:.100}")
@@ -152,7 +153,7 @@ def _with_arrays(cls: type[MessageT]) -> MessageType[MessageT]:
 def _untyped(cls: type[Message]) -> MessageType[DictMessage]:
     from rosidl_py_gen import from_dict, to_dict
 
-    _remember(cls)
+    _classes[cls._TYPE.name, cls._TYPE.hash] = cls
     return MessageType(
         cls._TYPE.name,
         cls._TYPE.hash,

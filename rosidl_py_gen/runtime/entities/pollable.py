@@ -1,7 +1,7 @@
-"""Being told that something can be taken, for programs that do not wait with asyncio.
+"""Polling interface of subscriptions, servers and timers, for programs that do not wait with asyncio.
 
-Decides when: once for each arrival, on the loop, and at once for who asks when something is there already. Nothing is
-kept here: what arrived stays in the queue of its endpoint until `take`, `receive` or an iteration gets it.
+Listeners are called on the event loop, once for each arrival. Arrived data stays in the queue of its entity until
+`take`, `receive` or an iteration removes it.
 """
 
 from __future__ import annotations
@@ -22,50 +22,55 @@ if TYPE_CHECKING:
 
 
 class CallbackInUseError(RosidlError, TypeError):
-    """The caller wants to receive from something that has a callback."""
+    """The program tries to receive from an entity that has a callback."""
 
 
 class PollableEntity(Entity):
-    """What has a `take`."""
+    """Entity with a method `take`."""
 
     _listeners: RegistrationSet[UserCallback] | None = None
-    _tell: Callable[[], None] | None = None
-    """Calls the listeners, if there ever was one."""
+    _on_arrival: Callable[[], None] | None = None
+    """Calls the listeners; None until the first one is added."""
 
     @property
     def is_ready(self) -> bool:
-        """True when `take` would look at something: it has arrived and was not taken; False after `close`."""
+        """True if data has arrived and was not taken yet; False after `close`."""
         return not self._closed and self._is_ready()
 
     def on_ready(self, function: Callable[[], object]) -> Registration:
-        """Have a function called, without arguments, when something can be taken, until the answer is closed.
+        """Call a function without arguments when something can be taken, until the returned registration is closed.
 
-        It is called on the event loop, or by whoever runs that of a `Driver`, for each arrival, however much arrived
-        together; and here and now, if something is there already. So take until there is None. It should only note
-        that, or wake somebody: `Driver.wake`, `threading.Event.set`. What it raises is logged, as of any callback.
+        It is called on the event loop, or by the thread that runs the loop of a `LoopRunner`, for each arrival; and
+        immediately, if something can be taken already. Arrivals may coincide, so take until `take` returns None. The
+        function should only wake up the consumer: `LoopRunner.wake`, `threading.Event.set`. Its exceptions are logged
+        like those of any callback.
 
         Raises:
-            CallbackInUseError: there is a callback, which takes everything. ClosedError, TypeError: as they say.
+            CallbackInUseError: the entity has a callback, which takes everything.
+            ClosedError: the entity is closed.
+            TypeError: `function` is not callable, or not without arguments.
         """
-        what = f"the on_ready function of {self._described()}"
+        subject = f"the on_ready function of {self._described()}"
         self._require_takeable()
-        require_callable(function, what)
+        require_callable(function, subject)
         if function is None:
-            raise TypeError(f"{what} must be a function, got None")
-        require_signature(function, what)
+            raise TypeError(f"{subject} must be a function, got None")
+        require_signature(function, subject)
         if self._listeners is None:
             self._listeners = RegistrationSet()
-        registration = self._listeners.add(told := UserCallback(self._scope, function, what))
-        self._tell = self._notify_ready
+        listener = UserCallback(self._scope, function, subject)
+        registration = self._listeners.add(listener)
+        self._on_arrival = self._notify_ready
         if self._is_ready():
-            told.call()
+            listener.call()
         return registration
 
     def _notify_ready(self) -> None:
-        for function in self._listeners or ():
-            function.call()
+        for listener in self._listeners or ():
+            listener.call()
 
     def _described(self) -> str:
+        """Return the entity's kind and name for errors."""
         raise NotImplementedError
 
     def _require_takeable(self) -> None:

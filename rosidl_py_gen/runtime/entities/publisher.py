@@ -1,8 +1,7 @@
-"""Publishers: encode, write, and never make the event loop wait.
+"""Publishers.
 
-Decides what happens when a reliable reader is so slow that DDS wants the writer to wait: on the event loop's thread the
-sample goes into an outbox, whose depth is that of the publisher; on any other thread `publish` itself waits, without
-the GIL.
+If a reliable reader is so slow that the transport makes the writer wait, a sample published on the event loop's thread
+goes into an outbox, which has the depth of the publisher. On any other thread `publish` blocks, without the GIL.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
 from rosidl_py_gen.errors import EncodeError
-from rosidl_py_gen.runtime.entities.entity_scope import Entity, entity_repr
+from rosidl_py_gen.runtime.entities.entity_scope import Entity, entity_repr, pluralize
 from rosidl_py_gen.runtime.graph.endpoint_events import watch_events
 from rosidl_py_gen.runtime.graph.type_hashes import checked_mode
 from rosidl_py_gen.runtime.loop.blocking import blocking
@@ -36,7 +35,7 @@ T = TypeVar("T")
 
 
 class Publisher(Entity, Generic[T]):
-    """Made by `Node.create_publisher`."""
+    """Publisher of a topic, created by `Node.create_publisher`."""
 
     def __init__(
         self,
@@ -60,7 +59,7 @@ class Publisher(Entity, Generic[T]):
         scope.discovery.refresh()
         peers = [endpoint.qos for endpoint in scope.graph.endpoints_on(spec.channel, writers=False)]
         self.qos = resolve_best_available(qos, publisher=True, peers=peers)
-        """The profile in use; BEST_AVAILABLE was replaced by what the peers known at creation allow."""
+        """Profile in use; BEST_AVAILABLE is replaced according to the peers known at creation."""
         self._encode = message_type.encode
         self._channel = spec.channel
         self._writer: Writer = scope.participant.create_writer(replace(spec, qos=self.qos))
@@ -68,32 +67,35 @@ class Publisher(Entity, Generic[T]):
         scope.set_type_hash_check(mode, self._writer.guid)
         keep_all = self.qos.history is History.KEEP_ALL
         self._outbox = SendQueue(scope.bridge, None if keep_all else max(1, self.qos.depth), scope.report_failure)
-        matched, what = self._writer.matched_readers, f"the publisher on {topic}"
-        self._events = watch_events(scope, self._writer, matched, event_callbacks, what)
+        self._events = watch_events(
+            scope, self._writer, self._writer.matched_readers, event_callbacks, f"the publisher on {topic}"
+        )
         scope.register(self, writer=self._writer.guid)
 
     def publish(self, message: T) -> None:
         """Send a message; from any thread. On the event loop's thread it returns at once.
 
         Raises:
-            EncodeError: the message does not fit its type. TypeError: it is of another type.
-            ClosedError: the publisher or its node is closed, also while waiting; the message was not sent then.
+            EncodeError: the message does not fit its type.
+            TypeError: the message has another type.
+            ClosedError: the publisher or its node is closed, also while waiting; the message was not sent.
         """
         if self._closed or self._scope.closed:
             self._scope.require_open(True, f"the publisher on {self.topic}")
         loop = self._bridge.bound_loop
-        if loop is None or loop.is_closed():  # the node was made before its loop
+        if loop is None or loop.is_closed():  # the node was created before its loop
             self._bridge.adopt_running_loop()
         data = self._encode(message)
         if self._outbox.waiting or not self._write(data):
             self._send_later(partial(self._write, data))
 
     def publish_raw(self, data: bytes) -> None:
-        """Send a message that is serialized already, 4-byte encapsulation header included.
+        """Send a serialized message, which begins with the 4-byte encapsulation header.
 
         Raises:
-            EncodeError: shorter than header and one byte, or not little-endian XCDR1 (DDS would misread it).
-            TypeError: not bytes. ClosedError.
+            EncodeError: the data is shorter than header and one byte, or not little-endian XCDR1, which DDS misreads.
+            TypeError: the data is not bytes.
+            ClosedError: the publisher or its node is closed.
         """
         if not isinstance(data, (bytes, bytearray, memoryview)):
             raise TypeError(f"publish_raw takes bytes, got {type(data).__name__}: {data!r:.100}")
@@ -106,7 +108,7 @@ class Publisher(Entity, Generic[T]):
             self._send_later(partial(self._write, bytes(data)))
 
     def _publish_without_waiting(self, message: T) -> None:
-        """`publish` that returns at once on every thread; for logging, which must not hold up its caller."""
+        """Publish and return at once on every thread; for logging, which must not delay its caller."""
         data = self._encode(message)
         if not self._closed:
             self._outbox.send(partial(self._write, data))
@@ -121,7 +123,7 @@ class Publisher(Entity, Generic[T]):
 
     @property
     def subscription_count(self) -> int:
-        """How many subscriptions receive what is published, bare DDS readers included; 0 when it is closed."""
+        """Number of matched subscriptions, including readers of programs without ROS; 0 after `close`."""
         return 0 if self._closed else len(self._writer.matched_readers())
 
     def get_subscription_count(self) -> int:
@@ -130,21 +132,21 @@ class Publisher(Entity, Generic[T]):
 
     @property
     def topic_name(self) -> str:
-        """The same as `topic`; the name in rclpy."""
+        """Topic name, equal to `topic`; the name in rclpy."""
         return self.topic
 
     def matched_subscriptions(self) -> list[bytes]:
-        """The GUIDs of the readers that receive what is published."""
+        """Return the GUIDs of the matched readers."""
         return self._writer.matched_readers()
 
     @property
     def has_subscriptions(self) -> bool:
-        """Whether anybody receives what is published; cheaper than `subscription_count`."""
+        """True if at least one subscription is matched; cheaper than `subscription_count`."""
         return not self._closed and self._writer.has_readers()
 
     @property
     def dropped(self) -> int:
-        """Messages that were overtaken while they waited (keep-last only) and never sent."""
+        """Number of messages that newer ones replaced in the full outbox before they were sent (keep-last only)."""
         return self._outbox.dropped
 
     @property
@@ -153,7 +155,7 @@ class Publisher(Entity, Generic[T]):
         return self._writer.guid
 
     async def wait_for_subscribers(self, timeout_s: float | None = None, *, count: int = 1) -> Literal[True]:
-        """Wait until at least `count` subscriptions are connected; raises `WaitTimeoutError` when the time passed."""
+        """Wait until at least `count` subscriptions are matched; raises `WaitTimeoutError` after `timeout_s`."""
         return await self._scope.wait_or_raise(
             lambda: self.subscription_count >= count,
             timeout_s,
@@ -169,35 +171,38 @@ class Publisher(Entity, Generic[T]):
         return self._scope.why_unmatched(self._writer.guid, self._channel, is_writer=True, matched=matched).text
 
     async def wait_for_acknowledged(self, timeout_s: float | None = None) -> Literal[True]:
-        """Wait until every reliable subscription confirmed all that was published.
+        """Wait until every reliable subscription has acknowledged all messages.
 
         Raises:
-            WaitTimeoutError: not all did in time.
+            WaitTimeoutError: a subscription has not acknowledged all of them within `timeout_s`.
         """
         return await self._scope.wait_or_raise(
             lambda: self._outbox.flush() and self._writer.all_acknowledged(),
             timeout_s,
             lambda: self._closed,
-            lambda: f"what was published on {self.topic} was not acknowledged by all {self.subscription_count}",
+            lambda: (
+                f"messages on {self.topic} were not acknowledged by all "
+                f"{pluralize(self.subscription_count, 'subscription')}"
+            ),
             poll_s=0.002,
         )
 
     wait_for_acknowledged_sync = blocking(wait_for_acknowledged)
 
     def assert_liveliness(self) -> None:
-        """Say that this publisher is alive; needed with manual liveliness when nothing is published.
+        """Declare that this publisher is alive; needed with manual liveliness while nothing is published.
 
-        It has to come before the lease ends: peers that gave the publisher up take it back when it publishes.
+        Must be called before the lease expires. After that, peers accept the publisher again when it publishes.
         """
         self._scope.require_open(self._closed, f"the publisher on {self.topic}")
         self._writer.assert_liveliness()
 
     def __repr__(self) -> str:
-        parts = self.topic, self.message_type, self.qos.short()
-        return entity_repr(self, *parts, peers=lambda: self.subscription_count, peer="subscription")
+        details = self.topic, self.message_type, self.qos.short()
+        return entity_repr(self, *details, peers=lambda: self.subscription_count, peer="subscription")
 
     def close(self) -> None:
-        """Stop publishing; may be called twice. What waits to be sent is dropped."""
+        """Stop publishing; messages that wait to be sent are dropped. May be called twice."""
         if self._begin_close(self._writer.guid):
             if self._events is not None:
                 self._events.close()

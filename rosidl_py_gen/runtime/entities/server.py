@@ -1,10 +1,10 @@
-"""Service servers: a handler, or an async iterator of requests that are answered whenever it suits.
+"""Service servers: a handler, or an async iterator of requests that are answered at any later time.
 
-Decides how requests are answered: plain handlers on the event loop, async ones as tasks, many at once. A handler that
-raises is logged and sends nothing, as in ROS; its client runs into its timeout.
+Plain handlers run on the event loop, async ones as concurrent tasks. The exception of a handler is logged and no
+response is sent, as in ROS: the client's call times out.
 
-Before a response is sent, what its client reads must be connected, else it would be lost: that is waited for, longer
-than rmw_cyclonedds does, as discovery is late on busy machines.
+A response that is sent before the client's reply reader is matched would be lost. So the server waits for the match,
+longer than rmw_cyclonedds does, because discovery is late on busy machines.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.entities.pollable import CallbackInUseError, PollableEntity
-from rosidl_py_gen.runtime.entities.service import ServiceEndpoint
-from rosidl_py_gen.runtime.entities.service_common import incompatible_peer_text
+from rosidl_py_gen.runtime.entities.service_common import ServiceEndpoint, incompatible_peer_text
 from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
 from rosidl_py_gen.runtime.loop.callable_checks import require_callable
 from rosidl_py_gen.runtime.loop.user_callback import UserCallback
@@ -36,26 +35,27 @@ RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
 
 _RESPONSE_HINT = "; it makes the response itself and returns it"
-_PATIENCE_S = 5.0
-"""So long a response waits for its client's reader. Endpoints of a Fast DDS participant are known up to 1.2 s after it
-knows ours and calls (docs/internals/dds.md 6). rmw_cyclonedds waits 0.1 s (docs/internals/protocol.md 5.2).
+_CLIENT_MATCH_TIMEOUT_S = 5.0
+"""Maximum wait for the client's reader before a response is dropped. Endpoints of a Fast DDS participant are discovered
+up to 1.2 s after it has discovered ours and calls (docs/internals/dds.md 6). rmw_cyclonedds waits 0.1 s
+(docs/internals/protocol.md 5.2).
 """
-_POLL_S = 0.01
-"""Between two looks whether a client's reader is connected, which nothing announces."""
+_CLIENT_MATCH_POLL_INTERVAL_S = 0.01
+"""Interval of the check for the client's reader; DDS reports no event of the match."""
 
 
 class AlreadyRespondedError(RosidlError, RuntimeError):
-    """The caller answered one request twice; that of a goal or a cancel also when it is over by itself."""
+    """The request was answered already; that of a goal or a cancel may also have ended automatically."""
 
 
 class RequestInfo(NamedTuple):
-    """Where and when a request came from.
+    """Times and origin of a request.
 
     Attributes:
-        source_timestamp_ns: when it was sent, by the client's clock, ns since the epoch.
-        received_timestamp_ns: when this process took it from the transport, ns since the epoch.
-        client_gid: 16 bytes by which the client is known, as introspection shows them.
-        sequence_number: that of the request, by the client's count.
+        source_timestamp_ns: time of sending, by the client's clock, ns since the epoch.
+        received_timestamp_ns: time when this process took the request from the transport, ns since the epoch.
+        client_gid: 16 bytes that identify the client, as in introspection events.
+        sequence_number: sequence number that the client assigned.
     """
 
     source_timestamp_ns: int
@@ -65,9 +65,9 @@ class RequestInfo(NamedTuple):
 
 
 class ServiceRequest(Generic[RequestT, ResponseT]):
-    """One request; answer it from any thread, any time later. Unanswered ones are simply forgotten."""
+    """Request to a server; it may be answered from any thread, at any later time, or not at all."""
 
-    __slots__ = ("_asker", "_responded", "_server", "_times_ns", "message")
+    __slots__ = ("_origin", "_responded", "_server", "_times_ns", "message")
 
     def __init__(
         self,
@@ -77,32 +77,32 @@ class ServiceRequest(Generic[RequestT, ResponseT]):
         times_ns: tuple[int, int],
     ) -> None:
         self._server = server
-        self._asker = origin
+        self._origin = origin
         self._times_ns = times_ns
         self.message = message
-        """The request."""
         self._responded = False
 
     @property
     def info(self) -> RequestInfo:
-        """Its number, its times, and whose it is."""
-        return RequestInfo(*self._times_ns, *self._server._asked_by(self._asker))
+        """Times, client and sequence number."""
+        return RequestInfo(*self._times_ns, *self._server._port.request_origin(self._origin))
 
     def respond(self, response: ResponseT) -> None:
         """Send the response; returns at once.
 
         Raises:
-            EncodeError: the response does not fit its type; the request stays unanswered and may be tried again.
-            AlreadyRespondedError, ClosedError: as their names say.
+            EncodeError: the response does not fit its type; another one may be sent.
+            AlreadyRespondedError: the request was answered before.
+            ClosedError: the server is closed.
         """
         if self._responded:
             raise AlreadyRespondedError(f"this request to {self._server.name} was answered already")
-        self._server._respond(self._asker, response)
+        self._server._respond(self._origin, response)
         self._responded = True
 
 
 class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
-    """Made by `Node.create_service`."""
+    """Server of a service, created by `Node.create_service`."""
 
     def __init__(
         self,
@@ -112,20 +112,19 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         handler: Callable[[RequestT], ResponseT | Awaitable[ResponseT]] | None,
         qos: QoSProfile,
         *,
-        type_check: TypeCheck | None = None,
+        type_hash_check: TypeCheck | None = None,
     ) -> None:
-        require_callable(handler, f"the handler of service {name}", "; QoS is given as qos=...")
+        subject = f"the handler of service {name}"
+        require_callable(handler, subject, "; QoS is given as qos=...")
         if handler is not None:
-            require_signature(handler, f"the handler of service {name}", "the request", hint=_RESPONSE_HINT)
-        super().__init__(scope, service_type, name, qos, is_client=False, type_hash_check=type_check)
-        self._handler = None if handler is None else UserCallback(scope, handler, f"the handler of service {name}")
+            require_signature(handler, subject, "the request", hint=_RESPONSE_HINT)
+        super().__init__(scope, service_type, name, qos, is_client=False, type_hash_check=type_hash_check)
+        self._handler = None if handler is None else UserCallback(scope, handler, subject)
         self._requests: AsyncQueue[ServiceRequest[RequestT, ResponseT]] = AsyncQueue()
         self._port = self._open(scope.participant.create_server(self._spec, self.qos, node=scope.number))
         self._port.set_sink(self._on_requests)
         reader, writer = self._port.endpoints
         scope.register(self, reader=reader, writer=writer)
-
-    # ---------------------------------------------------------------------------------------------------- requests
 
     def __aiter__(self) -> ServiceServer[RequestT, ResponseT]:
         self._require_no_handler()
@@ -138,19 +137,20 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         return await anext(self._requests)
 
     def take(self) -> ServiceRequest[RequestT, ResponseT] | None:
-        """The next request, oldest first, without waiting; None when there is none. From any thread.
+        """Return the oldest request, or None, without waiting; from any thread.
 
-        Requests are taken in by the event loop: one that runs, or that of a `Driver` while somebody waits.
+        Requests are received on the event loop, which must run, or be run by a `LoopRunner` that waits.
 
         Raises:
-            CallbackInUseError: the service has a handler. ClosedError: it, or its node, is closed.
+            CallbackInUseError: the service has a handler.
+            ClosedError: the service or its node is closed.
         """
         self._require_takeable()
         return self._requests.take()
 
     def _require_no_handler(self) -> None:
         if self._handler is not None:
-            raise CallbackInUseError(f"{self._described()} has a handler; its requests cannot be received too")
+            raise CallbackInUseError(f"{self._described()} has a handler; its requests cannot be taken as well")
 
     def _require_takeable(self) -> None:
         self._require_no_handler()
@@ -163,24 +163,24 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         return self._requests.waiting > 0
 
     def _on_requests(self) -> Callable[[], None] | None:
-        """The sink of the request reader."""
+        """Sink of the request reader."""
         if self._handler is not None:
             return self._read_all
         self._read_all()
-        return self._tell if self._requests.waiting else None
+        return self._on_arrival if self._requests.waiting else None
 
     def _read_all(self) -> None:
         take = self._port.take
-        while not self._closed and (arrived := take()) is not None:
-            request = self._read(*arrived)
+        while not self._closed and (received := take()) is not None:
+            request = self._decode_request(*received)
             if request is None:
                 continue
             if self._handler is None:
                 self._requests._push(request)
             else:
-                self._handler.call(request.message, on_result=partial(self._answer, request))
+                self._handler.call(request.message, on_result=partial(self._on_result, request))
 
-    def _read(
+    def _decode_request(
         self,
         origin: RequestId,
         data: Payload | IncompatiblePeer | DecodeError,
@@ -188,31 +188,29 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         source_ns: int,
         received_ns: int,
     ) -> ServiceRequest[RequestT, ResponseT] | None:
-        if client not in self._agreeing and not self._check.accepts(client):
+        if client not in self._accepted_writers and not self._type_hash_filter.accepts(client):
             return None
         if isinstance(data, IncompatiblePeer):
             if self._throttle.allows():
-                words = incompatible_peer_text(self._scope.graph, data, self.name, "a client")
-                self._scope.logger.error(f"refused a request: {words}")
+                text = incompatible_peer_text(self._scope.graph, data, self.name, "a client")
+                self._scope.logger.error(f"refused a request: {text}")
             return None
         try:
             if isinstance(data, DecodeError):
                 raise data
-            if self._tap is not None:
-                self._tap.received(*self._port.request_origin(origin), data)
+            if self._introspection is not None:
+                self._introspection.on_received(*self._port.request_origin(origin), data)
             return ServiceRequest(self, origin, self._type.request.decode(data), (source_ns, received_ns))
         except DecodeError as err:
             if self._throttle.allows():
                 self._scope.logger.warning(
-                    f"dropped a request to {self.name} that is no {self._type.request.ros_name}: {err}"
+                    f"dropped a request to {self.name} that is not a {self._type.request.ros_name}: {err}"
                 )
             return None
 
-    def _answer(self, request: ServiceRequest[RequestT, ResponseT], response: ResponseT) -> None:
+    def _on_result(self, request: ServiceRequest[RequestT, ResponseT], response: ResponseT) -> None:
         if not self._closed:
             request.respond(response)
-
-    # --------------------------------------------------------------------------------------------------- responses
 
     def _respond(self, origin: RequestId, response: ResponseT) -> None:
         if self._closed:
@@ -226,40 +224,35 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         else:
             self._scope.bridge.call_soon(lambda: self._wait_and_send(origin, data))
 
-    def _asked_by(self, origin: RequestId) -> tuple[bytes, int]:
-        return self._port.request_origin(origin)
-
     def _send(self, origin: RequestId, data: bytes) -> bool:
-        sent = self._port.send(origin, data)
-        if sent and self._tap is not None:
-            self._tap.sent(*self._port.request_origin(origin), data)
-        return sent
+        is_sent = self._port.send(origin, data)
+        if is_sent and self._introspection is not None:
+            self._introspection.on_sent(*self._port.request_origin(origin), data)
+        return is_sent
 
     def _wait_and_send(self, origin: RequestId, data: bytes) -> None:
         if not self._closed:
             self._scope.create_task(self._send_later(origin, data))
 
     async def _send_later(self, origin: RequestId, data: bytes) -> None:
-        hears = partial(self._port.can_reach_client, origin)
+        can_reach = partial(self._port.can_reach_client, origin)
         try:
-            is_there = await self._scope.wait_until(hears, _PATIENCE_S, lambda: self._closed, poll_s=_POLL_S)
+            is_reachable = await self._scope.wait_until(
+                can_reach, _CLIENT_MATCH_TIMEOUT_S, lambda: self._closed, poll_s=_CLIENT_MATCH_POLL_INTERVAL_S
+            )
         except ClosedError:
             return
-        if is_there:
+        if is_reachable:
             self._outbox.send(partial(self._send, origin, data))
         else:
-            self._scope.logger.warning(f"a response of {self.name} was lost: its client's reader never appeared")
-
-    # ------------------------------------------------------------------------------------------------------- state
+            self._scope.logger.warning(f"dropped a response of {self.name}: its client's reader never appeared")
 
     def matched_clients(self) -> list[bytes]:
-        """The GUIDs of the writers whose requests arrive."""
+        """Return the GUIDs of the matched request writers."""
         return self._port.connected()
 
     def close(self) -> None:
-        """Stop serving; an iterator ends, running handlers are not interrupted but cannot answer. May be called
-        twice.
-        """
+        """Stop serving: iterators end, running handlers continue without sending a response. May be called twice."""
         self._port.release()
         self._outbox.flush()
         if self._begin_close(*self._port.endpoints):

@@ -1,21 +1,36 @@
-"""What both ends of a service share: their errors, who listens, and the profile of what carries them."""
+"""Common parts of service clients and servers: names, endpoints, QoS profile, introspection, errors."""
 
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime.entities.entity_scope import Entity, Throttle, entity_repr
+from rosidl_py_gen.runtime.entities.type_hash_filter import TypeHashFilter
+from rosidl_py_gen.runtime.graph.type_hashes import checked_mode
+from rosidl_py_gen.runtime.loop.send_queue import SendQueue
 from rosidl_py_gen.runtime.transport.qos_matching import without_best_available
+from rosidl_py_gen.runtime.transport.service_api import ServiceClientTransport, ServiceServerTransport, ServiceSpec
 
 if TYPE_CHECKING:
+    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
+    from rosidl_py_gen.runtime.entities.introspection import ServiceEventPublisher
+    from rosidl_py_gen.runtime.entities.message_types import ServiceType
     from rosidl_py_gen.runtime.graph.graph import Graph
-    from rosidl_py_gen.runtime.transport.qos import QoSProfile
+    from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
+    from rosidl_py_gen.runtime.time.clock import Clock
+    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
+    from rosidl_py_gen.runtime.transport.qos import QoSLike, QoSProfile
     from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer
+
+RequestT = TypeVar("RequestT")
+ResponseT = TypeVar("ResponseT")
+PortT = TypeVar("PortT", ServiceClientTransport, ServiceServerTransport)
 
 
 class IntrospectionState(IntEnum):
-    """How much is published of what passes a client or server."""
+    """Amount of introspection of a client or server: nothing, who called when, or also requests and responses."""
 
     OFF = 0
     METADATA = 1
@@ -23,35 +38,131 @@ class IntrospectionState(IntEnum):
 
 
 class IncompatibleServiceError(RosidlError):
-    """The peer's middleware puts other bytes on the wire for services; one side has to change it."""
+    """The service peer uses a wire format that is not supported here; one of the two must change its middleware."""
 
 
 class ServerLostError(RosidlError, ConnectionError):
-    """The server went away before it answered, or told an error in place of a response; the request may or may not have
-    been handled. A server that was killed is missed when its lease is over, on DDS after 10 s, on Fast DDS 20.
+    """The server left before it replied, or reported an error; it may or may not have handled the request.
+
+    A server that was killed is detected when its lease expires: on DDS after 10 s, on Fast DDS after 20 s.
     """
 
 
 class CallTimeoutError(RosidlError, TimeoutError):
-    """No response came in time; the request may or may not have been handled."""
+    """No response arrived in time; the server may or may not have handled the request."""
+
+
+class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
+    """Base of clients and servers; subclasses own the transport's port, its sink and `close`."""
+
+    def __init__(
+        self,
+        scope: EntityScope,
+        service_type: ServiceType[RequestT, ResponseT],
+        name: str,
+        qos: QoSProfile,
+        *,
+        is_client: bool,
+        type_hash_check: TypeCheck | None = None,
+    ) -> None:
+        self._mode = checked_mode(type_hash_check, scope.type_hash_check)
+        super().__init__(scope)
+        self.name = name
+        """Fully qualified service name, after expansion and remapping."""
+        self.service_type = service_type.ros_name
+        """``pkg/srv/Name``."""
+        self.qos = service_endpoint_qos(qos)
+        """Profile in use; its history is always keep-all."""
+        self._type = service_type
+        self._is_client = is_client
+        self._throttle = Throttle(scope.clocks)
+        self._introspection: ServiceEventPublisher | None = None
+        self._outbox = SendQueue(scope.bridge, None, scope.report_failure)
+        request_hash, response_hash = service_type.request.type_hash, service_type.response.type_hash
+        read_hash, self._written_hash = (response_hash, request_hash) if is_client else (request_hash, response_hash)
+        self._type_hash_filter: TypeHashFilter[bytes | None] = TypeHashFilter(
+            scope, self._mode, lambda guid: guid, read_hash, service_type.type_hash
+        )
+        self._accepted_writers = self._type_hash_filter.accepted_writers
+        self._spec = ServiceSpec(
+            name,
+            self.service_type,
+            service_type.type_hash,
+            request_hash,
+            response_hash,
+            qos.avoid_ros_namespace_conventions,
+            self._is_compatible,
+        )
+
+    def _open(self, port: PortT) -> PortT:
+        self._gid = port.gid
+        self._connected = port.connected
+        self._scope.set_type_hash_check(self._mode, *port.endpoints)
+        return port
+
+    def _is_compatible(self, endpoint: DiscoveredEndpoint) -> bool:
+        return self._type_hash_filter.is_compatible(endpoint, None if endpoint.is_writer else self._written_hash)
+
+    @property
+    def srv_name(self) -> str:
+        """Service name, equal to `name`; the name in rclpy."""
+        return self.name
+
+    @property
+    def incompatible_dropped(self) -> int:
+        """Number of requests or responses dropped because the peer announces another definition of the type."""
+        return self._type_hash_filter.incompatible_dropped
+
+    def configure_introspection(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> None:
+        """Publish requests and responses on ``<service>/_service_event`` from now on.
+
+        Args:
+            clock: stamps the events; usually the node's clock.
+            qos: profile of the publisher; used when introspection was OFF before.
+            state: amount of introspection.
+
+        Raises:
+            TypeError: clock or state has another type; nothing is changed.
+            InvalidQoSError: the profile is invalid; nothing is changed.
+            ClosedError: the entity is closed.
+        """
+        self._scope.require_open(
+            self._closed, f"the client of {self.name}" if self._is_client else f"service {self.name}"
+        )
+        from rosidl_py_gen.runtime.entities.introspection import ServiceEventPublisher
+
+        publisher = self._introspection
+        if publisher is None:
+            publisher = ServiceEventPublisher(self._scope, self._type, self.name, is_client=self._is_client)
+        self._introspection = publisher if publisher.configure(clock, qos, state) else None
+
+    def __repr__(self) -> str:
+        details, peer = (self.name, self.service_type, self.qos.short()), "server" if self._is_client else "client"
+        return entity_repr(self, *details, peers=lambda: len(self._connected()), peer=peer)
+
+    def _begin_close(self, *guids: bytes) -> bool:
+        is_first = super()._begin_close(*guids)
+        if is_first and self._introspection is not None:
+            self._introspection.close()
+        return is_first
 
 
 def service_endpoint_qos(qos: QoSProfile) -> QoSProfile:
-    """The profile of a service's endpoints: as asked for, but nothing is ever dropped for depth.
+    """Return the profile of a service's endpoints: as requested, but with history keep-all.
 
-    An overwritten request or response is a call that never returns, and any number of calls may be under way. History
-    takes no part in matching, so peers with keep-last 10 (the ROS default) connect all the same.
+    An overwritten request or response is a call that never returns. History takes no part in matching, so peers with
+    keep-last 10, the default of ROS, match anyway.
     """
     return without_best_available(qos).keep_all()
 
 
-def incompatible_peer_text(graph: Graph, refused: IncompatiblePeer, service: str, role: str) -> str:
-    """What to tell a person about a service peer that cannot be talked to."""
-    endpoint = graph.endpoints.get(refused.guid)
+def incompatible_peer_text(graph: Graph, peer: IncompatiblePeer, service: str, role: str) -> str:
+    """Return the error text about a service peer that cannot be called or served."""
+    endpoint = graph.endpoints.get(peer.guid)
     node = "a node" if endpoint is None else graph.describe_node(endpoint)
     return (
         f"{role} of service {service} is {node} on Fast DDS. Topics work with it, services do not here: "
-        f"{refused.reason}. "
-        "Another libddsc may do (ROSIDL_LIBDDSC names one), or start that node with "
+        f"{peer.reason}. "
+        "Another libddsc may support them (set ROSIDL_LIBDDSC), or start that node with "
         "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp"
     )

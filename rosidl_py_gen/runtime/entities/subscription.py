@@ -1,11 +1,11 @@
-"""Subscriptions: an async iterator, or a callback, over what arrives on a topic.
+"""Subscriptions: an async iterator over the messages of a topic, or a callback.
 
-Decides how samples leave the receive queue. Messages are decoded when they are taken, not when they arrive, so that
-what keep-last drops costs nothing. A sample that does not decode is counted, logged at most once a second, and dropped.
+Messages are decoded when they are taken from the receive queue, not when they arrive, so that dropped ones cost
+nothing. A sample that cannot be decoded is counted, logged at most once per second, and skipped.
 
-A plain callback is called for each message on the event loop. An async one is awaited message by message, in order, or
-with `concurrency` so many at once; while it runs, new messages wait in the queue as its depth allows. The first ones
-that are dropped then are worth a warning, unless the depth of 1 says that only the newest counts.
+A plain callback is called for each message on the event loop. An async callback is awaited for one message after the
+other, or for `concurrency` messages at once; meanwhile new messages wait in the queue. The first ones that the queue
+drops are logged, unless its depth is 1, which means that only the newest message is needed.
 """
 
 from __future__ import annotations
@@ -43,18 +43,18 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_INFO_HINT = "; where a message came from is told by receive_with_info(), of a subscription without callback"
+_INFO_HINT = "; receive_with_info() of a subscription without callback returns the origin of a message"
 
 
 class MessageInfo(NamedTuple):
-    """Where and when a message came from.
+    """Times and origin of a message.
 
     Attributes:
-        source_timestamp_ns: when it was published, by the publisher's clock, ns since the epoch.
-        received_timestamp_ns: when this process took it from the transport, ns since the epoch.
-        publisher_gid: the publisher's 16 bytes as in the graph; 16 zeros when it vanished before it was known.
-        publication_sequence_number: how many messages the publisher had published with it, by its own count; None
-            on DDS, whose C library does not tell.
+        source_timestamp_ns: time of publishing, by the publisher's clock, ns since the epoch.
+        received_timestamp_ns: time when this process took the message from the transport, ns since the epoch.
+        publisher_gid: 16 bytes that identify the publisher in the graph; zeros if it left before it was discovered.
+        publication_sequence_number: number of the message, counted by the publisher; None on DDS, whose C library does
+            not provide it.
     """
 
     source_timestamp_ns: int
@@ -64,7 +64,7 @@ class MessageInfo(NamedTuple):
 
 
 class Subscription(PollableEntity, Generic[T]):
-    """Made by `Node.create_subscription`."""
+    """Subscription to a topic, created by `Node.create_subscription`."""
 
     def __init__(
         self,
@@ -81,21 +81,22 @@ class Subscription(PollableEntity, Generic[T]):
     ) -> None:
         mode = checked_mode(type_hash_check, scope.type_hash_check)
         require_concurrency(concurrency)
-        require_callable(callback, f"the callback of {topic}", "; QoS is given as qos=...")
+        subject = f"the callback of {topic}"
+        require_callable(callback, subject, "; QoS is given as qos=...")
         if callback is not None:
-            require_signature(callback, f"the callback of {topic}", "the message", hint=_INFO_HINT)
+            require_signature(callback, subject, "the message", hint=_INFO_HINT)
         super().__init__(scope)
         self.topic = topic
         """Fully qualified name, after expansion and remapping."""
         self.message_type = message_type.ros_name
         """``pkg/msg/Name``."""
         self.undecodable = 0
-        """How many samples did not decode."""
+        """Number of samples that could not be decoded."""
         self._decode: Callable[[Payload], T] = message_type.decode
-        self._callback = None if callback is None else UserCallback(scope, callback, f"the callback of {topic}")
+        self._callback = None if callback is None else UserCallback(scope, callback, subject)
         self._concurrency = concurrency
-        self._under_way = 0
-        """How many calls of an async callback wait for something."""
+        self._running_calls = 0
+        """Number of calls of an async callback that have not ended."""
         self._waiters = Waiters()
         self._latest: T | None = None
         self._throttle = Throttle(scope.clocks)
@@ -112,22 +113,21 @@ class Subscription(PollableEntity, Generic[T]):
         scope.discovery.refresh()
         peers = [endpoint.qos for endpoint in scope.graph.endpoints_on(spec.channel, writers=True)]
         self.qos = resolve_best_available(qos, publisher=False, peers=peers)
-        """The profile in use; BEST_AVAILABLE was replaced by what the peers known at creation allow."""
+        """Profile in use; BEST_AVAILABLE is replaced according to the peers known at creation."""
         self._channel = spec.channel
         self._reader: Reader = scope.participant.create_reader(replace(spec, qos=self.qos))
         self._items = self._reader.queue.items
-        self._check = TypeHashFilter(scope, mode, self._reader.writer_guid, message_type.type_hash)
-        self._agreeing = self._check.accepted_writers
+        self._type_hash_filter = TypeHashFilter(scope, mode, self._reader.writer_guid, message_type.type_hash)
+        self._accepted_writers = self._type_hash_filter.accepted_writers
         scope.set_type_hash_check(mode, self._reader.guid)
         depth = self._items.maxlen or 0
-        self._full = depth if depth > 1 else -1
-        """How many items there are when some may have been dropped; -1 until nobody has to be told any more."""
-        matched, what = self._reader.matched_writers, f"the subscription on {topic}"
-        self._events = watch_events(scope, self._reader, matched, event_callbacks, what)
+        self._warning_length = depth if depth > 1 else -1
+        """Length of a full queue, at which dropped messages are checked for; -1 if no warning is due any more."""
+        self._events = watch_events(
+            scope, self._reader, self._reader.matched_writers, event_callbacks, self._described()
+        )
         self._reader.set_sink(self._on_data)
         scope.register(self, reader=self._reader.guid)
-
-    # --------------------------------------------------------------------------------------------------- receiving
 
     def __aiter__(self) -> Subscription[T]:
         self._require_no_callback()
@@ -135,84 +135,84 @@ class Subscription(PollableEntity, Generic[T]):
 
     async def __anext__(self) -> T:
         while not self._closed:
-            found = self._take()
-            if found is not None:
-                self._latest = found[0]
-                return found[0]
+            taken = self._take()
+            if taken is not None:
+                self._latest = taken[0]
+                return taken[0]
             await self._arrival()
         raise StopAsyncIteration
 
     async def receive(self, timeout_s: float | None = None) -> T:
-        """The next message, oldest first.
+        """Return the oldest message that was not taken yet; wait for one if there is none.
 
         Raises:
-            WaitTimeoutError: none came in `timeout_s` seconds; a `TimeoutError`.
+            WaitTimeoutError: no message arrived within `timeout_s`; a `TimeoutError`.
             ClosedError: the subscription was closed, also while waiting.
         """
-        return (await self._next_good(timeout_s))[0]
+        return (await self._receive(timeout_s))[0]
 
     receive_sync = blocking(receive)
 
     async def receive_with_info(self, timeout_s: float | None = None) -> tuple[T, MessageInfo]:
-        """Like `receive`: the message, and its timestamps and publisher's GID."""
-        message, sample = await self._next_good(timeout_s)
+        """Return the message of `receive`, with its timestamps and publisher's GID."""
+        message, sample = await self._receive(timeout_s)
         return message, self._info(sample)
 
     receive_with_info_sync = blocking(receive_with_info)
 
     def take(self) -> T | None:
-        """The next message, oldest first, without waiting; None when there is none. From any thread.
+        """Return the oldest message that was not taken yet, or None, without waiting; from any thread.
 
-        What has arrived is there without an event loop, too, but where the context has a `Driver`: there it is what was
-        taken in while somebody waited. As long as nobody takes it the oldest is dropped for the newest, as the depth
-        says.
+        Received messages are available without an event loop, except if the context has a `LoopRunner`, which must
+        wait to receive. If messages are not taken, the oldest ones are dropped according to the depth.
 
         Raises:
-            CallbackInUseError: the subscription has a callback. ClosedError: it, or its node, is closed.
+            CallbackInUseError: the subscription has a callback.
+            ClosedError: the subscription or its node is closed.
         """
-        found = self._take_next()
-        return None if found is None else found[0]
+        taken = self._take_next()
+        return None if taken is None else taken[0]
 
     def take_with_info(self) -> tuple[T, MessageInfo] | None:
-        """Like `take`: the message, and its timestamps and publisher's GID."""
-        found = self._take_next()
-        return None if found is None else (found[0], self._info(found[1]))
+        """Return the message of `take`, with its timestamps and publisher's GID."""
+        taken = self._take_next()
+        return None if taken is None else (taken[0], self._info(taken[1]))
 
     def _take_next(self) -> tuple[T, Sample] | None:
         if self._callback is not None or self._closed or self._scope.closed:
             self._require_takeable()
-        found = self._take()
-        if found is None and not self._scope.bridge.has_user_runner and self._reader.fetch():
-            found = self._take()
-        if found is not None:
-            self._latest = found[0]
-        return found
+        taken = self._take()
+        if taken is None and not self._scope.bridge.has_user_runner and self._reader.fetch():
+            taken = self._take()
+        if taken is not None:
+            self._latest = taken[0]
+        return taken
 
     def _info(self, sample: Sample) -> MessageInfo:
         _, source_ns, handle, received_ns, number = sample
         return MessageInfo(source_ns, received_ns, self._reader.writer_guid(handle) or bytes(16), number)
 
-    async def _next_good(self, timeout_s: float | None) -> tuple[T, Sample]:
+    async def _receive(self, timeout_s: float | None) -> tuple[T, Sample]:
         self._require_no_callback()
         deadline = Deadline(timeout_s)
-        self._scope.require_open(self._closed, f"the subscription on {self.topic}")
+        self._scope.require_open(self._closed, self._described())
         while not self._closed:
-            found = self._take()
-            if found is not None:
-                self._latest = found[0]
-                return found
+            taken = self._take()
+            if taken is not None:
+                self._latest = taken[0]
+                return taken
             if not await self._arrival(deadline.remaining_s()):
                 raise WaitTimeoutError(f"no message on {self.topic} in {timeout_s} s", self._why_silent())
-        raise ClosedError(f"the subscription on {self.topic} of node {self._scope.node_name} is closed")
+        raise ClosedError(f"{self._described()} of node {self._scope.node_name} is closed")
 
     def _take(self) -> tuple[T, Sample] | None:
-        """The oldest message that decodes; None when there is none. Several threads may share what there is."""
+        """Return the oldest message that can be decoded, or None; several threads may take at the same time."""
         while self._items and not self._closed:
             try:
                 sample = self._items.popleft()
             except IndexError:  # another thread was faster
                 return None
-            if sample[2] not in self._agreeing and not self._check.accepts(sample[2]):
+            if sample[2] not in self._accepted_writers and not self._type_hash_filter.accepts(sample[2]):
                 continue
             try:
                 return self._decode(sample[0]), sample
@@ -221,11 +221,12 @@ class Subscription(PollableEntity, Generic[T]):
         return None
 
     def latest(self) -> T | None:
-        """The newest message so far, without waiting; older ones that were waiting are skipped.
+        """Return the newest message without waiting, or None before the first one; older ones are skipped.
 
-        Also one that `receive` or an iteration has taken already: it is the same object then. None before the first.
+        If `receive` or an iteration has returned the newest message, the same object is returned again.
 
         Raises:
+            CallbackInUseError: the subscription has a callback.
             ClosedError: the subscription or its node is closed.
         """
         self._require_takeable()
@@ -235,7 +236,7 @@ class Subscription(PollableEntity, Generic[T]):
                 sample = self._items.pop()
             except IndexError:  # another thread was faster
                 break
-            if sample[2] not in self._agreeing and not self._check.accepts(sample[2]):
+            if sample[2] not in self._accepted_writers and not self._type_hash_filter.accepts(sample[2]):
                 continue
             try:
                 self._latest = self._decode(sample[0])
@@ -246,7 +247,7 @@ class Subscription(PollableEntity, Generic[T]):
         return self._latest
 
     def _arrival(self, timeout_s: float | None = None) -> Awaitable[bool]:
-        """Wait until there is something in the queue, or the subscription is closed; False when the time passed."""
+        """Wait until the queue is not empty or the subscription is closed; False if the time has passed."""
         self._scope.bridge.running_loop()
         return self._waiters.wait(self._has_news, timeout_s)
 
@@ -268,88 +269,83 @@ class Subscription(PollableEntity, Generic[T]):
 
     def _require_no_callback(self) -> None:
         if self._callback is not None:
-            raise CallbackInUseError(f"the subscription on {self.topic} has a callback; it cannot be received from too")
-
-    # ---------------------------------------------------------------------------------------------------- callbacks
+            raise CallbackInUseError(f"{self._described()} has a callback; its messages cannot be taken as well")
 
     def _deliver(self) -> None:
-        """Call back for what DDS has received already, without waiting for the loop to come round to it."""
+        """Call back for the samples that DDS has received, without waiting until the loop reads them."""
         self._reader.fetch()
         self._call_back()
 
     def _on_data(self) -> Callable[[], None] | None:
-        """The sink of the reader; runs on the loop."""
+        """Sink of the reader. Thread: loop."""
         if self._callback is not None:
             return self._call_back
         self._waiters.wake()
-        return self._tell
+        return self._on_arrival
 
     def _call_back(self) -> None:
         callback = self._callback
-        if len(self._items) == self._full:
-            self._tell_of_drops()
-        if callback is None or self._under_way >= self._concurrency:
-            return  # it looks again when it is done
+        if len(self._items) == self._warning_length and self.dropped:
+            self._scope.logger.warning(
+                drops_warning(self.topic, self._warning_length, self._concurrency, self._running_calls)
+            )
+            self._warning_length = -1
+        if callback is None or self._running_calls >= self._concurrency:
+            return  # a call that ends continues with the queue
         if callback.is_async:
-            for _ in range(min(len(self._items), self._concurrency - self._under_way)):
-                self._under_way += 1
-                self._scope.create_task(self._await_back(callback))
+            for _ in range(min(len(self._items), self._concurrency - self._running_calls)):
+                self._running_calls += 1
+                self._scope.create_task(self._await_callback(callback))
             return
-        # Only what is here now: a callback that publishes on its own topic must not keep the loop for itself.
+        # Only the messages that are queued now: a callback that publishes on its own topic must not block the loop.
         for _ in range(len(self._items)):
-            found = self._take()
-            if found is None:
+            taken = self._take()
+            if taken is None:
                 return
-            task = callback.call(found[0])
+            task = callback.call(taken[0])
             if task is not None:
-                self._under_way += 1
-                task.add_done_callback(self._ended)
-                if self._under_way >= self._concurrency:
+                self._running_calls += 1
+                task.add_done_callback(self._on_call_ended)
+                if self._running_calls >= self._concurrency:
                     return
         if self._items and not self._closed:
             self._scope.bridge.call_soon(self._call_back)
 
-    async def _await_back(self, callback: UserCallback) -> None:
+    async def _await_callback(self, callback: UserCallback) -> None:
         try:
-            while (found := self._take()) is not None:
-                await callback.run(found[0])
+            while (taken := self._take()) is not None:
+                await callback.run(taken[0])
         finally:
-            self._under_way -= 1
+            self._running_calls -= 1
 
-    def _ended(self, _: object) -> None:
-        self._under_way -= 1
+    def _on_call_ended(self, _: object) -> None:
+        self._running_calls -= 1
         self._call_back()
-
-    def _tell_of_drops(self) -> None:
-        if self.dropped:
-            self._scope.logger.warning(drops_warning(self.topic, self._full, self._concurrency, self._under_way))
-            self._full = -1
 
     def _count_undecodable(self, error: DecodeError) -> None:
         self.undecodable += 1
         if self._throttle.allows():
             self._scope.logger.warning(
-                f"dropped a sample on {self.topic} that is no {self.message_type} ({self.undecodable} so far): {error}"
+                f"dropped a sample on {self.topic} that is not a {self.message_type} "
+                f"({self.undecodable} so far): {error}"
             )
-
-    # ------------------------------------------------------------------------------------------------------- state
 
     @property
     def dropped(self) -> int:
-        """Messages that keep-last dropped because they were not taken in time; undecodable ones are not counted.
+        """Number of messages that the queue dropped because they were not taken in time, without undecodable ones.
 
-        The first ones that a callback is too slow for are logged, once, unless the depth is 1.
+        If a callback is too slow, the first drop is logged, unless the depth is 1.
         """
         return self._reader.queue.dropped
 
     @property
     def incompatible_dropped(self) -> int:
-        """Messages that were not handed out because their publisher announces another definition of the type."""
-        return self._check.incompatible_dropped
+        """Number of messages dropped because their publisher announces another definition of the type."""
+        return self._type_hash_filter.incompatible_dropped
 
     @property
     def publisher_count(self) -> int:
-        """How many publishers this subscription is connected with; 0 when it is closed."""
+        """Number of matched publishers; 0 after `close`."""
         return 0 if self._closed else len(self._reader.matched_writers())
 
     def get_publisher_count(self) -> int:
@@ -358,7 +354,7 @@ class Subscription(PollableEntity, Generic[T]):
 
     @property
     def topic_name(self) -> str:
-        """The same as `topic`; the name in rclpy."""
+        """Topic name, equal to `topic`; the name in rclpy."""
         return self.topic
 
     @property
@@ -367,7 +363,7 @@ class Subscription(PollableEntity, Generic[T]):
         return self._reader.guid
 
     async def wait_for_publishers(self, timeout_s: float | None = None, *, count: int = 1) -> Literal[True]:
-        """Wait until at least `count` publishers are connected; raises `WaitTimeoutError` when the time passed."""
+        """Wait until at least `count` publishers are matched; raises `WaitTimeoutError` after `timeout_s`."""
         return await self._scope.wait_or_raise(
             lambda: self.publisher_count >= count,
             timeout_s,
@@ -383,19 +379,19 @@ class Subscription(PollableEntity, Generic[T]):
         return self._scope.why_unmatched(self._reader.guid, self._channel, is_writer=False, matched=matched).text
 
     def _why_silent(self) -> str:
-        """Return why no message was handed out."""
+        """Return why no message was received."""
         if not (count := self.publisher_count):
             return self._why_unmatched()
         if self.incompatible_dropped and (
             reason := self._scope.discovery.unmatched.disagreeing(self._reader.guid, self._channel)
         ):
-            return f"{reason}; {self.incompatible_dropped} messages were withheld"
+            return f"{reason}; {self.incompatible_dropped} messages were dropped"
         silent = f"{pluralize(count, 'publisher')} connected, but sent nothing"
-        return f"{silent}; {self.undecodable} messages did not decode" if self.undecodable else silent
+        return f"{silent}; {self.undecodable} messages could not be decoded" if self.undecodable else silent
 
     def __repr__(self) -> str:
-        parts = self.topic, self.message_type, self.qos.short()
-        return entity_repr(self, *parts, peers=lambda: self.publisher_count, peer="publisher")
+        details = self.topic, self.message_type, self.qos.short()
+        return entity_repr(self, *details, peers=lambda: self.publisher_count, peer="publisher")
 
     def close(self) -> None:
         """Stop receiving: iterators end, `receive` raises `ClosedError`. From any thread; may be called twice."""

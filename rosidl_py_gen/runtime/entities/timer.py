@@ -1,9 +1,7 @@
 """Timers on the event loop.
 
-Decides what a tick does; when one is due is `time/clock_timer.py`. Callbacks run like those of subscriptions; while
-an async
-one runs, periods that pass are skipped and counted. Timers may be made, reset and closed in any thread; what touches
-the event loop is handed over to it.
+`time/clock_timer.py` computes when a timer is due. Callbacks run like those of subscriptions; periods that pass while
+an async callback runs are skipped and counted. Timers may be created, reset and closed in any thread.
 """
 
 from __future__ import annotations
@@ -31,13 +29,12 @@ if TYPE_CHECKING:
 
 
 class Timer(PollableEntity):
-    """Made by `Node.create_timer` and `create_wall_timer`."""
+    """Timer of a clock, created by `Node.create_timer` or `create_wall_timer`."""
 
     def __init__(self, scope: EntityScope, period_ns: int, callback: Callable[[], object] | None, clock: Clock) -> None:
-        """Raises `TypeError` for a callback or clock that is none, `TimeRangeError` for a negative period."""
-        if callback is not None and not callable(callback):
-            raise TypeError(f"callback must be a function without arguments, or None, got {callback!r:.100}")
         if callback is not None:
+            if not callable(callback):
+                raise TypeError(f"callback must be a function without arguments, or None, got {callback!r:.100}")
             require_signature(callback, "a timer's callback")
         if not isinstance(clock, Clock):
             raise TypeError(f"clock must be a Clock such as node.clock, got {clock!r:.100}")
@@ -45,34 +42,33 @@ class Timer(PollableEntity):
         self._clock = clock
         self._callback = None if callback is None else UserCallback(scope, callback, "a timer's callback")
         self._schedule = TimerSchedule(period_ns, clock.now_ns(), waits_at_zero=clock.clock_type is ClockType.ROS_TIME)
-        self._schedule_lock = threading.Lock()  # a reset in another thread must not get lost in a call
+        self._schedule_lock = threading.Lock()  # a reset in another thread must not be lost in a call
         self._worker: asyncio.Task[None] | None = None
         self._waiters = Waiters()
         self._tick: list[Duration] = []
-        """Where whoever waits finds the next tick."""
+        """Result of the next tick, shared by all waiters; empty until then."""
         self.missed = 0
-        """How many periods passed without a call and were skipped."""
+        """Number of periods that were skipped."""
         self.call_count = 0
-        """How many times the timer was called, or ticked."""
-        self._due = ClockTimer(clock, self._schedule, lambda: scope.bridge.loop, self._on_due)
-        self._starts = scope.bridge.on_start(self._due.arm_threadsafe)
+        """Number of calls or ticks."""
+        self._clock_timer = ClockTimer(clock, self._schedule, lambda: scope.bridge.loop, self._on_due)
+        self._start_registration = scope.bridge.on_start(self._clock_timer.arm_threadsafe)
         scope.register(self)
 
-    # ------------------------------------------------------------------------------------------------------ ticking
-
     async def tick(self) -> Duration:
-        """Wait until the timer is due; returns the time since the previous tick (since creation for the first).
+        """Wait until the timer is due; return the time since the previous tick (since creation for the first one).
 
-        A tick that became due while nobody waited is given at once; further ones that were missed are skipped.
+        If the timer is due already, return at once; further missed ticks are skipped.
 
         Raises:
+            CallbackInUseError: the timer has a callback.
             ClosedError: the timer was closed, also while waiting.
         """
         self._require_takeable()
         self._scope.bridge.running_loop()
         if self._schedule.is_ready(self._clock.now_ns()):
-            return self._call()
-        self._due.arm()
+            return self._count(self._advance())
+        self._clock_timer.arm()
         tick = self._tick
         await self._waiters.wait(lambda: tick or self._closed)
         if not tick:
@@ -89,12 +85,13 @@ class Timer(PollableEntity):
             raise StopAsyncIteration from None
 
     def take(self) -> Duration | None:
-        """The tick that is due, as the time since the previous one; None when none is. From any thread, never waits.
+        """Return the time since the previous tick if the timer is due, else None, without waiting; from any thread.
 
-        Ticks that were missed are skipped and counted.
+        Missed ticks are skipped and counted.
 
         Raises:
-            CallbackInUseError: the timer has a callback. ClosedError: it, or its node, is closed.
+            CallbackInUseError: the timer has a callback.
+            ClosedError: the timer or its node is closed.
         """
         self._require_takeable()
         now_ns = self._clock.now_ns()
@@ -102,12 +99,12 @@ class Timer(PollableEntity):
             if not self._schedule.is_ready(now_ns):
                 return None
             call = self._schedule.mark_called(now_ns)
-        self._due.arm_threadsafe()
+        self._clock_timer.arm_threadsafe()
         return self._count(call)
 
     def _require_takeable(self) -> None:
         if self._callback is not None:
-            raise CallbackInUseError("this timer has a callback; it cannot be waited for too")
+            raise CallbackInUseError("this timer has a callback; its ticks cannot be taken as well")
         self._scope.require_open(self._closed, "a timer")
 
     def _described(self) -> str:
@@ -115,9 +112,6 @@ class Timer(PollableEntity):
 
     def _is_ready(self) -> bool:
         return self.is_ready
-
-    def _call(self) -> Duration:
-        return self._count(self._advance())
 
     def _count(self, call: TimerCall) -> Duration:
         self.missed += call.missed
@@ -131,21 +125,19 @@ class Timer(PollableEntity):
 
     def _on_due(self) -> None:
         if self._callback is None:
-            if not self._waiters:  # it stays due
-                if self._tell is not None:
-                    self._tell()
+            if not self._waiters:  # the timer remains due
+                if self._on_arrival is not None:
+                    self._on_arrival()
                 return
-            self._tick.append(self._call())
+            self._tick.append(self._count(self._advance()))
             self._tick = []
             self._waiters.wake()
         elif self._worker is None or self._worker.done():
-            self._call()
+            self._count(self._advance())
             self._worker = self._callback.call()
         else:
             self.missed += 1 + self._advance().missed
-        self._due.arm()
-
-    # -------------------------------------------------------------------------------------------------------- state
+        self._clock_timer.arm()
 
     @property
     def period(self) -> Duration:
@@ -153,13 +145,14 @@ class Timer(PollableEntity):
         return Duration(nanoseconds=self._schedule.period_ns)
 
     def change_period(self, period_s: float) -> None:
-        """Use another period from the next call on; the call already due stays where it is.
+        """Change the period after the next call, whose time remains.
 
         Raises:
-            TypeError: no number. TimeRangeError: negative or not finite.
+            TypeError: `period_s` is not a number.
+            TimeRangeError: `period_s` is negative or not finite.
         """
         self._schedule.change_period(period_to_ns(period_s))
-        self._due.arm_threadsafe()
+        self._clock_timer.arm_threadsafe()
 
     @property
     def is_canceled(self) -> bool:
@@ -172,38 +165,33 @@ class Timer(PollableEntity):
         return self._schedule.is_ready(self._clock.now_ns())
 
     def time_until_next_call(self) -> Duration | None:
-        """Negative when overdue; None while canceled, or while simulated time has not begun."""
+        """Return the time until the timer is due, negative if overdue; None if canceled, or without simulated time."""
         left_ns = self._schedule.time_until_ns(self._clock.now_ns())
         return None if left_ns is None else Duration(nanoseconds=left_ns)
 
     def cancel(self) -> None:
-        """Stop until `reset`; whoever waits for a tick keeps waiting."""
+        """Stop the timer until `reset`; waiters for a tick continue to wait."""
         self._schedule.cancel()
-        self._due.arm_threadsafe()
+        self._clock_timer.arm_threadsafe()
 
     def reset(self) -> None:
-        """Start a period now; ends a cancellation.
-
-        Raises:
-            ClosedError: the timer or its node is closed.
-        """
+        """Start a period now, also if the timer was canceled; raises `ClosedError`."""
         self._scope.require_open(self._closed, "a timer")
         now_ns = self._clock.now_ns()
         with self._schedule_lock:
             self._schedule.reset(now_ns)
-        self._due.arm_threadsafe()
+        self._clock_timer.arm_threadsafe()
 
     def __repr__(self) -> str:
         period = f"{self._schedule.period_ns / NS_PER_S:g} s"
-        parts = period, self._clock.clock_type.name, *["canceled"] * self.is_canceled
-        return entity_repr(self, *parts, peers=lambda: self.call_count, peer="call")
+        details = period, self._clock.clock_type.name, *["canceled"] * self.is_canceled
+        return entity_repr(self, *details, peers=lambda: self.call_count, peer="call")
 
     def close(self) -> None:
-        """Stop for ever; whoever waits for a tick gets `ClosedError`. May be called twice."""
-        if not self._begin_close():
-            return
-        self._starts.close()
-        if self._callback is not None:
-            self._callback.close()
-        self._due.close()
-        self._waiters.wake()
+        """Stop the timer; waiters for a tick get `ClosedError`. May be called twice."""
+        if self._begin_close():
+            self._start_registration.close()
+            if self._callback is not None:
+                self._callback.close()
+            self._clock_timer.close()
+            self._waiters.wake()

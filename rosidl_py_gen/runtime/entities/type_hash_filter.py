@@ -1,8 +1,8 @@
-"""Whether what a writer sends was made with the definition that we read it with.
+"""Check that a writer uses the same definition of the type as its reader.
 
-Two definitions under one name have the same name on the wire, and values of one come out of the other as different
-values. Decides that nothing of a writer is handed out whose announced RIHS01 hash is known and is not ours; a hash that
-is not announced, as by Humble, is taken for ours. A writer is judged once, with its first sample.
+Two definitions of one type have the same name on the wire, and decoding with the other one returns wrong values. So
+samples are dropped if their writer announces another RIHS01 hash. A writer that announces no hash (ROS 2 Humble) is
+assumed to use the same definition. The check runs once per writer, with its first sample.
 """
 
 from __future__ import annotations
@@ -20,30 +20,25 @@ if TYPE_CHECKING:
 
 W = TypeVar("W")
 
-_MAX_KNOWN = 1000
-_MAX_LOOKS = 100
+_MAX_ACCEPTED_WRITERS = 1000
+_MAX_UNKNOWN_SAMPLES = 100
+"""Number of samples of undiscovered writers after which such a writer is accepted without a further search for it."""
 
 
 class TypeHashFilter(Generic[W]):
-    """The check of what reads.
+    """Type hash check of one reader.
 
     Args:
-        guid_of: the GUID of a writer, None when it is not known; by what the reader calls it.
+        guid_of: returns the GUID of a writer, None if it is unknown; the reader chooses how it identifies writers.
 
     Attributes:
-        agreeing: writers whose samples may be handed out; looked up for every message.
-        withheld: how many samples were not.
+        accepted_writers: writers that passed the check; looked up for every message.
+        incompatible_dropped: number of samples that did not pass.
     """
 
     __slots__ = (
-        "_guid_of",
-        "_mode",
-        "_scope",
-        "_service_hash",
-        "_type_hash",
-        "_unknown",
-        "accepted_writers",
-        "incompatible_dropped",
+        *("_guid_of", "_mode", "_scope", "_service_hash", "_type_hash", "_unknown_samples"),
+        *("accepted_writers", "incompatible_dropped"),
     )
 
     def __init__(
@@ -61,22 +56,20 @@ class TypeHashFilter(Generic[W]):
         self._service_hash = service_hash
         self.accepted_writers: set[W] = set()
         self.incompatible_dropped = 0
-        self._unknown = 0
+        self._unknown_samples = 0
 
     def accepts(self, writer: W) -> bool:
-        """Whether samples of a writer that is not in `accepted_writers` may be handed out; counts those that may
-        not.
-        """
+        """Return True if a sample of a writer that is not in `accepted_writers` passes the check; else count it."""
         if self._mode == "error":
             endpoint = self._endpoint(self._guid_of(writer))
-            if endpoint is None:
-                self._unknown += 1  # it is gone, or nobody tells of it; looked for again, but not for ever
-                if self._unknown < _MAX_LOOKS:
+            if endpoint is None:  # the writer has left, or is not discovered yet
+                self._unknown_samples += 1
+                if self._unknown_samples < _MAX_UNKNOWN_SAMPLES:
                     return True
             elif not self.is_compatible(endpoint):
                 self.incompatible_dropped += 1
                 return False
-        if len(self.accepted_writers) >= _MAX_KNOWN:
+        if len(self.accepted_writers) >= _MAX_ACCEPTED_WRITERS:
             self.accepted_writers.clear()
         self.accepted_writers.add(writer)
         return True
@@ -85,11 +78,11 @@ class TypeHashFilter(Generic[W]):
         if guid is None:
             return None
         endpoints = self._scope.graph.endpoints
-        if guid not in endpoints:  # its data may overtake what is told of it
+        if guid not in endpoints:  # a sample may arrive before the discovery of its writer
             self._scope.discovery.refresh()
         return endpoints.get(guid)
 
     def is_compatible(self, endpoint: DiscoveredEndpoint, type_hash: str | None = None) -> bool:
-        """Whether an endpoint may be talked to; `type_hash` is ours for its direction, if not that of the reader."""
-        ours = self._type_hash if type_hash is None else type_hash
-        return self._mode != "error" or not type_hashes_differ(endpoint, ours, self._service_hash)
+        """Return True if an endpoint uses the definition of `type_hash`, by default that of the reader."""
+        own_hash = self._type_hash if type_hash is None else type_hash
+        return self._mode != "error" or not type_hashes_differ(endpoint, own_hash, self._service_hash)

@@ -1,8 +1,7 @@
-"""Keeps the graph up to date and tells peers about our own nodes.
+"""Discovery side of a context: feeds the graph, announces own nodes, and reports incompatible endpoints.
 
-Decides when our nodes are announced (after every change, several changes of one loop iteration at once), and when
-there is a warning that two endpoints do not connect. The state is `state.py`; how nodes are announced, and why two
-do not connect, is the transport's business.
+Own nodes are announced after every change; several changes in one loop iteration are announced together. The graph's
+data is in `graph.py`. How nodes are announced, and which endpoints are incompatible, depends on the transport.
 """
 
 from __future__ import annotations
@@ -29,57 +28,55 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.api import Participant
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent, TopicKey
 
-_STILL_DELIVERED = "; they are used all the same, as type_check says"
+_STILL_DELIVERED = "; delivered anyway, because of type_hash_check"
 _CURE = (
-    ". Bring both to one, or take that of the other side: `await node.resolve_type(topic)`, or `rosidl-py`, which "
-    "looks it up"
+    ". Use the same definition on both sides, or that of the other side: `await node.resolve_type(topic)`, or "
+    "`rosidl-py`, which does that automatically"
 )
 _NODE_NAME_GRACE_PERIOD_S = 1.0
 """A node's name usually arrives some milliseconds after its endpoints; a warning waits this long for it."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Warning:
-    """An incompatibility that is logged when the names of both nodes are known."""
+class _PendingWarning:
+    """Incompatibility that is logged when the names of both nodes are known."""
 
-    found: Incompatibility
-    is_used: bool
-    """Messages arrive and are handed out all the same."""
+    incompatibility: Incompatibility
+    is_delivered: bool
+    """True if messages are delivered in spite of it."""
 
 
 class Discovery:
-    """The graph side of one context."""
+    """Graph of one context, with the announcement of its own nodes."""
 
     def __init__(self, participant: Participant, bridge: LoopBinding, announce_delay_s: float = 0.0) -> None:
-        """`announce_delay_s`: see `Context`."""
+        """`announce_delay_s` is that of `Context`."""
         self._participant = participant
         self._bridge = bridge
         self.graph = Graph(participant.guid)
         self._nodes: dict[int, NodeEntities] = {}
         self._node_numbers = itertools.count(1)
         self.changes = Waiters()
-        """Who waits for the graph to change."""
+        """Waiters for a change of the graph."""
         self.on_endpoint_lost: RegistrationSet[Callable[[], None]] = RegistrationSet()
-        """Called when participants or endpoints have left the graph, on the loop's thread or where no loop runs."""
+        """Called after participants or endpoints have left the graph, on the loop's thread if a loop runs."""
         self._announce_delay_s = announce_delay_s
-        self._dirty = False
+        self._announcement_is_scheduled = False
+        # Held from a change of own nodes until it is announced, so that no older state is announced after it.
         self._lock = threading.RLock()
-        """Held from a change of our own nodes until it is written, so that no older state is written after it."""
         self._closed = False
         self._reported_pairs: set[tuple[bytes, bytes]] = set()
-        self._warned_services: set[tuple[str, bytes, bytes]] = set()
-        self._mismatches: list[_Warning] = []
+        self._reported_services: set[tuple[str, bytes, bytes]] = set()
+        self._warnings: list[_PendingWarning] = []
         self.on_incompatible_endpoint: Callable[[str, str], None] | None = None
-        """See `Context`."""
+        """Function of `Context.on_incompatible_endpoint`."""
         self.type_hash_checks: dict[bytes, str] = {}
-        """Of our endpoints, what becomes of messages of another definition, where that is not "error"."""
+        """Type hash check of own endpoints, without those that have the default, "error"."""
         self.unmatched = UnmatchedReasons(self.graph, self.incompatibility, participant.middleware)
         participant.set_discovery_sink(self._on_events)
 
-    # ------------------------------------------------------------------------------------------------- own nodes
-
     def add_node(self, name: str, namespace: str) -> int:
-        """Announce a node; returns its number."""
+        """Announce a node and return its number."""
         number = next(self._node_numbers)
         with self._lock:
             self._nodes[number] = NodeEntities(namespace, name, frozenset(), frozenset())
@@ -87,18 +84,15 @@ class Discovery:
         return number
 
     def remove_node(self, number: int) -> None:
-        """Withdraw a node."""
+        """Withdraw a node, if it is announced."""
         with self._lock:
-            if self._nodes.pop(number, None) is None:
-                return
-            if self._bridge.in_loop_thread():
-                self.graph.set_nodes(self._participant.guid, self._nodes.values())
-                self._publish_soon()
-            else:
-                self.publish()
+            if self._nodes.pop(number, None) is not None:
+                if self._bridge.in_loop_thread():
+                    self.graph.set_nodes(self._participant.guid, self._nodes.values())
+                self._publish_or_schedule()
 
     def endpoints_of(self, number: int) -> frozenset[bytes]:
-        """GUIDs of a node's endpoints."""
+        """Return the GUIDs of a node's endpoints."""
         node = self._nodes[number]
         return node.reader_gids | node.writer_gids
 
@@ -110,72 +104,66 @@ class Discovery:
             node = self._nodes.get(number)
             if node is None:
                 return
-            gone = {*remove, b""}
+            removed = {*remove, b""}
             for guid in remove:
                 self.type_hash_checks.pop(guid, None)
-            readers, writers = (node.reader_gids | {reader}) - gone, (node.writer_gids | {writer}) - gone
+            readers, writers = (node.reader_gids | {reader}) - removed, (node.writer_gids | {writer}) - removed
             self._nodes[number] = NodeEntities(node.namespace, node.name, readers, writers)
-            if self._bridge.in_loop_thread():
-                self._publish_soon()
-            else:
-                self.publish()
+            self._publish_or_schedule()
 
-    def _publish_soon(self) -> None:
+    def _publish_or_schedule(self) -> None:
         loop = self._bridge.loop
-        if not self._dirty and loop is not None:
-            self._dirty = True
-            loop.call_later(self._announce_delay_s, self._publish_if_dirty)
+        if not self._bridge.in_loop_thread():
+            self.publish()
+        elif not self._announcement_is_scheduled and loop is not None:
+            self._announcement_is_scheduled = True
+            loop.call_later(self._announce_delay_s, self._publish_scheduled)
 
-    def _publish_if_dirty(self) -> None:
-        # A participant that leaves says all there is to say: DDS would hold up the end until this were acknowledged.
-        if self._dirty and not self._closed:
+    def _publish_scheduled(self) -> None:
+        # After `close` the end of the participant tells everything. An announcement would delay that end until peers
+        # have acknowledged it.
+        if self._announcement_is_scheduled and not self._closed:
             self.publish()
 
     def publish(self) -> None:
-        """Announce the whole state now."""
+        """Announce all own nodes now."""
         with self._lock:
-            self._dirty = False
+            self._announcement_is_scheduled = False
             self._participant.announce(self._nodes)
             self.graph.set_nodes(self._participant.guid, self._nodes.values())
         self._changed()
 
-    # ------------------------------------------------------------------------------------------------------ input
-
     def refresh(self) -> None:
-        """Take in what has arrived but was not reported yet; does nothing outside the thread of a running loop."""
+        """Apply received discovery data; does nothing outside the thread of a running loop."""
         loop = self._bridge.loop
         if loop is None or not loop.is_running() or self._bridge.in_loop_thread():
             self._participant.report_discovery()
 
     def _on_events(self, events: list[DiscoveryEvent]) -> None:
-        someone_left = False
+        is_any_lost = False
         for event in events:
             if isinstance(event, EntityLost):
-                someone_left = True
+                is_any_lost = True
                 self._reported_pairs = {pair for pair in self._reported_pairs if event.guid not in pair}
-                self._warned_services = {one for one in self._warned_services if event.guid not in one}
-            appeared = self.graph.apply(event)
-            if appeared is not None:
-                self._check_new_endpoint(appeared)
-        if someone_left:
-            for tell in self.on_endpoint_lost:
-                tell()
+                self._reported_services = {service for service in self._reported_services if event.guid not in service}
+            new_endpoint = self.graph.apply(event)
+            if new_endpoint is not None:
+                self._check_new_endpoint(new_endpoint)
+        if is_any_lost:
+            for function in self.on_endpoint_lost:
+                function()
         self._changed()
-
-    # ---------------------------------------------------------------------------------------------------- waiting
 
     def _changed(self) -> None:
         if self._bridge.is_running and not self._bridge.in_loop_thread():
             self._bridge.call_soon(self._changed)
             return
         self.changes.wake()
-        if self._mismatches:
-            self._warn_mismatches(final=False)
-
-    # ------------------------------------------------------------------------------------------------ mismatches
+        if self._warnings:
+            self._warn_incompatible(final=False)
 
     def incompatibility(self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> Incompatibility | None:
-        """Return in what a writer and a reader of one channel differ; None when they do not."""
+        """Return the incompatibility of a writer and a reader of one topic; None if they match."""
         kind = (
             IncompatibilityKind.TYPE
             if writer.type != reader.type
@@ -186,58 +174,62 @@ class Discovery:
         return None if kind is None else Incompatibility(kind, writer, reader)
 
     def mismatches(self, channel: TopicKey) -> Iterator[Mismatch]:
-        """Who does not understand whom on a channel, as far as both are known."""
+        """Yield all incompatible pairs of discovered endpoints on a topic."""
         info = self.graph.endpoint_info
         for writer in self.graph.endpoints_on(channel, writers=True):
             for reader in self.graph.endpoints_on(channel, writers=False):
-                if found := self.incompatibility(writer, reader):
-                    yield Mismatch(info(writer), info(reader), found.mismatch_kind, found.reason)
+                if result := self.incompatibility(writer, reader):
+                    yield Mismatch(info(writer), info(reader), result.mismatch_kind, result.reason)
 
     def _check_new_endpoint(self, new: DiscoveredEndpoint) -> None:
-        """Look for endpoints that `new` should talk to but cannot; one side must be ours."""
-        mine = self._participant.guid
+        """Report an endpoint that is incompatible with one of opposite direction, if one of the two is our own.
+
+        Each pair is reported once. Node names arrive some milliseconds after endpoints, so the warning is delayed. With
+        ``type_hash_check="off"``, a different definition is not reported.
+        """
         for other in self.graph.endpoints_on(new.channel, writers=not new.is_writer):
             writer, reader = (new, other) if new.is_writer else (other, new)
-            ours = [one for one in (writer, reader) if one.participant_guid == mine]
-            if not ours or (writer.guid, reader.guid) in self._reported_pairs:
+            own = [endpoint for endpoint in (writer, reader) if endpoint.participant_guid == self._participant.guid]
+            if not own or (writer.guid, reader.guid) in self._reported_pairs:
                 continue
-            found = self.incompatibility(writer, reader)
-            if found is None or not self._is_first_report(writer, reader):
+            result = self.incompatibility(writer, reader)
+            if result is None or not self._is_first_report(writer, reader):
                 continue
             self._reported_pairs.add((writer.guid, reader.guid))
-            modes = {self.type_hash_checks.get(one.guid, "error") for one in ours}
-            is_definition = found.kind is IncompatibilityKind.DEFINITION
+            modes = {self.type_hash_checks.get(endpoint.guid, "error") for endpoint in own}
+            is_definition = result.kind is IncompatibilityKind.DEFINITION
             if is_definition and modes == {"off"}:
                 continue
-            self._mismatches.append(_Warning(found, is_definition and reader in ours and "error" not in modes))
+            self._warnings.append(_PendingWarning(result, is_definition and reader in own and "error" not in modes))
             loop = self._bridge.loop
             if loop is not None:
-                loop.call_later(_NODE_NAME_GRACE_PERIOD_S, self._warn_mismatches)
+                loop.call_later(_NODE_NAME_GRACE_PERIOD_S, self._warn_incompatible)
 
     def _is_first_report(self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> bool:
-        """Whether it is the first half of a service between two participants; the other says the same."""
+        """Return False if the other topic of the service was reported for the same two participants."""
         kind, name = writer.channel
         if kind not in ("request", "reply"):
             return True
-        one, two = sorted((writer.participant_guid, reader.participant_guid))
-        known = (name, one, two) in self._warned_services
-        self._warned_services.add((name, one, two))
-        return not known
+        first, second = sorted((writer.participant_guid, reader.participant_guid))
+        key = name, first, second
+        is_first = key not in self._reported_services
+        self._reported_services.add(key)
+        return is_first
 
-    def _warn_mismatches(self, *, final: bool = True) -> None:
-        waiting, self._mismatches = self._mismatches, []
-        for warning in waiting:
-            found = warning.found
-            writer, reader = found.writer, found.reader
+    def _warn_incompatible(self, *, final: bool = True) -> None:
+        pending, self._warnings = self._warnings, []
+        for warning in pending:
+            incompatibility = warning.incompatibility
+            writer, reader = incompatibility.writer, incompatibility.reader
             if not final and not (self.graph.has_named_node(writer) and self.graph.has_named_node(reader)):
-                self._mismatches.append(warning)
+                self._warnings.append(warning)
                 continue
             own = writer if writer.participant_guid == self._participant.guid else reader
-            what = "messages that may be read wrong" if warning.is_used else "no messages"
+            effect = "messages that may be decoded wrongly" if warning.is_delivered else "no messages"
             names = f"from {self.graph.describe_node(writer)} to {self.graph.describe_node(reader)}"
-            text = f"{what} on {own.channel.name} {names}: {found.reason}"
-            if found.kind is IncompatibilityKind.DEFINITION:
-                text += _STILL_DELIVERED if warning.is_used else _CURE
+            text = f"{effect} on {own.channel.name} {names}: {incompatibility.reason}"
+            if incompatibility.kind is IncompatibilityKind.DEFINITION:
+                text += _STILL_DELIVERED if warning.is_delivered else _CURE
             if self.on_incompatible_endpoint is not None:
                 self.on_incompatible_endpoint(text, own.channel.name)
                 continue
@@ -245,7 +237,7 @@ class Discovery:
             get_logger(logger_name(fully_qualified_node_name(node_name, namespace))).warning(text)
 
     def close(self) -> None:
-        """Announce nothing more and release whoever waits."""
+        """Announce nothing more, and wake up the waiters."""
         self._closed = True
-        self._mismatches.clear()
+        self._warnings.clear()
         self._changed()

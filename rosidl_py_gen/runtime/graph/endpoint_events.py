@@ -1,7 +1,7 @@
-"""What happens to an endpoint beside messages, told to callbacks as in rclpy: matches, mismatches, deadlines.
+"""Events of endpoints, reported to callbacks as in rclpy: matches, incompatible endpoints, deadlines.
 
-Decides how it is noticed: an endpoint that has such callbacks looks every 50 ms at what the graph and the middleware
-know of it. Nothing announces some of this, and endpoints without such callbacks cost nothing.
+An endpoint with such callbacks polls the graph and the transport every 50 ms, because the transport does not notify of
+some events. Endpoints without callbacks cost nothing.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ _POLL_INTERVAL_S = 0.05
 
 
 class UnsupportedEventError(RosidlError, ValueError):
-    """The caller asks for an event that this middleware does not tell."""
+    """The transport does not report the requested event."""
 
 
 @dataclass(frozen=True, slots=True)
 class MatchedStatus:
-    """Endpoints were connected, or not any more.
+    """Change of the matched endpoints.
 
     Attributes:
-        total_count: how many were connected since the endpoint was made.
-        total_count_change: of these, how many since the event before.
-        current_count: how many are connected now.
-        current_count_change: how many more than at the event before; negative when there are fewer.
+        total_count: number of endpoints that were matched since this one was created.
+        total_count_change: difference of `total_count` to the previous event.
+        current_count: number of endpoints that are matched now.
+        current_count_change: difference of `current_count` to the previous event, negative if endpoints have left.
     """
 
     total_count: int
@@ -48,14 +48,13 @@ class MatchedStatus:
 
 @dataclass(frozen=True, slots=True)
 class IncompatibleStatus:
-    """Others have another type, or a quality of service that cannot match.
+    """Endpoints that do not match because of type or QoS.
 
     Attributes:
-        total_count: how many since the endpoint was made.
-        total_count_change: of these, how many since the event before.
-        reason: about the last one, in words.
-        last_policy_kind: the first policy that stands against the last one; INVALID where the type does, or what is no
-            policy.
+        total_count: number of such endpoints since this one was created.
+        total_count_change: difference of `total_count` to the previous event.
+        reason: text about the last one.
+        last_policy_kind: first incompatible policy of the last one; INVALID if the reason is not a QoS policy.
     """
 
     total_count: int
@@ -66,11 +65,11 @@ class IncompatibleStatus:
 
 @dataclass(frozen=True, slots=True)
 class CountStatus:
-    """Deadlines that passed, messages that were lost, or leases of liveliness that ended.
+    """Missed deadlines, lost messages, or expired liveliness leases.
 
     Attributes:
-        total_count: how many since the endpoint was made.
-        total_count_change: of these, how many since the event before.
+        total_count: number since the endpoint was created.
+        total_count_change: difference of `total_count` to the previous event.
     """
 
     total_count: int
@@ -79,13 +78,13 @@ class CountStatus:
 
 @dataclass(frozen=True, slots=True)
 class LivelinessStatus:
-    """Publishers that say they are alive, and those that did not say so in time.
+    """Change of the liveliness of matched publishers.
 
     Attributes:
-        alive_count: how many are alive now.
-        not_alive_count: how many are connected and did not say so.
-        alive_count_change: how many more than at the event before; negative when there are fewer.
-        not_alive_count_change: the same of those that did not.
+        alive_count: number of matched publishers that are alive.
+        not_alive_count: number of matched publishers whose lease has expired.
+        alive_count_change: difference of `alive_count` to the previous event.
+        not_alive_count_change: difference of `not_alive_count` to the previous event.
     """
 
     alive_count: int
@@ -96,16 +95,15 @@ class LivelinessStatus:
 
 @dataclass(frozen=True, slots=True)
 class SubscriptionEventCallbacks:
-    """Functions, plain or async, that get what happened to a subscription.
+    """Callbacks, plain or async, for the events of a subscription.
 
     Attributes:
-        deadline: a publisher was silent for longer than the deadline; DDS only, as the next one.
-        liveliness: a publisher is alive, or did not say so within its lease.
-        message_lost: messages did not arrive, as DDS and Zenoh tell; what keep-last dropped here is in
-            `Subscription.dropped`.
+        deadline: a publisher has sent nothing within the deadline; only on DDS.
+        liveliness: the liveliness of a publisher has changed; only on DDS.
+        message_lost: DDS or Zenoh has lost messages. `Subscription.dropped` counts those that the queue has dropped.
         incompatible_type: a publisher has another type, or another definition of it.
-        incompatible_qos: a publisher offers what is not asked for.
-        matched: publishers were connected, or not any more.
+        incompatible_qos: a publisher offers less than the subscription requests.
+        matched: publishers were matched or have left.
     """
 
     deadline: Callable[[CountStatus], object] | None = None
@@ -118,14 +116,14 @@ class SubscriptionEventCallbacks:
 
 @dataclass(frozen=True, slots=True)
 class PublisherEventCallbacks:
-    """Functions, plain or async, that get what happened to a publisher.
+    """Callbacks, plain or async, for the events of a publisher.
 
     Attributes:
-        deadline: nothing was published for longer than the deadline; DDS only, as the next one.
-        liveliness: it did not say within its lease that it is alive.
+        deadline: the publisher has sent nothing within the deadline; only on DDS.
+        liveliness: the publisher's liveliness lease has expired; only on DDS.
         incompatible_type: a subscription has another type, or another definition of it.
-        incompatible_qos: a subscription asks for more than is offered.
-        matched: subscriptions were connected, or not any more.
+        incompatible_qos: a subscription requests more than the publisher offers.
+        matched: subscriptions were matched or have left.
     """
 
     deadline: Callable[[CountStatus], object] | None = None
@@ -137,65 +135,64 @@ class PublisherEventCallbacks:
 
 def watch_events(
     scope: EntityScope,
-    end: Reader | Writer,
+    endpoint: Reader | Writer,
     matched: Callable[[], list[bytes]],
     callbacks: SubscriptionEventCallbacks | PublisherEventCallbacks | None,
-    what: str,
+    subject: str,
 ) -> EndpointEventPoller | None:
-    """`EndpointEventPoller`, where there are callbacks; when they are refused, the endpoint is closed."""
+    """Return a poller for the callbacks, None without callbacks; if they are invalid, close the endpoint and raise."""
     if callbacks is None:
         return None
     try:
-        return EndpointEventPoller(scope, end, matched, callbacks, what)
+        return EndpointEventPoller(scope, endpoint, matched, callbacks, subject)
     except BaseException:
-        end.close()
+        endpoint.close()
         raise
 
 
 class EndpointEventPoller:
-    """Looks after the events of one reader or writer. Close it before these.
+    """Poller for the events of one reader or writer; must be closed before the endpoint.
 
     Args:
-        matched: gives the GUIDs of those it is connected with.
-        callbacks: as the user gave them.
-        what: names the endpoint in errors: "the subscription on /chatter".
+        matched: returns the GUIDs of the matched endpoints.
+        subject: name of the endpoint in errors: "the subscription on /chatter".
 
     Raises:
-        UnsupportedEventError: the middleware does not tell one of them. CallbackSignatureError, TypeError: a callback
-            cannot be called.
+        UnsupportedEventError: the transport does not report one of the events.
+        CallbackSignatureError, TypeError: a callback cannot be called.
     """
 
     def __init__(
         self,
         scope: EntityScope,
-        end: Reader | Writer,
+        endpoint: Reader | Writer,
         matched: Callable[[], list[bytes]],
         callbacks: SubscriptionEventCallbacks | PublisherEventCallbacks,
-        what: str,
+        subject: str,
     ) -> None:
         self._bridge = scope.bridge
         self._discovery = scope.discovery
-        self._end = end
+        self._endpoint = endpoint
         self._matched = matched
         self._peers: set[bytes] = set()
-        self._apart: set[bytes] = set()
+        self._incompatible: set[bytes] = set()
         self._totals = {"matched": 0, "incompatible_type": 0, "incompatible_qos": 0}
         self._counts: dict[str, tuple[int, ...]] = {}
         self._timer: asyncio.TimerHandle | None = None
         self._closed = False
-        self._functions: dict[str, UserCallback] = {}
-        for one in fields(callbacks):
-            function = getattr(callbacks, one.name)
+        self._callbacks: dict[str, UserCallback] = {}
+        for name in (field.name for field in fields(callbacks)):
+            function = getattr(callbacks, name)
             if function is None:
                 continue
-            require_signature(function, f"the {one.name} callback of {what}", "the status")
-            self._functions[one.name] = UserCallback(scope, function, f"the {one.name} callback of {what}")
-            if one.name not in self._totals:
-                counts = end.event_counts(one.name)
+            require_signature(function, f"the {name} callback of {subject}", "the status")
+            self._callbacks[name] = UserCallback(scope, function, f"the {name} callback of {subject}")
+            if name not in self._totals:
+                counts = endpoint.event_counts(name)
                 if counts is None:
-                    raise UnsupportedEventError(f"{what}: this middleware does not tell of {one.name}; DDS does")
-                self._counts[one.name] = counts
-        self._start: Registration = scope.bridge.on_start(self._schedule_poll)
+                    raise UnsupportedEventError(f"{subject}: this middleware does not report {name} events; DDS does")
+                self._counts[name] = counts
+        self._start_registration: Registration = scope.bridge.on_start(self._schedule_poll)
 
     def _schedule_poll(self) -> None:
         if self._timer is not None:
@@ -207,59 +204,60 @@ class EndpointEventPoller:
     def _poll(self) -> None:
         if self._closed:
             return
-        if "matched" in self._functions:
+        if "matched" in self._callbacks:
             self._poll_matched_peers()
-        if {"incompatible_type", "incompatible_qos"} & self._functions.keys():
+        if {"incompatible_type", "incompatible_qos"} & self._callbacks.keys():
             self._poll_other_endpoints()
         for name in self._counts:
             self._poll_counts(name)
         self._schedule_poll()
 
     def _poll_matched_peers(self) -> None:
-        before = self._totals["matched"], len(self._peers)
+        previous_total, previous_count = self._totals["matched"], len(self._peers)
         peers = set(self._matched())
-        counts = self._end.event_counts("matched")  # which knows of those, too, that came and went since the last look
-        total = before[0] + len(peers - self._peers) if counts is None else max(counts[0], before[0])
-        if peers != self._peers or total != before[0]:
+        # The transport's count includes endpoints that were matched and have left since the previous poll.
+        counts = self._endpoint.event_counts("matched")
+        total = previous_total + len(peers - self._peers) if counts is None else max(counts[0], previous_total)
+        if peers != self._peers or total != previous_total:
             self._totals["matched"], self._peers = total, peers
-            self._tell("matched", MatchedStatus(total, total - before[0], len(peers), len(peers) - before[1]))
+            status = MatchedStatus(total, total - previous_total, len(peers), len(peers) - previous_count)
+            self._report("matched", status)
 
     def _poll_other_endpoints(self) -> None:
         graph = self._discovery.graph
-        mine = graph.endpoints.get(self._end.guid)
-        if mine is None:
+        own = graph.endpoints.get(self._endpoint.guid)
+        if own is None:
             return
-        others = graph.endpoints_on(mine.channel, writers=not mine.is_writer)
-        self._apart &= {one.guid for one in others}
-        found: dict[str, list[tuple[str, QoSPolicyKind]]] = {}
+        others = graph.endpoints_on(own.channel, writers=not own.is_writer)
+        self._incompatible &= {other.guid for other in others}
+        events: dict[str, list[tuple[str, QoSPolicyKind]]] = {}
         for other in others:
-            if other.guid in self._apart:
+            if other.guid in self._incompatible:
                 continue
-            differ = self._discovery.incompatibility(*((mine, other) if mine.is_writer else (other, mine)))
-            if differ is not None:
-                self._apart.add(other.guid)
-                name = "incompatible_qos" if differ.mismatch_kind == "qos" else "incompatible_type"
-                found.setdefault(name, []).append((differ.reason, next(iter(differ.policies), QoSPolicyKind.INVALID)))
-        for name, items in found.items():
+            result = self._discovery.incompatibility(*((own, other) if own.is_writer else (other, own)))
+            if result is not None:
+                self._incompatible.add(other.guid)
+                name = "incompatible_qos" if result.mismatch_kind == "qos" else "incompatible_type"
+                events.setdefault(name, []).append((result.reason, next(iter(result.policies), QoSPolicyKind.INVALID)))
+        for name, items in events.items():
             self._totals[name] += len(items)
-            self._tell(name, IncompatibleStatus(self._totals[name], len(items), *items[-1]))
+            self._report(name, IncompatibleStatus(self._totals[name], len(items), *items[-1]))
 
     def _poll_counts(self, name: str) -> None:
-        before, now = self._counts[name], self._end.event_counts(name)
-        if now is None or now == before:
+        previous, counts = self._counts[name], self._endpoint.event_counts(name)
+        if counts is None or counts == previous:
             return
-        self._counts[name] = now
-        changes = [new - old for new, old in zip(now, before, strict=True)]
-        self._tell(name, LivelinessStatus(*now, *changes) if len(now) > 1 else CountStatus(now[0], changes[0]))
+        self._counts[name] = counts
+        changes = [new - old for new, old in zip(counts, previous, strict=True)]
+        self._report(name, LivelinessStatus(*counts, *changes) if len(counts) > 1 else CountStatus(*counts, *changes))
 
-    def _tell(self, name: str, status: Any) -> None:
-        function = self._functions.get(name)
-        if function is not None:
-            function.call(status)
+    def _report(self, name: str, status: Any) -> None:
+        if name in self._callbacks:
+            self._callbacks[name].call(status)
 
     def close(self) -> None:
-        """Look no more; may be called twice, from any thread."""
+        """Stop polling; from any thread, may be called twice."""
         self._closed = True
-        self._start.close()
-        for function in self._functions.values():
-            function.close()
+        self._start_registration.close()
+        for callback in self._callbacks.values():
+            callback.close()

@@ -1,8 +1,7 @@
-"""The ROS graph: nodes, topics, services and endpoints, as a plain object fed with discovery events.
+"""Graph of nodes, topics, services and endpoints, as a plain data structure that is fed with discovery events.
 
-Decides how endpoints and what participants tell of their nodes combine into what ROS shows
-(docs/internals/protocol.md 6.3, 6.4). No I/O, no waiting: `discovery.py` feeds it, `node/graph_methods.py` asks it.
-`version` grows with every change.
+It combines discovered endpoints with the nodes that participants announce (docs/internals/protocol.md 6.3, 6.4). It
+does no I/O and does not wait. `version` is incremented with every change.
 """
 
 from __future__ import annotations
@@ -29,14 +28,14 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 UNKNOWN_NODE = ("_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_")
-_MAX_TEXT = 600
-"""Number of characters of a name that texts show; ROS allows 255 for a node and 245 for its namespace."""
 BARE_DDS_NODE = ("_CREATED_BY_BARE_DDS_APP_", "_CREATED_BY_BARE_DDS_APP_")
+_MAX_NAME_CHARS = 600
+"""Maximum length of a node name in texts; ROS allows 255 for a name and 245 for its namespace."""
 NamesAndTypes = list[tuple[str, list[str]]]
 
 
 class EndpointType(IntEnum):
-    """Numbers of rmw."""
+    """Kinds of endpoints, with the numbers of rmw."""
 
     INVALID = 0
     PUBLISHER = 1
@@ -45,7 +44,7 @@ class EndpointType(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class NodeInfo:
-    """One node as its participant announces it."""
+    """Node as its participant announces it."""
 
     name: str
     namespace: str
@@ -59,14 +58,14 @@ class NodeInfo:
 
 @dataclass(frozen=True, slots=True)
 class TopicEndpointInfo:
-    """One publisher or subscription, as `ros2 topic info --verbose` shows it; or what a client or server writes.
+    """Publisher or subscription, as in `ros2 topic info --verbose`, or the writer of a client or server.
 
     Attributes:
-        topic_type: ``pkg/msg/Name``, or the DDS type name when it has no ROS shape.
-        topic_type_hash: RIHS01 text, empty when the endpoint does not tell (Humble, bare DDS).
+        topic_type: ``pkg/msg/Name``, or the DDS type name if it is not a ROS type.
+        topic_type_hash: RIHS01 text, empty if the endpoint announces none (ROS 2 Humble, DDS without ROS).
         endpoint_gid: 16 bytes.
         qos_profile: as discovered; unset durations are infinite.
-        participant_guid: of the member of the domain it belongs to; see `Context.participants`.
+        participant_guid: GUID of the endpoint's participant; see `Context.participants`.
     """
 
     node_name: str
@@ -80,12 +79,12 @@ class TopicEndpointInfo:
 
     @property
     def has_node_name(self) -> bool:
-        """Whether its node is known; the names of nodes follow their endpoints, and some programs have none."""
+        """True if the endpoint's node is known; node names arrive after endpoints, and some programs have none."""
         return (self.node_namespace, self.node_name) not in (UNKNOWN_NODE, BARE_DDS_NODE)
 
     @property
     def node_text(self) -> str:
-        """``/ns/name`` of its node, or in words why there is none."""
+        """``/ns/name`` of the node, or the reason why it has none, in parentheses."""
         if self.has_node_name:
             return fully_qualified_node_name(self.node_name, self.node_namespace)
         return "(DDS program without node)" if self.node_name == BARE_DDS_NODE[1] else "(unknown node)"
@@ -93,13 +92,13 @@ class TopicEndpointInfo:
 
 @dataclass(frozen=True, slots=True)
 class Mismatch:
-    """A publisher and a subscription of one topic, or a client and a server, that do not understand each other.
+    """Incompatible publisher and subscription of a topic, or client and server of a service.
 
     Attributes:
-        writer: what sends the messages, or the requests.
-        reader: what should receive them.
-        kind: whether their types differ, the definitions of one type, or their quality of service.
-        reason: in words.
+        writer: sender of the messages or requests.
+        reader: receiver of the messages or requests.
+        kind: difference: another type, another definition of the type, or incompatible QoS.
+        reason: text about both.
     """
 
     writer: TopicEndpointInfo
@@ -110,13 +109,13 @@ class Mismatch:
 
 @dataclass(frozen=True, slots=True)
 class ParticipantInfo:
-    """One member of the domain; usually a process.
+    """Member of the domain, usually a process.
 
     Attributes:
-        guid: 16 bytes; the first two are the number of the vendor.
-        is_ros: it says that it is a ROS participant.
-        announces_type_hashes: an endpoint of it has a type hash, as in Iron and later; None when it has no endpoints
-        (yet). is_own: it is that of the context that was asked.
+        guid: 16 bytes; the first two are the number of the DDS vendor.
+        is_ros: True if it announces itself as a ROS participant.
+        announces_type_hashes: True if one of its endpoints has a type hash (Iron and later); None without endpoints.
+        is_own: True for the context's own participant.
     """
 
     guid: bytes
@@ -133,7 +132,7 @@ class _Participant:
 
 
 class Graph:
-    """The state; every method that asks is a pure function of it, and may be called while another thread changes it."""
+    """Discovered participants, nodes and endpoints; may be read while another thread changes it."""
 
     def __init__(self, own_participant: bytes = b"") -> None:
         self._own_participant = own_participant
@@ -142,54 +141,44 @@ class Graph:
         self._participants: dict[bytes, _Participant] = {}
         self._by_channel: defaultdict[TopicKey, dict[bytes, DiscoveredEndpoint]] = defaultdict(dict)
 
-    # ----------------------------------------------------------------------------------------------------- changes
-
     def apply(self, event: DiscoveryEvent) -> DiscoveredEndpoint | None:
-        """Take one event in; returns the endpoint when a new one appeared."""
+        """Apply an event; return the endpoint if it is a new one."""
+        new_endpoint = None
         match event:
             case ParticipantDiscovered():
-                known = self._participants.setdefault(event.guid, _Participant())
-                known.enclave = event.enclave
+                self._participants.setdefault(event.guid, _Participant()).enclave = event.enclave
             case NodesAnnounced():
                 self.set_nodes(event.guid, event.nodes)
-                return None
             case DiscoveredEndpoint():
-                return self._add(event)
+                new_endpoint = None if event.guid in self.endpoints else event
+                self.endpoints[event.guid] = event
+                self._by_channel[event.channel][event.guid] = event
             case EntityLost():
                 self._remove(event.guid)
-        self.version += 1
-        return None
-
-    def _add(self, event: DiscoveredEndpoint) -> DiscoveredEndpoint | None:
-        known = event.guid in self.endpoints
-        self.endpoints[event.guid] = event
-        self._by_channel[event.channel][event.guid] = event
-        self.version += 1
-        return None if known else event
+        self.version += 1  # last, because other threads cache what they have read by the version
+        return new_endpoint
 
     def _remove(self, guid: bytes) -> None:
         endpoint = self.endpoints.pop(guid, None)
         if endpoint is not None:
-            same = self._by_channel[endpoint.channel]
-            same.pop(guid, None)
-            if not same:
+            others = self._by_channel[endpoint.channel]
+            others.pop(guid, None)
+            if not others:
                 del self._by_channel[endpoint.channel]
         self._participants.pop(guid, None)
 
     def set_nodes(self, participant_guid: bytes, nodes: Iterable[NodeEntities]) -> None:
-        """Take in which nodes a participant has: the whole list."""
+        """Replace the nodes of a participant."""
         self._participants.setdefault(participant_guid, _Participant()).nodes = list(nodes)
         self.version += 1
 
-    # --------------------------------------------------------------------------------------------------- endpoints
-
     def endpoints_on(self, channel: TopicKey, *, writers: bool) -> list[DiscoveredEndpoint]:
-        """The discovered writers or readers of a channel."""
-        found = self._by_channel.get(channel, {})
-        return [endpoint for endpoint in list(found.values()) if endpoint.is_writer is writers]
+        """Return the writers or readers of a topic."""
+        endpoints = self._by_channel.get(channel, {})
+        return [endpoint for endpoint in list(endpoints.values()) if endpoint.is_writer is writers]
 
     def node_of(self, endpoint: DiscoveredEndpoint) -> tuple[str, str]:
-        """Namespace and name of the node an endpoint belongs to, or rmw's two placeholders."""
+        """Return namespace and name of an endpoint's node, or one of rmw's two placeholders."""
         participant = self._participants.get(endpoint.participant_guid)
         if participant is None or participant.enclave is None:
             return BARE_DDS_NODE
@@ -199,7 +188,7 @@ class Graph:
         return UNKNOWN_NODE
 
     def participant_of(self, guid: bytes) -> bytes | None:
-        """The participant of an endpoint; None while the endpoint is not known."""
+        """Return the GUID of an endpoint's participant; None while the endpoint is not discovered."""
         endpoint = self.endpoints.get(guid)
         return None if endpoint is None else endpoint.participant_guid
 
@@ -208,86 +197,94 @@ class Graph:
         return self.node_of(endpoint) not in (UNKNOWN_NODE, BARE_DDS_NODE)
 
     def describe_node(self, endpoint: DiscoveredEndpoint) -> str:
-        """The owning node in words, for messages to people."""
+        """Return a text that names the node of an endpoint, for messages."""
         namespace, name = self.node_of(endpoint)
         if not self.has_named_node(endpoint):
             return "a DDS program without node name" if name == BARE_DDS_NODE[1] else "an unknown node"
-        return f"node {printable(fully_qualified_node_name(name, namespace), _MAX_TEXT)}"
+        return f"node {printable(fully_qualified_node_name(name, namespace), _MAX_NAME_CHARS)}"
 
     def names_on(self, kind: str, *, writers: bool) -> list[str]:
-        """Return the names of the channels of one kind that somebody writes or reads, sorted."""
-        return sorted(
-            one.name for one in list(self._by_channel) if one.kind == kind and self.endpoints_on(one, writers=writers)
-        )
+        """Return the sorted names of all topics of one kind that have writers, or readers."""
+        keys = [key for key in list(self._by_channel) if key.kind == kind]
+        return sorted(key.name for key in keys if self.endpoints_on(key, writers=writers))
 
     def has_others(self) -> bool:
         """Return True if another participant than our own is known."""
         return any(guid != self._own_participant for guid in list(self._participants))
 
     def endpoints_by_wire_name(self, name: str, *, writers: bool) -> list[DiscoveredEndpoint]:
-        """The writers or readers of the topic that the middleware calls so."""
-        return [one for one in list(self.endpoints.values()) if one.wire_name == name and one.is_writer is writers]
+        """Return the writers or readers of a topic, given by its name in the middleware."""
+        endpoints = list(self.endpoints.values())
+        return [endpoint for endpoint in endpoints if endpoint.wire_name == name and endpoint.is_writer is writers]
 
-    def endpoint_infos(self, endpoints: Iterable[DiscoveredEndpoint]) -> list[TopicEndpointInfo]:
-        """For `get_publishers_info_by_topic` and its twin."""
-        return [self.endpoint_info(one) for one in endpoints]
+    def endpoint_info(self, endpoint: DiscoveredEndpoint) -> TopicEndpointInfo:
+        """Return the public description of an endpoint."""
+        namespace, name = self.node_of(endpoint)
+        return TopicEndpointInfo(
+            name,
+            namespace,
+            endpoint.type,
+            endpoint.type_hash or endpoint.service_hash,
+            EndpointType.PUBLISHER if endpoint.is_writer else EndpointType.SUBSCRIPTION,
+            endpoint.guid,
+            endpoint.qos,
+            endpoint.participant_guid,
+        )
 
-    def endpoint_info(self, one: DiscoveredEndpoint) -> TopicEndpointInfo:
-        """What users are told of an endpoint."""
-        namespace, name = self.node_of(one)
-        kind = EndpointType.PUBLISHER if one.is_writer else EndpointType.SUBSCRIPTION
-        told = one.type_hash or one.service_hash
-        return TopicEndpointInfo(name, namespace, one.type, told, kind, one.guid, one.qos, one.participant_guid)
-
-    # -------------------------------------------------------------------------------------------------------- lists
-
-    def node_names_complete(self, of: bytes | None = None) -> bool:
-        """Whether every ROS participant, or that `of` a GUID, has told its nodes, and all endpoints are of these."""
-        found = list(self._participants.items())
-        return all(one.nodes for guid, one in found if one.enclave is not None and of in (None, guid)) and not any(
+    def node_names_complete(self, participant: bytes | None = None) -> bool:
+        """Return True if all ROS participants, or a given one, have announced nodes that own all their endpoints."""
+        participants = self._ros_participants(participant)
+        return all(info.nodes for info in participants) and not any(
             self.node_of(endpoint) == UNKNOWN_NODE
             for endpoint in list(self.endpoints.values())
-            if endpoint.channel.kind != "unmangled"  # of the participant itself, or of no ROS
-            and of in (None, endpoint.participant_guid)
+            if endpoint.channel.kind != "unmangled"  # belongs to the participant itself, or to a program without ROS
+            and participant in (None, endpoint.participant_guid)
         )
 
-    def endpoints_complete(self, of: bytes | None = None) -> bool:
-        """Whether every endpoint was found that nodes, or those of the participant `of` a GUID, have told of."""
-        return (of is None or of in self._participants) and all(
+    def endpoints_complete(self, participant: bytes | None = None) -> bool:
+        """Return True if all endpoints that nodes, or those of a given participant, announce are discovered."""
+        return (participant is None or participant in self._participants) and all(
             self.endpoints.keys() >= node.reader_gids | node.writer_gids
-            for guid, participant in list(self._participants.items())
-            if participant.enclave is not None and of in (None, guid)
-            for node in participant.nodes
+            for info in self._ros_participants(participant)
+            for node in info.nodes
         )
+
+    def _ros_participants(self, participant: bytes | None) -> list[_Participant]:
+        return [
+            info
+            for guid, info in list(self._participants.items())
+            if info.enclave is not None and participant in (None, guid)
+        ]
 
     def nodes(self) -> list[NodeInfo]:
-        """Every node of every ROS participant; two nodes of one name are two entries."""
+        """Return all nodes of ROS participants; two nodes of one name are two entries."""
         return [
-            NodeInfo(node.name, node.namespace, participant.enclave)
-            for participant in list(self._participants.values())
-            if participant.enclave is not None
+            NodeInfo(node.name, node.namespace, participant.enclave or "")
+            for participant in self._ros_participants(None)
             for node in participant.nodes
         ]
 
     def has_node(self, name: str, namespace: str) -> bool:
         """Return True if a participant has announced a node of this name."""
-        return any(
-            (node.name, node.namespace) == (name, namespace)
-            for participant in list(self._participants.values())
-            for node in participant.nodes
-        )
+        return any(self._nodes_named(name, namespace))
+
+    def _nodes_named(self, name: str, namespace: str) -> Iterator[NodeEntities]:
+        for participant in list(self._participants.values()):
+            for node in participant.nodes:
+                if (node.name, node.namespace) == (name, namespace):
+                    yield node
 
     def participants(self) -> list[ParticipantInfo]:
-        """Every participant known, our own included."""
-        hashed: dict[bytes, bool] = {}
-        for one in list(self.endpoints.values()):
-            guid = one.participant_guid
-            hashed[guid] = hashed.get(guid, False) or bool(one.type_hash or one.service_hash)
+        """Return all known participants, including our own."""
+        has_hash: dict[bytes, bool] = {}
+        for endpoint in list(self.endpoints.values()):
+            guid = endpoint.participant_guid
+            has_hash[guid] = has_hash.get(guid, False) or bool(endpoint.type_hash or endpoint.service_hash)
         return [
             ParticipantInfo(
                 guid,
                 participant.enclave is not None,
-                hashed.get(guid),
+                has_hash.get(guid),
                 tuple(NodeInfo(node.name, node.namespace, participant.enclave or "") for node in participant.nodes),
                 guid == self._own_participant,
             )
@@ -295,58 +292,56 @@ class Graph:
         ]
 
     def topics(self, *, demangle: bool = True) -> NamesAndTypes:
-        """Topic names and types; without `demangle` all names as the middleware has them."""
-        return _names_and_types(self._topic_pairs(list(self.endpoints.values()), demangle))
+        """Return topics and their types; without `demangle`, all names as in the middleware."""
+        endpoints = list(self.endpoints.values())
+        if demangle:
+            return _topics(endpoints)
+        return _grouped((endpoint.wire_name, endpoint.wire_type) for endpoint in endpoints)
 
     def services(self) -> NamesAndTypes:
-        """Service names and types."""
-        return _names_and_types(self._service_pairs(list(self.endpoints.values())))
+        """Return services and their types."""
+        return _services(list(self.endpoints.values()), "request", "reply")
 
     def of_node(self, name: str, namespace: str, *, writers: bool, services: str = "") -> NamesAndTypes:
-        """Topics that a node writes or reads; with `services` the services whose requests, or replies, it does."""
-        mine = self._endpoints_of(name, namespace, writers)
-        if services:
-            return _names_and_types(self._service_pairs(one for one in mine if one.channel.kind == services))
-        return _names_and_types(self._topic_pairs(mine, True))
+        """Return the topics that a node writes or reads; with `services`, the services whose requests or replies."""
+        endpoints = self._endpoints_of(name, namespace, writers)
+        return _services(endpoints, services) if services else _topics(endpoints)
 
     def announced_hashes(self, name: str, namespace: str, type_name: str) -> dict[str, set[str]]:
-        """Topics and services by the hash that a node's endpoints announce for a type; "" where they announce none."""
-        found: defaultdict[str, set[str]] = defaultdict(set)
+        """Return hash -> topics and services, for one type and the endpoints of a node; "" for no hash."""
+        names: defaultdict[str, set[str]] = defaultdict(set)
         for writers in (True, False):
             for endpoint in self._endpoints_of(name, namespace, writers):
                 if endpoint.type == type_name:
-                    found[endpoint.type_hash].add(endpoint.channel.name)
+                    names[endpoint.type_hash].add(endpoint.channel.name)
                 elif endpoint.service_hash and endpoint.service_type == type_name:
-                    found[endpoint.service_hash].add(endpoint.channel.name)
-        return dict(found)
+                    names[endpoint.service_hash].add(endpoint.channel.name)
+        return dict(names)
 
     def _endpoints_of(self, name: str, namespace: str, writers: bool) -> Iterator[DiscoveredEndpoint]:
-        for participant in list(self._participants.values()):
-            for node in participant.nodes:
-                if (node.name, node.namespace) == (name, namespace):
-                    for guid in node.writer_gids if writers else node.reader_gids:
-                        # Announced but not discovered: stale (docs/internals/protocol.md 6.3, rmw_cyclonedds Jazzy).
-                        if (endpoint := self.endpoints.get(guid)) is not None:
-                            yield endpoint
-
-    @staticmethod
-    def _topic_pairs(endpoints: Iterable[DiscoveredEndpoint], demangle: bool) -> Iterator[tuple[str, str]]:
-        for endpoint in endpoints:
-            if not demangle:
-                yield endpoint.wire_name, endpoint.wire_type
-            elif endpoint.channel.kind == "topic":
-                yield endpoint.channel.name, endpoint.type
-
-    @staticmethod
-    def _service_pairs(endpoints: Iterable[DiscoveredEndpoint]) -> Iterator[tuple[str, str]]:
-        for endpoint in endpoints:
-            service_type = endpoint.service_type
-            if endpoint.channel.kind in ("request", "reply") and service_type is not None:
-                yield endpoint.channel.name, service_type
+        for node in self._nodes_named(name, namespace):
+            for guid in node.writer_gids if writers else node.reader_gids:
+                # Announced but not discovered: stale (docs/internals/protocol.md 6.3, rmw_cyclonedds Jazzy).
+                if (endpoint := self.endpoints.get(guid)) is not None:
+                    yield endpoint
 
 
-def _names_and_types(pairs: Iterable[tuple[str, str]]) -> NamesAndTypes:
-    found: defaultdict[str, set[str]] = defaultdict(set)
+def _topics(endpoints: Iterable[DiscoveredEndpoint]) -> NamesAndTypes:
+    return _grouped(
+        (endpoint.channel.name, endpoint.type) for endpoint in endpoints if endpoint.channel.kind == "topic"
+    )
+
+
+def _services(endpoints: Iterable[DiscoveredEndpoint], *kinds: str) -> NamesAndTypes:
+    return _grouped(
+        (endpoint.channel.name, endpoint.service_type)
+        for endpoint in endpoints
+        if endpoint.channel.kind in kinds and endpoint.service_type is not None
+    )
+
+
+def _grouped(pairs: Iterable[tuple[str, str]]) -> NamesAndTypes:
+    types_by_name: defaultdict[str, set[str]] = defaultdict(set)
     for name, type_name in pairs:
-        found[name].add(type_name)
-    return [(name, sorted(types)) for name, types in sorted(found.items())]
+        types_by_name[name].add(type_name)
+    return [(name, sorted(types)) for name, types in sorted(types_by_name.items())]

@@ -1,6 +1,7 @@
-"""Why an endpoint is connected with no peer, in words for the errors of waits that ended.
+"""Reasons why an endpoint has no matched peer, as text for the errors of waits that timed out.
 
-A reason is cached until the graph changes, as programs poll with short time limits. Text of peers is cut and printable.
+A reason is cached until the graph changes, because programs poll with short timeouts. Text of peers is made printable
+and truncated.
 """
 
 from __future__ import annotations
@@ -20,10 +21,9 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
     from rosidl_py_gen.runtime.transport.incompatibility import Incompatibility
 
-_NOT_YET = "was found, but is not connected (yet)"
 _MAX_PEERS = 3
-"""Number of peers that a text names."""
-_MAX_NAME = 200
+"""Maximum number of peers that a text names."""
+_MAX_NAME_CHARS = 200
 _VERBS = {(False, "topic"): "publishes", (True, "topic"): "subscribes to"}
 _CURES = {
     "DDS": "; check ROS_DOMAIN_ID and the discovery range, or run `rosidl-py doctor`",
@@ -32,18 +32,14 @@ _CURES = {
 
 
 class UnmatchedReason(NamedTuple):
-    """Text of a reason, empty where there is none.
-
-    Attributes:
-        is_known: false when a peer was found and nothing stands against it.
-    """
+    """Text of a reason, empty if there is none; `is_known` is False if compatible peers were found."""
 
     text: str
     is_known: bool = True
 
 
 class UnmatchedReasons:
-    """The reasons for the endpoints of one context."""
+    """Reasons for the endpoints of one context."""
 
     def __init__(
         self,
@@ -59,74 +55,69 @@ class UnmatchedReasons:
         self._version = -1
 
     def why(
-        self, own: bytes, channel: TopicKey, *, is_writer: bool, matched: Collection[bytes] = (), ending: str = ""
+        self, guid: bytes, channel: TopicKey, *, is_writer: bool, matched: Collection[bytes] = (), ending: str = ""
     ) -> UnmatchedReason:
-        """Return why an endpoint of ours has no peers but `matched`.
+        """Return why an own endpoint has no other peers than `matched`.
 
         Args:
-            own: GUID of the endpoint.
-            ending: what names of this kind have in common, which a similar name is shown without.
+            guid: GUID of the own endpoint.
+            ending: common ending of the names of this kind; omitted in the hint about a similar name.
         """
         if self._graph.version != self._version:
             self._cache.clear()
             self._version = self._graph.version
-        key = own, channel, frozenset(matched), ending
+        key = guid, channel, frozenset(matched), ending
         if key not in self._cache:
-            self._cache[key] = self._why(own, channel, is_writer, matched, ending)
+            self._cache[key] = self._find_reason(guid, channel, is_writer, matched, ending)
         return self._cache[key]
 
-    def _why(
-        self, own: bytes, channel: TopicKey, is_writer: bool, matched: Collection[bytes], ending: str
+    def _find_reason(
+        self, guid: bytes, channel: TopicKey, is_writer: bool, matched: Collection[bytes], ending: str
     ) -> UnmatchedReason:
-        peers = [one for one in self._graph.endpoints_on(channel, writers=not is_writer) if one.guid not in matched]
-        mine = self._graph.endpoints.get(own)
+        peers = [peer for peer in self._graph.endpoints_on(channel, writers=not is_writer) if peer.guid not in matched]
+        own = self._graph.endpoints.get(guid)
         if not peers:
-            return UnmatchedReason("" if matched else self._nobody(channel, is_writer, ending))
-        if mine is None:  # not discovered yet
-            return UnmatchedReason(self._reason(peers[0], None), is_known=False)
-        found = [(peer, self._compare_with(mine, peer)) for peer in peers]
-        several = dict.fromkeys(self._reason(peer, reason) for peer, reason in islice(found, _MAX_PEERS))
+            return UnmatchedReason("" if matched else self._no_peer_text(channel, is_writer, ending))
+        if own is None:  # not discovered yet
+            return UnmatchedReason(self._peer_text(peers[0], None), is_known=False)
+        results = [(peer, self._compare(*((own, peer) if is_writer else (peer, own)))) for peer in peers]
+        texts = dict.fromkeys(self._peer_text(peer, result) for peer, result in islice(results, _MAX_PEERS))
         more = f"; and {len(peers) - _MAX_PEERS} others" if len(peers) > _MAX_PEERS else ""
-        has_policies = any(reason is not None and reason.policies for _, reason in found)
-        text = "; ".join(several) + more + (self._preset(mine) if has_policies else "")
-        return UnmatchedReason(text, is_known=any(reason is not None for _, reason in found))
+        has_policies = any(result is not None and result.policies for _, result in results)
+        text = "; ".join(texts) + more + (self._preset_hint(own) if has_policies else "")
+        return UnmatchedReason(text, is_known=any(result is not None for _, result in results))
 
     def alone(self) -> str:
-        """Return that there is no other participant, and what to check; empty where there is one."""
+        """Return the text that no other participant exists; empty if one does."""
         if self._graph.has_others():
             return ""
         return f"no other participant was found{_CURES.get(self._middleware, '')}"
 
-    def disagreeing(self, own: bytes, channel: TopicKey) -> str:
-        """Return which connected publisher has another definition of the type; empty if none has."""
-        mine = self._graph.endpoints.get(own)
-        if mine is None:
-            return ""
+    def disagreeing(self, guid: bytes, channel: TopicKey) -> str:
+        """Return a text about a publisher that has another definition of the type; empty if there is none."""
+        own = self._graph.endpoints.get(guid)
         for writer in self._graph.endpoints_on(channel, writers=True):
-            found = self._compare(writer, mine)
-            if found is not None and found.kind is IncompatibilityKind.DEFINITION:
-                return self._reason(writer, found)
+            result = None if own is None else self._compare(writer, own)
+            if result is not None and result.kind is IncompatibilityKind.DEFINITION:
+                return self._peer_text(writer, result)
         return ""
 
-    def _compare_with(self, mine: DiscoveredEndpoint, peer: DiscoveredEndpoint) -> Incompatibility | None:
-        return self._compare(*((mine, peer) if mine.is_writer else (peer, mine)))
+    def _peer_text(self, peer: DiscoveredEndpoint, result: Incompatibility | None) -> str:
+        name = printable(self._graph.describe_node(peer), _MAX_NAME_CHARS)
+        return f"{name} was found, but is not connected (yet)" if result is None else result.reason_of(peer, name)
 
-    def _reason(self, peer: DiscoveredEndpoint, found: Incompatibility | None) -> str:
-        name = printable(self._graph.describe_node(peer), _MAX_NAME)
-        return f"{name} {_NOT_YET}" if found is None else found.reason_of(peer, name)
-
-    def _preset(self, mine: DiscoveredEndpoint) -> str:
-        profiles = [peer.qos for peer in self._graph.endpoints_on(mine.channel, writers=not mine.is_writer)]
+    def _preset_hint(self, own: DiscoveredEndpoint) -> str:
+        profiles = [peer.qos for peer in self._graph.endpoints_on(own.channel, writers=not own.is_writer)]
         name = find_preset(
-            mine.qos, publisher=mine.is_writer, peers=profiles, is_service=mine.channel.kind in ("request", "reply")
+            own.qos, publisher=own.is_writer, peers=profiles, is_service=own.channel.kind in ("request", "reply")
         )
         return f"; use the preset {name}" if name else "; no preset fits all peers"
 
-    def _nobody(self, channel: TopicKey, is_writer: bool, ending: str) -> str:
+    def _no_peer_text(self, channel: TopicKey, is_writer: bool, ending: str) -> str:
         verb = _VERBS.get((is_writer, channel.kind), "serves")
         names = self._graph.names_on(channel.kind, writers=not is_writer)
         name = channel.name.removesuffix(ending)
-        hint = similar_name(name, (one.removesuffix(ending) for one in names if one.endswith(ending)))
+        hint = similar_name(name, (known.removesuffix(ending) for known in names if known.endswith(ending)))
         if not hint and (alone := self.alone()):
             return alone
-        return f"no node {verb} it{printable(hint, 2 * _MAX_NAME)}"
+        return f"no node {verb} it{printable(hint, 2 * _MAX_NAME_CHARS)}"

@@ -9,11 +9,12 @@ import os
 import sys
 import threading
 import warnings
+import weakref
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
-from rosidl_py_gen.runtime.entities.flow_control import RequestFlowControls
+from rosidl_py_gen.runtime.entities.flow_control import RequestFlowControl
 from rosidl_py_gen.runtime.graph.discovery import Discovery
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.logs.outputs import outputs
@@ -23,6 +24,7 @@ from rosidl_py_gen.runtime.node import context_registry
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
 from rosidl_py_gen.runtime.node.environment import DDS, ZENOH, check_security, middleware, read_environment
 from rosidl_py_gen.runtime.parameters.initial_values import InitialValues
+from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -68,7 +70,7 @@ class ContextCore:
         self.participant = transport.open(settings, self.ros_arguments.enclave)
         self.bridge = LoopBinding(self.participant, driver)
         self.discovery = Discovery(self.participant, self.bridge, announce_delay_s)
-        self.request_windows = RequestFlowControls()
+        self.request_windows = weakref.WeakValueDictionary[TopicKey, RequestFlowControl]()
         self.initial_values = InitialValues(self.ros_arguments.parameters)
         """Of parameters, for all nodes."""
         self.closed = ""

@@ -1,7 +1,6 @@
-"""The questions a node can ask about the graph.
+"""Graph methods of a node: names and parameters as in rclpy.
 
-Decides names and arguments as ROS users know them; the answers are computed by `graph/graph.py`. What is not
-discovered yet is not in the answers: use the waiting ones, or `graph_changes`.
+Results contain only what is discovered; the waiting methods and `graph_changes` help with the rest.
 """
 
 from __future__ import annotations
@@ -35,37 +34,43 @@ class GraphMethods:
         def _require_open(self) -> None: ...
 
     def _refreshed_graph(self) -> Graph:
-        """The graph as it is now."""
         self._require_open()
         self._scope.discovery.refresh()
         return self._scope.graph
 
-    # ------------------------------------------------------------------------------------------------------- topics
-
     def get_topic_names_and_types(self, *, no_demangle: bool = False) -> NamesAndTypes:
-        """All topics, each with its types; `no_demangle` gives every name as the middleware has it."""
+        """Return all topics with their types; with `no_demangle`, all names as in the middleware."""
         return self._refreshed_graph().topics(demangle=not no_demangle)
 
     def get_publishers_info_by_topic(self, topic: str, *, no_mangle: bool = False) -> list[TopicEndpointInfo]:
-        """Every publisher of a topic: node, type, hash, GID, QoS. `no_mangle`: `topic` is the middleware's name."""
-        return self._infos(topic, no_mangle, writers=True)
+        """Return node, type, hash, GID and QoS of each publisher of a topic.
+
+        Args:
+            topic: topic name; with `no_mangle`, as in the middleware.
+            no_mangle: do not resolve the name.
+        """
+        return self._topic_infos(topic, no_mangle, writers=True)
 
     def get_subscriptions_info_by_topic(self, topic: str, *, no_mangle: bool = False) -> list[TopicEndpointInfo]:
-        """Every subscription of a topic; see `get_publishers_info_by_topic`."""
-        return self._infos(topic, no_mangle, writers=False)
+        """Return information on each subscription of a topic, like `get_publishers_info_by_topic`."""
+        return self._topic_infos(topic, no_mangle, writers=False)
 
-    def _infos(self, topic: str, no_mangle: bool, *, writers: bool) -> list[TopicEndpointInfo]:
+    def _topic_infos(self, topic: str, no_mangle: bool, *, writers: bool) -> list[TopicEndpointInfo]:
+        if not no_mangle:
+            return self._infos(self._topic(topic), writers=writers)
         graph = self._refreshed_graph()
-        if no_mangle:
-            return graph.endpoint_infos(graph.endpoints_by_wire_name(topic, writers=writers))
-        return graph.endpoint_infos(graph.endpoints_on(self._topic(topic), writers=writers))
+        return [graph.endpoint_info(endpoint) for endpoint in graph.endpoints_by_wire_name(topic, writers=writers)]
+
+    def _infos(self, channel: TopicKey, *, writers: bool) -> list[TopicEndpointInfo]:
+        graph = self._refreshed_graph()
+        return [graph.endpoint_info(endpoint) for endpoint in graph.endpoints_on(channel, writers=writers)]
 
     def count_publishers(self, topic: str) -> int:
-        """How many publishers a topic has, bare DDS ones included."""
+        """Return the number of publishers of a topic, including those of DDS programs without ROS."""
         return self._count(self._topic(topic), writers=True)
 
     def count_subscribers(self, topic: str) -> int:
-        """How many subscriptions a topic has, bare DDS ones included."""
+        """Return the number of subscriptions of a topic, including those of DDS programs without ROS."""
         return self._count(self._topic(topic), writers=False)
 
     def _topic(self, topic: str) -> TopicKey:
@@ -79,44 +84,38 @@ class GraphMethods:
     ) -> TopicKey:
         try:
             return TopicKey(kind, resolve(name))
-        except InvalidNameError:  # programs that know nothing of ROS use names that ROS refuses
+        except InvalidNameError:  # programs without ROS may use names that ROS refuses
             channel, graph = TopicKey(kind, name), self._refreshed_graph()
             if not any(graph.endpoints_on(channel, writers=writers) for writers in (True, False)):
                 raise
             return channel
 
-    # ----------------------------------------------------------------------------------------------------- services
-
     def get_service_names_and_types(self) -> NamesAndTypes:
-        """All services, each with its types."""
+        """Return all services with their types."""
         return self._refreshed_graph().services()
 
     def count_services(self, service: str) -> int:
-        """How many servers a service has: they write replies, where rmw counts them, too."""
+        """Return the number of servers of a service; counts reply writers, as rmw does."""
         return self._count(self._service("reply", service), writers=True)
 
     def count_clients(self, service: str) -> int:
-        """How many clients a service has, those of this node included: they read replies."""
+        """Return the number of clients of a service, including those of this node; counts reply readers."""
         return self._count(self._service("reply", service), writers=False)
 
     def get_servers_info_by_service(self, service: str) -> list[TopicEndpointInfo]:
-        """Every server of a service, by what it writes its responses with."""
-        graph = self._refreshed_graph()
-        return graph.endpoint_infos(graph.endpoints_on(self._service("reply", service), writers=True))
+        """Return information on the reply writer of each server of a service."""
+        return self._infos(self._service("reply", service), writers=True)
 
     def get_clients_info_by_service(self, service: str) -> list[TopicEndpointInfo]:
-        """Every client of a service, those of this node included, by what it writes its requests with."""
-        graph = self._refreshed_graph()
-        return graph.endpoint_infos(graph.endpoints_on(self._service("request", service), writers=True))
-
-    # --------------------------------------------------------------------------------------------------- mismatches
+        """Return information on the request writer of each client of a service, including those of this node."""
+        return self._infos(self._service("request", service), writers=True)
 
     def incompatible_endpoints_of_topic(self, topic: str) -> list[Mismatch]:
-        """Publishers and subscriptions of a topic that do not understand each other, whoever has them."""
+        """Return the incompatible pairs of publishers and subscriptions of a topic, of any node."""
         return self._mismatches(self._topic(topic))
 
     def incompatible_endpoints_of_service(self, service: str) -> list[Mismatch]:
-        """Clients and servers of a service that do not understand each other, whoever has them."""
+        """Return the incompatible pairs of clients and servers of a service, of any node."""
         return self._mismatches(self._service("request", service))
 
     def _mismatches(self, channel: TopicKey) -> list[Mismatch]:
@@ -126,85 +125,83 @@ class GraphMethods:
     def _count(self, channel: TopicKey, *, writers: bool) -> int:
         return len(self._refreshed_graph().endpoints_on(channel, writers=writers))
 
-    # -------------------------------------------------------------------------------------------------------- nodes
-
     def get_nodes(self) -> list[NodeInfo]:
-        """All nodes: name, namespace, enclave."""
+        """Return name, namespace and enclave of all nodes."""
         return self._refreshed_graph().nodes()
 
     def node_names_complete(self) -> bool:
-        """Whether every participant of ROS has told its nodes, and every endpoint found belongs to one of them.
+        """Return True if all ROS participants have announced nodes, to which all discovered endpoints belong.
 
-        Names follow endpoints by some 50 ms, those of nodes on Fast DDS by more.
+        Node names arrive about 50 ms after endpoints, those of nodes on Fast DDS later.
         """
         return self._refreshed_graph().node_names_complete()
 
     def endpoints_complete(self) -> bool:
-        """Whether every endpoint that nodes have told of was found.
+        """Return True if all endpoints that nodes announce are discovered.
 
-        It stays untrue where a node on rmw_cyclonedds of Jazzy has closed a subscription, of which it tells on.
+        Remains False after a node on rmw_cyclonedds of Jazzy has closed a subscription, which it announces further on.
         """
         return self._refreshed_graph().endpoints_complete()
 
     def get_node_names(self) -> list[str]:
-        """Fully qualified names of all nodes, sorted; two nodes of one name are listed twice."""
+        """Return the sorted fully qualified names of all nodes; two nodes of one name are listed twice."""
         return sorted(node.fully_qualified_name for node in self.get_nodes())
 
     def get_publisher_names_and_types_by_node(self, name: str, namespace: str = "/") -> NamesAndTypes:
-        """Topics a node publishes; empty when there is no such node."""
+        """Return the topics that a node publishes; empty if there is no such node."""
         return self._of_node(name, namespace, writers=True)
 
     def get_subscriber_names_and_types_by_node(self, name: str, namespace: str = "/") -> NamesAndTypes:
-        """Topics a node subscribes to; empty when there is no such node."""
+        """Return the topics that a node subscribes to; empty if there is no such node."""
         return self._of_node(name, namespace, writers=False)
 
     def get_service_names_and_types_by_node(self, name: str, namespace: str = "/") -> NamesAndTypes:
-        """Services a node offers; empty when there is no such node."""
+        """Return the services that a node serves; empty if there is no such node."""
         return self._of_node(name, namespace, writers=False, services="request")
 
     def get_client_names_and_types_by_node(self, name: str, namespace: str = "/") -> NamesAndTypes:
-        """Services a node has clients of; empty when there is no such node."""
+        """Return the services that a node has clients of; empty if there is no such node."""
         return self._of_node(name, namespace, writers=False, services="reply")
 
     def _of_node(self, name: str, namespace: str, *, writers: bool, services: str = "") -> NamesAndTypes:
         graph = self._refreshed_graph()
-        if not graph.has_node(name, namespace):  # one that is there may have a namespace that ROS refuses
+        if not graph.has_node(name, namespace):  # an existing node may have a namespace that ROS refuses
             namespace = normalize_namespace(namespace)
         return graph.of_node(name, namespace, writers=writers, services=services)
 
-    # ------------------------------------------------------------------------------------------------------ waiting
-
     async def wait_for_node(self, name: str, timeout_s: float | None = None) -> Literal[True]:
-        """Wait until a node is known: ``"name"`` in this node's namespace, or ``"/ns/name"``.
+        """Wait until a node is discovered: ``"name"`` in this node's namespace, or ``"/ns/name"``.
 
         Raises:
-            WaitTimeoutError: it did not appear in time. InvalidNameError, ClosedError: as their names say.
+            WaitTimeoutError: the node did not appear within `timeout_s`.
+            InvalidNameError: the name is not a node name.
+            ClosedError: this node is closed, also while waiting.
         """
-        wanted = resolve_node_name(name, self._names.namespace)
+        full_name = resolve_node_name(name, self._names.namespace)
 
-        def known() -> bool:
-            return any(node.fully_qualified_name == wanted for node in self._scope.graph.nodes())
+        def is_known() -> bool:
+            return any(node.fully_qualified_name == full_name for node in self._scope.graph.nodes())
 
         def missing() -> str:
             names = [node.fully_qualified_name for node in self._scope.graph.nodes()]
-            return f"no node {wanted} appeared{similar_name(wanted, names)}"
+            return f"no node {full_name} appeared{similar_name(full_name, names)}"
 
         alone = self._scope.discovery.unmatched.alone
-        return await self._scope.wait_or_raise(known, timeout_s, lambda: self._scope.closed, missing, why=alone)
+        return await self._scope.wait_or_raise(is_known, timeout_s, lambda: self._scope.closed, missing, why=alone)
 
     wait_for_node_sync = blocking(wait_for_node)
 
     async def graph_changes(self) -> AsyncIterator[int]:
-        """Yield a growing number after every change of the graph, several quick ones at once; ends with the node."""
+        """Yield an increasing number after changes of the graph, several quick ones at once; ends with the node."""
         scope, graph = self._scope, self._scope.graph
-        seen = graph.version
+        version = graph.version
 
         def has_changed() -> bool:
-            return scope.closed or graph.version != seen
+            return scope.closed or graph.version != version
 
         while not scope.closed:
             scope.bridge.running_loop()
             await scope.discovery.changes.wait(has_changed)
             if not scope.closed:
-                seen = graph.version
-                yield seen
+                version = graph.version
+                yield version

@@ -77,9 +77,14 @@ class ServiceMethods:
             InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
         """
         self._require_open()
-        known = service_type(srv_type, arrays=arrays)
-        resolved = self._names.resolve_service(name)
-        server = ServiceServer(self._scope, known, resolved, handler, as_profile(qos), type_check=type_hash_check)
+        server: ServiceServer[Any, Any] = ServiceServer(
+            self._scope,
+            service_type(srv_type, arrays=arrays),
+            self._names.resolve_service(name),
+            handler,
+            as_profile(qos),
+            type_hash_check=type_hash_check,
+        )
         if handler is not None:
             self._scope.with_callbacks[id(server)] = server
         return server

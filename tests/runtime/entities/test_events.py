@@ -213,14 +213,14 @@ async def test_lost_messages_are_counted_by_dds(dds: World) -> None:
     assert subscription._reader.event_counts("message_lost") == (0,)
     counts = iter([(0,), (3,), (3,), (5,)])
     events: Any = subscription._events
-    events._end = type("Counted", (), {"event_counts": lambda self, event: next(counts, (5,))})()
+    events._endpoint = type("Counted", (), {"event_counts": lambda self, event: next(counts, (5,))})()
     await until(lambda: len(lost) == 2)
     assert lost == [CountStatus(3, 3), CountStatus(5, 2)]
 
 
 def test_what_a_middleware_does_not_tell_is_refused(memory: World) -> None:
     node = memory.node("n")
-    with pytest.raises(UnsupportedEventError, match="subscription on /t: this middleware does not tell of deadline"):
+    with pytest.raises(UnsupportedEventError, match="subscription on /t: this middleware does not report deadline"):
         node.create_subscription(String, "t", event_callbacks=SubscriptionEventCallbacks(deadline=print))
     with pytest.raises(UnsupportedEventError, match="the publisher on /t"):
         node.create_publisher(String, "t", event_callbacks=PublisherEventCallbacks(liveliness=print))

@@ -74,7 +74,7 @@ async def test_calls_end_at_once_when_their_server_closes(world: World, timeout_
     for call in calls:
         with pytest.raises(ServerLostError, match=_LOST):
             await asyncio.wait_for(call, 5)
-    assert client.pending_count == 0
+    assert client.in_flight_count == 0
 
 
 @pytest.mark.every_transport
@@ -133,12 +133,12 @@ async def test_requests_that_wait_for_their_turn_go_to_the_server_that_comes_nex
 ) -> None:
     server, client, (call,) = await asked(memory)
     servers = client._port.servers
-    monkeypatch.setattr(client._port, "candidate_servers", lambda: replace(servers(), keeps=1))
+    monkeypatch.setattr(client._port, "servers", lambda: replace(servers(), request_queue_depth=1))
     second = asyncio.ensure_future(client.call(Request(a=1, b=2), timeout_s=5))
     third = asyncio.ensure_future(client.call(Request(a=2, b=2), timeout_s=5))
-    await until(lambda: client.pending_count == 3)
+    await until(lambda: client.in_flight_count == 3)
     memory.node("next").create_service(AddTwoInts, "add", add)
-    await until(lambda: len(client._port.present()) == 4)
+    await until(lambda: len(client._port.server_endpoints()) == 4)
     server.close()
     for lost in (call, second):
         with pytest.raises(ServerLostError, match=_LOST):

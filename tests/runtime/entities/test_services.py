@@ -42,7 +42,7 @@ async def test_a_reply_to_the_same_number_of_another_client_is_nobody_elses(dds:
     client = bob.create_client(AddTwoInts, "add")
     call = asyncio.create_task(client.call(Request(a=1, b=2), timeout_s=5))
     request = await asyncio.wait_for(anext(server), 5)
-    (number,) = client._by_number
+    (number,) = client._by_sequence_number
     replies: Any = server._port
     replies._writer.write(add_request_header(Response(sum=100).encode(), 12345, number))  # arrives before the response
     request.respond(Response(sum=3))
@@ -66,7 +66,7 @@ async def test_a_response_waits_for_the_reader_of_its_client(
         return
     with pytest.raises(CallTimeoutError):
         await call
-    assert "a response of /add was lost: its client's reader never appeared" in caplog.text
+    assert "dropped a response of /add: its client's reader never appeared" in caplog.text
 
 
 @pytest.mark.every_transport

@@ -76,7 +76,7 @@ async def test_who_wants_them_gets_them(world: World, mode: Any, caplog: pytest.
     assert (await subscription.receive(5)).x == 2
     assert subscription.incompatible_dropped == 0
     if mode == "warn":
-        await until(lambda: "messages that may be read wrong on /t" in caplog.text)
+        await until(lambda: "messages that may be decoded wrongly on /t" in caplog.text)
     assert caplog.text.count("by different definitions") == (mode == "warn")
 
 
@@ -112,7 +112,7 @@ async def test_calls_to_a_server_of_another_definition_end_with_the_reason(world
         assert await loose.wait_for_service(5)
         with pytest.raises(CallTimeoutError):
             await loose.call(old.Request(a=1), 0.3)
-        assert (asked, server.withheld) == ([], 1)
+        assert (asked, server.incompatible_dropped) == ([], 1)
 
 
 async def test_goals_to_a_server_of_another_definition_are_not_sent(dds: World) -> None:
@@ -130,10 +130,10 @@ async def test_goals_to_a_server_of_another_definition_are_not_sent(dds: World) 
 def test_modes_that_do_not_exist_are_refused(memory: World) -> None:
     old, _ = two_messages()
     strict: Any = "strict"
-    with pytest.raises(ValueError, match='type_check must be "error", "warn" or "off", got \'strict\''):
+    with pytest.raises(ValueError, match='type_hash_check must be "error", "warn" or "off", got \'strict\''):
         memory.node("n", type_hash_check=strict)
     node = memory.node("n")
-    with pytest.raises(ValueError, match="type_check must be"):
+    with pytest.raises(ValueError, match="type_hash_check must be"):
         node.create_subscription(old, "t", type_hash_check=strict)
     assert isinstance(node, Node) and isinstance(node.context, Context)
 

@@ -15,7 +15,7 @@ from example_interfaces.srv import AddTwoInts
 from support.node_fixtures import until
 
 from rosidl_py_gen.runtime.entities import flow_control as windows
-from rosidl_py_gen.runtime.entities import service
+from rosidl_py_gen.runtime.entities import service_common as service
 from rosidl_py_gen.runtime.entities.flow_control import RequestFlowControl
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
@@ -97,7 +97,7 @@ async def test_requests_are_sent_in_the_order_in_which_they_came() -> None:
 async def test_without_any_answer_one_more_is_sent_after_long_and_a_warning(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(windows, "_PATIENCE_S", 0.2)
+    monkeypatch.setattr(windows, "_STALL_TIMEOUT_S", 0.2)
     window, sent = RequestFlowControl("/add"), list[int]()
     enter(window, range(6), 3, sent)
     loop = asyncio.get_running_loop()
@@ -105,9 +105,9 @@ async def test_without_any_answer_one_more_is_sent_after_long_and_a_warning(
     with caplog.at_level(logging.WARNING):
         await until(lambda: len(sent) == 5)
     assert loop.time() - began_s >= 0.6 and sent == list(range(5)), "each takes twice as long as the last"
-    assert "no server of /add answered for 0.2 s; 3 calls wait until one does" in caplog.text
+    assert "no server of /add replied for 0.2 s; 3 calls are waiting" in caplog.text
     window.on_response(5)
-    assert sent == list(range(6)) and window._patience_s == 0.2
+    assert sent == list(range(6)) and window._stall_timeout_s == 0.2
 
 
 async def test_answers_make_a_slow_server_one_that_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:

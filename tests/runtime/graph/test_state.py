@@ -30,7 +30,7 @@ class Meanwhile:
 @pytest.mark.parametrize(
     "ask",
     [
-        lambda graph: len(graph.on(CHANNEL, writers=True)),
+        lambda graph: len(graph.endpoints_on(CHANNEL, writers=True)),
         lambda graph: len(graph.topics()),
     ],
 )

@@ -116,7 +116,7 @@ def test_what_was_published_between_two_loops_does_not_stop_delivery(world: Worl
 @pytest.mark.every_transport
 def test_a_client_may_be_used_on_one_loop_after_the_other(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     # A server that keeps few requests, as on rmw_cyclonedds.
-    from rosidl_py_gen.runtime.entities import service
+    from rosidl_py_gen.runtime.entities import service_common as service
 
     server, caller = world.pair()
     client = caller.create_client(AddTwoInts, "add")
@@ -296,7 +296,7 @@ def test_a_waiting_call_between_two_runs_of_a_loop_gives_the_context_back(world:
 async def test_three_clients_of_a_slow_server_that_keeps_little_lose_nothing(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from rosidl_py_gen.runtime.entities import service
+    from rosidl_py_gen.runtime.entities import service_common as service
 
     server, caller = world.pair()
 

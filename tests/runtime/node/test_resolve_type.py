@@ -151,7 +151,7 @@ async def test_names_that_come_late_are_waited_for_also_where_this_node_announce
 async def test_an_honest_node_is_believed_beside_a_liar_and_a_silent_one(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    patience = "rosidl_py_gen.runtime.type_resolution.type_resolver._PATIENCE_S"
+    patience = "rosidl_py_gen.runtime.type_resolution.type_resolver._ANSWER_TIMEOUT_S"
     monkeypatch.setattr(patience, 0.5)
     told, lie = fresh(), fresh("int32 y")
 
@@ -181,7 +181,7 @@ async def test_a_node_whose_answer_is_lost_is_asked_again(world: World) -> None:
 
 
 async def test_a_node_that_never_answers_is_an_error_in_time(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rosidl_py_gen.runtime.type_resolution.type_resolver._PATIENCE_S", 30.0)
+    monkeypatch.setattr("rosidl_py_gen.runtime.type_resolution.type_resolver._ANSWER_TIMEOUT_S", 30.0)
 
     async def never(request: Any) -> Any:
         await asyncio.sleep(60)

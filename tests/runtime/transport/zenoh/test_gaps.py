@@ -75,5 +75,5 @@ async def test_a_subscription_is_told_of_numbers_that_never_came(zenoh: World, p
 async def test_deadlines_and_liveliness_are_told_by_nobody(zenoh: World) -> None:
     node = zenoh.node("n")
     for callbacks in (SubscriptionEventCallbacks(deadline=print), SubscriptionEventCallbacks(liveliness=print)):
-        with pytest.raises(UnsupportedEventError, match="the subscription on /t: this middleware does not tell of"):
+        with pytest.raises(UnsupportedEventError, match="the subscription on /t: this middleware does not report"):
             node.create_subscription(ParameterType, "t", event_callbacks=callbacks)
