@@ -215,7 +215,7 @@ def test_compressed_images_without_opencv(tmp_path: Path) -> None:
     found = lines(tmp_path, COMPRESSED, PYTHONPATH=str(tmp_path / "hidden"))
     assert found == [
         *ALIKE,
-        "bmp of uint8 with shape (5, 8, 3) needs OpenCV, which is not installed (opencv-python-headless)",
+        "bmp of uint8 with shape (5, 8, 3) needs OpenCV; install opencv-python-headless",
     ]
     write(tmp_path, {"hidden/PIL.py": 'raise ModuleNotFoundError("No module named \'PIL\'", name="PIL")'})
     write(
@@ -232,7 +232,9 @@ except CvBridgeError as error:
         },
     )
     bare = run("bare.py", cwd=tmp_path, PYTHONPATH=str(tmp_path / "hidden"))
-    assert "PIL" in bare.stdout and "without OpenCV, Pillow reads pictures" in bare.stdout, bare.stdout + bare.stderr
+    assert "PIL" in bare.stdout and "without OpenCV, images are read by Pillow" in bare.stdout, (
+        bare.stdout + bare.stderr
+    )
 
 
 def test_compressed_images_with_opencv(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Names that installed packages are found by."""
+"""Names by which installed packages are found."""
 
 RESOURCE_INDEX_SUBFOLDER = "share/ament_index/resource_index"
 AMENT_PREFIX_PATH_ENV_VAR = "AMENT_PREFIX_PATH"

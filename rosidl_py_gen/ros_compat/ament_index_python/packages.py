@@ -1,6 +1,4 @@
-"""The folders of packages."""
-
-from __future__ import annotations
+"""Folders of packages."""
 
 import os
 import re
@@ -14,20 +12,20 @@ from rosidl_py_gen import found_packages
 
 
 class PackageNotFoundError(KeyError):
-    """There is no package of this name, installed or in the workspace."""
+    """Raised if a package is neither installed nor in the workspace."""
 
 
 def get_packages_with_prefixes() -> dict[str, str]:
-    """The prefix of each package, by its name; that of one that is not installed is its folder."""
+    """Return the prefix of each package, by name; that of a package that is not installed is its folder."""
     return get_resources("packages")
 
 
 def get_package_prefix(package_name: str) -> str:
-    """The prefix that a package is installed in; of one that is not installed its folder.
+    """Return the prefix in which a package is installed, or the folder of one that is not installed.
 
     Raises:
-        PackageNotFoundError: there is no such package.
-        ValueError: no legal name.
+        PackageNotFoundError: the package does not exist.
+        ValueError: the name is invalid.
     """
     if re.fullmatch("[a-zA-Z0-9][a-zA-Z0-9_-]+", package_name, re.ASCII) is None:
         raise ValueError(f"'{package_name}' is not a valid package name")
@@ -35,37 +33,35 @@ def get_package_prefix(package_name: str) -> str:
         return get_resource("packages", package_name)[1]
     except LookupError:
         searched = get_search_paths() if os.environ.get(AMENT_PREFIX_PATH_ENV_VAR) else []
-        text = f"package '{package_name}' not found, searching: {searched}"
-        raise PackageNotFoundError(text) from None
+        raise PackageNotFoundError(f"package '{package_name}' not found, searching: {searched}") from None
 
 
 def get_package_share_directory(package_name: str, print_warning: bool = True) -> str:
     """Return ``share/<package>`` of an installed package, else the source folder of the package.
 
-    Where setup.py or CMakeLists.txt install files under other paths than they have in the sources, it is a folder of
-    links that has both.
+    If setup.py or CMakeLists.txt install files to other paths, the result is a folder of links that has both.
 
     Raises:
-        PackageNotFoundError: there is no such package.
-        ValueError: no legal name.
+        PackageNotFoundError: the package does not exist.
+        ValueError: the name is invalid.
     """
-    path = _share(package_name)
+    path = _share_folder(package_name)
     if print_warning and not os.path.exists(path):
         warnings.warn(f"Share directory for {package_name} ({path}) does not exist.", stacklevel=2)
     return path
 
 
 def get_package_share_path(package_name: str, print_warning: bool = True) -> Path:
-    """The same as a path."""
-    path = Path(_share(package_name))
+    """Return `get_package_share_directory` as a path."""
+    path = Path(_share_folder(package_name))
     if print_warning and not path.exists():
         warnings.warn(f"Share path for {package_name} ({path}) does not exist.", stacklevel=2)
     return path
 
 
-def _share(name: str) -> str:
+def _share_folder(name: str) -> str:
     prefix = get_package_prefix(name)
-    found = found_packages().get(name)
-    if found is not None and str(found.folder) == prefix:
-        return str(found.share)
+    package = found_packages().get(name)
+    if package is not None and str(package.folder) == prefix:
+        return str(package.share)
     return os.path.join(prefix, "share", name)

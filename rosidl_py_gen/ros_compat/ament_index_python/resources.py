@@ -1,7 +1,7 @@
-"""The resource index of installed packages.
+"""Resource index of installed packages.
 
-Packages that are not installed have two resources here: that they are there, and which interfaces they define. Their
-prefix is their folder.
+Packages that are not installed have two resources here: their existence and their interfaces. Their prefix is their
+folder.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ _PACKAGES, _INTERFACES = "packages", "rosidl_interfaces"
 
 
 class InvalidResourceTypeNameError(ValueError):
-    """The name of a resource type has a path separator in it."""
+    """Raised if the name of a resource type has a path separator."""
 
 
 class InvalidResourceNameError(ValueError):
-    """The name of a resource has a path separator in it."""
+    """Raised if the name of a resource has a path separator."""
 
 
 def get_resource(resource_type: str, resource_name: str) -> tuple[str, str]:
-    """The content of a resource, and the prefix that has it.
+    """Return the content of a resource and its prefix.
 
     Raises:
-        LookupError: there is none.
+        LookupError: the resource does not exist.
         OSError: it cannot be read.
-        InvalidResourceTypeNameError, InvalidResourceNameError: a name with a path separator.
+        InvalidResourceTypeNameError, InvalidResourceNameError: a name has a path separator.
     """
     prefix = has_resource(resource_type, resource_name)
     if prefix is False:
         raise LookupError(f"Could not find the resource '{resource_name}' of type '{resource_type}'")
-    path = _place(prefix, resource_type, resource_name)
+    path = _path(prefix, resource_type, resource_name)
     if not os.path.isfile(path):
         return _of_sources(resource_type)[resource_name][1], prefix
     try:
@@ -47,43 +47,43 @@ def get_resource(resource_type: str, resource_name: str) -> tuple[str, str]:
 
 
 def get_resources(resource_type: str) -> dict[str, str]:
-    """The prefix of each resource of a type, by its name.
+    """Return the prefixes of resources of a type, by name.
 
     Raises:
-        InvalidResourceTypeNameError: a name with a path separator.
+        InvalidResourceTypeNameError: the name has a path separator.
     """
     _check(resource_type)
-    found: dict[str, str] = {}
+    prefixes: dict[str, str] = {}
     for prefix in _prefixes():
-        for name in _names(_place(prefix, resource_type)):
-            if not os.path.isdir(_place(prefix, resource_type, name)):
-                found.setdefault(name, prefix)
+        for name in _names(_path(prefix, resource_type)):
+            if not os.path.isdir(_path(prefix, resource_type, name)):
+                prefixes.setdefault(name, prefix)
     for name, (folder, _) in _of_sources(resource_type).items():
-        found.setdefault(name, folder)
-    return found
+        prefixes.setdefault(name, folder)
+    return prefixes
 
 
 def get_resource_types() -> set[str]:
-    """All types of resources."""
-    found = {name for prefix in _prefixes() for name in _names(_place(prefix)) if os.path.isdir(_place(prefix, name))}
-    return found | {name for name in (_PACKAGES, _INTERFACES) if _of_sources(name)}
+    """Return all types of resources."""
+    types = {name for prefix in _prefixes() for name in _names(_path(prefix)) if os.path.isdir(_path(prefix, name))}
+    return types | {name for name in (_PACKAGES, _INTERFACES) if _of_sources(name)}
 
 
 def has_resource(resource_type: str, resource_name: str) -> str | Literal[False]:
-    """The prefix that has a resource, or False.
+    """Return the prefix of a resource, or False.
 
     Raises:
-        InvalidResourceTypeNameError, InvalidResourceNameError: a name with a path separator.
+        InvalidResourceTypeNameError, InvalidResourceNameError: a name has a path separator.
     """
     _check(resource_type)
     assert resource_name, "The resource name must not be empty"
     if "/" in resource_name or "\\" in resource_name:
         raise InvalidResourceNameError(f"Resource name '{resource_name}' is invalid")
     for prefix in _prefixes():
-        if os.path.isfile(_place(prefix, resource_type, resource_name)):
+        if os.path.isfile(_path(prefix, resource_type, resource_name)):
             return prefix
-    found = _of_sources(resource_type).get(resource_name)
-    return False if found is None else found[0]
+    resource = _of_sources(resource_type).get(resource_name)
+    return False if resource is None else resource[0]
 
 
 def _check(resource_type: str) -> None:
@@ -96,7 +96,7 @@ def _prefixes() -> list[str]:
     return get_search_paths() if os.environ.get(AMENT_PREFIX_PATH_ENV_VAR) else []
 
 
-def _place(prefix: str, *names: str) -> str:
+def _path(prefix: str, *names: str) -> str:
     return os.path.join(prefix, RESOURCE_INDEX_SUBFOLDER, *names)
 
 
@@ -108,10 +108,12 @@ def _names(folder: str) -> list[str]:
 
 
 def _of_sources(resource_type: str) -> dict[str, tuple[str, str]]:
-    """Folder and content of what packages have that are not installed."""
+    """Return folder and content of the resources of packages that are not installed."""
     if resource_type not in (_PACKAGES, _INTERFACES):
         return {}
-    found = found_packages().values()
+    packages = found_packages().values()
     if resource_type == _PACKAGES:
-        return {one.name: (str(one.folder), "") for one in found}
-    return {one.name: (str(one.folder), "\n".join(one.interfaces)) for one in found if one.interfaces}
+        return {package.name: (str(package.folder), "") for package in packages}
+    return {
+        package.name: (str(package.folder), "\n".join(package.interfaces)) for package in packages if package.interfaces
+    }

@@ -1,4 +1,4 @@
-"""The prefixes that packages are installed in."""
+"""Prefixes in which packages are installed."""
 
 import os
 
@@ -6,10 +6,10 @@ from ament_index_python.constants import AMENT_PREFIX_PATH_ENV_VAR
 
 
 def get_search_paths() -> list[str]:
-    """The folders of AMENT_PREFIX_PATH that exist.
+    """Return the existing folders of AMENT_PREFIX_PATH.
 
     Raises:
-        EnvironmentError: the variable is not set, or empty. Packages of a workspace are found all the same.
+        EnvironmentError: the variable is not set or empty. Packages of a workspace are found nevertheless.
     """
     value = os.environ.get(AMENT_PREFIX_PATH_ENV_VAR)
     if not value:

@@ -1,4 +1,4 @@
-"""Images as arrays and back, without OpenCV; where that is installed, it reads and writes compressed ones."""
+"""Conversion of images to arrays and back; OpenCV is optional, and converts compressed images."""
 
 from cv_bridge.boost.cv_bridge_boost import getCvType as getCvType
 from cv_bridge.core import CvBridge as CvBridge

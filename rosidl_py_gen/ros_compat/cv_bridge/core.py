@@ -1,4 +1,4 @@
-"""Messages with images as arrays of OpenCV, and back."""
+"""Conversion of image messages to arrays of OpenCV and back."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ _BITS = {"uint8": 8, "uint16": 16}
 
 
 class CvBridgeError(TypeError):
-    """A conversion is not possible."""
+    """Raised if a conversion is not possible."""
 
 
 class CvBridge:
-    """Converts images; what is blue, green, red for OpenCV is so in its arrays, too.
+    """Converter of images. The order of colours in arrays is that of OpenCV: blue, green, red.
 
     Attributes:
-        cvtype_to_name: OpenCV's numbers and names of types, such as 8UC3.
-        cvdepth_to_numpy_depth: OpenCV's numbers and numpy's names of depths.
-        numpy_type_to_cvtype: numpy's and OpenCV's names of depths, either way.
+        cvtype_to_name: numbers of OpenCV -> names of types, such as 8UC3.
+        cvdepth_to_numpy_depth: numbers of OpenCV -> dtype names.
+        numpy_type_to_cvtype: dtype names -> OpenCV's names of depths, and back.
     """
 
     def __init__(self) -> None:
@@ -52,36 +52,32 @@ class CvBridge:
         both = [*zip(NUMPY_DEPTHS, DEPTHS, strict=True), *zip(DEPTHS, NUMPY_DEPTHS, strict=True)]
         self.numpy_type_to_cvtype = dict(both)
 
-    # --- encodings ----------------------------------------------------------------------------------------------------
-
     def dtype_with_channels_to_cvtype2(self, dtype: np.dtype[Any], n_channels: int) -> str:
-        """OpenCV's name, such as 8UC3; raises KeyError for a type that it does not have."""
+        """Return OpenCV's name, such as 8UC3; raise KeyError for a dtype that OpenCV does not have."""
         return f"{self.numpy_type_to_cvtype[dtype.name]}C{n_channels}"
 
     def cvtype2_to_dtype_with_channels(self, cvtype: int) -> tuple[str, int]:
-        """Numpy's name of the depth, and the channels."""
+        """Return the dtype name and the number of channels."""
         return self.cvdepth_to_numpy_depth[CV_MAT_DEPTHWrap(cvtype)], CV_MAT_CNWrap(cvtype)
 
     def encoding_to_cvtype2(self, encoding: str) -> int:
-        """OpenCV's number; raises `CvBridgeError` for an unknown encoding."""
+        """Return OpenCV's number; raise `CvBridgeError` for an unknown encoding."""
         try:
             return getCvType(encoding)
         except RuntimeError as error:
             raise CvBridgeError(str(error)) from None
 
     def encoding_to_dtype_with_channels(self, encoding: str) -> tuple[str, int]:
-        """Numpy's name of the depth, and the channels."""
+        """Return the dtype name and the number of channels."""
         return self.cvtype2_to_dtype_with_channels(self.encoding_to_cvtype2(encoding))
 
-    # --- images -------------------------------------------------------------------------------------------------------
-
     def imgmsg_to_cv2(self, img_msg: Any, desired_encoding: str = "passthrough") -> Pixels:
-        """The pixels of a ``sensor_msgs/msg/Image``.
+        """Return the pixels of a ``sensor_msgs/msg/Image``.
 
-        With "passthrough", and no bytes between rows, they share the memory of the message.
+        With "passthrough", and without padding between rows, they share the memory of the message.
 
         Raises:
-            CvBridgeError: an unknown encoding, less data than there should be, or colours of what has none.
+            CvBridgeError: the encoding is unknown, data is missing, or an image without colours cannot be converted.
         """
         self.encoding_to_cvtype2(img_msg.encoding)
         try:
@@ -91,70 +87,68 @@ class CvBridge:
         pixels = pixels.astype(pixels.dtype.newbyteorder("="), copy=False)
         if desired_encoding == "passthrough":
             return pixels
-        return _converted(pixels, img_msg.encoding, desired_encoding)
+        return _convert(pixels, img_msg.encoding, desired_encoding)
 
     def cv2_to_imgmsg(self, cvim: Any, encoding: str = "passthrough", header: Any = None) -> Any:
-        """A ``sensor_msgs/msg/Image`` of pixels; "passthrough" calls them what OpenCV does, such as 8UC3.
+        """Create a ``sensor_msgs/msg/Image``; with "passthrough" its encoding is OpenCV's name, such as 8UC3.
 
         Raises:
-            CvBridgeError: the encoding is of another type.
-            TypeError: no array.
+            CvBridgeError: the encoding has another type.
+            TypeError: `cvim` is not an array.
         """
         pixels = _array(cvim)
-        made = sensor_msgs.msg.Image(height=pixels.shape[0], width=pixels.shape[1])
+        message = sensor_msgs.msg.Image(height=pixels.shape[0], width=pixels.shape[1])
         if header is not None:
-            made.header = header
-        found = self.dtype_with_channels_to_cvtype2(pixels.dtype, 1 if pixels.ndim < 3 else pixels.shape[2])
-        made.encoding = found if encoding == "passthrough" else encoding
-        if self.encoding_to_cvtype2(made.encoding) != getCvType(found):
-            raise CvBridgeError(f"encoding specified as {encoding}, but image has incompatible type {found}")
-        made.is_bigendian = int(pixels.dtype.byteorder == ">" or (sys.byteorder == "big" and pixels.dtype.isnative))
-        made.data.frombytes(pixels.tobytes())
-        made.step = len(made.data) // (made.height or 1)
-        return made
-
-    # --- compressed images --------------------------------------------------------------------------------------------
+            message.header = header
+        type_name = self.dtype_with_channels_to_cvtype2(pixels.dtype, 1 if pixels.ndim < 3 else pixels.shape[2])
+        message.encoding = type_name if encoding == "passthrough" else encoding
+        if self.encoding_to_cvtype2(message.encoding) != getCvType(type_name):
+            raise CvBridgeError(f"encoding specified as {encoding}, but image has incompatible type {type_name}")
+        message.is_bigendian = int(pixels.dtype.byteorder == ">" or (sys.byteorder == "big" and pixels.dtype.isnative))
+        message.data.frombytes(pixels.tobytes())
+        message.step = len(message.data) // (message.height or 1)
+        return message
 
     def compressed_imgmsg_to_cv2(self, cmprs_img_msg: Any, desired_encoding: str = "passthrough") -> Pixels:
-        """The pixels of a ``sensor_msgs/msg/CompressedImage``, blue first: as OpenCV reads them, or else Pillow.
+        """Return the pixels of a ``sensor_msgs/msg/CompressedImage``, read by OpenCV or Pillow.
 
         Raises:
-            CvBridgeError: it is no picture, or cannot become `desired_encoding`.
+            CvBridgeError: the data is not an image, or cannot be converted to `desired_encoding`.
         """
         cv2 = opencv()
         pixels: Any
         if cv2 is None:
-            pixels = _unpacked(cmprs_img_msg.data)
+            pixels = _decompress(cmprs_img_msg.data)
         else:
             data = np.frombuffer(cmprs_img_msg.data, np.uint8)
             pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
             if pixels is None:
-                raise CvBridgeError(f"data: {len(data)} bytes are no picture")
-        if desired_encoding in ("passthrough", "bgr8"):  # what the real one takes any picture for
+                raise CvBridgeError(f"data: {len(data)} bytes are not an image")
+        if desired_encoding in ("passthrough", "bgr8"):  # as in the real package, for every image
             return np.asarray(pixels)
-        before = _order(pixels)
-        if before is None:
-            raise CvBridgeError(f"a picture of {pixels.dtype} with shape {pixels.shape} has no encoding")
-        return _converted(pixels, before, desired_encoding)
+        encoding = _order(pixels)
+        if encoding is None:
+            raise CvBridgeError(f"an image of {pixels.dtype} with shape {pixels.shape} has no encoding")
+        return _convert(pixels, encoding, desired_encoding)
 
     def cv2_to_compressed_imgmsg(self, cvim: Any, dst_format: str = "jpg") -> Any:
-        """A ``sensor_msgs/msg/CompressedImage``; without OpenCV it can be a JPEG or PNG.
+        """Create a ``sensor_msgs/msg/CompressedImage``; without OpenCV only JPEG or PNG.
 
         Raises:
-            CvBridgeError: the format does not take such pixels, or needs OpenCV.
-            TypeError: no array.
+            CvBridgeError: the format does not support the pixels, or needs OpenCV.
+            TypeError: `cvim` is not an array.
         """
         pixels, cv2 = _array(cvim), opencv()
-        made = sensor_msgs.msg.CompressedImage(format=dst_format)
+        message = sensor_msgs.msg.CompressedImage(format=dst_format)
         if cv2 is None:
-            made.data.frombytes(_packed(pixels, dst_format))
-            return made
+            message.data.frombytes(_compress(pixels, dst_format))
+            return message
         try:
             _, data = cv2.imencode(f".{dst_format}", pixels)
         except cv2.error as error:
             raise CvBridgeError(str(error)) from None
-        made.data.frombytes(data.tobytes())
-        return made
+        message.data.frombytes(data.tobytes())
+        return message
 
 
 def _array(cvim: Any) -> Pixels:
@@ -164,19 +158,19 @@ def _array(cvim: Any) -> Pixels:
 
 
 def _order(pixels: Pixels) -> str | None:
-    """What such pixels are to OpenCV."""
+    """Return the encoding that OpenCV assumes for pixels."""
     order, bits = _ORDERS.get(pixels.shape[2] if pixels.ndim == 3 else 1), _BITS.get(pixels.dtype.name)
     return f"{order}{bits}" if order and bits else None
 
 
-def _converted(pixels: Pixels, before: str, after: str) -> Pixels:
+def _convert(pixels: Pixels, before: str, after: str) -> Pixels:
     try:
         return cvtColor2(pixels, before, after)
     except RuntimeError as error:
         raise CvBridgeError(str(error)) from None
 
 
-def _unpacked(data: Any) -> Pixels:
+def _decompress(data: Any) -> Pixels:
     try:
         pixels = compressedimage_to_array(SimpleNamespace(format="", data=data))
         after = _order(pixels)
@@ -184,15 +178,15 @@ def _unpacked(data: Any) -> Pixels:
             return pixels
         return convert_pixels(pixels, after.replace("bgr", "rgb"), after)
     except (ConversionError, ModuleNotFoundError) as error:
-        raise CvBridgeError(f"{error}; without OpenCV, Pillow reads pictures") from None
+        raise CvBridgeError(f"{error}; without OpenCV, images are read by Pillow") from None
 
 
-def _packed(pixels: Pixels, dst_format: str) -> bytes:
+def _compress(pixels: Pixels, dst_format: str) -> bytes:
     shaped = pixels[..., 0] if pixels.ndim == 3 and pixels.shape[2] == 1 else pixels
     encoding = _order(shaped)
     if dst_format not in _BY_PILLOW or encoding is None:
-        what = f"{dst_format} of {pixels.dtype} with shape {pixels.shape}"
-        raise CvBridgeError(f"{what} needs OpenCV, which is not installed (opencv-python-headless)")
+        image = f"{dst_format} of {pixels.dtype} with shape {pixels.shape}"
+        raise CvBridgeError(f"{image} needs OpenCV; install opencv-python-headless")
     try:
         return bytes(array_to_compressedimage(shaped, encoding, format=_BY_PILLOW[dst_format]).data)
     except (ConversionError, ModuleNotFoundError) as error:

@@ -1,4 +1,4 @@
-"""Pixels of calibrated cameras and where they are in space; OpenCV is needed only where images are rectified."""
+"""Pixels of calibrated cameras and their positions in space; only rectification needs OpenCV."""
 
 from image_geometry.cameramodels import PinholeCameraModel as PinholeCameraModel
 from image_geometry.cameramodels import StereoCameraModel as StereoCameraModel

@@ -1,6 +1,7 @@
-"""Models of one camera and of two, made of ``sensor_msgs/msg/CameraInfo``.
+"""Models of one and of two cameras, from ``sensor_msgs/msg/CameraInfo``.
 
-Matrices are of `numpy.matrix`, as in the real package: ``*`` is their product. Before `fromCameraInfo` all is None.
+Matrices are of `numpy.matrix`, as in the real package: ``*`` is their product. Before `fromCameraInfo` all attributes
+are None.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ Triple = tuple[float, float, float]
 
 
 def mkmat(rows: int, cols: int, L: Any) -> Matrix:
-    """Numbers, row by row, as a matrix."""
+    """Return numbers, row by row, as a matrix."""
     return np.matrix(np.reshape(np.asarray(L, np.float64), (rows, cols)))
 
 
@@ -26,25 +27,25 @@ def _opencv() -> Any:
     try:
         return import_module("cv2")
     except ModuleNotFoundError as error:
-        text = "image_geometry rectifies with OpenCV, which is not installed (opencv-python-headless)"
+        text = "image_geometry needs OpenCV to rectify; install opencv-python-headless"
         raise ModuleNotFoundError(text, name=error.name) from None
 
 
 class PinholeCameraModel:
-    """A camera without a lens that bends.
+    """Camera with a pinhole projection.
 
     Attributes:
         K: camera matrix, 3 x 3, of the binned region of interest.
-        D: distortion coefficients, n x 1; None without.
+        D: distortion coefficients, n x 1; None without distortion.
         R: rectifying rotation, 3 x 3.
         P: projection, 3 x 4, of the binned region of interest.
         full_K: camera matrix of the full resolution.
         full_P: projection of the full resolution.
-        width: of the full resolution, in pixels; so `height`.
-        binning_x: pixels that are one of the image; so `binning_y`.
-        raw_roi: the region of interest, a ``sensor_msgs/msg/RegionOfInterest``; never empty.
-        tf_frame: the frame of the camera.
-        stamp: the time of the CameraInfo.
+        width: full resolution in pixels, like `height`.
+        binning_x: pixels that are combined to one, like `binning_y`.
+        raw_roi: region of interest, a ``sensor_msgs/msg/RegionOfInterest``; never empty.
+        tf_frame: frame of the camera.
+        stamp: time of the CameraInfo.
     """
 
     def __init__(self) -> None:
@@ -63,13 +64,13 @@ class PinholeCameraModel:
         self.stamp: Any = None
 
     def fromCameraInfo(self, msg: Any) -> None:
-        """Take the parameters of a ``sensor_msgs/msg/CameraInfo``."""
+        """Read the parameters of a ``sensor_msgs/msg/CameraInfo``."""
         self.full_K, self.full_P, self.R = mkmat(3, 3, msg.k), mkmat(3, 4, msg.p), mkmat(3, 3, msg.r)
         self.D = mkmat(len(msg.d), 1, msg.d) if len(msg.d) else None
         self.width, self.height = self.resolution = (msg.width, msg.height)
         self.binning_x, self.binning_y = max(1, msg.binning_x), max(1, msg.binning_y)
         roi = self.raw_roi = copy.copy(msg.roi)
-        if not (roi.x_offset or roi.y_offset or roi.width or roi.height):  # which means all
+        if not (roi.x_offset or roi.y_offset or roi.width or roi.height):  # the whole image
             roi.width, roi.height = self.resolution
         self.tf_frame, self.stamp = msg.header.frame_id, msg.header.stamp
         self.K, self.P = self.full_K.copy(), self.full_P.copy()
@@ -78,10 +79,8 @@ class PinholeCameraModel:
             for row, binning in enumerate((self.binning_x, self.binning_y)):
                 matrix[row, [row, 2]] /= binning
 
-    # --- rectifying ---------------------------------------------------------------------------------------------------
-
     def rectifyImage(self, raw: Any, rectified: Any) -> None:
-        """Write the pixels of `raw` as they would be without distortion into `rectified`."""
+        """Write the pixels of `raw` without distortion into `rectified`."""
         cv2 = _opencv()
         shape = self.height, self.width, 1
         self.mapx, self.mapy = np.ndarray(shape, np.float32), np.ndarray(shape, np.float32)
@@ -90,111 +89,100 @@ class PinholeCameraModel:
         cv2.remap(raw, self.mapx, self.mapy, cv2.INTER_CUBIC, rectified)
 
     def rectifyPoint(self, uv_raw: Any) -> Any:
-        """Where a pixel of the raw image is in the rectified one: an array of u and v."""
+        """Return the position of a raw pixel in the rectified image: an array of u and v."""
         source = np.array([[[uv_raw[0], uv_raw[1]]]], np.float64)
         return _opencv().undistortPoints(source, self.K, self.D, R=self.R, P=self.P)[0, 0]
 
-    # --- pixels and points --------------------------------------------------------------------------------------------
-
     def project3dToPixel(self, point: Any) -> Pair:
-        """The rectified pixel (u, v) of a point (x, y, z) in the frame of the camera; NaN in its plane."""
+        """Return the rectified pixel (u, v) of a point (x, y, z) in the camera's frame; NaN in its plane."""
         x, y, w = (self.P * mkmat(4, 1, [point[0], point[1], point[2], 1.0])).flat
         return (x / w, y / w) if w != 0 else (math.nan, math.nan)
 
     def projectPixelTo3dRay(self, uv: Any) -> Triple:
-        """The direction (x, y, z), of length 1, in which a rectified pixel is seen."""
+        """Return the direction (x, y, z), of length 1, of a rectified pixel."""
         x, y = (uv[0] - self.cx()) / self.fx(), (uv[1] - self.cy()) / self.fy()
         norm = math.sqrt(x * x + y * y + 1)
         return x / norm, y / norm, 1.0 / norm
 
     def getDeltaU(self, deltaX: float, Z: float) -> float:
-        """Pixels to the right that are `deltaX` at depth `Z`."""
+        """Return the horizontal distance in pixels for `deltaX` at depth `Z`."""
         return math.inf if Z == 0 else self.fx() * deltaX / Z
 
     def getDeltaV(self, deltaY: float, Z: float) -> float:
-        """Pixels down that are `deltaY` at depth `Z`."""
+        """Return the vertical distance in pixels for `deltaY` at depth `Z`."""
         return math.inf if Z == 0 else self.fy() * deltaY / Z
 
     def getDeltaX(self, deltaU: float, Z: float) -> Any:
-        """How far `deltaU` pixels to the right are at depth `Z`."""
+        """Return the horizontal distance at depth `Z` for `deltaU` pixels."""
         return Z * deltaU / self.fx()
 
     def getDeltaY(self, deltaV: float, Z: float) -> Any:
-        """How far `deltaV` pixels down are at depth `Z`."""
+        """Return the vertical distance at depth `Z` for `deltaV` pixels."""
         return Z * deltaV / self.fy()
 
-    # --- parameters ---------------------------------------------------------------------------------------------------
-
     def fullResolution(self) -> tuple[int, int]:
-        """Width and height in pixels; AttributeError before `fromCameraInfo`."""
+        """Return width and height in pixels; raise AttributeError before `fromCameraInfo`."""
         return self.resolution
 
     def intrinsicMatrix(self) -> Any:
-        """`K`."""
         return self.K
 
     def distortionCoeffs(self) -> Any:
-        """`D`."""
         return self.D
 
     def rotationMatrix(self) -> Any:
-        """`R`."""
         return self.R
 
     def projectionMatrix(self) -> Any:
-        """`P`."""
         return self.P
 
     def fullIntrinsicMatrix(self) -> Any:
-        """`full_K`."""
         return self.full_K
 
     def fullProjectionMatrix(self) -> Any:
-        """`full_P`."""
         return self.full_P
 
     def cx(self) -> Any:
-        """Column of the centre."""
+        """Return the column of the principal point."""
         return self.P[0, 2]
 
     def cy(self) -> Any:
-        """Row of the centre."""
+        """Return the row of the principal point."""
         return self.P[1, 2]
 
     def fx(self) -> Any:
-        """Focal length in widths of pixels."""
+        """Return the focal length in pixel widths."""
         return self.P[0, 0]
 
     def fy(self) -> Any:
-        """Focal length in heights of pixels."""
+        """Return the focal length in pixel heights."""
         return self.P[1, 1]
 
     def Tx(self) -> Any:
-        """What the projection moves to the right: of the right one of two cameras, minus focal length times base."""
+        """Return the horizontal offset of the projection: minus focal length times base for a right camera."""
         return self.P[0, 3]
 
     def Ty(self) -> Any:
-        """What the projection moves down."""
+        """Return the vertical offset of the projection."""
         return self.P[1, 3]
 
     def fovX(self) -> float:
-        """Angle of view from left to right, in radians."""
+        """Return the horizontal angle of view in radians."""
         return 2 * math.atan(self.width / (2 * self.fx()))
 
     def fovY(self) -> float:
-        """Angle of view from top to bottom, in radians."""
+        """Return the vertical angle of view in radians."""
         return 2 * math.atan(self.height / (2 * self.fy()))
 
     def tfFrame(self) -> Any:
-        """`tf_frame`."""
         return self.tf_frame
 
 
 class StereoCameraModel:
-    """Two cameras beside each other, `left` and `right`.
+    """Two parallel cameras, `left` and `right`.
 
     Attributes:
-        Q: 4 x 4, makes a point of pixel and disparity; there after `fromCameraInfo`.
+        Q: 4 x 4 matrix from pixel and disparity to point, set by `fromCameraInfo`.
     """
 
     def __init__(self) -> None:
@@ -202,7 +190,7 @@ class StereoCameraModel:
         self.right = PinholeCameraModel()
 
     def fromCameraInfo(self, left_msg: Any, right_msg: Any) -> None:
-        """Take the parameters of two ``sensor_msgs/msg/CameraInfo``."""
+        """Read the parameters of two ``sensor_msgs/msg/CameraInfo``."""
         self.left.fromCameraInfo(left_msg)
         self.right.fromCameraInfo(right_msg)
         fx, cx, cy = self.right.fx(), self.right.cx(), self.right.cy()
@@ -212,22 +200,22 @@ class StereoCameraModel:
         self.Q[3, 2] = 1 / (-self.right.Tx() / fx)
 
     def tfFrame(self) -> Any:
-        """The frame of the left camera, which points are in."""
+        """Return the frame of the left camera, to which points refer."""
         return self.left.tfFrame()
 
     def project3dToPixel(self, point: Any) -> tuple[Pair, Pair]:
-        """The rectified pixels of a point, in the left and the right image."""
+        """Return the rectified pixels of a point in the left and the right image."""
         return self.left.project3dToPixel(point), self.right.project3dToPixel(point)
 
     def projectPixelTo3d(self, left_uv: Any, disparity: float) -> Triple:
-        """The point of a rectified pixel of the left image; (0, 0, 0) for disparity 0, which is infinitely far."""
+        """Return the point of a rectified pixel of the left image; (0, 0, 0) for disparity 0."""
         x, y, z, w = (self.Q * mkmat(4, 1, [left_uv[0], left_uv[1], disparity, 1.0])).flat
         return (x / w, y / w, z / w) if w != 0 else (0.0, 0.0, 0.0)
 
     def getZ(self, disparity: float) -> float:
-        """The depth that `disparity` pixels mean."""
+        """Return the depth of a disparity in pixels."""
         return math.inf if disparity == 0 else -self.right.Tx() / disparity
 
     def getDisparity(self, Z: float) -> float:
-        """The disparity, in pixels, at a depth."""
+        """Return the disparity in pixels at a depth."""
         return math.inf if Z == 0 else -self.right.Tx() / Z

@@ -1,7 +1,6 @@
-"""Messages of several topics that belong together by their stamps, and a cache; over `rosidl_py_gen.message_filters`.
+"""Synchronization of messages of several topics by their stamps, and a cache, with `rosidl_py_gen.message_filters`.
 
-Callbacks are called by whoever spins: a subscription's callback hands its message on, and what that completes comes out
-at once.
+The callback of a subscription passes its message on, so all callbacks run in the thread that spins.
 """
 
 from __future__ import annotations
@@ -24,32 +23,32 @@ _HEADERLESS = (
 
 
 class SimpleFilter:
-    """What has callbacks.
+    """Filter with callbacks.
 
     Attributes:
-        callbacks: each with the arguments it gets behind the message, by the number that `registerCallback` answered.
+        callbacks: callbacks with their additional arguments, by the number that `registerCallback` returned.
     """
 
     def __init__(self) -> None:
         self.callbacks: dict[int, tuple[Callable[..., object], tuple[Any, ...]]] = {}
 
     def registerCallback(self, cb: Callable[..., object], *args: Any) -> int:
-        """Call `cb` with what comes out and `args` behind it; answers its number."""
+        """Call `cb` with each output followed by `args`; return the number of the registration."""
         number = len(self.callbacks)
         self.callbacks[number] = cb, args
         return number
 
     def signalMessage(self, *msg: Any) -> None:
-        """Hand on."""
+        """Call all callbacks."""
         for function, arguments in list(self.callbacks.values()):
             function(*msg, *arguments)
 
 
 class Subscriber(SimpleFilter):
-    """A subscription; the arguments are those of `Node.create_subscription` behind the node, without a callback.
+    """Filter of a subscription; the arguments are those of `Node.create_subscription`, with the node before them.
 
     Attributes:
-        sub: the subscription, whose attributes are those of this, too.
+        sub: the subscription, whose attributes this object has as well.
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -59,26 +58,25 @@ class Subscriber(SimpleFilter):
         self.sub = self.node.create_subscription(*args[1:], self.callback, **kwargs)
 
     def callback(self, msg: Any) -> None:
-        """What the subscription calls."""
         self.signalMessage(msg)
 
     def getTopic(self) -> Any:
-        """The topic as it was given."""
+        """Return the topic as it was passed."""
         return self.topic
 
     def __getattr__(self, key: str) -> Any:
-        if key == "sub":  # not made yet
+        if key == "sub":  # not created yet
             raise AttributeError(key)
         return getattr(self.sub, key)
 
 
 class Cache(SimpleFilter):
-    """The last messages of a filter, in the order they came.
+    """Filter that stores the last messages, in the order of their arrival.
 
     Args:
-        f: the filter.
-        cache_size: how many are kept.
-        allow_headerless: messages without a stamp count as of the time they come; otherwise they are left out.
+        f: input filter.
+        cache_size: maximum number of messages.
+        allow_headerless: use the time of arrival for messages without a stamp, which otherwise are ignored.
     """
 
     def __init__(self, f: SimpleFilter, cache_size: int = 1, allow_headerless: bool = False) -> None:
@@ -89,11 +87,11 @@ class Cache(SimpleFilter):
         self.connectInput(f)
 
     def connectInput(self, f: SimpleFilter) -> None:
-        """Take the messages of a filter."""
+        """Connect the input filter."""
         self.incoming_connection = f.registerCallback(self.add)
 
     def add(self, msg: Any) -> None:
-        """Take a message, and hand it on."""
+        """Store a message and pass it on."""
         stamp = _stamp(msg, self.allow_headerless, "message_filters_cache", "")
         if stamp is None:
             return
@@ -104,41 +102,41 @@ class Cache(SimpleFilter):
         self.signalMessage(msg)
 
     def getInterval(self, from_stamp: Time, to_stamp: Time) -> list[Any]:
-        """The messages of these times and between them."""
+        """Return the messages from `from_stamp` to `to_stamp`."""
         assert from_stamp <= to_stamp
-        return [msg for msg, time in self._rosidl_both() if from_stamp <= time <= to_stamp]
+        return [msg for msg, time in self._rosidl_items() if from_stamp <= time <= to_stamp]
 
     def getElemAfterTime(self, stamp: Time) -> Any:
-        """The first message of this time or later; None if there is none."""
-        return next((msg for msg, time in self._rosidl_both() if time >= stamp), None)
+        """Return the first message with this stamp or a later one; None if there is none."""
+        return next((msg for msg, time in self._rosidl_items() if time >= stamp), None)
 
     def getElemBeforeTime(self, stamp: Time) -> Any:
-        """The last message of this time or earlier; None if there is none."""
-        return next((msg for msg, time in reversed(self._rosidl_both()) if time <= stamp), None)
+        """Return the last message with this stamp or an earlier one; None if there is none."""
+        return next((msg for msg, time in reversed(self._rosidl_items()) if time <= stamp), None)
 
     def getLastestTime(self) -> Time | None:
-        """The time of the message that came last; the name is that of message_filters."""
+        """Return the stamp of the last message; the name is that of message_filters."""
         return self.cache_times[-1] if self.cache_times else None
 
     def getOldestTime(self) -> Time | None:
-        """The time of the message that came first."""
+        """Return the stamp of the first message."""
         return self.cache_times[0] if self.cache_times else None
 
     def getLast(self) -> Any:
-        """The first message of the last time or later; None if there is none."""
+        """Return the first message with the last stamp or a later one; None if there is none."""
         latest = self.getLastestTime()
         return None if latest is None else self.getElemAfterTime(latest)
 
-    def _rosidl_both(self) -> list[tuple[Any, Time]]:
+    def _rosidl_items(self) -> list[tuple[Any, Time]]:
         return list(zip(self.cache_msgs, self.cache_times, strict=True))
 
 
 class TimeSynchronizer(SimpleFilter):
-    """Sets of messages with the same stamp, one of each filter; callbacks get them in the order of the filters.
+    """Sets of messages with equal stamps, one of each filter; callbacks take them in the order of the filters.
 
     Args:
-        fs: the filters.
-        queue_size: how many messages of each wait for others.
+        fs: input filters.
+        queue_size: maximum number of messages of each filter that wait for others.
     """
 
     def __init__(self, fs: Sequence[SimpleFilter], queue_size: int) -> None:
@@ -147,18 +145,18 @@ class TimeSynchronizer(SimpleFilter):
         self.connectInput(fs)
 
     def connectInput(self, fs: Sequence[SimpleFilter]) -> None:
-        """Take the messages of these filters."""
+        """Connect the input filters."""
         self._rosidl_synchronizer = self._rosidl_make([message_filters.MessageFilter() for _ in fs])
         self.input_connections = [f.registerCallback(self.add, number) for number, f in enumerate(fs)]
 
     def _rosidl_make(self, inputs: list[message_filters.MessageFilter]) -> message_filters.TimeSynchronizer:
-        return message_filters.TimeSynchronizer(inputs, self._rosidl_found, queue_size=self.queue_size)
+        return message_filters.TimeSynchronizer(inputs, self._rosidl_on_set, queue_size=self.queue_size)
 
-    def _rosidl_found(self, *messages: Any) -> None:
+    def _rosidl_on_set(self, *messages: Any) -> None:
         self.signalMessage(*messages)
 
     def add(self, msg: Any, my_queue_index: int) -> None:
-        """Take a message of one of the filters."""
+        """Add a message of one of the filters."""
         self._rosidl_synchronizer.add(my_queue_index, msg)
 
 
@@ -166,10 +164,10 @@ class ApproximateTimeSynchronizer(TimeSynchronizer):
     """Sets of messages whose stamps are less than `slop` seconds apart.
 
     Args:
-        fs: the filters.
-        queue_size: how many messages of each wait for others.
-        slop: seconds.
-        allow_headerless: messages without a stamp count as of the time they come; otherwise they are left out.
+        fs: input filters.
+        queue_size: maximum number of messages of each filter that wait for others.
+        slop: maximum difference in seconds.
+        allow_headerless: use the time of arrival for messages without a stamp, which otherwise are ignored.
     """
 
     def __init__(
@@ -180,21 +178,20 @@ class ApproximateTimeSynchronizer(TimeSynchronizer):
 
     def _rosidl_make(self, inputs: list[message_filters.MessageFilter]) -> message_filters.TimeSynchronizer:
         return message_filters.ApproximateTimeSynchronizer(
-            inputs, self._rosidl_found, slop_s=self.slop.nanoseconds / 1e9, queue_size=self.queue_size
+            inputs, self._rosidl_on_set, slop_s=self.slop.nanoseconds / 1e9, queue_size=self.queue_size
         )
 
     def add(self, msg: Any, my_queue_index: int) -> None:
-        """Take a message of one of the filters."""
         stamp = _stamp(msg, self.allow_headerless, "message_filters_approx", "for ")
         if stamp is not None:
             self._rosidl_synchronizer.add(my_queue_index, _Stamped(msg, stamp))
 
-    def _rosidl_found(self, *messages: Any) -> None:
-        self.signalMessage(*(one.message for one in messages))
+    def _rosidl_on_set(self, *messages: Any) -> None:
+        self.signalMessage(*(item.message for item in messages))
 
 
 class _Stamped:
-    """A message with the time it counts as."""
+    """Message with the stamp to use for it."""
 
     def __init__(self, message: Any, stamp: Time) -> None:
         self.message = message
@@ -202,8 +199,8 @@ class _Stamped:
         self.stamp = stamp.to_msg()
 
 
-def _stamp(message: Any, allow_headerless: bool, logger: str, word: str) -> Time | None:
-    """The time of a message; None, with a warning, when it has none and that is not allowed."""
+def _stamp(message: Any, allow_headerless: bool, logger: str, preposition: str) -> Time | None:
+    """Return the stamp of a message; None, with a warning, if it has none and that is not allowed."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     if stamp is not None:
         return stamp if hasattr(stamp, "nanoseconds") else Time.from_msg(stamp)
@@ -211,5 +208,5 @@ def _stamp(message: Any, allow_headerless: bool, logger: str, word: str) -> Time
         return ROSClock().now()
     log = get_logger(logger)
     log.set_level(LoggingSeverity.INFO)
-    log.warning(_HEADERLESS.format(word))
+    log.warning(_HEADERLESS.format(preposition))
     return None

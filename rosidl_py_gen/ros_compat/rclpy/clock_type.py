@@ -1,7 +1,5 @@
 """Types of clocks."""
 
-from __future__ import annotations
-
 from enum import IntEnum
 
 

@@ -1,7 +1,5 @@
 """Interface of handles."""
 
-from __future__ import annotations
-
 from types import TracebackType
 from typing import Optional, Protocol, Type  # noqa: F401, UP035
 

@@ -1,7 +1,5 @@
 """Expansion of topic and service names."""
 
-from __future__ import annotations
-
 from rclpy.impl.names import namespace_error, node_name_error, topic_name_error
 from rosidl_py_gen import InvalidNameError, runtime
 

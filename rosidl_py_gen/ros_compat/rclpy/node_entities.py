@@ -346,8 +346,6 @@ class NodeEntities:
         self._rosidl_waitables.remove(waitable)
         self._rosidl_wake_executor()
 
-    # ------------------------------------------------------------------------------------------------------ destroying
-
     def _rosidl_destroy(self, entity: Any, kind: str) -> bool:
         own, *others = self._rosidl_lists(kind)
         if entity not in own:

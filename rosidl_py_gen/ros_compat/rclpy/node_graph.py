@@ -30,8 +30,6 @@ class NodeGraph:
         def get_name(self) -> str: ...
         def get_namespace(self) -> str: ...
 
-    # ------------------------------------------------------------------------------------------------------- nodes
-
     def get_node_names(self) -> list[str]:
         """Return the names of all nodes, without namespaces."""
         return [name for name, _ in self.get_node_names_and_namespaces()]
@@ -54,8 +52,6 @@ class NodeGraph:
         name = "/" + fully_qualified_node_name.lstrip("/")
         with self.handle as handle:
             return handle.context.wait(lambda: name in self.get_fully_qualified_node_names(), timeout)
-
-    # ----------------------------------------------------------------------------------------------------- by node
 
     def _rosidl_of_node(self, kind: str, node_name: str, node_namespace: str) -> NamesAndTypes:
         with self.handle.active() as node:
@@ -116,8 +112,6 @@ class NodeGraph:
     def get_client_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
         """Return the services a node has clients of; raise NodeNameNonExistentError if it is not in the graph."""
         return self._rosidl_of_node("client", node_name, node_namespace)
-
-    # ------------------------------------------------------------------------------------------- topics and services
 
     def get_topic_names_and_types(self, no_demangle: bool = False) -> NamesAndTypes:
         """Return all topics; with `no_demangle` all DDS topics, which include those of services."""

@@ -85,8 +85,6 @@ class NodeParameters:
     def _rosidl_allows_undeclared(self) -> bool:
         return valid_or(self._allow_undeclared_parameters, bool, self._rosidl_allow_undeclared)
 
-    # --------------------------------------------------------------------------------------------------- declaring
-
     def declare_parameter(
         self, name: str, value: Any = None, descriptor: Any = None, ignore_override: bool = False
     ) -> Parameter:
@@ -155,8 +153,6 @@ class NodeParameters:
     def has_parameter(self, name: str) -> bool:
         """Return True if a parameter is declared."""
         return name in self._rosidl_values
-
-    # ----------------------------------------------------------------------------------------------------- getting
 
     def get_parameter_types(self, names: list[str]) -> list[Any]:
         """Return the types of several parameters; raise TypeError if a name is not a str."""
@@ -245,8 +241,6 @@ class NodeParameters:
     def describe_parameters(self, names: list[str]) -> list[Any]:
         """Return the descriptors of several parameters."""
         return [self.describe_parameter(name) for name in names]
-
-    # ----------------------------------------------------------------------------------------------------- setting
 
     def set_parameters(self, parameter_list: list[Parameter]) -> list[Any]:
         """Set parameters one after the other; return an rcl_interfaces/SetParametersResult for each.
@@ -349,8 +343,6 @@ class NodeParameters:
         self._rosidl_values[name] = parameter
         self._rosidl_descriptors[name] = descriptor
         return self.get_parameter(name).get_parameter_value()
-
-    # --------------------------------------------------------------------------------------------------- callbacks
 
     def add_pre_set_parameters_callback(self, callback: PreSetCallback) -> None:
         """Register a function that takes the list of parameters before they are checked and returns the list to set.

@@ -1,7 +1,5 @@
 """Deprecated name of `rclpy.event_handler`."""
 
-from __future__ import annotations
-
 import warnings
 from enum import IntEnum  # noqa: F401
 from typing import List, Optional  # noqa: F401, UP035

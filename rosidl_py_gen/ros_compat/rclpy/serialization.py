@@ -1,7 +1,5 @@
 """Messages as serialized bytes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from rclpy._rclpy_pybind11 import RMWError

@@ -1,7 +1,5 @@
 """States of service introspection."""
 
-from __future__ import annotations
-
 from rclpy._rclpy_pybind11 import EnumOfC
 
 

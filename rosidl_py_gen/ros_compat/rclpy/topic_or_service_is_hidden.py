@@ -1,7 +1,5 @@
 """Hidden names, which tools do not list."""
 
-from __future__ import annotations
-
 HIDDEN_TOPIC_PREFIX = "_"
 
 

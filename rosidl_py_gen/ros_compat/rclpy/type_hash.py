@@ -1,7 +1,5 @@
 """Type hashes that endpoints announce."""
 
-from __future__ import annotations
-
 from rclpy.impl._fields import Checked
 
 

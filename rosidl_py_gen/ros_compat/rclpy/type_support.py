@@ -1,7 +1,5 @@
 """Checks for classes of messages, services and actions."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from rclpy.exceptions import NoTypeSupportImportedException

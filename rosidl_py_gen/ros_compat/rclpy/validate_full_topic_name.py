@@ -1,7 +1,5 @@
 """Validation of fully qualified names."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from rclpy.exceptions import InvalidServiceNameException, InvalidTopicNameException

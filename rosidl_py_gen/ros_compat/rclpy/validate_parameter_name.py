@@ -1,7 +1,5 @@
 """Validation of parameter names."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from rclpy.exceptions import InvalidParameterException

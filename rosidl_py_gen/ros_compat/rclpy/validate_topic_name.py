@@ -1,7 +1,5 @@
 """Validation of relative names."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from rclpy.exceptions import InvalidServiceNameException, InvalidTopicNameException

@@ -1,7 +1,5 @@
 """Reception of one message without an executor."""
 
-from __future__ import annotations
-
 from typing import Any, Union  # noqa: F401
 
 from rclpy.node import Node as Node

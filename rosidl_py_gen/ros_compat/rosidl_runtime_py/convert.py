@@ -1,4 +1,4 @@
-"""Messages as YAML, as comma-separated values and as dicts."""
+"""Conversion of messages to YAML, comma-separated values and dicts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _COLLECTIONS = (list, tuple, array.array, numpy.ndarray)
 
 
 class _Dumper(yaml.Dumper):
-    """Keeps the order of fields."""
+    """YAML dumper that retains the order of fields."""
 
 
 _Dumper.add_representer(
@@ -30,7 +30,7 @@ _Dumper.add_representer(
 
 @dataclass(frozen=True)
 class _Shortening:
-    """How values are shortened: longer than so many elements or characters; arrays and texts to what they are."""
+    """Options that shorten values: maximum number of elements or characters, and types in place of values."""
 
     length: int | None
     no_arr: bool
@@ -48,7 +48,7 @@ def message_to_yaml(
     no_str: bool = False,
     flow_style: bool = False,
 ) -> str:
-    """A message as YAML, in blocks or in one line; the other arguments are those of `message_to_ordereddict`."""
+    """Return a message as YAML, in blocks or in one line; see `message_to_ordereddict` for the other arguments."""
     plain = message_to_ordereddict(msg, truncate_length=truncate_length, no_arr=no_arr, no_str=no_str)
     text: str = yaml.dump(plain, Dumper=_Dumper, allow_unicode=True, width=sys.maxsize, default_flow_style=flow_style)
     return text
@@ -57,24 +57,25 @@ def message_to_yaml(
 def message_to_ordereddict(
     msg: Any, *, truncate_length: int | None = None, no_arr: bool = False, no_str: bool = False
 ) -> OrderedDict[str, Any]:
-    """A message as dicts, lists, numbers and texts, in the order of its fields.
+    """Return a message as dicts, lists, numbers and texts, in the order of its fields.
 
     Args:
-        truncate_length: arrays and texts that are longer are cut there, with ``...`` behind.
-        no_arr: say of arrays which they are instead of what is in them.
-        no_str: the same for texts.
+        msg: the message.
+        truncate_length: maximum length of arrays and texts, after which they end in ``...``.
+        no_arr: describe the types of arrays in place of their elements.
+        no_str: describe the lengths of texts in place of their contents.
     """
     return _dict(msg, _Shortening(truncate_length, no_arr, no_str))
 
 
 def message_to_csv(msg: Any, *, truncate_length: int | None = None, no_arr: bool = False, no_str: bool = False) -> str:
-    """The values of a message with commas between them; arguments as of `message_to_ordereddict`."""
+    """Return the values of a message, separated by commas; see `message_to_ordereddict` for the arguments."""
     short = _Shortening(truncate_length, no_arr, no_str)
     return ",".join(_csv(getattr(msg, name), kind, short) for name, kind in get_message_slot_types(msg).items())
 
 
 def get_message_slot_types(msg: Any) -> OrderedDict[str, Any]:
-    """The type of each field, as `rosidl_parser` has it."""
+    """Return the type of each field, as an object of `rosidl_parser`."""
     return OrderedDict(zip(msg.get_fields_and_field_types(), msg.SLOT_TYPES, strict=True))
 
 
@@ -92,13 +93,13 @@ def _plain(value: Any, kind: Any, short: _Shortening) -> Any:
             return _shortened(value, short)
         case list() | tuple() | array.array() | numpy.ndarray():
             if short.no_arr and kind is not None:
-                return _what_array(value, kind)
-            made: type[list[Any]] | type[tuple[Any, ...]] = tuple if isinstance(value, tuple) else list
-            inside = [_plain(one, None, short) for one in (value[: short.length] if short.cuts(value) else value)]
-            return made([*inside, "..."] if short.cuts(value) else inside)
+                return _array_type_text(value, kind)
+            list_class: type[list[Any]] | type[tuple[Any, ...]] = tuple if isinstance(value, tuple) else list
+            items = [_plain(item, None, short) for item in (value[: short.length] if short.cuts(value) else value)]
+            return list_class([*items, "..."] if short.cuts(value) else items)
         case dict():
-            nothing = _Shortening(None, False, False)
-            return {_plain(name, None, nothing): _plain(one, None, short) for name, one in value.items()}
+            unlimited = _Shortening(None, False, False)
+            return {_plain(name, None, unlimited): _plain(item, None, short) for name, item in value.items()}
         case numpy.number():
             return value.item()
         case bool() | float() | int():
@@ -109,8 +110,8 @@ def _plain(value: Any, kind: Any, short: _Shortening) -> Any:
 def _csv(value: Any, kind: Any, short: _Shortening) -> str:
     if isinstance(value, _COLLECTIONS):
         if short.no_arr and kind is not None:
-            return _what_array(value, kind)
-        texts = [_csv(one, None, short) for one in (value[: short.length] if short.cuts(value) else value)]
+            return _array_type_text(value, kind)
+        texts = [_csv(item, None, short) for item in (value[: short.length] if short.cuts(value) else value)]
         return ",".join(texts) + ((",..." if texts else "...") if short.cuts(value) else "")
     if isinstance(value, str):
         return _shortened(value, short)
@@ -127,7 +128,7 @@ def _shortened(text: str, short: _Shortening) -> str:
     return f"{text[: short.length]}..." if short.cuts(text) else text
 
 
-def _what_array(value: Any, kind: Any) -> str:
+def _array_type_text(value: Any, kind: Any) -> str:
     if not isinstance(kind, definition.AbstractNestedType):
         return "unknown"
     name = _type_name(kind.value_type)

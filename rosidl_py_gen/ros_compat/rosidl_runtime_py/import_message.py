@@ -1,4 +1,4 @@
-"""Classes by what `SLOT_TYPES` say."""
+"""Import of classes by the types in `SLOT_TYPES`."""
 
 import importlib
 import warnings
@@ -10,10 +10,10 @@ _FEEDBACK = "_FeedbackMessage"
 
 
 def import_message_from_namespaced_type(message_type: Any) -> Any:
-    """The class that a `NamespacedType` names; that of ``X_FeedbackMessage`` is ``X.Impl.FeedbackMessage``.
+    """Return the class of a `NamespacedType`; for ``X_FeedbackMessage`` that is ``X.Impl.FeedbackMessage``.
 
     Raises:
-        ImportError, AttributeError: there is none.
+        ImportError, AttributeError: the class does not exist.
     """
     if not isinstance(message_type, NamespacedType) and hasattr(message_type, "value_type"):
         message_type = message_type.value_type

@@ -1,4 +1,4 @@
-"""Fields of messages, set from dicts, lists, numbers and texts."""
+"""Assignment of message fields from dicts, lists, numbers and texts."""
 
 from __future__ import annotations
 
@@ -19,57 +19,59 @@ _HEADER, _TIME = "std_msgs.msg._header.Header", "builtin_interfaces.msg._time.Ti
 def set_message_fields(
     msg: Any, values: dict[str, Any], expand_header_auto: bool = False, expand_time_now: bool = False
 ) -> list[Any]:
-    """Set the fields that `values` names, in messages inside of messages as well.
+    """Set the fields in `values`, also in nested messages.
 
     Args:
-        expand_header_auto: ``auto`` for a Header leaves it, and its stamp to be set later.
-        expand_time_now: ``now`` for a Time leaves it to be set later.
+        msg: the message.
+        values: field names and values.
+        expand_header_auto: accept ``auto`` for a Header, whose stamp the caller sets later.
+        expand_time_now: accept ``now`` for a Time, which the caller sets later.
 
     Returns:
-        A function for each time that is left; it takes the `Time` to be set.
+        A function for each time to be set; it takes the `Time`.
 
     Raises:
-        AttributeError: there is no such field.
-        TypeError: a value that does not fit its field, or no dict where fields are expected.
+        AttributeError: a field does not exist.
+        TypeError: a value does not fit its field, or is not a dict although fields are expected.
     """
-    left: list[Callable[[Any], None]] = []
-    _set(msg, values, expand_header_auto, expand_time_now, left)
-    return left
+    pending: list[Callable[[Any], None]] = []
+    _set(msg, values, expand_header_auto, expand_time_now, pending)
+    return pending
 
 
-def _set(msg: Any, values: Any, header: bool, now: bool, left: list[Callable[[Any], None]]) -> None:
+def _set(msg: Any, values: Any, header: bool, now: bool, pending: list[Callable[[Any], None]]) -> None:
     if not hasattr(values, "items"):
         text = f"Value '{values}' is expected to be a dictionary but is a {type(values).__name__}"
         raise TypeError(text)
     types = get_message_slot_types(msg)
-    for name, given in values.items():
+    for name, new in values.items():
         field = getattr(msg, name)
         kind = type(field)
         full_name = f"{kind.__module__}.{kind.__name__}"
         value: Any
         if kind is array.array:
-            value = array.array(field.typecode, given)
+            value = array.array(field.typecode, new)
         elif kind is numpy.ndarray:
-            value = numpy.array(given, dtype=field.dtype)
-        elif type(given) is kind:
-            value = given
-        elif header and full_name == _HEADER and given == "auto":
-            left.append(partial(setattr, field, "stamp"))
+            value = numpy.array(new, dtype=field.dtype)
+        elif type(new) is kind:
+            value = new
+        elif header and full_name == _HEADER and new == "auto":
+            pending.append(partial(setattr, field, "stamp"))
             continue
-        elif now and full_name == _TIME and given == "now":
-            left.append(partial(setattr, msg, name))
+        elif now and full_name == _TIME and new == "now":
+            pending.append(partial(setattr, msg, name))
             continue
         else:
             try:
-                value = kind(given)
-            except TypeError:  # a message takes no argument without a name
+                value = kind(new)
+            except TypeError:  # a message, which takes keyword arguments only
                 value = kind()
-                _set(value, given, header, now, left)
+                _set(value, new, header, now, pending)
         slot = types[name]
         if isinstance(slot, AbstractNestedType) and isinstance(slot.value_type, NamespacedType):
             element = import_message_from_namespaced_type(slot.value_type)
-            for index, one in enumerate(value):
-                inside = element()
-                _set(inside, one, header, now, left)
-                value[index] = inside
+            for index, item in enumerate(value):
+                message = element()
+                _set(message, item, header, now, pending)
+                value[index] = message
         setattr(msg, name, value)

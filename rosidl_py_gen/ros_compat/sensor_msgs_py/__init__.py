@@ -1,1 +1,1 @@
-"""Point clouds as arrays and back: the module `point_cloud2`."""
+"""Conversion of point clouds to arrays and back."""

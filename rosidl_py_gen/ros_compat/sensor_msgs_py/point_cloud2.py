@@ -1,7 +1,7 @@
-"""``sensor_msgs/msg/PointCloud2`` as structured arrays and back.
+"""Conversion of ``sensor_msgs/msg/PointCloud2`` to structured arrays and back.
 
-Fields with a `count` above 1 are columns of their own here, x_0, x_1 and so on, and points are one row; both are
-otherwise in `rosidl_py_gen.numpy`.
+Unlike in `rosidl_py_gen.numpy`, a field with a `count` above 1 becomes several columns, x_0, x_1 and so on, and the
+points have one axis.
 """
 
 from __future__ import annotations
@@ -42,30 +42,31 @@ def read_points(
     uvs: Iterable[int] | None = None,
     reshape_organized_cloud: bool = False,
 ) -> Points:
-    """The points as a structured array of one axis, which shares the bytes of the cloud where it can.
+    """Return the points as a structured array of one axis, which shares the memory of the cloud if possible.
 
     Args:
-        field_names: only these; None is all.
-        skip_nans: without points that have a NaN in one of the fields, unless the cloud says that there are none.
-        uvs: the numbers of the points that are wanted.
-        reshape_organized_cloud: of shape ``(width, height)`` when there is more than one row.
+        cloud: the cloud.
+        field_names: fields to read. [default: all]
+        skip_nans: skip points with a NaN in one of the fields, unless the cloud is dense.
+        uvs: indices of the points to read. [default: all]
+        reshape_organized_cloud: return shape ``(width, height)`` if there are several rows.
 
     Raises:
-        AssertionError: no cloud, no such field, or two of one name.
-        TypeError: the cloud has less bytes than it says.
+        AssertionError: `cloud` is not a cloud, a field does not exist, or two fields have the same name.
+        TypeError: the cloud has fewer bytes than its sizes require.
     """
     assert isinstance(cloud, PointCloud2), f"expected a sensor_msgs.msg.PointCloud2, got {type(cloud).__name__}"
     points = _all_points(cloud)
     if field_names is not None:
-        wanted = list(field_names)
-        for name in wanted:
+        names = list(field_names)
+        for name in names:
             assert name in (points.dtype.names or ()), f'no field "{name}" in {points.dtype.names}'
-        points = points[wanted]
+        points = points[names]
     if skip_nans and not cloud.is_dense:
-        kept = np.ones(len(points), np.bool_)
+        is_number = np.ones(len(points), np.bool_)
         for name in points.dtype.names or ():
-            kept &= ~np.isnan(points[name])
-        points = points[kept]
+            is_number &= ~np.isnan(points[name])
+        points = points[is_number]
     if uvs is not None:
         points = points[uvs if isinstance(uvs, np.ndarray) else np.fromiter(uvs, int)]
     if reshape_organized_cloud and cloud.height > 1:
@@ -77,7 +78,7 @@ def _all_points(cloud: PointCloud2) -> Points:
     dtype = dtype_from_fields(cloud.fields, point_step=cloud.point_step)
     row = cloud.width * dtype.itemsize
     if cloud.height > 1 and cloud.row_step > row and len(cloud.data) >= cloud.row_step * (cloud.height - 1) + row:
-        try:  # rows with bytes between them
+        try:  # rows with padding
             points = pointcloud_to_array(cloud).reshape(-1).view(dtype)
         except ConversionError as error:
             raise TypeError(str(error)) from None
@@ -95,11 +96,11 @@ def read_points_numpy(
     uvs: Iterable[int] | None = None,
     reshape_organized_cloud: bool = False,
 ) -> Points:
-    """As `read_points`, as plain numbers whose last axis has the fields, which must be of one type."""
-    wanted = None if field_names is None else list(field_names)
-    kinds = {field.datatype for field in cloud.fields if wanted is None or field.name in wanted}
-    assert len(kinds) <= 1, "the fields are of different types, which read_points can read"
-    points = read_points(cloud, wanted, skip_nans, uvs, reshape_organized_cloud)
+    """Return the points as an array of numbers whose last axis has the fields, which must have the same type."""
+    names = None if field_names is None else list(field_names)
+    kinds = {field.datatype for field in cloud.fields if names is None or field.name in names}
+    assert len(kinds) <= 1, "the fields have different types; use read_points"
+    points = read_points(cloud, names, skip_nans, uvs, reshape_organized_cloud)
     return structured_to_unstructured(points)
 
 
@@ -109,19 +110,19 @@ def read_points_list(
     skip_nans: bool = False,
     uvs: Iterable[int] | None = None,
 ) -> list[Any]:
-    """As `read_points`, as a list of named tuples."""
+    """Return the points as a list of named tuples; see `read_points`."""
     assert isinstance(cloud, PointCloud2), f"expected a sensor_msgs.msg.PointCloud2, got {type(cloud).__name__}"
     names = [field.name for field in cloud.fields] if field_names is None else list(field_names)
-    maker: Any = namedtuple("Point", names)  # type: ignore[misc]
-    return [maker(*point) for point in read_points(cloud, names, skip_nans, uvs)]
+    point_class: Any = namedtuple("Point", names)  # type: ignore[misc]
+    return [point_class(*point) for point in read_points(cloud, names, skip_nans, uvs)]
 
 
 def dtype_from_fields(fields: Iterable[PointField], point_step: int | None = None) -> np.dtype[Any]:
-    """The dtype of a point with these fields, of `point_step` bytes; None is as many as the fields need.
+    """Return the dtype of a point of `point_step` bytes, by default as many as the fields need.
 
     Raises:
-        AssertionError: two fields of one name, or a count of 0.
-        KeyError: an unknown datatype.
+        AssertionError: two fields have the same name, or a count is 0.
+        KeyError: a datatype is unknown.
     """
     names: list[str] = []
     formats, offsets = [], []
@@ -129,24 +130,26 @@ def dtype_from_fields(fields: Iterable[PointField], point_step: int | None = Non
         kind, name = _DATATYPES[field.datatype], field.name or f"{DUMMY_FIELD_PREFIX}_{index}"
         assert field.count > 0, f'field "{name}" has a count of 0'
         for number in range(field.count):
-            called = f"{name}_{number}" if field.count > 1 else name
-            assert called not in names, f'there are two fields "{called}"'
-            names.append(called)
+            column = f"{name}_{number}" if field.count > 1 else name
+            assert column not in names, f'there are two fields "{column}"'
+            names.append(column)
             formats.append(kind.str)
             offsets.append(field.offset + number * kind.itemsize)
-    described = {"names": names, "formats": formats, "offsets": offsets}
-    return np.dtype(described if point_step is None else {**described, "itemsize": point_step})  # type: ignore[call-overload,no-any-return]
+    description = {"names": names, "formats": formats, "offsets": offsets}
+    return np.dtype(description if point_step is None else {**description, "itemsize": point_step})  # type: ignore[call-overload,no-any-return]
 
 
 def create_cloud(
     header: Header, fields: Iterable[PointField], points: Any, point_step: int | None = None
 ) -> PointCloud2:
-    """A cloud of points with these fields.
+    """Create a cloud.
 
     Args:
-        points: tuples in the order of the fields; numbers of shape ``(n, fields)`` or ``(width, height, fields)``, when
-            all fields are of one type; or a structured array with just these fields.
-        point_step: bytes of a point; None is as many as the fields need.
+        header: header of the cloud.
+        fields: fields of the points.
+        points: tuples in the order of the fields; an array of shape ``(n, fields)`` or ``(width, height, fields)`` if
+            all fields have the same type; or a structured array with exactly these fields.
+        point_step: bytes of a point. [default: as many as the fields need]
 
     Raises:
         AssertionError: the points do not fit the fields.
@@ -159,8 +162,8 @@ def create_cloud(
         assert len({field.datatype for field in fields}) <= 1, "fields of different types need a structured array"
         points = unstructured_to_structured(points, dtype)
     else:
-        assert points.dtype == dtype, f"the fields are {dtype}, the points {points.dtype}"
-    assert points.ndim <= 2, f"points have one or two axes, got shape {points.shape}"
+        assert points.dtype == dtype, f"points: expected {dtype}, got {points.dtype}"
+    assert points.ndim <= 2, f"points: expected one or two axes, got shape {points.shape}"
     width, height = points.shape if points.ndim == 2 else (points.shape[0], 1)
     cloud = PointCloud2(
         header=header,
@@ -179,7 +182,7 @@ def create_cloud(
 
 
 def create_cloud_xyz32(header: Header, points: Any) -> PointCloud2:
-    """A cloud of points with x, y and z as FLOAT32."""
-    places = zip("xyz", (0, 4, 8), strict=True)
-    fields = [PointField(name=name, offset=at, datatype=PointField.FLOAT32, count=1) for name, at in places]
+    """Create a cloud of points with x, y and z as FLOAT32."""
+    offsets = zip("xyz", (0, 4, 8), strict=True)
+    fields = [PointField(name=name, offset=offset, datatype=PointField.FLOAT32, count=1) for name, offset in offsets]
     return create_cloud(header, fields, points)

@@ -1,4 +1,4 @@
-"""Messages of geometry_msgs in other frames; importing it makes ``Buffer.transform`` take them."""
+"""Transformation of geometry_msgs; importing it registers the types for ``Buffer.transform``."""
 
 import tf2_ros as tf2_ros
 

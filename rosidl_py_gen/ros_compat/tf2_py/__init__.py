@@ -1,4 +1,4 @@
-"""The buffer of transforms that tf2_ros builds on, and what is raised; over `rosidl_py_gen.tf`."""
+"""Buffer and exceptions on which tf2_ros is based, implemented with `rosidl_py_gen.tf`."""
 
 from __future__ import annotations
 
@@ -25,34 +25,34 @@ __all__ = [
 ]
 _NS_PER_S = 1_000_000_000
 _SHORTEST_NS = 100_000
-"""What transforms of less time count as, for their rate."""
+"""Minimum time span for the rate of transforms."""
 
 
 class TransformException(Exception):
-    """A transform cannot be told."""
+    """Base class of transform errors."""
 
 
 class ConnectivityException(TransformException):
-    """The frames are in different trees."""
+    """Raised if the frames are in different trees."""
 
 
 class LookupException(TransformException):
-    """No transform names this frame."""
+    """Raised if a frame is unknown."""
 
 
 class ExtrapolationException(TransformException):
-    """The frames are connected, but not at that time."""
+    """Raised if the frames are connected, but not at the requested time."""
 
 
 class InvalidArgumentException(TransformException):
-    """No frame: it is empty, or begins with a slash."""
+    """Raised for a frame name that is empty or begins with a slash."""
 
 
 class TimeoutException(TransformException):
-    """What was waited for did not come."""
+    """Raised if a transform did not arrive in time."""
 
 
-_NAMES = (
+_EXCEPTIONS = (
     (tf.ConnectivityError, ConnectivityException),
     (tf.ExtrapolationError, ExtrapolationException),
     (tf.UnknownFrameError, LookupException),
@@ -62,10 +62,10 @@ _NAMES = (
 
 
 class BufferCore:
-    """Transforms of the last seconds, and static ones; times are `Time`, or messages of that name.
+    """Transforms of the last seconds, and static transforms; times are `Time`, or messages of that name.
 
     Args:
-        cache_time: how long transforms are kept: ten seconds.
+        cache_time: time for which transforms are stored. [default: 10 s]
     """
 
     def __init__(self, cache_time: Duration | None = None) -> None:
@@ -74,11 +74,11 @@ class BufferCore:
         self._rosidl_authorities: dict[str, str] = {}
 
     def set_transform(self, transform: TransformStamped, authority: str) -> None:
-        """Take a transform in; one that is none, or too old, is logged and left out."""
+        """Store a transform; one that is invalid or too old is logged and ignored."""
         self._rosidl_set(transform, authority, False)
 
     def set_transform_static(self, transform: TransformStamped, authority: str) -> None:
-        """Take in one that holds at all times."""
+        """Store a transform that is valid at all times."""
         self._rosidl_set(transform, authority, True)
 
     def _rosidl_set(self, transform: TransformStamped, authority: str, is_static: bool) -> None:
@@ -90,47 +90,46 @@ class BufferCore:
         self._rosidl_authorities[transform.child_frame_id.lstrip("/")] = authority
 
     def lookup_transform_core(self, target_frame: str, source_frame: str, time: Any) -> TransformStamped:
-        """How coordinates in `source_frame` become coordinates in `target_frame`; time 0 takes the newest.
+        """Return the transform from `source_frame` to `target_frame`; time 0 means the latest.
 
         Raises:
-            LookupException, ConnectivityException, ExtrapolationException, InvalidArgumentException: as they say.
+            LookupException, ConnectivityException, ExtrapolationException, InvalidArgumentException: see the classes.
         """
-        with _named():
-            return self._rosidl_message(
-                self._rosidl_buffer.lookup_transform(target_frame, source_frame, _nanoseconds(time))
-            )
+        with _tf2_errors():
+            transform = self._rosidl_buffer.lookup_transform(target_frame, source_frame, _nanoseconds(time))
+            return transform.to_message(cls=TransformStamped)
 
     def lookup_transform_full_core(
         self, target_frame: str, target_time: Any, source_frame: str, source_time: Any, fixed_frame: str
     ) -> TransformStamped:
-        """The same between two times, as `fixed_frame` did not move in between."""
+        """Return the transform between two times, in which `fixed_frame` does not move."""
         times = _nanoseconds(target_time), _nanoseconds(source_time)
-        with _named():
-            found = self._rosidl_buffer.lookup_transform_full(
+        with _tf2_errors():
+            transform = self._rosidl_buffer.lookup_transform_full(
                 target_frame, times[0], source_frame, times[1], fixed_frame
             )
-            return self._rosidl_message(found)
+            return transform.to_message(cls=TransformStamped)
 
     def can_transform_core(self, target_frame: str, source_frame: str, time: Any) -> tuple[bool, str]:
-        """Whether `lookup_transform_core` would give something, and what is wrong."""
+        """Return True if `lookup_transform_core` would succeed, and the reason why not."""
         return _can(lambda: self.lookup_transform_core(target_frame, source_frame, time))
 
     def can_transform_full_core(
         self, target_frame: str, target_time: Any, source_frame: str, source_time: Any, fixed_frame: str
     ) -> tuple[bool, str]:
-        """Whether `lookup_transform_full_core` would give something, and what is wrong."""
-        asked = target_frame, target_time, source_frame, source_time, fixed_frame
-        return _can(lambda: self.lookup_transform_full_core(*asked))
+        """Return True if `lookup_transform_full_core` would succeed, and the reason why not."""
+        arguments = target_frame, target_time, source_frame, source_time, fixed_frame
+        return _can(lambda: self.lookup_transform_full_core(*arguments))
 
     def get_latest_common_time(self, target_frame: str, source_frame: str) -> Time:
-        """The newest time at which all between two frames is known; raises as `lookup_transform_core`."""
-        with _named():
+        """Return the latest time at which the transform is known; raise as `lookup_transform_core`."""
+        with _tf2_errors():
             return Time(nanoseconds=self._rosidl_buffer.lookup_transform(target_frame, source_frame).stamp)
 
     def lookupVelocityCore(
         self, tracking_frame: str, observation_frame: str, time: Any, averaging_interval: Any
     ) -> tuple[Triple, Triple]:
-        """How `tracking_frame` moves in `observation_frame`: m/s and rad/s; raises as `lookup_transform_core`."""
+        """Return the velocity of `tracking_frame` in `observation_frame` in m/s and rad/s."""
         origin = (0.0, 0.0, 0.0), tracking_frame
         frames = tracking_frame, observation_frame, observation_frame
         return self.lookupVelocityFullCore(*frames, *origin, time, averaging_interval)
@@ -145,18 +144,18 @@ class BufferCore:
         time: Any,
         averaging_interval: Any,
     ) -> tuple[Triple, Triple]:
-        """The same in `reference_frame`, the first of a point in `reference_point_frame`."""
+        """Return the velocity in `reference_frame`, the linear one of a point in `reference_point_frame`."""
         frames = tracking_frame, observation_frame, reference_frame
         times = _nanoseconds(time) / _NS_PER_S, _nanoseconds(averaging_interval) / _NS_PER_S
-        with _named():
+        with _tf2_errors():
             return velocity(self._rosidl_buffer, frames, reference_point, reference_point_frame, *times)
 
     def clear(self) -> None:
-        """Forget what moves."""
+        """Remove all transforms except static ones."""
         self._rosidl_buffer.clear()
 
     def all_frames_as_yaml(self) -> str:
-        """Every frame with a parent: who sent it, how often, times; ``[]`` when there are no frames."""
+        """Return each frame with its parent, sender, rate and times as YAML; ``[]`` if there are no frames."""
         frames = self._rosidl_buffer.frames()
         lines = [] if frames else ["[]"]
         for name, info in frames.items():
@@ -175,7 +174,7 @@ class BufferCore:
         return "\n".join(lines) + "\n" * bool(frames)
 
     def all_frames_as_string(self) -> str:
-        """A line for each frame: its parent."""
+        """Return a line for each frame, with its parent."""
         frames = self._rosidl_buffer.frames().items()
         return "".join(f"Frame {name} exists with parent {info.parent or 'NO_PARENT'}.\n" for name, info in frames)
 
@@ -185,12 +184,9 @@ class BufferCore:
     def _getFrameStrings(self) -> list[str]:
         return [*self._rosidl_buffer.frames()]
 
-    def _rosidl_message(self, found: tf.Transform) -> TransformStamped:
-        return found.to_message(cls=TransformStamped)
-
 
 def _can(look_up: Callable[[], object]) -> tuple[bool, str]:
-    """Whether that raises no TransformException, and the text of it."""
+    """Return True if the function raises no TransformException, and the text of the exception."""
     try:
         look_up()
     except TransformException as error:
@@ -199,17 +195,17 @@ def _can(look_up: Callable[[], object]) -> tuple[bool, str]:
 
 
 @contextmanager
-def _named() -> Iterator[None]:
-    """What is raised has tf2's names."""
+def _tf2_errors() -> Iterator[None]:
+    """Raise errors of `rosidl_py_gen.tf` as those of tf2."""
     try:
         yield
     except (tf.TransformError, tf.InvalidTransformError) as error:
-        kind = next(named for ours, named in _NAMES if isinstance(error, ours))
+        kind = next(kind for base, kind in _EXCEPTIONS if isinstance(error, base))
         raise kind(_text(error)) from None
 
 
 def _text(error: tf.TransformError | tf.InvalidTransformError) -> str:
-    """The error's text; of an extrapolation with the beginning that tf2 gives it, which programs look for."""
+    """Return the error's text; that of an extrapolation begins as in tf2, for which programs search."""
     if not isinstance(error, tf.ExtrapolationError):
         return str(error)
     into = f" into the {error.direction}" if error.direction else ""

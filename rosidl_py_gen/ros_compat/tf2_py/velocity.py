@@ -1,6 +1,4 @@
-"""How fast a frame moves in another, by where it is at two times; as tf2 reckons it, step by step."""
-
-from __future__ import annotations
+"""Velocity of a frame from its transforms at two times, with the steps of tf2."""
 
 import math
 from typing import Any
@@ -12,7 +10,7 @@ from rosidl_py_gen.numpy import matrix_to_quaternion
 
 Triple = tuple[float, float, float]
 _FIRST_S = 0.00001
-"""Nothing is looked up before: 0 would ask for the newest."""
+"""Earliest time to look up, in seconds. Not 0, because tf2 reads time 0 as "latest"."""
 
 
 def velocity(
@@ -23,32 +21,35 @@ def velocity(
     time_s: float,
     interval_s: float,
 ) -> tuple[Triple, Triple]:
-    """Linear and angular velocity in m/s and rad/s.
+    """Return the linear and angular velocity in m/s and rad/s.
 
     Args:
-        frames: which moves, in which that is seen, and in which it is told.
-        point: which the linear one is of, in `point_frame`.
-        time_s: the middle of the interval, if that much is known.
+        buffer: buffer of the transforms.
+        frames: the moving frame, the frame in which it is observed, and the frame of the result.
+        point: point to which the linear velocity applies, in `point_frame`.
+        point_frame: frame of `point`.
+        time_s: middle of the interval; earlier if the latest transform is too old.
+        interval_s: length of the interval.
     """
-    tracked, observed, told = frames
+    tracked, observed, reference = frames
     end = min(time_s + interval_s * 0.5, buffer.lookup_transform(observed, tracked).stamp / 1e9)
     start = max(_FIRST_S + interval_s, end) - interval_s
     before, after = (buffer.lookup_transform(observed, tracked, round(at * 1e9)) for at in (start, end))
     now = round(time_s * 1e9)
-    shown = buffer.lookup_transform(told, tracked, now)
-    with np.errstate(all="ignore"):  # an interval of zero gives what is no number, as there
-        angular = shown.rotate(
+    result = buffer.lookup_transform(reference, tracked, now)
+    with np.errstate(all="ignore"):  # as in tf2, an interval of zero results in NaN
+        angular = result.rotate(
             before.rotate(_turn(before.matrix[:3, :3].T @ after.matrix[:3, :3])) / np.float64(end - start)
         )
-        linear = shown.rotate((after.translation - before.translation) / np.float64(end - start))
-    linear += np.cross(shown.translation, angular)
-    # Not a cross product: tf2 multiplies one by one here.
-    linear += angular * (buffer.lookup_transform(told, point_frame, now).apply(point) - shown.translation)
+        linear = result.rotate((after.translation - before.translation) / np.float64(end - start))
+    linear += np.cross(result.translation, angular)
+    # An elementwise product, as in tf2, not a cross product.
+    linear += angular * (buffer.lookup_transform(reference, point_frame, now).apply(point) - result.translation)
     return _triple(linear), _triple(angular)
 
 
 def _turn(rotation: Any) -> Any:
-    """Axis times angle, which is beyond half a turn where tf2's is."""
+    """Return axis times angle, which exceeds half a turn if that of tf2 does."""
     x, y, z, w = quaternion = matrix_to_quaternion(rotation)
     if np.trace(rotation) <= 0 and quaternion[np.argmax(np.diag(rotation))] < 0:
         x, y, z, w = -quaternion

@@ -1,4 +1,4 @@
-"""Transforms between coordinate frames: buffer, listener, broadcasters and client; and what others take from here."""
+"""Transforms between coordinate frames: buffer, listener, broadcasters and client."""
 
 import rclpy as rclpy
 from geometry_msgs.msg import PointStamped as PointStamped

@@ -1,4 +1,4 @@
-"""The buffer that listeners fill and programs ask."""
+"""Buffer of transforms, which listeners fill."""
 
 from __future__ import annotations
 
@@ -21,19 +21,20 @@ from tf2_ros.buffer_interface import NO_TIME, BufferInterface
 
 
 class Buffer(BufferCore, BufferInterface):
-    """Transforms of the last seconds, and static ones.
+    """Transforms of the last seconds, and static transforms.
 
-    A `timeout` waits for what a listener brings: in a callback that is in the way of the listener's, it passes in vain.
+    A `timeout` waits for transforms from a listener. In a callback that blocks the listener's callback the wait is in
+    vain.
 
     Args:
-        cache_time: how long transforms are kept: ten seconds.
-        node: has the service ``tf2_frames``, and the clock whose jumps back empty the buffer.
+        cache_time: time for which transforms are stored. [default: 10 s]
+        node: node that serves ``tf2_frames``, and whose clock clears the buffer when it jumps back.
     """
 
     def __init__(self, cache_time: Duration | None = None, node: Node | None = None) -> None:
         BufferCore.__init__(self, cache_time)
         BufferInterface.__init__(self)
-        self._rosidl_arrived = threading.Condition()
+        self._rosidl_condition = threading.Condition()
         self._new_data_callbacks: list[Callable[[], None]] = []
         if node is not None:
             self.srv = node.create_service(FrameGraph, "tf2_frames", self._rosidl_frames)
@@ -45,38 +46,38 @@ class Buffer(BufferCore, BufferInterface):
         return FrameGraph.Response(frame_yaml=self.all_frames_as_yaml())
 
     def time_jump_callback(self, time_jump: TimeJump) -> None:
-        """Empty the buffer; the clock calls it."""
+        """Clear the buffer; called by the clock."""
         get_logger("tf2_buffer").warning("Detected jump back in time. Clearing tf buffer.")
         self.clear()
 
     def set_transform(self, transform: Any, authority: str) -> None:
-        """Take a transform in, and tell who waits."""
+        """Store a transform, and wake up waiting threads and futures."""
         super().set_transform(transform, authority)
-        self._rosidl_tell()
+        self._rosidl_notify()
 
     def set_transform_static(self, transform: Any, authority: str) -> None:
-        """Take in one that holds at all times, and tell who waits."""
+        """Store a transform that is valid at all times, and wake up waiting threads and futures."""
         super().set_transform_static(transform, authority)
-        self._rosidl_tell()
+        self._rosidl_notify()
 
-    def _rosidl_tell(self) -> None:
-        with self._rosidl_arrived:
-            self._rosidl_arrived.notify_all()
-            waiting = list(self._new_data_callbacks)
-        for callback in waiting:
+    def _rosidl_notify(self) -> None:
+        with self._rosidl_condition:
+            self._rosidl_condition.notify_all()
+            callbacks = list(self._new_data_callbacks)
+        for callback in callbacks:
             callback()
 
     def lookup_transform(self, target_frame: str, source_frame: str, time: Time, timeout: Duration = NO_TIME) -> Any:
-        """How coordinates in `source_frame` become coordinates in `target_frame`; time 0 takes the newest.
+        """Return the transform from `source_frame` to `target_frame`; time 0 means the latest.
 
         Raises:
-            LookupException, ConnectivityException, ExtrapolationException, InvalidArgumentException: as they say.
+            LookupException, ConnectivityException, ExtrapolationException, InvalidArgumentException: see the classes.
         """
         self.can_transform(target_frame, source_frame, time, timeout)
         return self.lookup_transform_core(target_frame, source_frame, time)
 
     async def lookup_transform_async(self, target_frame: str, source_frame: str, time: Time) -> Any:
-        """The same as soon as it is known."""
+        """Return the transform as soon as it is available."""
         await self.wait_for_transform_async(target_frame, source_frame, time)
         return self.lookup_transform_core(target_frame, source_frame, time)
 
@@ -89,18 +90,18 @@ class Buffer(BufferCore, BufferInterface):
         fixed_frame: str,
         timeout: Duration = NO_TIME,
     ) -> Any:
-        """The same between two times, as `fixed_frame` did not move in between."""
-        asked = target_frame, target_time, source_frame, source_time, fixed_frame
-        self.can_transform_full(*asked, timeout)
-        return self.lookup_transform_full_core(*asked)
+        """Return the transform between two times, in which `fixed_frame` does not move."""
+        arguments = target_frame, target_time, source_frame, source_time, fixed_frame
+        self.can_transform_full(*arguments, timeout)
+        return self.lookup_transform_full_core(*arguments)
 
     async def lookup_transform_full_async(
         self, target_frame: str, target_time: Time, source_frame: str, source_time: Time, fixed_frame: str
     ) -> Any:
-        """The same as soon as it is known."""
-        asked = target_frame, target_time, source_frame, source_time, fixed_frame
-        await self.wait_for_transform_full_async(*asked)
-        return self.lookup_transform_full_core(*asked)
+        """Return the transform between two times as soon as it is available."""
+        arguments = target_frame, target_time, source_frame, source_time, fixed_frame
+        await self.wait_for_transform_full_async(*arguments)
+        return self.lookup_transform_full_core(*arguments)
 
     def can_transform(
         self,
@@ -110,9 +111,9 @@ class Buffer(BufferCore, BufferInterface):
         timeout: Duration = NO_TIME,
         return_debug_tuple: bool = False,
     ) -> Any:
-        """Whether `lookup_transform` would give something; with `return_debug_tuple` also what is wrong."""
-        answer = self._rosidl_waited(lambda: self.can_transform_core(target_frame, source_frame, time), timeout)
-        return answer if return_debug_tuple else answer[0]
+        """Return True if `lookup_transform` would succeed; with `return_debug_tuple` also the reason why not."""
+        result = self._rosidl_wait(lambda: self.can_transform_core(target_frame, source_frame, time), timeout)
+        return result if return_debug_tuple else result[0]
 
     def can_transform_full(
         self,
@@ -124,37 +125,36 @@ class Buffer(BufferCore, BufferInterface):
         timeout: Duration = NO_TIME,
         return_debug_tuple: bool = False,
     ) -> Any:
-        """Whether `lookup_transform_full` would give something; with `return_debug_tuple` also what is wrong."""
-        asked = target_frame, target_time, source_frame, source_time, fixed_frame
-        answer = self._rosidl_waited(lambda: self.can_transform_full_core(*asked), timeout)
-        return answer if return_debug_tuple else answer[0]
+        """Return True if `lookup_transform_full` would succeed; with `return_debug_tuple` also the reason why not."""
+        arguments = target_frame, target_time, source_frame, source_time, fixed_frame
+        result = self._rosidl_wait(lambda: self.can_transform_full_core(*arguments), timeout)
+        return result if return_debug_tuple else result[0]
 
-    def _rosidl_waited(self, look: Callable[[], tuple[bool, str]], timeout: Duration) -> tuple[bool, str]:
-        """What `look` answers when it is yes, or at the end of the time."""
+    def _rosidl_wait(self, check: Callable[[], tuple[bool, str]], timeout: Duration) -> tuple[bool, str]:
         if timeout.nanoseconds > 0:
-            with self._rosidl_arrived:
-                self._rosidl_arrived.wait_for(lambda: look()[0], timeout.nanoseconds / 1e9)
-        return look()
+            with self._rosidl_condition:
+                self._rosidl_condition.wait_for(lambda: check()[0], timeout.nanoseconds / 1e9)
+        return check()
 
     def wait_for_transform_async(self, target_frame: str, source_frame: str, time: Time) -> Future[Any]:
-        """A future of the transform."""
-        asked = target_frame, source_frame, time
+        """Return a future of the transform."""
+        arguments = target_frame, source_frame, time
         return self._rosidl_future(
-            partial(self.can_transform_core, *asked), partial(self.lookup_transform_core, *asked)
+            partial(self.can_transform_core, *arguments), partial(self.lookup_transform_core, *arguments)
         )
 
     def wait_for_transform_full_async(
         self, target_frame: str, target_time: Time, source_frame: str, source_time: Time, fixed_frame: str
     ) -> Future[Any]:
-        """A future of the transform between two times."""
-        asked = target_frame, target_time, source_frame, source_time, fixed_frame
+        """Return a future of the transform between two times."""
+        arguments = target_frame, target_time, source_frame, source_time, fixed_frame
         can, look_up = self.can_transform_full_core, self.lookup_transform_full_core
-        return self._rosidl_future(partial(can, *asked), partial(look_up, *asked))
+        return self._rosidl_future(partial(can, *arguments), partial(look_up, *arguments))
 
     def _rosidl_future(self, can: Callable[[], tuple[bool, str]], look_up: Callable[[], Any]) -> Future[Any]:
         future: Future[Any] = Future()
 
-        def look() -> None:
+        def try_lookup() -> None:
             if future.done() or future.cancelled():
                 return
             try:
@@ -164,12 +164,12 @@ class Buffer(BufferCore, BufferInterface):
                 future.set_exception(error)
 
         def forget(_: Future[Any]) -> None:
-            with self._rosidl_arrived:
-                if look in self._new_data_callbacks:
-                    self._new_data_callbacks.remove(look)
+            with self._rosidl_condition:
+                if try_lookup in self._new_data_callbacks:
+                    self._new_data_callbacks.remove(try_lookup)
 
-        with self._rosidl_arrived:
-            self._new_data_callbacks.append(look)
+        with self._rosidl_condition:
+            self._new_data_callbacks.append(try_lookup)
         future.add_done_callback(forget)
-        look()
+        try_lookup()
         return future

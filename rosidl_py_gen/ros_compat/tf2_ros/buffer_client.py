@@ -1,4 +1,4 @@
-"""Asks a buffer of another node for transforms, by the action of its server."""
+"""Client of a buffer of another node, by its action."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from tf2_ros.buffer_interface import NO_TIME, BufferInterface
 
 _PADDING = Duration(seconds=2.0)
 _MAX_TEXT = 2000
-"""Number of characters that an exception has of a server's text; tf2's texts have some 200."""
+"""Maximum number of characters of a server's error text; those of tf2 have about 200."""
 _ERRORS = {
     TF2Error.LOOKUP_ERROR: LookupException,
     TF2Error.CONNECTIVITY_ERROR: ConnectivityException,
@@ -40,13 +40,13 @@ _ERRORS = {
 
 
 class BufferClient(BufferInterface):
-    """A buffer that a server has; another thread has to spin the node while it is asked.
+    """Client of a buffer server; another thread has to spin the node during a call.
 
     Args:
-        node: has the action client.
-        ns: the name of the server's action.
-        check_frequency: counts for nothing here: answers are waited for, not looked for.
-        timeout_padding: how much longer than the `timeout` of a question a server may take.
+        node: node of the action client.
+        ns: name of the server's action.
+        check_frequency: without effect, because results are not polled.
+        timeout_padding: time in addition to `timeout` that a server may take.
     """
 
     def __init__(
@@ -59,19 +59,19 @@ class BufferClient(BufferInterface):
         self.timeout_padding = timeout_padding
 
     def lookup_transform(self, target_frame: str, source_frame: str, time: Time, timeout: Duration = NO_TIME) -> Any:
-        """How coordinates in `source_frame` become coordinates in `target_frame`; time 0 takes the newest.
+        """Return the transform from `source_frame` to `target_frame`; time 0 means the latest.
 
         Raises:
-            TimeoutException: there is no server, or no answer in time. Others as the server says.
+            TimeoutException: there is no server, or it did not reply in time. Others as the server reports.
         """
         if isinstance(time, builtin_interfaces.msg.Time):
-            warnings.warn("a builtin_interfaces.msg.Time is deprecated here; use rclpy.time.Time", stacklevel=2)
+            warnings.warn("time: builtin_interfaces.msg.Time is deprecated; use rclpy.time.Time", stacklevel=2)
             time = Time.from_msg(time)
         elif not isinstance(time, Time):
             raise TypeError(f"time: expected a rclpy.time.Time, got {type(time).__name__}")
         goal = LookupTransform.Goal(target_frame=target_frame, source_frame=source_frame, advanced=False)
         goal.source_time, goal.timeout = time.to_msg(), timeout.to_msg()
-        return self._rosidl_asked(goal, timeout)
+        return self._rosidl_request(goal, timeout)
 
     def lookup_transform_full(
         self,
@@ -82,14 +82,14 @@ class BufferClient(BufferInterface):
         fixed_frame: str,
         timeout: Duration = NO_TIME,
     ) -> Any:
-        """The same between two times, as `fixed_frame` did not move in between."""
+        """Return the transform between two times, in which `fixed_frame` does not move."""
         goal = LookupTransform.Goal(target_frame=target_frame, source_frame=source_frame, advanced=True)
         goal.source_time, goal.timeout = source_time.to_msg(), timeout.to_msg()
         goal.target_time, goal.fixed_frame = target_time.to_msg(), fixed_frame
-        return self._rosidl_asked(goal, timeout)
+        return self._rosidl_request(goal, timeout)
 
     def can_transform(self, target_frame: str, source_frame: str, time: Time, timeout: Duration = NO_TIME) -> bool:
-        """Whether `lookup_transform` gives something."""
+        """Return True if `lookup_transform` succeeds."""
         return _can(lambda: self.lookup_transform(target_frame, source_frame, time, timeout))[0]
 
     def can_transform_full(
@@ -101,33 +101,32 @@ class BufferClient(BufferInterface):
         fixed_frame: str,
         timeout: Duration = NO_TIME,
     ) -> bool:
-        """Whether `lookup_transform_full` gives something."""
-        asked = target_frame, target_time, source_frame, source_time, fixed_frame
-        return _can(lambda: self.lookup_transform_full(*asked, timeout))[0]
+        """Return True if `lookup_transform_full` succeeds."""
+        arguments = target_frame, target_time, source_frame, source_time, fixed_frame
+        return _can(lambda: self.lookup_transform_full(*arguments, timeout))[0]
 
     def destroy(self) -> None:
         """Destroy the action client."""
         self.action_client.destroy()
 
-    def _rosidl_asked(self, goal: Any, timeout: Duration) -> Any:
+    def _rosidl_request(self, goal: Any, timeout: Duration) -> Any:
         if not self.action_client.server_is_ready():
             raise TimeoutException("The BufferServer is not ready.")
         sent = self.action_client.send_goal_async(goal)
-        if not _done(sent, (timeout.nanoseconds + self.timeout_padding.nanoseconds) / 1e9):
-            raise TimeoutException("the BufferServer did not answer the goal in time")
+        if not _wait_for(sent, (timeout.nanoseconds + self.timeout_padding.nanoseconds) / 1e9):
+            raise TimeoutException("the BufferServer did not reply to the goal in time")
         handle: Any = sent.result()
         if not handle.accepted:
             raise TimeoutException("the BufferServer did not accept the goal")
-        answer = handle.get_result_async()
-        _done(answer, None)
-        found: Any = answer.result().result
-        if found.error.error != TF2Error.NO_ERROR:
-            raise _ERRORS.get(found.error.error, TransformException)(found.error.error_string[:_MAX_TEXT])
-        return found.transform
+        future = handle.get_result_async()
+        _wait_for(future, None)
+        result: Any = future.result().result
+        if result.error.error != TF2Error.NO_ERROR:
+            raise _ERRORS.get(result.error.error, TransformException)(result.error.error_string[:_MAX_TEXT])
+        return result.transform
 
 
-def _done(future: Future[Any], seconds: float | None) -> bool:
-    """Wait in this thread for what another one brings."""
+def _wait_for(future: Future[Any], seconds: float | None) -> bool:
     event = threading.Event()
     future.add_done_callback(lambda _: event.set())
     return event.wait(seconds)

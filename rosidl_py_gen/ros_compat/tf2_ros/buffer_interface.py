@@ -1,4 +1,4 @@
-"""What buffers have in common: transforming and converting objects of registered types."""
+"""Base class of buffers, which transforms and converts objects of registered types."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ NO_TIME = Duration()
 
 
 class TypeException(Exception):
-    """Nothing was registered for a type."""
+    """Raised for a type that is not registered."""
 
     def __init__(self, errstr: str) -> None:
         super().__init__(errstr)
@@ -22,7 +22,7 @@ class TypeException(Exception):
 
 
 class NotImplementedException(Exception):
-    """A buffer does not say how it looks transforms up."""
+    """Raised when a buffer does not implement a lookup."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -30,7 +30,7 @@ class NotImplementedException(Exception):
 
 
 class BufferInterface:
-    """A buffer; a subclass says how it looks transforms up."""
+    """Base class of buffers; subclasses implement the lookups."""
 
     def __init__(self) -> None:
         self.registration = TransformRegistration()
@@ -38,18 +38,19 @@ class BufferInterface:
     def transform(
         self, object_stamped: Any, target_frame: str, timeout: Duration = NO_TIME, new_type: Any = None
     ) -> Any:
-        """An object with a header in another frame, by the transform of its own time.
+        """Transform an object with a header to another frame, at its own time.
 
-        Its type must be registered, as importing tf2_geometry_msgs does. `new_type`: what it is converted to.
+        The type must be registered, for example by an import of tf2_geometry_msgs. The result is converted to
+        `new_type`.
 
         Raises:
-            TypeException: it is not registered. Others as `lookup_transform`.
+            TypeException: the type is not registered. Others as `lookup_transform`.
         """
-        transformed = self.registration.get(type(object_stamped))
+        function = self.registration.get(type(object_stamped))
         header = object_stamped.header
-        found = self.lookup_transform(target_frame, header.frame_id, header.stamp, timeout)
-        answer = transformed(object_stamped, found)
-        return answer if new_type is None else convert(answer, new_type)
+        transform = self.lookup_transform(target_frame, header.frame_id, header.stamp, timeout)
+        result = function(object_stamped, transform)
+        return result if new_type is None else convert(result, new_type)
 
     def transform_full(
         self,
@@ -60,15 +61,15 @@ class BufferInterface:
         timeout: Duration = NO_TIME,
         new_type: Any = None,
     ) -> Any:
-        """The same at another time, as `fixed_frame` does not move in between."""
-        transformed = self.registration.get(type(object_stamped))
+        """Transform an object to another frame and time, in which `fixed_frame` does not move."""
+        function = self.registration.get(type(object_stamped))
         source = object_stamped.header.frame_id, object_stamped.header.stamp
-        found = self.lookup_transform_full(target_frame, target_time, *source, fixed_frame, timeout)
-        answer = transformed(object_stamped, found)
-        return answer if new_type is None else convert(answer, new_type)
+        transform = self.lookup_transform_full(target_frame, target_time, *source, fixed_frame, timeout)
+        result = function(object_stamped, transform)
+        return result if new_type is None else convert(result, new_type)
 
     def lookup_transform(self, target_frame: str, source_frame: str, time: Time, timeout: Duration = NO_TIME) -> Any:
-        """How coordinates in `source_frame` become coordinates in `target_frame`."""
+        """Return the transform from `source_frame` to `target_frame`."""
         raise NotImplementedException
 
     def lookup_transform_full(
@@ -80,11 +81,11 @@ class BufferInterface:
         fixed_frame: str,
         timeout: Duration = NO_TIME,
     ) -> Any:
-        """The same between two times."""
+        """Return the transform between two times."""
         raise NotImplementedException
 
     def can_transform(self, target_frame: str, source_frame: str, time: Time, timeout: Duration = NO_TIME) -> Any:
-        """Whether `lookup_transform` would give something."""
+        """Return True if `lookup_transform` would succeed."""
         raise NotImplementedException
 
     def can_transform_full(
@@ -96,18 +97,18 @@ class BufferInterface:
         fixed_frame: str,
         timeout: Duration = NO_TIME,
     ) -> Any:
-        """Whether `lookup_transform_full` would give something."""
+        """Return True if `lookup_transform_full` would succeed."""
         raise NotImplementedException
 
 
 def Stamped(obj: Any, stamp: Any, frame_id: str) -> Any:
-    """The object, with a header."""
+    """Set the header of an object, and return the object."""
     obj.header = Header(frame_id=frame_id, stamp=stamp)
     return obj
 
 
 class TransformRegistration:
-    """How objects of a type are transformed: functions of the object and a TransformStamped. All share one table."""
+    """Shared table of the functions that transform objects, which take an object and a TransformStamped."""
 
     _types: ClassVar[dict[Any, Callable[[Any, Any], Any]]] = {}
 
@@ -120,55 +121,55 @@ class TransformRegistration:
         self._types[key] = callback
 
     def get(self, key: Any) -> Callable[[Any, Any], Any]:
-        """The function of a type; raises `TypeException` when there is none."""
+        """Return the function of a type; raise `TypeException` if there is none."""
         return _registered(self._types, key)
 
 
 class ConvertRegistration:
-    """How objects are converted: to messages, from messages, and from one type to another. All share these tables."""
+    """Shared tables of the functions that convert objects to messages, from messages, and between types."""
 
     _to_msg: ClassVar[dict[Any, Callable[[Any], Any]]] = {}
     _from_msg: ClassVar[dict[Any, Callable[[Any], Any]]] = {}
     _convert: ClassVar[dict[Any, Callable[[Any], Any]]] = {}
 
     def add_from_msg(self, key: Any, callback: Callable[[Any], Any]) -> None:
-        """Register what makes objects of a type out of a message."""
+        """Register the function that creates objects of a type from messages."""
         self._from_msg[key] = callback
 
     def add_to_msg(self, key: Any, callback: Callable[[Any], Any]) -> None:
-        """Register what makes a message out of objects of a type."""
+        """Register the function that creates messages from objects of a type."""
         self._to_msg[key] = callback
 
     def add_convert(self, key: Any, callback: Callable[[Any], Any]) -> None:
-        """Register what converts; the key is a tuple of both types."""
+        """Register a direct conversion; the key is a tuple of both types."""
         self._convert[key] = callback
 
     def get_from_msg(self, key: Any) -> Callable[[Any], Any]:
-        """Raises `TypeException` when there is none."""
+        """Return a registered function; raise `TypeException` if there is none."""
         return _registered(self._from_msg, key)
 
     def get_to_msg(self, key: Any) -> Callable[[Any], Any]:
-        """Raises `TypeException` when there is none."""
+        """Return a registered function; raise `TypeException` if there is none."""
         return _registered(self._to_msg, key)
 
     def get_convert(self, key: Any) -> Callable[[Any], Any]:
-        """Raises `TypeException` when there is none."""
+        """Return a registered function; raise `TypeException` if there is none."""
         return _registered(self._convert, key)
 
 
 def convert(a: Any, b_type: Any) -> Any:
-    """An object as one of another type: directly if that is registered, else through a message.
+    """Convert an object to another type, directly if that is registered, else by way of a message.
 
     Raises:
-        TypeException: no way is registered.
+        TypeException: no conversion is registered.
     """
-    known = ConvertRegistration()
+    registration = ConvertRegistration()
     try:
-        direct = known.get_convert((type(a), b_type))
+        direct = registration.get_convert((type(a), b_type))
     except TypeException:
         if type(a) is b_type:
             return deepcopy(a)
-        to_message, from_message = known.get_to_msg(type(a)), known.get_from_msg(b_type)
+        to_message, from_message = registration.get_to_msg(type(a)), registration.get_from_msg(b_type)
         return from_message(to_message(a))
     return direct(a)
 

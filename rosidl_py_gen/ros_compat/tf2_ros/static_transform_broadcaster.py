@@ -1,6 +1,4 @@
-"""Sends transforms that hold at all times."""
-
-from __future__ import annotations
+"""Broadcaster of static transforms."""
 
 from typing import Any
 
@@ -13,7 +11,7 @@ from tf2_ros.transform_broadcaster import as_list
 
 
 class StaticTransformBroadcaster:
-    """A publisher on ``/tf_static`` that keeps its last message for who comes later; `qos` is a profile or a depth."""
+    """Publisher on ``/tf_static`` for transforms that are valid at all times; `qos` is a profile or a depth."""
 
     def __init__(self, node: Node, qos: QoSProfile | int | None = None) -> None:
         if qos is None:
@@ -23,9 +21,9 @@ class StaticTransformBroadcaster:
         self._rosidl_child_frame_ids: set[str] = set()
 
     def sendTransform(self, transform: Any) -> None:
-        """Send one transform or several, with all that were sent before; the first of each child frame stays."""
-        for one in as_list(transform):
-            if one.child_frame_id not in self._rosidl_child_frame_ids:
-                self._rosidl_child_frame_ids.add(one.child_frame_id)
-                self.net_message.transforms.append(one)
+        """Publish transforms, together with all earlier ones; the first one of each child frame is retained."""
+        for item in as_list(transform):
+            if item.child_frame_id not in self._rosidl_child_frame_ids:
+                self._rosidl_child_frame_ids.add(item.child_frame_id)
+                self.net_message.transforms.append(item)
         self.pub_tf.publish(self.net_message)

@@ -1,4 +1,4 @@
-"""Fills a buffer from ``/tf`` and ``/tf_static``."""
+"""Listener that fills a buffer from ``/tf`` and ``/tf_static``."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _AUTHORITY = "default_authority"
 
 
 class TransformListener:
-    """Two subscriptions, in a callback group of their own.
+    """Subscriptions that fill a buffer, in a callback group of their own.
 
     Args:
-        buffer: is filled.
-        node: has the subscriptions.
+        buffer: buffer to fill.
+        node: node of the subscriptions.
         spin_thread: spin the node in a thread.
-        qos: a profile or a depth for ``/tf``: 100.
-        static_qos: the same for ``/tf_static``, where the last message of each publisher is waited for.
+        qos: profile or depth for ``/tf``. [default: depth 100]
+        static_qos: profile or depth for ``/tf_static``. [default: depth 100, transient local]
     """
 
     def __init__(
@@ -36,13 +36,13 @@ class TransformListener:
         qos: QoSProfile | int | None = None,
         static_qos: QoSProfile | int | None = None,
     ) -> None:
-        keep = {"depth": 100, "history": HistoryPolicy.KEEP_LAST}
+        history = {"depth": 100, "history": HistoryPolicy.KEEP_LAST}
         if qos is None:
-            qos = QoSProfile(durability=DurabilityPolicy.VOLATILE, **keep)
+            qos = QoSProfile(durability=DurabilityPolicy.VOLATILE, **history)
         if static_qos is None:
-            static_qos = QoSProfile(durability=DurabilityPolicy.TRANSIENT_LOCAL, **keep)
+            static_qos = QoSProfile(durability=DurabilityPolicy.TRANSIENT_LOCAL, **history)
         self.buffer, self.node = buffer, node
-        # Waiting for transforms in a callback of the node's own group must not be in the way.
+        # A callback in the default group that waits for transforms must not block these subscriptions.
         self.group = ReentrantCallbackGroup()
         self.tf_sub = node.create_subscription(TFMessage, "/tf", self.callback, qos, callback_group=self.group)
         self.tf_static_sub = node.create_subscription(
@@ -71,11 +71,11 @@ class TransformListener:
         self.node.destroy_subscription(self.tf_static_sub)
 
     def callback(self, data: TFMessage) -> None:
-        """What came on ``/tf``."""
+        """Store the transforms of a message on ``/tf``."""
         for transform in data.transforms:
             self.buffer.set_transform(transform, _AUTHORITY)
 
     def static_callback(self, data: TFMessage) -> None:
-        """What came on ``/tf_static``."""
+        """Store the transforms of a message on ``/tf_static``."""
         for transform in data.transforms:
             self.buffer.set_transform_static(transform, _AUTHORITY)

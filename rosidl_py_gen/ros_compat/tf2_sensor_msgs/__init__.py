@@ -1,4 +1,4 @@
-"""Point clouds in other frames; importing it makes ``Buffer.transform`` take them."""
+"""Transformation of point clouds; importing it registers the type for ``Buffer.transform``."""
 
 from tf2_sensor_msgs.tf2_sensor_msgs import do_transform_cloud, transform_points
 

@@ -1,6 +1,4 @@
-"""Point clouds in other frames, over `rosidl_py_gen.tf`."""
-
-from __future__ import annotations
+"""Transformation of point clouds."""
 
 from typing import Any
 
@@ -16,29 +14,27 @@ from rosidl_py_gen.numpy import quaternion_to_matrix
 
 
 def to_msg_msg(msg: Any) -> Any:
-    """The message itself."""
+    """Return the message."""
     return msg
 
 
-def from_msg_msg(msg: Any) -> Any:
-    """The message itself."""
-    return msg
+from_msg_msg = to_msg_msg
 
 
 def transform_points(point_cloud: Any, transform: Transform) -> np.ndarray[Any, np.dtype[Any]]:
-    """Points of shape ``(n, 3)``, turned and moved."""
-    move, turn = transform.translation, transform.rotation
-    turned = np.asarray(point_cloud)
-    if turn.x or turn.y or turn.z or turn.w:  # else it is no rotation
-        turned = turned @ quaternion_to_matrix(turn).T
-    moved: np.ndarray[Any, np.dtype[Any]] = turned + np.array((move.x, move.y, move.z))
-    return moved
+    """Rotate and translate points of shape ``(n, 3)``."""
+    translation, rotation = transform.translation, transform.rotation
+    points = np.asarray(point_cloud)
+    if rotation.x or rotation.y or rotation.z or rotation.w:  # a zero quaternion is not a rotation
+        points = points @ quaternion_to_matrix(rotation).T
+    result: np.ndarray[Any, np.dtype[Any]] = points + np.array((translation.x, translation.y, translation.z))
+    return result
 
 
 def do_transform_cloud(cloud: PointCloud2, transform: Transform | TransformStamped) -> PointCloud2:
-    """A cloud of one row with x, y and z in another frame; what else it has stays, and so does its time.
+    """Transform a cloud to one of a single row; fields other than x, y and z, and the stamp, are unchanged.
 
-    Its frame is that of a TransformStamped; a Transform leaves it.
+    The frame of the result is that of a TransformStamped; a Transform does not change it.
 
     Raises:
         AssertionError: the cloud has no fields x, y and z.
@@ -47,7 +43,7 @@ def do_transform_cloud(cloud: PointCloud2, transform: Transform | TransformStamp
     if isinstance(transform, TransformStamped):
         header.frame_id, transform = transform.header.frame_id, transform.transform
     names = {field.name for field in cloud.fields}
-    assert {"x", "y", "z"} <= names, f"a cloud needs the fields x, y and z, this one has {sorted(names)}"
+    assert {"x", "y", "z"} <= names, f"the cloud must have the fields x, y and z, got {sorted(names)}"
     points = read_points(cloud)
     moved = transform_points(structured_to_unstructured(points[["x", "y", "z"]]), transform)
     if names == {"x", "y", "z"}:

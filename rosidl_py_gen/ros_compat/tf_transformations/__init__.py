@@ -61,9 +61,6 @@ def _xyzw(quaternion: Any) -> _Quaternion:
     return x, y, z, w
 
 
-# --- matrices ---------------------------------------------------------------------------------------------------------
-
-
 def identity_matrix() -> Any:
     """Return the 4 x 4 matrix that changes nothing."""
     return np.identity(4)
@@ -165,9 +162,6 @@ def superimposition_matrix(v0: Any, v1: Any, scaling: bool = False, usesvd: bool
     return _more.superimposition_matrix(_array(v0), _array(v1), scaling, usesvd)
 
 
-# --- Euler angles -----------------------------------------------------------------------------------------------------
-
-
 def euler_matrix(ai: float, aj: float, ak: float, axes: Any = "sxyz") -> Any:
     """Return the 4 x 4 rotation of three angles; `axes` is one of 24 sequences, as a string or tuple."""
     return _homogeneous(euler.euler2mat(ai, aj, ak, axes=axes))
@@ -182,9 +176,6 @@ def euler_from_matrix(matrix: Any, axes: Any = "sxyz") -> tuple[float, float, fl
 def euler_from_quaternion(quaternion: Any, axes: Any = "sxyz") -> tuple[float, float, float]:
     """Return the three angles of a quaternion."""
     return euler_from_matrix(quaternion_matrix(quaternion), axes)
-
-
-# --- quaternions ------------------------------------------------------------------------------------------------------
 
 
 def quaternion_from_euler(ai: float, aj: float, ak: float, axes: Any = "sxyz") -> _Quaternion:
@@ -225,9 +216,6 @@ def quaternion_inverse(quaternion: Any) -> Any:
 def random_quaternion(rand: Any = None) -> Any:
     """Return a random rotation, uniformly distributed; `rand` are three numbers from 0 to 1."""
     return np.roll(_more.random_quaternion(rand), -1)
-
-
-# --- trackball --------------------------------------------------------------------------------------------------------
 
 
 class Arcball(_more.Arcball):  # type: ignore[misc]

@@ -1,1 +1,1 @@
-"""What is C++ in the real package."""
+"""Replacement of the C++ extension."""

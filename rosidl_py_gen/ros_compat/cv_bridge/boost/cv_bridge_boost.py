@@ -1,7 +1,7 @@
-"""Types of OpenCV, and pixels of one encoding as those of another. Errors are RuntimeError, as from C++.
+"""Types of OpenCV, and conversion of pixels between encodings. Errors are RuntimeError, as from C++.
 
-Decides what cv_bridge decides: only encodings with colours become others with colours; all others change their depth
-alone, from 8 to 16 bits and back in proportion, otherwise by value.
+As in cv_bridge, only encodings with colours are converted to others with colours. All others change only the depth:
+between 8 and 16 bits in proportion, otherwise by value.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from rosidl_py_gen.numpy import ConversionError, convert_pixels
 Pixels = np.ndarray[Any, np.dtype[Any]]
 
 DEPTHS = ("8U", "8S", "16U", "16S", "32S", "32F", "64F")
-"""In the order of OpenCV's numbers."""
+"""Depths in the order of OpenCV's numbers."""
 NUMPY_DEPTHS = ("uint8", "int8", "uint16", "int16", "int32", "float32", "float64")
 _GENERIC = re.compile(r"(8U|8S|16U|16S|32S|32F|64F)(?:C([0-9]+))?")
 _CHANNELS = {"mono": 1, "rgb": 3, "bgr": 3, "rgba": 4, "bgra": 4}
 _CHANNELS.update({f"bayer_{order}": 1 for order in ("rggb", "bggr", "gbrg", "grbg")})
 _PACKED = {"yuv422": 1, "uyvy": 1, "yuv422_yuy2": 0, "yuyv": 0}
-"""Which of the two bytes of a pixel is its brightness."""
-_BEYOND = 2.0**31
+"""Index of the brightness in the two bytes of a pixel."""
+_INT_LIMIT = 2.0**31
 
 
 class _Encoding(NamedTuple):
     depth: str  # of OpenCV
     channels: int
-    family: str | None  # rgb, mono, ...; None for what has no colours
+    family: str | None  # rgb, mono, ...; None without colours
 
 
-def _parsed(encoding: Any) -> _Encoding:
+def _parse(encoding: Any) -> _Encoding:
     if not isinstance(encoding, str):
-        raise TypeError(f"expected an encoding as text, got {encoding!r:.50}")
+        raise TypeError(f"encoding: expected a str, got {encoding!r:.50}")
     for bits in ("8", "16"):
         family = encoding.removesuffix(bits)
         if family != encoding and family in _CHANNELS:
@@ -51,7 +51,7 @@ def _parsed(encoding: Any) -> _Encoding:
 
 @cache
 def opencv() -> Any:
-    """OpenCV, or None where it is not installed."""
+    """Return the module of OpenCV, or None if it is not installed."""
     try:
         return import_module("cv2")
     except ImportError:
@@ -59,53 +59,53 @@ def opencv() -> Any:
 
 
 def _shift() -> int:
-    """Bits for the depth in a type: five from OpenCV 5 on."""
+    """Return the number of bits of the depth in a type: 3, or 5 from OpenCV 5 on."""
     cv2 = opencv()
     return 3 if cv2 is None else int(cv2.CV_8UC2).bit_length() - 1
 
 
 def getCvType(encoding: str) -> int:
-    """OpenCV's number for depth and channels of an encoding."""
-    found = _parsed(encoding)
-    return DEPTHS.index(found.depth) | (found.channels - 1) << _shift()
+    """Return OpenCV's number for depth and channels of an encoding."""
+    parsed = _parse(encoding)
+    return DEPTHS.index(parsed.depth) | (parsed.channels - 1) << _shift()
 
 
 def CV_MAT_CNWrap(i: int) -> int:
-    """The channels of a type."""
+    """Return the number of channels of a type."""
     return (i >> _shift()) + 1
 
 
 def CV_MAT_DEPTHWrap(i: int) -> int:
-    """The depth of a type."""
+    """Return the depth of a type."""
     return i & (1 << _shift()) - 1
 
 
 def cvtColor2(image: Any, encoding_in: str, encoding_out: str) -> Pixels:
-    """A copy of the pixels in another encoding; raises RuntimeError for what makes no sense."""
+    """Return a copy of the pixels in another encoding; raise RuntimeError if that is not possible."""
     pixels = np.asarray(image)
     if encoding_out in ("", encoding_in):
-        same: Pixels = pixels.copy()
-        return same
-    before, after = _parsed(encoding_in), _parsed(encoding_out)
+        copy: Pixels = pixels.copy()
+        return copy
+    before, after = _parse(encoding_in), _parse(encoding_out)
     if after.family is not None and before.family is None:
-        raise RuntimeError(f"[{encoding_in}] has no colours, but [{encoding_out}] has; that conversion makes no sense")
+        raise RuntimeError(f"[{encoding_in}] has no colours, but [{encoding_out}] has")
     if after.family is None or before.family == after.family:
         if before.channels != after.channels:
             raise RuntimeError(f"[{encoding_in}] and [{encoding_out}] do not have the same number of channels")
-        return _of_depth(pixels, before.depth, after.depth)
+        return _convert_depth(pixels, before.depth, after.depth)
     if before.family in _PACKED and after.family == "mono":
-        return _of_depth(pixels[..., _PACKED[before.family]].copy(), before.depth, after.depth)
+        return _convert_depth(pixels[..., _PACKED[before.family]].copy(), before.depth, after.depth)
     if pixels.ndim == 3 and pixels.shape[2] == 1:
         pixels = pixels[..., 0]
     try:
-        made: Pixels = convert_pixels(pixels, encoding_in, encoding_out)
+        result: Pixels = convert_pixels(pixels, encoding_in, encoding_out)
     except ConversionError as error:
         raise RuntimeError(f"Unsupported conversion from [{encoding_in}] to [{encoding_out}]: {error}") from None
-    return made
+    return result
 
 
-def _of_depth(pixels: Pixels, before: str, after: str) -> Pixels:
-    """Numbers of another type; what is beyond it becomes its least or largest, as with OpenCV."""
+def _convert_depth(pixels: Pixels, before: str, after: str) -> Pixels:
+    """Convert the depth; numbers outside of its range become its minimum or maximum, as with OpenCV."""
     bits = before[:-1], after[:-1]
     dtype = np.dtype(NUMPY_DEPTHS[DEPTHS.index(after)])
     if bits == ("8", "16"):
@@ -116,6 +116,6 @@ def _of_depth(pixels: Pixels, before: str, after: str) -> Pixels:
         return pixels.astype(dtype)
     if pixels.dtype.kind == "f":
         with np.errstate(invalid="ignore"):
-            pixels = np.where(np.abs(pixels) < _BEYOND, np.rint(pixels), -_BEYOND)
-    known = np.iinfo(dtype)
-    return np.clip(pixels, known.min, known.max).astype(dtype)
+            pixels = np.where(np.abs(pixels) < _INT_LIMIT, np.rint(pixels), -_INT_LIMIT)
+    limits = np.iinfo(dtype)
+    return np.clip(pixels, limits.min, limits.max).astype(dtype)

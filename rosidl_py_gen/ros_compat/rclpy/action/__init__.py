@@ -1,7 +1,5 @@
 """Actions."""
 
-from __future__ import annotations
-
 from rclpy.action.client import ActionClient as ActionClient
 from rclpy.action.graph import get_action_client_names_and_types_by_node as get_action_client_names_and_types_by_node
 from rclpy.action.graph import get_action_names_and_types as get_action_names_and_types

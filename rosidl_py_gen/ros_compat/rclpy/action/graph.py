@@ -1,7 +1,5 @@
 """Names and types of actions, found by their feedback topics."""
 
-from __future__ import annotations
-
 from typing import List, Tuple  # noqa: F401, UP035
 
 from rclpy.node import Node as Node

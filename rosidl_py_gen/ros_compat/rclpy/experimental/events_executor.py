@@ -1,7 +1,5 @@
 """Name of the events executor; here all executors react to events, and one thread runs the callbacks."""
 
-from __future__ import annotations
-
 import faulthandler  # noqa: F401
 import typing  # noqa: F401
 

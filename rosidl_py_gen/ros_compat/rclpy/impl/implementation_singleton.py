@@ -1,7 +1,5 @@
 """Module ``rclpy_implementation``, which is rclpy's C extension."""
 
-from __future__ import annotations
-
 import rclpy._rclpy_pybind11 as rclpy_implementation
 
 package = "rclpy"

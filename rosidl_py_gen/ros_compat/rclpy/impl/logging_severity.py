@@ -1,7 +1,5 @@
 """Severities of log records."""
 
-from __future__ import annotations
-
 from enum import IntEnum
 
 

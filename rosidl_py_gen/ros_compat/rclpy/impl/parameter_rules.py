@@ -1,7 +1,5 @@
 """Checks of parameter declarations and of values against descriptors, with rclpy's texts."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Lifecycle nodes."""
 
-from __future__ import annotations
-
 from rclpy._rclpy_pybind11 import TransitionCallbackReturnType
 from rclpy.lifecycle.managed_entity import ManagedEntity, SimpleManagedEntity
 from rclpy.lifecycle.node import LifecycleNode, LifecycleNodeMixin, LifecycleState

@@ -85,8 +85,6 @@ class LifecycleNodeMixin(ManagedEntity):
         message.goal_state.id, message.goal_state.label = int(transition.goal), transition.goal.label
         self._rosidl_transition_events.publish(message)
 
-    # ------------------------------------------------------------------------------------------------- transitions
-
     def trigger_configure(self) -> TransitionCallbackReturn:
         """Change from unconfigured to inactive, as `on_configure` decides; raise RCLError in other states."""
         return self._rosidl_change_state(_ids.TRANSITION_CONFIGURE)
@@ -130,8 +128,6 @@ class LifecycleNodeMixin(ManagedEntity):
             return TransitionCallbackReturn.ERROR
         return result
 
-    # --------------------------------------------------------------------------------------------------- callbacks
-
     def _rosidl_call_entities(self, callback: str, state: LifecycleState) -> TransitionCallbackReturn:
         for entity in self._rosidl_entities:
             result = getattr(entity, callback)(state)
@@ -163,8 +159,6 @@ class LifecycleNodeMixin(ManagedEntity):
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         return self._rosidl_call_entities("on_error", state)
 
-    # ---------------------------------------------------------------------------------------------------- entities
-
     def add_managed_entity(self, entity: ManagedEntity) -> None:
         """Make an entity follow the transitions; raise TypeError unless it is a ManagedEntity."""
         if not isinstance(entity, ManagedEntity):
@@ -184,8 +178,6 @@ class LifecycleNodeMixin(ManagedEntity):
         """Destroy such a publisher; see `Node.destroy_publisher`."""
         self._rosidl_entities.discard(publisher)
         return self._rosidl_as_node().destroy_publisher(publisher)
-
-    # ---------------------------------------------------------------------------------------------------- services
 
     def _rosidl_on_change_state(self, request: Any, response: Any) -> Any:
         try:

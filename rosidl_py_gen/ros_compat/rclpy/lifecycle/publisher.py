@@ -1,7 +1,5 @@
 """Publishers of lifecycle nodes."""
 
-from __future__ import annotations
-
 from typing import Any, Union  # noqa: F401
 
 from rclpy.lifecycle.managed_entity import SimpleManagedEntity
