@@ -150,7 +150,7 @@ async def test_a_server_that_answers_no_goal_is_an_error(memory: World, tool: To
 
     Counter(memory, accept=accept)
     ended = await tool("action", "send_goal", "/count", "--timeout", "1.5")
-    assert (ended.code, ended.err) == (1, "error: goal not answered by action /count in 1.5 s\n")
+    assert (ended.code, ended.err) == (1, "error: action /count: no reply to the goal in 1.5 s\n")
 
 
 async def test_list_type_find_and_info_know_actions(memory: World, tool: Tool) -> None:

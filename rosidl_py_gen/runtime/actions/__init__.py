@@ -1,4 +1,1 @@
-"""Actions: goals, their states, the server and the client.
-
-May import: endpoints and the rooms below.
-"""
+"""Actions: goals, their states, servers and clients."""

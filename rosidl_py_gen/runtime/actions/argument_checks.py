@@ -1,7 +1,6 @@
-"""What may be given to the public functions of actions, and what is said about everything else.
+"""Checks of the arguments of the public functions of actions.
 
-Decides which special values mean something: all zeros are no goal id and no stamp, because on the wire they select
-every goal (docs/internals/protocol.md 8.4).
+All zeros are neither a goal id nor a stamp: on the wire they select every goal (docs/internals/protocol.md 8.4).
 """
 
 from __future__ import annotations
@@ -15,18 +14,18 @@ from rosidl_py_gen.runtime.loop.callable_checks import require_callable
 from rosidl_py_gen.runtime.time.values import Time
 
 Policy = Literal["parallel", "reject", "preempt", "queue"]
-"""Of an action server, about goals that come while another one runs."""
+"""Policy of an action server for goals that arrive while another one runs."""
 
 _ID_BYTES = 16
-_ALL = "all zeros select every goal; use cancel_all() for that"
+_CANCEL_ALL_HINT = "all zeros select every goal; use cancel_all() for that"
 
 
 class ActionArgumentError(RosidlError, ValueError):
-    """The caller gave an action a value it cannot work with; the message names the argument."""
+    """Raised for a value that an action cannot use; the message names the argument."""
 
 
 def require_depth(name: str, value: int) -> int:
-    """1 or more. Raises `TypeError`, `ActionArgumentError`."""
+    """Return an integer of at least 1; raises `TypeError`, `ActionArgumentError`."""
     if not isinstance(value, Integral) or isinstance(value, bool):
         raise TypeError(f"{name} must be an int, got {value!r:.100}")
     if value < 1:
@@ -35,45 +34,47 @@ def require_depth(name: str, value: int) -> int:
 
 
 def require_goal_id(goal_id: bytes) -> bytes:
-    """16 bytes that are not all zero. Raises `TypeError`, `ActionArgumentError`."""
+    """Return 16 bytes that are not all zero; raises `TypeError`, `ActionArgumentError`."""
     if not isinstance(goal_id, bytes | bytearray):
-        raise TypeError(f"goal_id must be 16 bytes (uuid.UUID has them in its attribute bytes), got {goal_id!r:.100}")
+        raise TypeError(f"goal_id must be 16 bytes (the attribute bytes of a uuid.UUID), got {goal_id!r:.100}")
     if len(goal_id) != _ID_BYTES:
         raise ActionArgumentError(f"goal_id must be 16 bytes, got {len(goal_id)}: {goal_id.hex()[:64]}")
     if not any(goal_id):
-        raise ActionArgumentError(f"goal_id must not be 16 zero bytes: {_ALL}")
+        raise ActionArgumentError(f"goal_id must not be 16 zero bytes: {_CANCEL_ALL_HINT}")
     return bytes(goal_id)
 
 
 def require_stamp(stamp: Any) -> Time:
-    """A `Time`, or a message with sec and nanosec, that is not zero. Raises `TypeError`, `ActionArgumentError`."""
+    """Return a time that is not zero, from a `Time` or a message; raises `TypeError`, `ActionArgumentError`."""
     if not isinstance(stamp, Time):
-        if not all(isinstance(getattr(stamp, part, None), Integral) for part in ("sec", "nanosec")):
+        if not all(isinstance(getattr(stamp, name, None), Integral) for name in ("sec", "nanosec")):
             raise TypeError(f"stamp must be a Time or a builtin_interfaces/Time message, got {stamp!r:.100}")
         stamp = Time.from_msg(stamp)
-    moment: Time = stamp
-    if moment.nanoseconds == 0:
-        raise ActionArgumentError(f"stamp must not be zero, as ROS time is before the first /clock: {_ALL}")
-    return moment
+    time: Time = stamp
+    if time.nanoseconds == 0:
+        raise ActionArgumentError(
+            f"stamp must not be zero, which ROS time is before the first /clock: {_CANCEL_ALL_HINT}"
+        )
+    return time
 
 
 def require_server_options(
     action: str, execute: object, goal_callback: object, cancel_callback: object, goal_policy: object
 ) -> None:
-    """Raise `TypeError` or `ValueError` for what an action server cannot be made of, before anything is."""
-    for callback, name, gets in (
-        (execute, "execute", "the goal"),
-        (goal_callback, "goal_callback", "what the client asks for"),
-    ):
-        require_callable(callback, f"{name} of action {action}")
-        if callable(callback):
-            require_signature(callback, f"{name} of action {action}", gets)
+    """Raise `TypeError` or `ValueError` for wrong arguments, before anything is created."""
     if not (isinstance(cancel_callback, bool) or callable(cancel_callback)):
         raise TypeError(
             f"cancel_callback of action {action} must be True, False or a function, got {cancel_callback!r:.100}"
         )
-    if callable(cancel_callback):
-        require_signature(cancel_callback, f"cancel_callback of action {action}", "the goal")
+    for callback, name, argument in (
+        (execute, "execute", "the goal"),
+        (goal_callback, "goal_callback", "the goal message"),
+        (None if isinstance(cancel_callback, bool) else cancel_callback, "cancel_callback", "the goal"),
+    ):
+        subject = f"{name} of action {action}"
+        require_callable(callback, subject)
+        if callable(callback):
+            require_signature(callback, subject, argument)
     if goal_callback is not None and execute is None:
         raise TypeError(
             f"goal_callback of action {action} needs execute, else accepted goals are not executed; without execute, "

@@ -1,11 +1,8 @@
-"""Action clients: send goals, follow them, cancel them.
+"""Action clients: send, follow and cancel goals. Source: docs/internals/protocol.md 8.1, 8.4, 8.5.
 
-Decides that everything about a goal is remembered from before it is sent (feedback may overtake the acceptance) until
-its result is in, that a goal is sent only when all five endpoints of a server are connected, so that its feedback finds
-us, and that the result is asked for as soon as the goal is accepted. What happens when the server goes away is
-`results.py`'s.
-
-Source: docs/internals/protocol.md 8.1, 8.4, 8.5.
+A goal is tracked from before it is sent, because feedback may overtake the acceptance, until its result arrives. It is
+sent only when all five endpoints of a server are matched, so that no feedback is lost. The result is requested as soon
+as the goal is accepted; `result_requests.py` handles servers that disappear.
 """
 
 from __future__ import annotations
@@ -32,7 +29,6 @@ from rosidl_py_gen.runtime.actions.client_goal import (
     CancelError,
     CancelRejectedError,
     ClientGoal,
-    GoalProgress,
     GoalRejectedError,
 )
 from rosidl_py_gen.runtime.actions.result_requests import FIRST_RETRY_DELAY_S, REGISTRATION_TIMEOUT_S, ResultRequester
@@ -64,12 +60,12 @@ T = TypeVar("T")
 _CANCEL_ERRORS: dict[int, tuple[type[ActionError], str]] = {
     CancelCode.REJECTED: (CancelRejectedError, "refused to cancel"),
     CancelCode.UNKNOWN_GOAL_ID: (UnknownGoalError, "does not know"),
-    CancelCode.GOAL_TERMINATED: (AlreadyTerminatedError, "has ended already, or is cancelling,"),
+    CancelCode.GOAL_TERMINATED: (AlreadyTerminatedError, "has already ended, or is already cancelling,"),
 }
 
 
 class ActionClient(CompositeEntity, Generic[ActionT_co]):
-    """Made by `create_action_client`."""
+    """Action client; created by `create_action_client`."""
 
     def __init__(
         self,
@@ -92,10 +88,10 @@ class ActionClient(CompositeEntity, Generic[ActionT_co]):
         """The generated class, with `Goal`, `Result` and `Feedback`."""
         self._type = action_type
         self._is_available: MatchCache[bool] = MatchCache(scope.graph, lambda _: not self._missing())
-        self._goals: dict[bytes, GoalProgress] = {}
-        # The topics first: endpoints become known in this order, and a server that knows the client of send_goal shall
-        # know who wants the feedback. Feedback is kept until it is sorted: the queue is shared by all goals, each has
-        # its own depth.
+        self._goals: dict[bytes, ClientGoal[ActionT_co]] = {}
+        # The topics first: peers discover endpoints in this order, and a server that knows the send_goal client must
+        # know the feedback subscription, too. That subscription keeps all samples: all goals share its queue, and each
+        # goal has a queue of its own depth.
         parts = self._parts
         self._feedback: Subscription[Any] = Subscription(
             parts, action_type.feedback_message, names.feedback, self._on_feedback, service_endpoint_qos(DEFAULT)
@@ -111,10 +107,10 @@ class ActionClient(CompositeEntity, Generic[ActionT_co]):
     # ------------------------------------------------------------------------------------------------ availability
 
     def server_is_available(self) -> bool:
-        """Whether a server is connected: three services and both topics.
+        """Return True if all three services and both topics of a server are matched.
 
         Raises:
-            IncompatibleServiceError: the only servers are Fast DDS ones.
+            IncompatibleServiceError: the only servers are Fast DDS servers that cannot be used.
             ClosedError: the client is closed.
         """
         self._scope.require_open(self._closed, f"the action client of {self.name}")
@@ -126,7 +122,7 @@ class ActionClient(CompositeEntity, Generic[ActionT_co]):
         return self.server_is_available()
 
     def _missing(self) -> list[str]:
-        """The names of what no server is connected at."""
+        """Return the names of the services and topics without a matched server."""
         services = (self._send, self._cancel, self._result.client)
         missing = [client.name for client in services if not client.service_is_available()]
         return missing + [topic.topic for topic in (self._feedback, self._status) if not topic.publisher_count]
@@ -139,10 +135,10 @@ class ActionClient(CompositeEntity, Generic[ActionT_co]):
         return next((topic._why_unmatched() for topic in silent), "")
 
     async def wait_for_server(self, timeout_s: float | None = None) -> Literal[True]:
-        """Wait until a server is connected.
+        """Wait until `server_is_available`.
 
         Raises:
-            WaitTimeoutError: none was in time. Others as `server_is_available`.
+            WaitTimeoutError: no server was matched within `timeout_s`. Others as `server_is_available`.
         """
         return await self._scope.wait_or_raise(
             self._is_available.get,
@@ -163,18 +159,19 @@ class ActionClient(CompositeEntity, Generic[ActionT_co]):
         *,
         goal_id: bytes | None = None,
     ) -> ClientGoal[ActionT_co]:
-        """Send a goal and wait until it is accepted; a server that is not there yet is waited for.
+        """Wait for a server, send a goal, and wait until it is accepted.
 
         Args:
-            goal_id: 16 bytes, not all zero; None makes a random UUID.
+            goal_id: 16 bytes, not all zero; None: a random UUID.
 
         Raises:
-            GoalRejectedError: the server does not want it.
-            ActionTimeoutError: no answer in `timeout_s` seconds; a `TimeoutError`.
-            ActionServerLostError: the server went away before it answered; the goal may have been accepted.
+            GoalRejectedError: the server rejected the goal.
+            ActionTimeoutError: no reply arrived within `timeout_s`; a `TimeoutError`.
+            ActionServerLostError: the server disappeared before it replied; it may have accepted the goal.
             EncodeError, TypeError: the goal does not fit its type.
-            ActionArgumentError: no goal id, or one of a goal of this client that has not ended.
-            IncompatibleServiceError, ClosedError: as their names say.
+            ActionArgumentError: `goal_id` is not a goal id, or belongs to a goal that has not ended.
+            IncompatibleServiceError: as in `server_is_available`.
+            ClosedError: the client is closed.
         """
         self._scope.require_open(self._closed, f"the action client of {self.name}")
         deadline = Deadline(timeout_s)
@@ -184,36 +181,37 @@ class ActionClient(CompositeEntity, Generic[ActionT_co]):
             raise ActionArgumentError(f"goal_id {goal_id.hex()} belongs to a goal of this client that has not ended")
         set_goal_id(request, goal_id)
         request.goal = self._type.goal.to_message(goal)
-        progress = GoalProgress(goal_id, self._feedback_depth)
-        self._goals[goal_id] = progress
+        client_goal: ClientGoal[ActionT_co] = ClientGoal(
+            goal_id, goal, self._feedback_depth, self.cancel_goal, self._run_sync
+        )
+        self._goals[goal_id] = client_goal
         try:
             response = await self._call_send_goal(request, deadline, timeout_s)
             if not response.accepted:
                 raise GoalRejectedError(f"action server {self.name} rejected the goal {goal!r:.200}")
-            now_s = self._scope.bridge.running_loop().time()
-            progress.on_accepted(read_stamp(response.stamp), now_s)
-            self._ask_result(progress)
+            client_goal._on_accepted(read_stamp(response.stamp), self._scope.bridge.running_loop().time())
+            self._request_result(client_goal)
         except BaseException:
             self._goals.pop(goal_id, None)
             raise
-        return ClientGoal(progress, goal, self.cancel_goal, self._run_sync)
+        return client_goal
 
     async def _call_send_goal(self, request: Any, deadline: Deadline, timeout_s: float | None) -> Any:
         if not self._is_available.get():
-            # A goal that does not fit is refused before anybody is waited for.
+            # Raise encoding errors before waiting for a server.
             self._type.send_goal.request.encode(request)
             try:
                 await self.wait_for_server(deadline.remaining_s())
             except WaitTimeoutError as error:
-                places = ", ".join(self._missing())
-                text = f"goal not answered by action {self.name}: no server appeared in {timeout_s} s at {places}"
+                names = ", ".join(self._missing())
+                text = f"action {self.name}: goal not sent, because no server appeared in {timeout_s} s at {names}"
                 raise ActionTimeoutError(with_reason(text, error.reason)) from None
         try:
             return await self._send.call(request, deadline.remaining_s())
         except CallTimeoutError as error:
-            raise ActionTimeoutError(f"goal not answered by action {self.name} in {timeout_s} s") from error
+            raise ActionTimeoutError(f"action {self.name}: no reply to the goal in {timeout_s} s") from error
         except ServerLostError as error:
-            raise ActionServerLostError(f"goal not answered by action {self.name}: {error}") from error
+            raise ActionServerLostError(f"action {self.name}: no reply to the goal: {error}") from error
 
     def send_goal_sync(
         self: ActionClient[Action[GoalT, Any, Any]],
@@ -222,105 +220,107 @@ class ActionClient(CompositeEntity, Generic[ActionT_co]):
         *,
         goal_id: bytes | None = None,
     ) -> ClientGoal[ActionT_co]:
-        """`send_goal` for plain code: from a script without event loop, or from another thread than the loop's.
+        """Call `send_goal` in plain code: without an event loop, or in another thread than the loop's.
 
-        The handle has `result_sync` and `cancel_sync`. Raises `WouldDeadlockError` inside the loop, else as
-        `send_goal`.
+        The goal has `result_sync` and `cancel_sync`. Raises `WouldDeadlockError` in the loop, else as `send_goal`.
         """
         coroutine: Coroutine[Any, Any, Any] = self.send_goal(goal, timeout_s, goal_id=goal_id)
-        handle: ClientGoal[ActionT_co] = self._run_sync(coroutine)
-        return handle
+        client_goal: ClientGoal[ActionT_co] = self._run_sync(coroutine)
+        return client_goal
 
     def _run_sync(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine of this client from plain code; see `send_goal_sync`."""
-        return self._scope.run_blocking(coroutine, f"a waiting call on action {self.name}", "'await'")
+        return self._scope.run_blocking(coroutine, f"a blocking call of action {self.name}", "'await'")
 
     # ------------------------------------------------------------------------------------------------------ result
 
-    def _ask_result(self, progress: GoalProgress) -> None:
+    def _request_result(self, goal: ClientGoal[ActionT_co]) -> None:
         request = self._type.cls.GetResult.Request()
-        set_goal_id(request, progress.goal_id)
+        set_goal_id(request, goal.goal_id)
 
         def on_error(error: BaseException) -> None:
-            self._goals.pop(progress.goal_id, None)
-            progress.on_error(error)
+            self._goals.pop(goal.goal_id, None)
+            goal._on_error(error)
 
-        on_reply = partial(self._on_result, progress)
-        self._result.ask(request, on_reply, on_error, lambda: progress.status.is_terminal)
+        self._result.request(request, partial(self._on_result, goal), on_error, lambda: goal.status.is_terminal)
 
-    def _on_result(self, progress: GoalProgress, response: Any) -> None:
-        self._feedback._deliver()  # what came before the result, and is perhaps not looked at before the next wait
-        self._goals.pop(progress.goal_id, None)
-        server, goal_id = f"action server {self.name}", progress.goal_id.hex()
+    def _on_result(self, goal: ClientGoal[ActionT_co], response: Any) -> None:
+        self._feedback._deliver()  # feedback that arrived before the result and was not handled yet
+        self._goals.pop(goal.goal_id, None)
+        server, goal_id = f"action server {self.name}", goal.goal_id.hex()
         try:
             status = STATUSES.get(response.status)
             if status is GoalStatus.UNKNOWN:
-                raise UnknownGoalError(f"{server} does not know goal {goal_id} any more")
+                raise UnknownGoalError(f"{server} does not know goal {goal_id}")
             if status is None or not status.is_terminal:
-                found = f"{response.status}" + (f" ({status.name})" if status else "")
-                ends = ", ".join(f"{one} ({one.name})" for one in GoalStatus if one.is_terminal)
-                raise ActionError(f"{server} sent a result of goal {goal_id} with status {found}; expected {ends}")
-            progress.on_result(status, self._type.result.to_value(response.result))
+                text = f"{response.status}" + (f" ({status.name})" if status else "")
+                expected = ", ".join(f"{value} ({value.name})" for value in GoalStatus if value.is_terminal)
+                raise ActionError(f"{server} sent a result of goal {goal_id} with status {text}; expected {expected}")
+            goal._on_result(status, self._type.result.to_value(response.result))
         except Exception as error:
-            progress.on_error(error)
+            goal._on_error(error)
 
     # ------------------------------------------------------------------------------------------------------ cancel
 
     async def cancel_goal(self, goal_id: bytes, timeout_s: float | None = None) -> None:
-        """Ask to cancel one goal, which may be another client's; see `ClientGoal.cancel`.
+        """Request to cancel one goal, which may be another client's; see `ClientGoal.cancel`.
 
         Raises:
-            ActionArgumentError: no goal id. Else as `ClientGoal.cancel`.
+            ActionArgumentError: `goal_id` is not a goal id. Others as `ClientGoal.cancel`.
         """
         goal_id = require_goal_id(goal_id)
-        what = f"goal {goal_id.hex()}"
+        subject = f"goal {goal_id.hex()}"
         deadline, delay_s = Deadline(timeout_s), FIRST_RETRY_DELAY_S
         left_s = timeout_s
         while True:
             try:
-                canceled = await self._ask_cancel(goal_id, None, what, left_s)
+                canceled = await self._request_cancel(goal_id, None, subject, left_s)
                 break
             except UnknownGoalError:
                 left_s = deadline.remaining_s()
-                if not self._is_early(goal_id) or (left_s is not None and left_s <= delay_s):
+                if not self._may_be_unregistered(goal_id) or (left_s is not None and left_s <= delay_s):
                     raise
             await asyncio.sleep(delay_s)
             delay_s, left_s = 2 * delay_s, deadline.remaining_s()
         if goal_id not in canceled:
-            # rclpy servers answer 0 with an empty list when they refuse.
-            raise CancelRejectedError(f"action server {self.name} refused to cancel {what}")
+            # rclpy servers reply 0 with an empty list if they refuse.
+            raise CancelRejectedError(f"action server {self.name} refused to cancel {subject}")
 
-    def _is_early(self, goal_id: bytes) -> bool:
-        """Return True if the server may not have registered the goal yet that it accepted; see `results.py`."""
-        progress = self._goals.get(goal_id)
-        if progress is None or progress.accepted_s is None:
+    def _may_be_unregistered(self, goal_id: bytes) -> bool:
+        """Return True if the server may not have registered the accepted goal yet; see `result_requests.py`."""
+        goal = self._goals.get(goal_id)
+        if goal is None or goal._accepted_s is None:
             return False
-        return self._scope.bridge.running_loop().time() - progress.accepted_s < REGISTRATION_TIMEOUT_S
+        return self._scope.bridge.running_loop().time() - goal._accepted_s < REGISTRATION_TIMEOUT_S
 
     cancel_goal_sync = blocking(cancel_goal)
 
     async def cancel_all(self, timeout_s: float | None = None) -> list[bytes]:
-        """Ask to cancel every goal of the server, other clients' too; returns the ids being cancelled.
+        """Request to cancel every goal of the server, including other clients'; return the ids being cancelled.
 
         Raises:
-            CancelRejectedError: there were goals, and the server refused for all of them.
-            ActionTimeoutError, ActionServerLostError, ClosedError: as their names say.
+            CancelRejectedError: the server refused for all of its goals.
+            ActionTimeoutError: no reply arrived within `timeout_s`.
+            ActionServerLostError: the server disappeared.
+            ClosedError: the client is closed.
         """
-        return await self._ask_cancel(ZERO_ID, None, "any goal", timeout_s)
+        return await self._request_cancel(ZERO_ID, None, "any goal", timeout_s)
 
     cancel_all_sync = blocking(cancel_all)
 
     async def cancel_before(self, stamp: Time | SecNanosec, timeout_s: float | None = None) -> list[bytes]:
-        """Ask to cancel every goal accepted at `stamp` or before; returns and raises as `cancel_all`.
+        """Request to cancel every goal that was accepted at `stamp` or earlier; returns and raises as `cancel_all`.
 
         Raises:
-            ActionArgumentError: `stamp` is zero, which would mean all. TypeError: it is no time.
+            ActionArgumentError: `stamp` is zero, which selects all goals.
+            TypeError: `stamp` is not a time.
         """
-        return await self._ask_cancel(ZERO_ID, require_stamp(stamp), "any goal", timeout_s)
+        return await self._request_cancel(ZERO_ID, require_stamp(stamp), "any goal", timeout_s)
 
     cancel_before_sync = blocking(cancel_before)
 
-    async def _ask_cancel(self, goal_id: bytes, stamp: Time | None, what: str, timeout_s: float | None) -> list[bytes]:
+    async def _request_cancel(
+        self, goal_id: bytes, stamp: Time | None, subject: str, timeout_s: float | None
+    ) -> list[bytes]:
         request = CancelGoal_Request()
         set_goal_id(request.goal_info, goal_id)
         if stamp is not None:
@@ -328,34 +328,34 @@ class ActionClient(CompositeEntity, Generic[ActionT_co]):
         try:
             response = await self._cancel.call(request, timeout_s)
         except CallTimeoutError as error:
-            raise ActionTimeoutError(f"cancel not answered by action {self.name}: {error}") from error
+            raise ActionTimeoutError(f"action {self.name}: no reply to the cancel request: {error}") from error
         except ServerLostError as error:
-            raise ActionServerLostError(f"cancel not answered by action {self.name}: {error}") from error
+            raise ActionServerLostError(f"action {self.name}: no reply to the cancel request: {error}") from error
         code = int(response.return_code)
         if code != CancelCode.NONE:
-            kind, says = _CANCEL_ERRORS.get(code, (CancelError, f"answered with the unknown code {code} about"))
-            raise kind(f"action server {self.name} {says} {what}")
+            error_class, text = _CANCEL_ERRORS.get(code, (CancelError, f"replied with the unknown code {code} for"))
+            raise error_class(f"action server {self.name} {text} {subject}")
         return [goal_id_of(info) for info in response.goals_canceling]
 
     # ------------------------------------------------------------------------------------------------------ topics
 
     def _on_feedback(self, message: Any) -> None:
-        progress = self._goals.get(goal_id_of(message))
-        if progress is not None:
-            progress.feedback._push(self._type.feedback.to_value(message.feedback))
+        goal = self._goals.get(goal_id_of(message))
+        if goal is not None:
+            goal._feedback._push(self._type.feedback.to_value(message.feedback))
 
     def _on_status(self, data: bytes) -> None:
-        for goal_id, progress in self._goals.items():
+        for goal_id, goal in self._goals.items():
             status = find_status(data, goal_id)
             if status is not None:
-                progress.on_status(status)
+                goal._on_status(status)
 
     def __repr__(self) -> str:
         return entity_repr(self, self.name, self.action_type, peers=lambda: len(self._send._servers()), peer="server")
 
     def close(self) -> None:
-        """Let go of all goals: whoever waits gets `ClosedError`, feedback ends. May be called twice."""
-        for progress in list(self._goals.values()):
-            progress.on_error(ClosedError(f"the action client of {self.name} was closed"))
+        """Close the client: waiters get `ClosedError`, feedback ends. May be called twice."""
+        for goal in list(self._goals.values()):
+            goal._on_error(ClosedError(f"the action client of {self.name} was closed"))
         self._goals.clear()
         super().close()

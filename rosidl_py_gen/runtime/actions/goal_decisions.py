@@ -1,9 +1,8 @@
-"""Who decides about goals and cancels: a callback, or whoever iterates over the requests; else all are accepted.
+"""Decisions about goals and cancels, by a callback or by a program that iterates over the requests.
 
-Of what a callback answers counts what Python takes for true or false; only None, which functions without a return
-statement answer, accepts too. A callback that fails refuses. A goal request that the program lets go of unanswered is
-rejected with a warning, so that its client hears of it and a server of one goal at a time is not taken for ever. A
-cancel request is refused at the latest when its goal ends.
+A callback accepts with None, which functions without a return statement return, or with a true value. A callback that
+raises refuses. A goal request that the program drops without a decision is rejected with a warning, so that its client
+gets a reply and the server can accept other goals. A cancel request is refused at the latest when its goal ends.
 """
 
 from __future__ import annotations
@@ -29,39 +28,38 @@ T = TypeVar("T")
 
 
 def request_decision(
-    callback: UserCallback, subject: object, answer: asyncio.Future[T], then: Callable[[GoalDecision], T], refusal: T
+    callback: UserCallback, argument: object, reply: asyncio.Future[T], apply: Callable[[GoalDecision], T], refusal: T
 ) -> None:
-    """Let a callback decide, now or in a task; `answer` gets what `then` makes of the decision."""
-    task = callback.call(subject, on_result=lambda said: set_result_if_pending(answer, then(decision_of(said))))
+    """Call a callback and set `reply` to what `apply` makes of its decision, or to `refusal` if it fails."""
+
+    def on_result(value: object) -> None:
+        if not isinstance(value, GoalDecision):
+            value = GoalDecision.ACCEPT if value is None or value else GoalDecision.REJECT
+        set_result_if_pending(reply, apply(value))
+
+    task = callback.call(argument, on_result=on_result)
     if task is None:
-        set_result_if_pending(answer, refusal)
+        set_result_if_pending(reply, refusal)
     else:
-        task.add_done_callback(lambda _: set_result_if_pending(answer, refusal))
-
-
-def decision_of(value: object) -> GoalDecision:
-    """What the answer of a callback means."""
-    if isinstance(value, GoalDecision):
-        return value
-    return GoalDecision.ACCEPT if value is None or value else GoalDecision.REJECT
+        task.add_done_callback(lambda _: set_result_if_pending(reply, refusal))
 
 
 class GoalRequest(Generic[ActionT_co]):
-    """A goal that waits for `accept`, `defer` or `reject`, from iterating over an action server; from any thread.
+    """Goal that waits for `accept`, `defer` or `reject`, from iterating over an action server. Thread: any.
 
-    One that the program drops without an answer is rejected with a warning.
+    A request that the program drops without a decision is rejected with a warning.
     """
 
     def __init__(
-        self, goals: ServerGoals, goal: ServerGoal[ActionT_co], answer: asyncio.Future[GoalInfo | None]
+        self, goals: ServerGoals, goal: ServerGoal[ActionT_co], reply: asyncio.Future[GoalInfo | None]
     ) -> None:
         self._goals = goals
         self._goal = goal
-        self._answer = answer
+        self._reply = reply
 
     def __del__(self) -> None:
-        if not self._answer.done():
-            self._goals.reject_garbage_collected(self._answer)
+        if not self._reply.done():
+            self._goals.reject_garbage_collected(self._reply)
 
     @property
     def goal_id(self) -> bytes:
@@ -70,60 +68,64 @@ class GoalRequest(Generic[ActionT_co]):
 
     @property
     def goal(self: GoalRequest[Action[GoalT, Any, Any]]) -> GoalT:
-        """What the client asks for."""
+        """Goal message of the client."""
         return self._goal.request
 
     def accept(self) -> ServerGoal[ActionT_co]:
-        """Accept and begin: the goal is EXECUTING, and it is up to the caller to end it.
+        """Accept and start the goal: it is EXECUTING, and the caller must end it.
 
-        With the policies ``"queue"`` and ``"preempt"`` it may have to wait its turn, and is ACCEPTED until
+        With the policies ``"queue"`` and ``"preempt"`` it may be queued, and is ACCEPTED until
         ``await goal.started()`` returns.
 
         Raises:
-            AlreadyRespondedError: also when the policy is ``"reject"`` and another goal was accepted meanwhile.
+            AlreadyRespondedError: a decision was made already, or another goal was accepted and the policy is
+                ``"reject"``.
         """
         return self._decide(GoalDecision.ACCEPT)
 
     def defer(self) -> ServerGoal[ActionT_co]:
-        """Accept; the goal stays ACCEPTED until its `execute` is called."""
+        """Accept the goal; it stays ACCEPTED until its `execute` is called. Raises as `accept`."""
         return self._decide(GoalDecision.DEFER)
 
     def reject(self) -> None:
-        """Refuse."""
+        """Reject the goal."""
         self._decide(GoalDecision.REJECT)
 
     def _decide(self, decision: GoalDecision) -> ServerGoal[ActionT_co]:
-        self._goals.on_loop(lambda: self._answer_with(decision))
-        return self._goal
+        def respond() -> None:
+            if self._reply.done():
+                raise AlreadyRespondedError(f"goal {self.goal_id.hex()} is decided already, or its server is closed")
+            info = self._goals.accept_goal(self._goal, decision)
+            self._reply.set_result(info)
+            if info is None and decision is not GoalDecision.REJECT:
+                raise AlreadyRespondedError(
+                    f"goal {self.goal_id.hex()} is rejected: another goal is active, and the policy is 'reject'"
+                )
 
-    def _answer_with(self, decision: GoalDecision) -> None:
-        if self._answer.done():
-            raise AlreadyRespondedError(f"goal {self.goal_id.hex()} was answered already, or its server is closed")
-        info = self._goals.accept_goal(self._goal, decision)
-        self._answer.set_result(info)
-        if info is None and decision is not GoalDecision.REJECT:
-            raise AlreadyRespondedError(
-                f"goal {self.goal_id.hex()} is rejected: another one was accepted meanwhile, and the policy is 'reject'"
-            )
+        self._goals.on_loop(respond)
+        return self._goal
 
 
 class CancelRequest(Generic[ActionT_co]):
-    """A wish to cancel one goal, from `ActionServer.cancel_requests`."""
+    """Request to cancel one goal, from `ActionServer.cancel_requests`."""
 
-    def __init__(self, goal: ServerGoal[ActionT_co], answer: asyncio.Future[bool]) -> None:
+    def __init__(self, goal: ServerGoal[ActionT_co], reply: asyncio.Future[bool]) -> None:
         self.goal = goal
-        """The goal it is about."""
-        self._answer = answer
+        """Goal that the client wants to cancel."""
+        self._reply = reply
 
     def accept(self) -> None:
-        """The goal becomes CANCELING; end it with `goal.canceled`, or otherwise. One not started ends by itself."""
+        """Make the goal CANCELING; its handler ends it, for example with `goal.canceled`.
+
+        A goal that has not started ends as CANCELED.
+        """
         self._decide(True)
 
     def reject(self) -> None:
-        """The goal goes on."""
+        """Refuse; the goal continues."""
         self._decide(False)
 
     def _decide(self, accepted: bool) -> None:
-        if self._answer.done():
-            raise AlreadyRespondedError("this cancel request was answered already, or its goal has ended")
-        self._answer.set_result(accepted)
+        if self._reply.done():
+            raise AlreadyRespondedError("this cancel request is decided already, or its goal has ended")
+        self._reply.set_result(accepted)

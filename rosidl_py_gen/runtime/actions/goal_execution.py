@@ -1,11 +1,9 @@
-"""Runs the `execute` function of an action server, one call for each goal.
+"""Execution of goals: one call of the `execute` function of an action server for each goal.
 
-Decides how the end of a handler becomes the end of its goal: what it returns is the result, also of a goal that it
-ended before without one; an exception (its own CancelledError too) is ABORTED, and so is an end that says nothing. A
-plain function runs in a daemon thread of its own: any number of goals at once, and one that never returns does not keep
-the program alive.
-
-Decides too how long the first handler after a change among the clients waits until their feedback would arrive.
+The value that a handler returns is the result of its goal, also if the handler has ended the goal without a result
+before. A handler that raises, its own CancelledError included, or that returns without a result ends its goal as
+ABORTED. A plain function runs in a daemon thread of its own: any number of goals run at once, and a handler that never
+returns does not keep the program alive.
 """
 
 from __future__ import annotations
@@ -27,62 +25,68 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.publisher import Publisher
     from rosidl_py_gen.runtime.entities.server import ServiceServer
 
-_MATCH_GRACE_S, _DISCOVERY_TIMEOUT_S = 0.1, 2.0
+_MATCH_GRACE_S = 0.1
+"""Time for completely discovered nodes to match their feedback subscription. They need some milliseconds; a larger
+value delays the first goal of a client that never subscribes."""
+_DISCOVERY_TIMEOUT_S = 2.0
+"""The same for nodes whose endpoints are not all discovered yet: endpoints of Fast DDS may be 1.2 s late
+(docs/internals/dds.md 6)."""
 _FIRST_HEARTBEAT_S = 0.01
+"""Time for the first heartbeat to a new reader, which comes some milliseconds after the match. Without it the first
+feedback of every tenth new client was lost (measured)."""
 
 
 class FeedbackReadiness:
-    """Whether the clients that may send goals would receive feedback yet.
+    """Waits until the feedback subscriptions of all clients are matched, before the first goal after they changed.
 
-    A client that has just appeared may be connected with the goal service before it is with the feedback topic, and
-    what is published until then is lost. So is what a reliable DDS writer sends before a new reader has had its first
-    heartbeat, which comes a few milliseconds after they were connected (measured: the first feedback of every tenth
-    new client). So 100 ms are given to connections, up to 2 s to those of nodes that are not wholly known, as endpoints
-    of Fast DDS may be 1.2 s late (docs/internals/dds.md 6), and 10 ms to the heartbeat. While all clients are known,
-    goals wait for nothing.
+    A new client may be matched at the goal service before the feedback topic, and feedback that is published in between
+    is lost. So is a sample that a reliable DDS writer sends before the first heartbeat of a new reader. Participants
+    that have not subscribed in time are not waited for again. While the clients stay the same, goals do not wait.
     """
 
     def __init__(self, scope: EntityScope, goals: ServiceServer[Any, Any], feedback: Publisher[Any]) -> None:
         self._scope = scope
         self._goals = goals
         self._feedback = feedback
-        self._known: list[bytes] = []
+        self._ready_clients: list[bytes] = []
         self._unreachable: set[bytes] = set()
 
     def is_satisfied(self) -> bool:
-        """Whether the clients are those of last time."""
-        return self._goals.matched_clients() == self._known
+        """Return True if the clients are the same as after the last `wait`."""
+        return self._goals.matched_clients() == self._ready_clients
 
     async def wait(self) -> None:
-        """Return when every client is connected, or those who are not have had their time.
-
-        Clients that come meanwhile have theirs with the next goal.
-        """
+        """Wait until every client has matched the feedback topic, or its time is over."""
         graph, time = self._scope.graph, asyncio.get_running_loop().time
-        soon_s, known = time() + _MATCH_GRACE_S, self._goals.matched_clients()
+        grace_end_s, clients = time() + _MATCH_GRACE_S, self._goals.matched_clients()
 
         def is_ready() -> bool:
-            missing = self._missing(known)
+            missing = self._missing(clients)
             return not missing or (
-                time() >= soon_s
-                and all(graph.node_names_complete(one) and graph.endpoints_complete(one) for one in missing)
+                time() >= grace_end_s
+                and all(graph.node_names_complete(guid) and graph.endpoints_complete(guid) for guid in missing)
             )
 
         await self._scope.wait_until(is_ready, _DISCOVERY_TIMEOUT_S, lambda: False, poll_s=_FIRST_HEARTBEAT_S)
-        self._unreachable |= self._missing(known)
+        self._unreachable |= self._missing(clients)
         await asyncio.sleep(_FIRST_HEARTBEAT_S)
-        self._known = known
+        self._ready_clients = clients
 
-    def _missing(self, among: list[bytes]) -> set[bytes]:
-        """The participants that have some of these clients, but no subscription to feedback."""
+    def _missing(self, clients: list[bytes]) -> set[bytes]:
+        """Return the participants of these clients without a matched feedback subscription."""
         participant_of, matched = self._scope.graph.participant_of, self._goals.matched_clients()
         self._unreachable &= {participant_of(guid) or guid for guid in matched}
-        clients = {participant_of(guid) or guid for guid in matched if guid in among}
-        return clients - {participant_of(guid) for guid in self._feedback.matched_subscriptions()} - self._unreachable
+        participants = {participant_of(guid) or guid for guid in matched if guid in clients}
+        subscribed = {participant_of(guid) for guid in self._feedback.matched_subscriptions()}
+        return participants - subscribed - self._unreachable
 
 
 class ExecuteRunner:
-    """Calls the handler of one action server; `scope` is the server's."""
+    """Calls the handler of one action server.
+
+    Args:
+        complete: `ServerGoals.complete`.
+    """
 
     def __init__(
         self,
@@ -92,7 +96,6 @@ class ExecuteRunner:
         readiness: FeedbackReadiness,
         complete: Callable[..., bool],
     ) -> None:
-        """`complete` is that of the server's `ServerGoals`."""
         self._scope = scope
         self._complete = complete
         self._action = action
@@ -102,12 +105,12 @@ class ExecuteRunner:
         self._readiness = readiness
 
     def run(self, goal: ServerGoal[Any]) -> None:
-        """Run the handler on a goal that is EXECUTING or CANCELING."""
-        task = self._handler.call(goal, on_result=partial(self._returned, goal))
+        """Run the handler for a goal that is EXECUTING or CANCELING."""
+        task = self._handler.call(goal, on_result=partial(self._on_return, goal))
         if task is not None:
-            task.add_done_callback(lambda _: self._ended(goal))
+            task.add_done_callback(lambda _: self._on_end(goal))
 
-    def _ended(self, goal: ServerGoal[Any]) -> None:
+    def _on_end(self, goal: ServerGoal[Any]) -> None:
         goal._record.handler = None
         if self._scope.closed:
             return
@@ -123,36 +126,37 @@ class ExecuteRunner:
                 await self._readiness.wait()
             return await (self._execute if self._is_async else self._in_thread)(goal)
         except ClosedError:
-            if self._scope.closed:  # a goal that cannot be ended any more is no failure of its handler
+            if self._scope.closed:  # the handler cannot end its goal any more, which is no failure
                 return FINISHED
             raise
 
     async def _in_thread(self, goal: ServerGoal[Any]) -> Any:
-        try:
-            outcome = await in_thread(f"action handler {self._action}", self._begin, goal)
+        def execute() -> Any:
             goal._record.handler = current_task_or_thread()
-            return await outcome if inspect.isawaitable(outcome) else outcome
+            return self._execute(goal)
+
+        try:
+            result = await in_thread(f"action handler {self._action}", execute)
+            goal._record.handler = current_task_or_thread()
+            return await result if inspect.isawaitable(result) else result
         except asyncio.CancelledError:
             goal._record.request_cancel()  # the function may still run in its thread
             raise
 
-    def _begin(self, goal: ServerGoal[Any]) -> Any:
-        goal._record.handler = current_task_or_thread()
-        return self._execute(goal)
-
-    def _returned(self, goal: ServerGoal[Any], outcome: object) -> None:
-        result = None if isinstance(outcome, GoalResult) else outcome
+    def _on_return(self, goal: ServerGoal[Any], value: object) -> None:
+        result = None if isinstance(value, GoalResult) else value
         if self._scope.closed:
             return
         if not goal.is_active:
             if not self._complete(goal, result):
                 self._scope.logger.warning(
-                    f"the handler of action {self._action} returned a result for goal {goal.goal_id.hex()}, which had "
-                    "ended with another one; what it returned is not sent"
+                    f"handler of action {self._action}: its result for goal {goal.goal_id.hex()} is ignored, because "
+                    "the goal had ended with another result"
                 )
         elif result is not None:
             goal.succeed(result)
         else:
             self._scope.logger.warning(
-                f"the handler of action {self._action} returned without ending goal {goal.goal_id.hex()}; aborting it"
+                f"handler of action {self._action}: returned without ending goal {goal.goal_id.hex()}; the goal is "
+                "aborted"
             )

@@ -1,28 +1,28 @@
-"""Asking for the results of goals: one request for each goal, which stays open until the goal ends.
+"""Requests for the results of goals: one for each goal, which stays open until the goal ends.
 
-Decides whom an answer may come from. Every server of the action's name gets the request, and one that started later
-does not know the goal: its UNKNOWN says nothing while a server that may have accepted the goal is still there. When all
-of those are gone, whoever took their place is asked; when nobody does for a while, the result is lost.
+Every server of the action's name receives a request, and replies UNKNOWN if it was started after the goal was accepted.
+So UNKNOWN is ignored while a server that may have accepted the goal is present. When all of these have disappeared, the
+present servers get the request; if there are none for `server_lost_timeout_s`, the result is lost.
 
-Two things are looked at from time to time, because nothing announces them:
+One timer for all goals checks what is not announced:
 
-- Servers keep few requests, and drop older ones without a word. When the status topic says that the goal has ended and
-  no result came, it is asked for again, after longer and longer times; what was asked before may still be answered. A
-  server that was there from the beginning and does not know such a goal is asked again, too, but not for ever.
-- A server that was killed counts as there until its lease is over. When its node is there a second time, the new one
-  is asked. That one does not know the goal, and the old one no longer takes in what we send, while one that lives
-  does that within milliseconds: then the goal has ended with it.
+- Servers queue few requests, and silently drop older ones. If the status topic reports the end of a goal and no result
+  arrives, the request is repeated, with doubling delays; earlier requests may still be answered. If a server that
+  accepted the goal replies UNKNOWN after the end, the request is repeated at most `_MAX_UNKNOWN_REPLIES` times.
+- A killed server is announced until its lease ends. If a second node of the same name appears, its server gets the
+  request. If that one replies UNKNOWN and the old one acknowledges nothing, the goal ended with the old process.
 
 A server of rclcpp sends the goal response before it registers the goal, so that a request in between is answered with
-UNKNOWN. A server that may have accepted the goal and answers so within `REGISTRATION_TIMEOUT_S` is asked again.
+UNKNOWN. A server that may have accepted the goal and replies so within `REGISTRATION_TIMEOUT_S` gets another request.
 
-There is no task and no future per goal, only what the client of a service keeps for a request: results are awaited for
-as long as goals run, also while plain code lets no event loop run. Source: docs/internals/protocol.md 8.3, 8.5.
+A goal costs no task and no future, because results are pending for as long as goals run.
+Source: docs/internals/protocol.md 8.3, 8.5.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -42,92 +42,69 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.message_types import ServiceType
 
 _CHECK_INTERVAL_S = 0.5
-"""How often the presence of the server is looked at while a result is awaited."""
+"""Interval of the checks of servers while results are pending."""
 _BATCH_INTERVAL_S = 0.01
-"""Between bursts of requests: a server only has to note them, and answers much later."""
+"""Interval between bursts of requests: a server only records them, and replies much later."""
 _RETRY_DELAY_S = 0.5
-"""How long after the news of its end the result of a goal is asked for again; each further time takes twice as long."""
+"""Time from the end of a goal until its request is repeated; doubles each time."""
 _MAX_UNKNOWN_REPLIES = 3
-"""So often a server that must know a goal may say that it does not."""
+"""Number of UNKNOWN replies about an ended goal that are accepted from servers that must know it."""
 _ACK_TIMEOUT_S = 1.0
-"""So long a server acknowledges nothing, and its node is there a second time: it is gone."""
+"""Time without acknowledgement after which a server is considered dead if a second node of the same name exists. A
+server that lives acknowledges within milliseconds."""
 REGISTRATION_TIMEOUT_S = 2.0
 """Time after the acceptance of a goal in which UNKNOWN may mean that the server has not registered the goal yet. rclcpp
 needs less than 1 ms for that on an idle machine. A larger value delays the error for a goal that is really unknown."""
 FIRST_RETRY_DELAY_S = 0.02
-"""Time until such a server is asked again; each further retry waits twice as long."""
+"""Time until such a server gets another request; each further retry waits twice as long."""
 
 
+@dataclass(slots=True, eq=False)
 class _ResultRequest:
-    """One result that is awaited.
+    """Pending result of one goal.
 
     Attributes:
-        has_ended: whether the goal is known to have ended.
-        servers: reply writers of the servers that may know the goal.
-        first: those that were there when it was accepted.
-        asked: all that got a request.
-        sequences: of the requests; empty while there is nobody to ask.
-        retry_at_s: when to ask again; 0 while the goal goes on.
-        pause_s: between the last time and that one.
-        denied: how often servers of `initial_servers` did not know the goal.
-        answer: the UNKNOWN of a server that came later, and when that was.
-        accepted_s: time of the acceptance.
-        is_early: a server of `initial_servers` answered UNKNOWN before it may have registered the goal.
-        is_retrying: the servers are asked again after a delay.
-        delay_s: until the next such retry.
+        has_ended: returns True once the goal is known to have ended.
+        accepted_s: loop time of the acceptance.
+        candidate_servers: reply writers of the servers that may know the goal.
+        initial_servers: those that existed when it was accepted.
+        requested_servers: all servers that received a request.
+        sequence_numbers: of the requests; empty while there is no server.
+        repeat_at_s: time to repeat the request; 0 while the goal continues.
+        repeat_interval_s: delay that leads to `repeat_at_s`.
+        unknown_count: number of UNKNOWN replies of `initial_servers` after the goal has ended.
+        unknown_reply: UNKNOWN of a server that was started later, and its time.
+        is_early: a server of `initial_servers` replied UNKNOWN before it may have registered the goal.
+        is_retrying: another request is sent after `retry_delay_s`.
     """
 
-    __slots__ = (
-        *(
-            "accepted_s",
-            "retry_at_s",
-            "unknown_reply",
-            "asked",
-            "delay_s",
-            "unknown_replies",
-            "initial_servers",
-            "has_ended",
-            "is_early",
-        ),
-        *("is_retrying", "on_error", "on_reply", "pause_s", "request", "sequences", "candidate_servers"),
-    )
+    request: Any
+    on_reply: Callable[[Any], None]
+    on_error: Callable[[Exception], None]
+    has_ended: Callable[[], bool]
+    accepted_s: float
+    candidate_servers: set[bytes] = field(default_factory=set)
+    initial_servers: frozenset[bytes] = frozenset()
+    requested_servers: set[bytes] = field(default_factory=set)
+    sequence_numbers: list[int] = field(default_factory=list)
+    repeat_at_s: float = 0.0
+    repeat_interval_s: float = field(default_factory=lambda: _RETRY_DELAY_S)
+    unknown_count: int = 0
+    unknown_reply: tuple[Any, float] | None = None
+    is_early: bool = False
+    is_retrying: bool = False
+    retry_delay_s: float = FIRST_RETRY_DELAY_S
 
-    def __init__(
-        self,
-        request: Any,
-        on_reply: Callable[[Any], None],
-        on_error: Callable[[Exception], None],
-        has_ended: Callable[[], bool],
-        accepted_s: float,
-    ) -> None:
-        self.request = request
-        self.on_reply = on_reply
-        self.on_error = on_error
-        self.has_ended = has_ended
-        self.candidate_servers: set[bytes] = set()
-        self.initial_servers: frozenset[bytes] = frozenset()
-        self.asked: set[bytes] = set()
-        self.sequences: list[int] = []
-        self.retry_at_s = 0.0
-        self.pause_s = _RETRY_DELAY_S
-        self.unknown_replies = 0
-        self.unknown_reply: tuple[Any, float] | None = None
-        self.accepted_s = accepted_s
-        self.is_early = False
-        self.is_retrying = False
-        self.delay_s = FIRST_RETRY_DELAY_S
-
-    def is_due(self, now_s: float) -> bool:
-        """Whether the goal has ended, and its result should have come by now."""
+    def is_repeat_due(self, now_s: float) -> bool:
         if not self.has_ended():
             return False
-        if not self.retry_at_s:
-            self.retry_at_s = now_s + self.pause_s
-        return now_s >= self.retry_at_s
+        if not self.repeat_at_s:
+            self.repeat_at_s = now_s + self.repeat_interval_s
+        return now_s >= self.repeat_at_s
 
 
 class ResultRequester:
-    """The results that one action client waits for."""
+    """Pending results of one action client. Thread: loop."""
 
     def __init__(
         self,
@@ -139,60 +116,60 @@ class ResultRequester:
         self._scope = scope
         self._lost_after_s = math.inf if lost_after_ns is None else lost_after_ns / NS_PER_S
         self._pending: set[_ResultRequest] = set()
-        self._look_timer: asyncio.TimerHandle | None = None
-        self._seen_s = 0.0
+        self._check_timer: asyncio.TimerHandle | None = None
+        self._server_seen_s = 0.0
         self.client: Client[Any, Any] = Client(
             scope, service_type, name, SERVICES_DEFAULT, batch_interval_s=_BATCH_INTERVAL_S
         )
 
     @property
     def pending_count(self) -> int:
-        """How many results are awaited."""
+        """Number of pending results."""
         return len(self._pending)
 
-    def ask(
+    def request(
         self,
         request: Any,
         on_reply: Callable[[Any], None],
         on_error: Callable[[Exception], None],
         has_ended: Callable[[], bool],
     ) -> None:
-        """Send a request as soon as the goal is accepted; calls one of the functions, on the loop's thread or in close.
+        """Request the result of a goal that was just accepted; calls `on_reply` or `on_error` once.
 
         Args:
-            on_reply: gets the response.
-            on_error: gets `ActionServerLostError`, `DecodeError` or `ClosedError`.
-            has_ended: whether the goal is known to have ended, so that its result should be there.
+            on_reply: called with the response.
+            on_error: called with `ActionServerLostError`, `DecodeError` or `ClosedError`.
+            has_ended: returns True once the goal is known to have ended.
         """
         loop = self._scope.bridge.running_loop()
         pending = _ResultRequest(request, on_reply, on_error, has_ended, loop.time())
         self._pending.add(pending)
         self._restart(pending)
         pending.initial_servers = frozenset(pending.candidate_servers)
-        if self._look_timer is None:
-            self._seen_s = loop.time()
-            self._look_timer = loop.call_later(_CHECK_INTERVAL_S, self._check_servers)
+        if self._check_timer is None:
+            self._server_seen_s = loop.time()
+            self._check_timer = loop.call_later(_CHECK_INTERVAL_S, self._check_servers)
 
     def _restart(self, pending: _ResultRequest) -> None:
-        """Ask those that are there now, and nobody else any more."""
-        self._forget(pending)
+        """Withdraw earlier requests, and send one to the present servers."""
+        self._abandon(pending)
         pending.is_early = pending.is_retrying = False
         pending.candidate_servers = self.client._servers()
         if pending.candidate_servers:
-            self._ask(pending)
+            self._send(pending)
 
-    def _ask(self, pending: _ResultRequest) -> None:
-        pending.asked |= self.client._servers()
+    def _send(self, pending: _ResultRequest) -> None:
+        pending.requested_servers |= self.client._servers()
         on_reply, on_error = partial(self._on_reply, pending), partial(self._on_error, pending)
-        pending.sequences.append(self.client._start_request(pending.request, on_reply, on_error))
+        pending.sequence_numbers.append(self.client._start_request(pending.request, on_reply, on_error))
 
-    def _forget(self, pending: _ResultRequest) -> None:
-        for sequence in pending.sequences:
-            self.client._abandon_request(sequence)
-        pending.sequences.clear()
+    def _abandon(self, pending: _ResultRequest) -> None:
+        for number in pending.sequence_numbers:
+            self.client._abandon_request(number)
+        pending.sequence_numbers.clear()
 
     def _on_reply(self, pending: _ResultRequest, response: Any, server: bytes | None) -> bool:
-        """Whether the answer was UNKNOWN while a server may know the goal."""
+        """Handle a response; return True to keep the request open, because another server may know the goal."""
         if pending not in self._pending:
             return False
         if response.status != GoalStatus.UNKNOWN:
@@ -203,21 +180,21 @@ class ResultRequester:
             if now_s - pending.accepted_s < REGISTRATION_TIMEOUT_S:
                 pending.is_early = True
             elif pending.has_ended():
-                pending.unknown_replies += 1
-                if pending.unknown_replies < _MAX_UNKNOWN_REPLIES:
+                pending.unknown_count += 1
+                if pending.unknown_count < _MAX_UNKNOWN_REPLIES:
                     return True
         pending.candidate_servers.discard(server or b"")
         if not pending.candidate_servers.isdisjoint(self.client._servers()):
             pending.unknown_reply = response, now_s
             return True
-        return self._deny(pending, response)
+        return self._accept_unknown(pending, response)
 
-    def _deny(self, pending: _ResultRequest, response: Any) -> bool:
-        """End with UNKNOWN; but ask again if the goal may be registered by then, and return True."""
+    def _accept_unknown(self, pending: _ResultRequest, response: Any) -> bool:
+        """End with UNKNOWN, or return True and retry if the goal may be registered later."""
         if pending.is_early and not pending.is_retrying:
             pending.is_retrying = True
-            self._scope.bridge.running_loop().call_later(pending.delay_s, self._retry, pending)
-            pending.delay_s *= 2
+            self._scope.bridge.running_loop().call_later(pending.retry_delay_s, self._retry, pending)
+            pending.retry_delay_s *= 2
         if not pending.is_retrying:
             self._end(pending, pending.on_reply, response)
         return pending.is_retrying
@@ -230,26 +207,26 @@ class ResultRequester:
         if pending not in self._pending:
             return
         if isinstance(error, ServerLostError):
-            pending.candidate_servers.clear()  # `_check_servers` asks again when there is one
+            pending.candidate_servers.clear()  # `_check_servers` sends another request when a server appears
         else:
             self._end(pending, pending.on_error, error)
 
-    def _end(self, pending: _ResultRequest, report: Callable[[Any], None], what: Any) -> None:
+    def _end(self, pending: _ResultRequest, report: Callable[[Any], None], value: Any) -> None:
         self._pending.discard(pending)
-        self._forget(pending)
-        report(what)
+        self._abandon(pending)
+        report(value)
 
-    # ---------------------------------------------------------------------------------------------- from time to time
+    # ------------------------------------------------------------------------------------------- check of the servers
 
     def _check_servers(self) -> None:
-        """While results are awaited, look at the servers from time to time; one timer for all goals."""
-        self._look_timer = None
+        """Check the servers of all pending results, and schedule the next check."""
+        self._check_timer = None
         if not self._pending or self._scope.closed:
             return
         loop = self._scope.bridge.running_loop()
         present, now_s = self.client._servers(), loop.time()
         if present:
-            self._seen_s = now_s
+            self._server_seen_s = now_s
         names = {server: self._node_of(server) for server in present}
         for pending in list(self._pending):
             if pending.is_retrying:
@@ -257,28 +234,28 @@ class ResultRequester:
             if pending.candidate_servers.isdisjoint(present):
                 self._switch_server(pending, present, now_s)
             elif pending.unknown_reply is not None and self._has_been_restarted(pending, names, now_s):
-                self._deny(pending, pending.unknown_reply[0])
-            elif self._restarted_servers(pending, names) - pending.asked:
-                self._ask(pending)
-            elif pending.is_due(now_s):
-                pending.pause_s *= 2
-                pending.retry_at_s = now_s + pending.pause_s
-                self._ask(pending)
-        self._look_timer = loop.call_later(_CHECK_INTERVAL_S, self._check_servers)
+                self._accept_unknown(pending, pending.unknown_reply[0])
+            elif self._restarted_servers(pending, names) - pending.requested_servers:
+                self._send(pending)
+            elif pending.is_repeat_due(now_s):
+                pending.repeat_interval_s *= 2
+                pending.repeat_at_s = now_s + pending.repeat_interval_s
+                self._send(pending)
+        self._check_timer = loop.call_later(_CHECK_INTERVAL_S, self._check_servers)
 
     def _switch_server(self, pending: _ResultRequest, present: set[bytes], now_s: float) -> None:
         if present:
             self._restart(pending)
-        elif now_s - self._seen_s >= self._lost_after_s:
-            message = f"the server of {self.client.name} went away and did not come back in {self._lost_after_s} s; "
-            self._end(pending, pending.on_error, ActionServerLostError(message + "the goal's result is lost"))
+        elif now_s - self._server_seen_s >= self._lost_after_s:
+            text = f"the server of {self.client.name} disappeared, and none has replaced it in {self._lost_after_s} s; "
+            self._end(pending, pending.on_error, ActionServerLostError(text + "the goal's result is lost"))
 
     def _node_of(self, server: bytes) -> tuple[str, str]:
         endpoint = self._scope.graph.endpoints.get(server)
         return UNKNOWN_NODE if endpoint is None else self._scope.graph.node_of(endpoint)
 
     def _restarted_servers(self, pending: _ResultRequest, names: dict[bytes, tuple[str, str]]) -> set[bytes]:
-        """Servers that came later and have the node's name of one that may know the goal."""
+        """Return newer servers whose node has the name of a node that may know the goal."""
         old = {names[server] for server in pending.candidate_servers if server in names} - {UNKNOWN_NODE, BARE_DDS_NODE}
         return {
             server
@@ -287,8 +264,10 @@ class ResultRequester:
         }
 
     def _has_been_restarted(self, pending: _ResultRequest, names: dict[bytes, tuple[str, str]], now_s: float) -> bool:
-        """Whether all that may know the goal have been started again, and the old ones hear nothing any more."""
+        """Return True if all servers that may know the goal were restarted, and the old ones acknowledge nothing."""
         assert pending.unknown_reply is not None
         new = {names[server] for server in self._restarted_servers(pending, names)}
-        replaced = all(names[server] in new for server in pending.candidate_servers if server in names)
-        return replaced and now_s - pending.unknown_reply[1] >= _ACK_TIMEOUT_S and not self.client.all_acknowledged()
+        all_restarted = all(names[server] in new for server in pending.candidate_servers if server in names)
+        return (
+            all_restarted and now_s - pending.unknown_reply[1] >= _ACK_TIMEOUT_S and not self.client.all_acknowledged()
+        )

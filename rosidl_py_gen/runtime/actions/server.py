@@ -1,10 +1,4 @@
-"""Action servers: the three services of a `ServerGoals`.
-
-Decides which requests are answered at once and which wait: for somebody's decision, or for a result. What becomes of
-accepted goals is `server_goal.py`'s, who decides about requests `decisions.py`'s, how a handler runs `execution.py`'s.
-
-Source: docs/internals/protocol.md 8.
-"""
+"""Action servers: the three services in front of a `ServerGoals`. Source: docs/internals/protocol.md 8."""
 
 from __future__ import annotations
 
@@ -40,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class ActionServer(CompositeEntity, Generic[ActionT_co]):
-    """Made by `create_action_server`; without `execute` it is an async iterator of `GoalRequest`."""
+    """Action server; created by `create_action_server`. Without `execute` it is an async iterator of `GoalRequest`."""
 
     def __init__(
         self,
@@ -68,29 +62,29 @@ class ActionServer(CompositeEntity, Generic[ActionT_co]):
         self._policy = goal_policy
         self._unknown = action_type.encode_result(GoalStatus.UNKNOWN, None)
         self._undecided: dict[bytes, asyncio.Future[GoalInfo | None]] = {}
+        """Replies to goal requests that wait for a decision."""
         parts = self._parts
         self._goals = ServerGoals(
             parts, clock, action_type, names, self._run, result_timeout_s=result_timeout_s, policy=goal_policy
         )
-        self._accept = (
-            None if goal_callback is None else UserCallback(parts, goal_callback, f"the accept callback of {self.name}")
+        self._goal_callback = (
+            None if goal_callback is None else UserCallback(parts, goal_callback, f"the goal_callback of {self.name}")
         )
-        self._on_cancel: UserCallback | bool = (
+        self._cancel_callback: UserCallback | bool = (
             cancel_callback
             if isinstance(cancel_callback, bool)
-            else UserCallback(parts, cancel_callback, f"the on_cancel callback of {self.name}")
+            else UserCallback(parts, cancel_callback, f"the cancel_callback of {self.name}")
         )
         self._requests: AsyncQueue[GoalRequest[ActionT_co]] = AsyncQueue()
         self._cancels: AsyncQueue[CancelRequest[ActionT_co]] | None = None
         get_result = replace(action_type.get_result, response=raw_type(action_type.get_result.response))
         parts.register(self._requests)
-        send_goal: ServiceServer[Any, Any] = ServiceServer(
+        self._send_goal: ServiceServer[Any, Any] = ServiceServer(
             parts, action_type.send_goal, names.send_goal, self._on_send_goal, SERVICES_DEFAULT
         )
         ServiceServer(parts, action_type.cancel, names.cancel_goal, self._on_cancel_goal, SERVICES_DEFAULT)
         ServiceServer(parts, get_result, names.get_result, self._on_get_result, SERVICES_DEFAULT)
-        self._send_goal = send_goal
-        readiness = FeedbackReadiness(parts, send_goal, self._goals.feedback)
+        readiness = FeedbackReadiness(parts, self._send_goal, self._goals.feedback)
         self._runner = (
             None if execute is None else ExecuteRunner(parts, self.name, execute, readiness, self._goals.complete)
         )
@@ -100,17 +94,17 @@ class ActionServer(CompositeEntity, Generic[ActionT_co]):
         if self._runner is not None:
             self._runner.run(goal)
 
-    # ------------------------------------------------------------------------------------------------ stream style
+    # ------------------------------------------------------------------------------------------------ iteration
 
     def __aiter__(self) -> AsyncQueue[GoalRequest[ActionT_co]]:
         if self._runner is not None:
-            raise TypeError(f"action {self.name} has callbacks; its goals cannot be iterated over too")
+            raise TypeError(f"action {self.name} has execute=; its goals cannot be iterated over")
         return self._requests
 
     def cancel_requests(self) -> AsyncQueue[CancelRequest[ActionT_co]]:
-        """Decide about cancels yourself: from now on each one waits until it is accepted or rejected."""
-        if self._on_cancel is not True:
-            raise TypeError(f"action {self.name} has on_cancel; its cancels cannot be iterated over too")
+        """Return a queue of cancel requests; from now on each one waits until it is accepted or rejected."""
+        if self._cancel_callback is not True:
+            raise TypeError(f"action {self.name} has cancel_callback=; its cancel requests cannot be iterated over")
         if self._cancels is None:
             self._cancels = AsyncQueue()
             self._parts.register(self._cancels)
@@ -118,43 +112,43 @@ class ActionServer(CompositeEntity, Generic[ActionT_co]):
 
     @property
     def goals(self) -> list[ServerGoal[ActionT_co]]:
-        """The goals that have not ended, in the order of acceptance."""
+        """Goals that have not ended, in the order of acceptance."""
         return list(self._goals.active.values())
 
     @property
     def feedback_dropped(self) -> int:
-        """How many feedback messages were never sent because a client was too slow to take them."""
+        """Number of feedback messages that were not sent, because a client received them too slowly."""
         return self._goals.feedback.dropped
 
     # -------------------------------------------------------------------------------------------------- send_goal
 
     def _on_send_goal(self, request: Any) -> Any:
-        """The response, or a coroutine when somebody has to be waited for."""
+        """Return the response, or a coroutine if the decision is not made yet."""
         goal_id = goal_id_of(request)
         self._goals.expire()
-        if goal_id in self._goals.book or goal_id in self._undecided:
+        if goal_id in self._goals.table or goal_id in self._undecided:
             return self._response(None)
-        # Requests that a program iterates over may stay undecided for ever; those do not stand in the way.
+        # Undecided requests count only with `execute`: a program that iterates over requests may never decide.
         if self._policy == "reject" and (self._goals.active or (self._undecided and self._runner is not None)):
             return self._response(None)
         goal: ServerGoal[ActionT_co] = ServerGoal(self._goals, goal_id, self._type.goal.to_value(request.goal))
-        if self._runner is not None and self._accept is None:
+        if self._runner is not None and self._goal_callback is None:
             return self._response(self._goals.accept_goal(goal, GoalDecision.ACCEPT))
-        answer: asyncio.Future[GoalInfo | None] = self._scope.bridge.running_loop().create_future()
-        if self._accept is None:
-            self._requests._push(GoalRequest(self._goals, goal, answer))
+        reply: asyncio.Future[GoalInfo | None] = self._scope.bridge.running_loop().create_future()
+        if self._goal_callback is None:
+            self._requests._push(GoalRequest(self._goals, goal, reply))
         else:
             request_decision(
-                self._accept, goal.request, answer, lambda decision: self._goals.accept_goal(goal, decision), None
+                self._goal_callback, goal.request, reply, lambda decision: self._goals.accept_goal(goal, decision), None
             )
-        if answer.done():
-            return self._response(answer.result())
-        self._undecided[goal_id] = answer  # before the next request is looked at
-        return self._respond_later(goal_id, answer)
+        if reply.done():
+            return self._response(reply.result())
+        self._undecided[goal_id] = reply  # now, because the next request is handled before the coroutine starts
+        return self._respond_later(goal_id, reply)
 
-    async def _respond_later(self, goal_id: bytes, answer: asyncio.Future[GoalInfo | None]) -> Any:
+    async def _respond_later(self, goal_id: bytes, reply: asyncio.Future[GoalInfo | None]) -> Any:
         try:
-            return self._response(await answer)
+            return self._response(await reply)
         finally:
             self._undecided.pop(goal_id, None)
 
@@ -169,35 +163,38 @@ class ActionServer(CompositeEntity, Generic[ActionT_co]):
 
     async def _on_cancel_goal(self, request: CancelGoal_Request) -> CancelGoal_Response:
         self._goals.expire()
-        wanted = goal_id_of(request.goal_info), stamp_ns(request.goal_info.stamp)
-        selection = self._goals.book.select_for_cancel(*wanted)
+        selection = self._goals.table.select_for_cancel(
+            goal_id_of(request.goal_info), stamp_ns(request.goal_info.stamp)
+        )
         decisions = await asyncio.gather(*(self._may_cancel(info.goal_id) for info in selection.goals))
         if self._closed:
             return CancelGoal_Response()
-        agreed = [info for info, yes in zip(selection.goals, decisions, strict=True) if yes]
+        agreed = [info for info, is_agreed in zip(selection.goals, decisions, strict=True) if is_agreed]
         code, canceled = self._goals.cancel(selection, agreed)
         response = CancelGoal_Response(return_code=int(code))
         for info in canceled:
-            found = GoalInfoMessage()
-            set_goal_id(found, info.goal_id)
-            set_stamp(found.stamp, info.stamp_ns)
-            response.goals_canceling.append(found)
+            message = GoalInfoMessage()
+            set_goal_id(message, info.goal_id)
+            set_stamp(message.stamp, info.stamp_ns)
+            response.goals_canceling.append(message)
         return response
 
     async def _may_cancel(self, goal_id: bytes) -> bool:
         goal = self._goals.active.get(goal_id)
-        if goal is None:  # it has just ended; whoever answers will see that
+        if goal is None:  # it has just ended; `answer_cancel` handles that
             return False
-        if self._cancels is None and isinstance(self._on_cancel, bool):
-            return self._on_cancel
-        answer: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
-        goal._record.cancel_answers.add(answer)
-        answer.add_done_callback(goal._record.cancel_answers.discard)
+        if self._cancels is None and isinstance(self._cancel_callback, bool):
+            return self._cancel_callback
+        reply: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
+        goal._record.cancel_replies.add(reply)
+        reply.add_done_callback(goal._record.cancel_replies.discard)
         if self._cancels is not None:
-            self._cancels._push(CancelRequest(goal, answer))
-        elif isinstance(self._on_cancel, UserCallback):
-            request_decision(self._on_cancel, goal, answer, lambda decision: decision is not GoalDecision.REJECT, False)
-        return await answer
+            self._cancels._push(CancelRequest(goal, reply))
+        elif isinstance(self._cancel_callback, UserCallback):
+            request_decision(
+                self._cancel_callback, goal, reply, lambda decision: decision is not GoalDecision.REJECT, False
+            )
+        return await reply
 
     # ------------------------------------------------------------------------------------------------------ result
 
@@ -205,7 +202,7 @@ class ActionServer(CompositeEntity, Generic[ActionT_co]):
         self._goals.expire()
         goal_id = goal_id_of(request)
         goal, _ = self._goals.returning.get(goal_id, (self._goals.active.get(goal_id), None))
-        return goal._record.result_bytes() if goal is not None else self._goals.book.result(goal_id) or self._unknown
+        return goal._record.wait_result() if goal is not None else self._goals.table.result(goal_id) or self._unknown
 
     def __repr__(self) -> str:
         goals = pluralize(len(self.goals), "active goal")
@@ -213,10 +210,10 @@ class ActionServer(CompositeEntity, Generic[ActionT_co]):
         return entity_repr(self, self.name, self.action_type, goals, peers=peers, peer="client")
 
     def close(self) -> None:
-        """Stop serving. May be called twice.
+        """Stop serving; may be called twice.
 
-        `cancel_requested` of every goal becomes true, functions that await something are cancelled, iterators end.
+        `is_cancel_requested` of every goal becomes true, handlers that await something are cancelled, iterators end.
         """
         super().close()
-        for answer in list(self._undecided.values()):
-            complete_threadsafe(answer, None)
+        for reply in list(self._undecided.values()):
+            complete_threadsafe(reply, None)

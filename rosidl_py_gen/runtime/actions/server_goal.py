@@ -1,11 +1,10 @@
-"""The goals of an action server: what a handler may do with one, and when each starts, ends and is forgotten.
+"""Accepted goals of an action server: their start, end, cancellation and expiry.
 
-Which state may follow which is `states.py`'s; here every change of state goes to the status topic. A result is encoded
-when its goal ends, once, and kept as bytes. Every method of `ServerGoal` may be called from any thread, except the
-coroutines: a plain `execute` function runs in a thread of its own.
+`states.py` decides which transitions are possible; `ServerGoals` publishes each of them. A result is encoded once, when
+its goal ends, and retained as bytes.
 
-A handler may end its goal first and return the result then, as those written for rclpy do. So a goal that its own
-handler ends without a result has its new status at once, and its result when the handler returns.
+A handler may end its goal first and return the result afterwards, as handlers written for rclpy do. So a goal that its
+own handler ends without a result has its new status at once, and its result when the handler returns.
 """
 
 from __future__ import annotations
@@ -16,8 +15,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.base.waiters import current_loop, set_result_if_pending
-from rosidl_py_gen.runtime.actions.goal_record import GoalRecord
+from rosidl_py_gen.base.waiters import Waiters, complete_threadsafe, current_loop, set_result_if_pending
 from rosidl_py_gen.runtime.actions.states import (
     TERMINAL_STATUS_OF,
     GoalDecision,
@@ -46,7 +44,7 @@ T = TypeVar("T")
 
 
 class GoalResult:
-    """What `succeed`, `abort` and `canceled` return, so that a handler can say ``return goal.canceled(...)``."""
+    """Return value of `succeed`, `abort` and `canceled`, so that a handler may ``return goal.canceled(...)``."""
 
     __slots__ = ()
 
@@ -55,12 +53,60 @@ FINISHED = GoalResult()
 
 
 def current_task_or_thread() -> object:
-    """Who calls: a task of this thread's loop, or else the thread."""
+    """Return the running task, or the id of the thread if it runs no event loop."""
     return threading.get_ident() if current_loop() is None else asyncio.current_task()
 
 
+class GoalRecord:
+    """Internal state of a `ServerGoal`, apart from its status, which is in the server's `GoalTable`.
+
+    Attributes:
+        accepted_stamp: by the server's clock; None until the goal is accepted.
+        cancel_requested: a cancel was accepted, or the server is closing.
+        has_started: the goal has begun to execute; stays true after its end.
+        handler: `current_task_or_thread()` of the handler while it runs.
+        result: encoded get_result response once the goal has ended; empty if the server was closed before.
+        cancel_replies: cancel requests that wait for the program's decision.
+    """
+
+    def __init__(self) -> None:
+        self.accepted_stamp: Time | None = None
+        self.cancel_requested = False
+        self.has_started = False
+        self.handler: object = None
+        self.result: bytes | None = None
+        self.cancel_replies: set[asyncio.Future[bool]] = set()
+        self.changed = Waiters()
+
+    def request_cancel(self) -> None:
+        """Record that a cancel was accepted, after the change of status, or that the server is closing."""
+        self.cancel_requested = True
+        self.changed.wake()
+
+    def start(self) -> None:
+        """Record that the goal executes."""
+        self.has_started = True
+        self.changed.wake()
+
+    def end(self, result: bytes) -> None:
+        """Record the end of the goal, or of the server."""
+        self.result = result
+        self.changed.wake()
+        self.refuse_cancels()
+
+    def refuse_cancels(self) -> None:
+        """Refuse the cancel requests that are not decided yet."""
+        for reply in tuple(self.cancel_replies):  # another thread may close while a cancel arrives
+            complete_threadsafe(reply, False)
+
+    async def wait_result(self) -> bytes:
+        """Wait for the end of the goal, and return the encoded get_result response."""
+        await self.changed.wait(lambda: self.result is not None)
+        return self.result or b""
+
+
 class ServerGoal(Generic[ActionT_co]):
-    """A goal that was accepted; `ServerGoal[Fibonacci]` to a type checker."""
+    """Accepted goal. Type checkers see `ServerGoal[Fibonacci]`. Thread: any, except for the coroutines."""
 
     def __init__(self, goals: ServerGoals, goal_id: bytes, request: object) -> None:
         self._goals = goals
@@ -71,85 +117,84 @@ class ServerGoal(Generic[ActionT_co]):
 
     @property
     def request(self: ServerGoal[Action[GoalT, Any, Any]]) -> GoalT:
-        """What the client asked for."""
+        """Goal message of the client."""
         goal: GoalT = self._request
         return goal
 
     @property
     def status(self) -> GoalStatus:
-        """Where the goal is now; UNKNOWN once its result has expired."""
-        return self._goals.book.status(self.goal_id)
+        """Current status; UNKNOWN once the result has expired."""
+        return self._goals.table.status(self.goal_id)
 
     @property
     def accepted_stamp(self) -> Time:
-        """When it was accepted, by the server's clock; also once its result has expired."""
+        """Time of acceptance by the server's clock; available even after the result has expired."""
         stamp = self._record.accepted_stamp
-        assert stamp is not None, "nobody gets a goal before it is accepted"
+        assert stamp is not None, "callers get a goal only once it is accepted"
         return stamp
 
     @property
     def is_active(self) -> bool:
-        """False once it has ended."""
+        """True until the goal has ended."""
         return self.status.is_active
 
     @property
     def is_cancel_requested(self) -> bool:
-        """True once a cancel request was accepted: finish soon, with `canceled`, or otherwise.
-
-        Also true when the server closes; then nothing can be told to the client any more, and it is time to return.
-        """
+        """True once a cancel request was accepted, or the server was closed: the handler should end soon."""
         return self._record.cancel_requested
 
     async def wait_for_cancel(self) -> None:
-        """Return when `is_cancel_requested` becomes true."""
+        """Wait until `is_cancel_requested` is true."""
         await self._record.changed.wait(lambda: self._record.cancel_requested)
 
     async def started(self) -> bool:
-        """Wait until a goal that waits its turn, or was deferred, is EXECUTING.
+        """Wait until a queued or deferred goal is EXECUTING.
 
         Returns:
-            False when it will never be: it was cancelled before, and has ended, or the server was closed.
+            False if the goal was cancelled before it started, or the server was closed.
         """
         record = self._record
         await record.changed.wait(lambda: record.has_started or record.result is not None)
         return record.has_started
 
     def publish_feedback(self: ServerGoal[Action[Any, Any, FeedbackT]], feedback: FeedbackT) -> None:
-        """Tell the client how it goes; from any thread.
+        """Send feedback to the client.
 
         Raises:
-            EncodeError, TypeError: `feedback` does not fit. ClosedError: the server is closed.
+            EncodeError, TypeError: `feedback` does not fit its type.
+            ClosedError: the server is closed.
         """
         self._goals.publish_feedback(self.goal_id, feedback)
 
     def execute(self) -> None:
-        """Start a deferred goal; with the policies ``"queue"`` and ``"preempt"`` it may have to wait its turn.
+        """Start a deferred goal, or queue it with the policies ``"queue"`` and ``"preempt"``.
 
-        Without effect when it has started or ended: a deferred goal that is cancelled ends as CANCELED by itself.
+        Without effect if the goal has started or ended. A deferred goal that is cancelled ends as CANCELED.
         """
         self._goals.on_loop(lambda: self._goals.start_deferred(self))
 
     def succeed(self: ServerGoal[Action[Any, ResultT, Any]], result: ResultT | None = None) -> GoalResult:
-        """End the goal as SUCCEEDED. The result is sent as it is now: later changes have no effect.
+        """End the goal as SUCCEEDED. The result is encoded at once: later changes of it have no effect.
 
-        Without one, the handler's own call leaves that to what the handler returns; any other call sends a default
-        result.
+        Without `result`, a call from the handler sends the value that the handler returns. Any other call sends a
+        default result.
 
         Raises:
-            GoalTransitionError: it has ended already, or has not been started (see `started`).
-            EncodeError, TypeError: the result does not fit; the goal goes on. ClosedError: the server is closed.
+            GoalTransitionError: the goal has ended, or has not started (see `started`).
+            EncodeError, TypeError: the result does not fit its type; the goal continues.
+            ClosedError: the server is closed.
         """
         return self._finish(GoalEvent.SUCCEED, result)
 
     def abort(self: ServerGoal[Action[Any, ResultT, Any]], result: ResultT | None = None) -> GoalResult:
-        """End the goal as ABORTED; errors as `succeed`."""
+        """End the goal as ABORTED; raises as `succeed`."""
         return self._finish(GoalEvent.ABORT, result)
 
     def canceled(self: ServerGoal[Action[Any, ResultT, Any]], result: ResultT | None = None) -> GoalResult:
         """End the goal as CANCELED.
 
         Raises:
-            GoalTransitionError: nobody asked for a cancel (see `is_cancel_requested`), or it has ended already.
+            GoalTransitionError: no cancel was requested (see `is_cancel_requested`), or the goal has ended.
         """
         return self._finish(GoalEvent.CANCELED, result)
 
@@ -164,10 +209,14 @@ class ServerGoal(Generic[ActionT_co]):
 
 
 class ServerGoals:
-    """The accepted goals of one action server, with the topics that tell of them. All on the loop's thread.
+    """Accepted goals of one action server, and its feedback and status topics. Thread: loop.
 
     Args:
         run: called with each goal when it starts.
+
+    Attributes:
+        active: goals that have not ended, in the order of acceptance.
+        returning: goals that have ended, whose handlers have not returned the result yet.
     """
 
     def __init__(
@@ -187,24 +236,23 @@ class ServerGoals:
         self._name = names.action
         self._run = run
         self._policy = policy
-        self.book: GoalTable[bytes] = GoalTable(timeout_to_ns("result_timeout_s", result_timeout_s))
+        self.table: GoalTable[bytes] = GoalTable(timeout_to_ns("result_timeout_s", result_timeout_s))
         self.active: dict[bytes, ServerGoal[Any]] = {}
-        """Goals that have not ended, in the order of acceptance."""
         self.returning: dict[bytes, tuple[ServerGoal[Any], GoalEvent]] = {}
-        """Goals that have ended, but for the result that their handlers are to return."""
         self._running: set[bytes] = set()
         self._queue: deque[ServerGoal[Any]] = deque()
         self._expiry: asyncio.TimerHandle | None = None
         self.feedback: Publisher[Any] = Publisher(scope, action_type.feedback_message, names.feedback, DEFAULT)
         self._status = StatusTopic(scope, action_type.status, names.status)
         scope.register(self)
-        jumped = clock.create_jump_callback(
-            post=lambda jump: self.expire(), on_clock_change=True, min_forward=Duration(nanoseconds=1)
+        scope.register(
+            clock.create_jump_callback(
+                post=lambda jump: self.expire(), on_clock_change=True, min_forward=Duration(nanoseconds=1)
+            )
         )
-        scope.register(jumped)
 
     def on_loop(self, function: Callable[[], T]) -> T:
-        """Run `function` on the loop's thread; to other threads it returns when the status is published."""
+        """Run `function` on the loop's thread. In other threads, return after the status is published. Thread: any."""
         if self._scope.bridge.in_loop_thread():
             return function()
 
@@ -216,41 +264,41 @@ class ServerGoals:
 
         return self._scope.bridge.run_on_loop(call)
 
-    # -------------------------------------------------------------------------------------------- start and end
+    # ---------------------------------------------------------------------------------------------- start and end
 
     def accept_goal(self, goal: ServerGoal[Any], decision: GoalDecision) -> GoalInfo | None:
-        """Do with a new goal what was decided; None when it is rejected, by the policy or a closed server too."""
+        """Apply a decision to a new goal; return None if it is rejected, by the policy or a closed server, too."""
         if decision is GoalDecision.REJECT or self._scope.closed or (self._policy == "reject" and self.active):
             return None
-        info = self.book.accept(goal.goal_id, self._clock.now_ns())
-        assert info is not None, "a known id was refused before"
+        info = self.table.accept(goal.goal_id, self._clock.now_ns())
+        assert info is not None, "the caller has rejected ids that are in use"
         goal._record.accepted_stamp = Time(nanoseconds=info.stamp_ns, clock_type=self._clock.clock_type)
         self._status.rows.add(goal.goal_id, info.stamp_ns, GoalStatus.ACCEPTED)
         self.active[goal.goal_id] = goal
         if decision is GoalDecision.ACCEPT:
-            self._start_in_turn(goal)
+            self._start_or_queue(goal)
         else:
             self._status.publish()
         return info
 
     def reject_garbage_collected(self, answer: asyncio.Future[GoalInfo | None]) -> None:
-        """The program let go of a request without an answer; called wherever the garbage collector runs."""
+        """Reject a request that the program has dropped without a decision. Thread: any."""
 
         def reject() -> None:
             if not answer.done():
                 self._scope.logger.warning(
-                    f"a goal request of action {self._name} was neither accepted nor rejected; it is rejected"
+                    f"goal request of action {self._name}: dropped without accept(), defer() or reject(); rejected"
                 )
                 set_result_if_pending(answer, None)
 
         self._scope.bridge.call_soon(reject)
 
     def start_deferred(self, goal: ServerGoal[Any]) -> None:
-        """Start it in its turn; without effect when it has one already."""
+        """Start or queue a deferred goal; without effect if it is started or queued."""
         if goal.goal_id in self.active and not goal._record.has_started and goal not in self._queue:
-            self._start_in_turn(goal)
+            self._start_or_queue(goal)
 
-    def _start_in_turn(self, goal: ServerGoal[Any]) -> None:
+    def _start_or_queue(self, goal: ServerGoal[Any]) -> None:
         if not self._running or self._policy not in ("queue", "preempt"):
             self._start(goal)
             return
@@ -258,7 +306,7 @@ class ServerGoals:
             for waiting in list(self._queue):
                 self._cancel(waiting)
             for running in self._running:
-                if self.book.status(running).is_cancelable:
+                if self.table.status(running).is_cancelable:
                     self._cancel(self.active[running])
         self._queue.append(goal)
         self._status.publish()
@@ -270,16 +318,10 @@ class ServerGoals:
         self._run(goal)
 
     def finish(self, goal_id: bytes, event: GoalEvent, result: object | None, *, awaits_return: bool = False) -> None:
-        """End a goal; None stands for a default result. One that cannot be sent fails here, where its author sees it.
-
-        With `awaits_return` the result is what `complete` is called with.
-
-        Raises:
-            GoalTransitionError, UnknownGoalError, EncodeError, TypeError, ClosedError: as their names say.
-        """
+        """End a goal; None is a default result. With `awaits_return`, `complete` passes the result later."""
         self._scope.require_open(False, f"action server {self._name}")
         data = self._type.encode_result(TERMINAL_STATUS_OF[event], result)
-        self.book.finish(goal_id, event, data, self._clock.now_ns())
+        self.table.finish(goal_id, event, data, self._clock.now_ns())
         self._status.rows.set_status(goal_id, TERMINAL_STATUS_OF[event])
         self._running.discard(goal_id)
         goal = self.active.pop(goal_id)
@@ -294,19 +336,19 @@ class ServerGoals:
         self.expire()
 
     def complete(self, goal: ServerGoal[Any], result: object | None, *, failed: bool = False) -> bool:
-        """The handler of a goal that has ended returned this; False when another result was sent before.
+        """Set the result that the handler of an ended goal has returned; False if another one was sent before.
 
-        When it `failed` instead, no result comes any more, and the end that it told of was wrong: ABORTED.
+        If the handler `failed` instead, the status changes to ABORTED.
         """
         _, event = self.returning.get(goal.goal_id, (goal, None))
         if event is None:
-            status = self.book.status(goal.goal_id)
-            sent = self.book.result(goal.goal_id)
+            status = self.table.status(goal.goal_id)
+            sent = self.table.result(goal.goal_id)
             return result is None or sent is None or sent == self._type.encode_result(status, result)
         status = GoalStatus.ABORTED if failed else TERMINAL_STATUS_OF[event]
         data = self._type.encode_result(status, result)
         del self.returning[goal.goal_id]
-        self.book.replace_result(goal.goal_id, data, status)
+        self.table.replace_result(goal.goal_id, data, status)
         goal._record.end(data)
         if failed:
             self._status.rows.set_status(goal.goal_id, status)
@@ -314,8 +356,8 @@ class ServerGoals:
         return True
 
     def publish_feedback(self, goal_id: bytes, feedback: object) -> None:
-        """From any thread."""
-        self._status.flush_if_in_loop()  # it became EXECUTING before
+        """Publish feedback. Thread: any."""
+        self._status.flush_if_in_loop()  # EXECUTING must be published before
         message = self._type.cls.FeedbackMessage()
         set_goal_id(message, goal_id)
         message.feedback = self._type.feedback.to_message(feedback)
@@ -326,14 +368,14 @@ class ServerGoals:
     def cancel(
         self, selection: CancelSelection, agreed: Collection[GoalInfo]
     ) -> tuple[CancelCode, tuple[GoalInfo, ...]]:
-        """Cancel those of the selected goals that were agreed to; returns as `GoalTable.answer_cancel`."""
-        code, canceled = self.book.answer_cancel(selection, agreed)
+        """Cancel the selected goals that the user agreed to; returns as `GoalTable.answer_cancel`."""
+        code, canceled = self.table.answer_cancel(selection, agreed)
         for info in canceled:
             self._cancel(self.active[info.goal_id])
         return code, canceled
 
     def _cancel(self, goal: ServerGoal[Any]) -> None:
-        """Let the handler of a goal end it; one that has not started ends here: nobody else would."""
+        """Notify the handler, which ends the goal; a goal that has not started has no handler and ends here."""
         if goal in self._queue:
             self._queue.remove(goal)
         self._change(goal.goal_id, GoalEvent.CANCEL_GOAL)
@@ -342,30 +384,30 @@ class ServerGoals:
             self.finish(goal.goal_id, GoalEvent.CANCELED, None)
 
     def _change(self, goal_id: bytes, event: GoalEvent) -> None:
-        self._status.rows.set_status(goal_id, self.book.apply(goal_id, event))
+        self._status.rows.set_status(goal_id, self.table.apply(goal_id, event))
         self._status.publish()
 
     # ------------------------------------------------------------------------------------------------------ expiry
 
     def expire(self) -> None:
-        """Forget the goals whose results were kept long enough, and come back for the next one."""
+        """Remove goals whose result timeout is over, and schedule the next call."""
         if self._scope.closed:
             return
         now_ns = self._clock.now_ns()
-        self._status.rows.remove(self.book.expire(now_ns))
-        # A timer that runs already is never too late: the next end to expire only moves away.
+        self._status.rows.remove(self.table.expire(now_ns))
+        # A running timer is never too late, because the time of the next expiry only increases.
         if self._expiry is None and not self._clock.ros_time_is_active:
-            due_ns, loop = self.book.next_expiry_ns(), self._scope.bridge.loop
+            due_ns, loop = self.table.next_expiry_ns(), self._scope.bridge.loop
             if due_ns is not None and loop is not None:
-                left_s = max(0.001, (due_ns - now_ns) / NS_PER_S)
-                self._expiry = loop.call_later(left_s, self._expire_later)
+                delay_s = max(0.001, (due_ns - now_ns) / NS_PER_S)
+                self._expiry = loop.call_later(delay_s, self._on_expiry_timer)
 
-    def _expire_later(self) -> None:
+    def _on_expiry_timer(self) -> None:
         self._expiry = None
         self.expire()
 
     def close(self) -> None:
-        """Ask all handlers to end. The services, which are newer, are closed by then: nobody is answered any more."""
+        """Ask all handlers to end. The services are newer, so they are closed already: no reply is sent."""
         if self._expiry is not None:
             self._expiry.cancel()
         for goal in self.active.values():

@@ -1,8 +1,6 @@
-"""Goals on an action server: the state machine as a table, and the list of all goals.
+"""State machine of goals on an action server, and the table of all goals; without I/O.
 
-Plain objects without I/O, fed with values; times are nanoseconds of the server's clock. Decides which event is
-possible when, when a finished goal is forgotten, and who may be cancelled with which return code
-(docs/internals/protocol.md 8.2 to 8.4). Sending answers is `server.py`'s, publishing the status `server_goal.py`'s.
+Times are nanoseconds of the server's clock. Source: docs/internals/protocol.md 8.2 to 8.4.
 """
 
 from __future__ import annotations
@@ -53,7 +51,7 @@ class GoalStatus(IntEnum):
 
 
 class GoalEvent(Enum):
-    """What can happen to a goal."""
+    """Event that changes the status of a goal."""
 
     EXECUTE = "execute"
     CANCEL_GOAL = "cancel_goal"
@@ -74,38 +72,36 @@ GOAL_TRANSITIONS: Mapping[tuple[GoalStatus, GoalEvent], GoalStatus] = MappingPro
         (GoalStatus.CANCELING, GoalEvent.CANCELED): GoalStatus.CANCELED,
     }
 )
-"""The status of a goal and what happens to it give the next status; every pair that is not here is an error.
-
-Source: docs/internals/protocol.md 8.2.
-"""
+"""Next status for each status and event; a missing pair is an error. Source: docs/internals/protocol.md 8.2."""
 TERMINAL_STATUS_OF = {event: status for (_, event), status in GOAL_TRANSITIONS.items() if status.is_terminal}
-"""The events that end a goal."""
+"""Final status for each event that ends a goal."""
 
 
 class GoalTransitionError(RosidlError):
-    """The caller wanted something a goal cannot do in its present state; `code` is rcl's number."""
+    """Raised for an event that is not possible in the status of the goal; `code` is rcl's number."""
 
     code = GOAL_EVENT_INVALID
 
     def __init__(self, status: GoalStatus, event: GoalEvent) -> None:
         self.status, self.event = status, event
         possible = ", ".join(e.value for s, e in GOAL_TRANSITIONS if s is status) or "nothing"
-        super().__init__(f"a goal that is {status.name} cannot {event.value}; possible now: {possible}")
+        super().__init__(f"a goal that is {status.name} cannot {event.value}; possible events: {possible}")
 
 
 class ActionError(RosidlError):
-    """An action server did not do what the caller asked for."""
+    """Base class of errors of goals and cancel requests."""
 
 
 class UnknownGoalError(ActionError, LookupError):
-    """The caller named a goal the server does not know, or has already forgotten."""
+    """Raised for a goal that the server does not know, or whose result has expired."""
 
 
 def next_goal_status(status: GoalStatus, event: GoalEvent) -> GoalStatus:
-    """The status of a goal after `event`, by `GOAL_TRANSITIONS`.
+    """Return the status of a goal after `event`, by `GOAL_TRANSITIONS`.
 
     Raises:
-        GoalTransitionError: a goal of that status cannot do that. TypeError: they are no status and no event.
+        GoalTransitionError: the event is not possible in this status.
+        TypeError: an argument is not a `GoalStatus` or not a `GoalEvent`.
     """
     if not isinstance(status, GoalStatus) or not isinstance(event, GoalEvent):
         raise TypeError(f"expected a GoalStatus and a GoalEvent, got {status!r:.100} and {event!r:.100}")
@@ -116,7 +112,7 @@ def next_goal_status(status: GoalStatus, event: GoalEvent) -> GoalStatus:
 
 
 class GoalDecision(Enum):
-    """What an `accept` callback may answer. None means ACCEPT; of anything else counts whether it is true."""
+    """Return value of a `goal_callback`. None means ACCEPT; other values accept if they are true."""
 
     ACCEPT = "accept and start"
     REJECT = "reject"
@@ -134,7 +130,7 @@ class CancelCode(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class GoalInfo:
-    """Id and time of acceptance."""
+    """Goal id and time of acceptance."""
 
     goal_id: bytes
     stamp_ns: int
@@ -142,10 +138,11 @@ class GoalInfo:
 
 @dataclass(frozen=True, slots=True)
 class CancelSelection:
-    """The goals a cancel request is about; `code` says already why there is none.
+    """Goals that a cancel request selects.
 
     Attributes:
-        by_id: the request names one goal and nothing else, so that its end matters to the caller.
+        code: the reason if `goals` is empty because of an error.
+        by_id: the request names exactly one goal, so a goal that has ended is an error.
     """
 
     code: CancelCode
@@ -161,18 +158,17 @@ class _Goal(Generic[ResultT]):
 
 
 class GoalTable(Generic[ResultT]):
-    """All goals a server knows, in the order of acceptance.
+    """Goals of a server, in the order of acceptance.
 
     Args:
-        result_timeout_ns: how long a finished goal is remembered, None for ever. It counts from the end of the goal:
-            counting from its acceptance, as rcl does, forgets the result of a long goal before anybody could ask. 0 or
-            less forgets it at the next `expire`.
+        result_timeout_ns: time from the end of a goal until `expire` removes it; None: never. rcl counts from the
+            acceptance, and removes the result of a long goal before a client can request it.
     """
 
     def __init__(self, result_timeout_ns: int | None) -> None:
         self.result_timeout_ns = result_timeout_ns
         self._goals: dict[bytes, _Goal[ResultT]] = {}
-        # Finished goals with the time of their end, oldest first: nothing looks at all goals to find what is over.
+        # Time at which each finished goal ended, oldest first, so that `expire` need not iterate over all goals.
         self._ended_ns: dict[bytes, int] = {}
 
     def __len__(self) -> int:
@@ -182,7 +178,7 @@ class GoalTable(Generic[ResultT]):
         return goal_id in self._goals
 
     def accept(self, goal_id: bytes, now_ns: int) -> GoalInfo | None:
-        """Enter a goal as ACCEPTED; None when the id is already known, and the goal must be refused."""
+        """Add a goal as ACCEPTED; return None if its id is in use, so that it must be rejected."""
         if goal_id in self._goals:
             return None
         info = GoalInfo(goal_id, now_ns)
@@ -190,42 +186,42 @@ class GoalTable(Generic[ResultT]):
         return info
 
     def status(self, goal_id: bytes) -> GoalStatus:
-        """UNKNOWN for goals not in the book."""
+        """Return the status of a goal; UNKNOWN if it is not in the table."""
         goal = self._goals.get(goal_id)
         return GoalStatus.UNKNOWN if goal is None else goal.status
 
     def apply(self, goal_id: bytes, event: GoalEvent) -> GoalStatus:
-        """Let something happen that does not end the goal; raises `UnknownGoalError`, `GoalTransitionError`."""
+        """Apply an event that does not end the goal; raises `UnknownGoalError`, `GoalTransitionError`."""
         goal = self._find(goal_id)
         status = next_goal_status(goal.status, event)
-        assert not status.is_terminal, "use finish, which takes the result"
+        assert not status.is_terminal, "use finish"
         goal.status = status
         return status
 
     def finish(self, goal_id: bytes, event: GoalEvent, result: ResultT, now_ns: int) -> None:
-        """End a goal with its result, which is any object. Raises as `apply`."""
+        """Apply an event that ends the goal, and store its result. Raises as `apply`."""
         goal = self._find(goal_id)
         status = next_goal_status(goal.status, event)
         assert status.is_terminal, "use apply"
         goal.status, goal.result = status, result
         if any(ended_ns > now_ns for ended_ns in islice(reversed(self._ended_ns.values()), 1)):
-            # Time went back. Goals must not be kept until it has caught up.
-            self._ended_ns = {known: min(ended_ns, now_ns) for known, ended_ns in self._ended_ns.items()}
+            # The clock has jumped back: results must not be retained until it has caught up.
+            self._ended_ns = {key: min(ended_ns, now_ns) for key, ended_ns in self._ended_ns.items()}
         self._ended_ns[goal_id] = now_ns
 
     def replace_result(self, goal_id: bytes, result: ResultT, status: GoalStatus) -> None:
-        """Another result and end for a goal that has ended; nothing happens when it is forgotten already."""
+        """Replace result and status of a goal that has ended; without effect if it has expired."""
         goal = self._goals.get(goal_id)
         if goal is not None:
             goal.status, goal.result = status, result
 
     def result(self, goal_id: bytes) -> ResultT | None:
-        """None for goals that have not ended, and for those not in the book."""
+        """Return the result of a goal; None if it has not ended, or is not in the table."""
         goal = self._goals.get(goal_id)
         return None if goal is None else goal.result
 
     def select_for_cancel(self, goal_id: bytes, stamp_ns: int) -> CancelSelection:
-        """Which goals a cancel request is about, by the table of docs/internals/protocol.md 8.4."""
+        """Select the goals of a cancel request, by the table of docs/internals/protocol.md 8.4."""
         if goal_id != ZERO_ID and stamp_ns == 0:
             goal = self._goals.get(goal_id)
             if goal is None:
@@ -233,22 +229,21 @@ class GoalTable(Generic[ResultT]):
             if not goal.status.is_cancelable:
                 return CancelSelection(CancelCode.GOAL_TERMINATED, by_id=True)
             return CancelSelection(CancelCode.NONE, (goal.info,), by_id=True)
-        chosen = [
+        selected = [
             goal.info
             for goal in self._goals.values()
             if goal.status.is_cancelable
             and (stamp_ns == 0 or goal.info.stamp_ns <= stamp_ns or goal.info.goal_id == goal_id)
         ]
-        return CancelSelection(CancelCode.NONE, tuple(chosen))
+        return CancelSelection(CancelCode.NONE, tuple(selected))
 
     def answer_cancel(
         self, selection: CancelSelection, agreed: Collection[GoalInfo]
     ) -> tuple[CancelCode, tuple[GoalInfo, ...]]:
-        """The return code and the goals to cancel, once the user has agreed to some of the selected ones, or to none.
+        """Return the return code and the goals to cancel, after the user has agreed to some of the selected goals.
 
-        Goals that ended meanwhile count as if they had ended before: GOAL_TERMINATED for one named by its id, nothing
-        for others. REJECTED when the user refused every one that is left: rclcpp says so, while rclpy leaves 0, with
-        which a client could not tell a refusal from a success.
+        A goal that has ended during the decision counts as if it had ended before. REJECTED if the user refused all
+        goals that can still be cancelled, as in rclcpp; rclpy returns 0, which a client takes for success.
         """
         left = [info for info in selection.goals if self.status(info.goal_id).is_cancelable]
         canceled = tuple(info for info in left if info in agreed)
@@ -257,26 +252,26 @@ class GoalTable(Generic[ResultT]):
         return CancelCode.REJECTED if left and not canceled else selection.code, canceled
 
     def expire(self, now_ns: int) -> list[bytes]:
-        """Forget finished goals whose time is over; returns their ids."""
-        gone = list(takewhile(lambda goal_id: self._is_over(self._ended_ns[goal_id], now_ns), self._ended_ns))
-        for goal_id in gone:
+        """Remove finished goals whose result timeout is over; return their ids."""
+        expired = list(takewhile(lambda goal_id: self._has_expired(self._ended_ns[goal_id], now_ns), self._ended_ns))
+        for goal_id in expired:
             del self._goals[goal_id], self._ended_ns[goal_id]
-        return gone
+        return expired
 
     def next_expiry_ns(self) -> int | None:
-        """When `expire` will next have something to do; None when no goal has ended, or will never be forgotten."""
+        """Return the time at which the next goal expires; None if none will."""
         if self.result_timeout_ns is None:
             return None
         for ended_ns in self._ended_ns.values():
             return ended_ns + max(self.result_timeout_ns, 0) + 1
         return None
 
-    def _is_over(self, ended_ns: int, now_ns: int) -> bool:
+    def _has_expired(self, ended_ns: int, now_ns: int) -> bool:
         timeout_ns = self.result_timeout_ns
         return timeout_ns is not None and (timeout_ns <= 0 or now_ns - ended_ns > timeout_ns)
 
     def _find(self, goal_id: bytes) -> _Goal[ResultT]:
         goal = self._goals.get(goal_id)
         if goal is None:
-            raise UnknownGoalError(f"goal {goal_id.hex()} is not known, or its result has expired")
+            raise UnknownGoalError(f"goal {goal_id.hex()} is unknown, or its result has expired")
         return goal

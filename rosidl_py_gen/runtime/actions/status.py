@@ -1,12 +1,12 @@
-"""The status topic of an action: GoalStatusArray as bytes, written by a server, searched by a client.
+"""Status topic of an action: the encoded GoalStatusArray, written by a server, searched by a client.
 
-The topic carries every goal a server remembers, at every transition: with objects, a server with a thousand kept
-results would spend milliseconds on each. A row has 28 bytes: UUID 16, 3 pad bytes, sec 4, nanosec 4, status 1; only in
-the first row the stamp is aligned without padding.
+The topic carries every goal of a server at every transition. With message objects, a server with a thousand retained
+results would spend milliseconds on each. A row has 28 bytes: UUID 16, 3 padding bytes, sec 4, nanosec 4, status 1; the
+first row has no padding, because its stamp is aligned without.
 
-Decides when a status is written: after the response that a change belongs to. A write costs as much as the response,
-and nobody waits for it. Handlers that the change starts or wakes come later still. Each change has its message, in
-order. Source: docs/internals/protocol.md 2, 8.3.
+A status is written after the response that belongs to the change: a write costs as much as the response, which a caller
+waits for. Handlers that the change starts or wakes up run later still. Each change has its message, in order.
+Source: docs/internals/protocol.md 2, 8.3.
 """
 
 from __future__ import annotations
@@ -32,43 +32,43 @@ _ID_BYTES, _PAD_BYTES, _STATUS_OFFSET = 16, 3, 27
 
 
 class StatusArray:
-    """The rows of one server in the order of acceptance."""
+    """Encoded status rows of one server, in the order of acceptance."""
 
     def __init__(self) -> None:
         self._rows = bytearray()
         self._offsets: dict[bytes, int] = {}
 
     def add(self, goal_id: bytes, stamp_ns: int, status: int) -> None:
-        """Append a row."""
+        """Append the row of a goal."""
         self._offsets[goal_id] = len(self._rows)
         self._rows += _ROW.pack(goal_id, *sec_nanosec(stamp_ns), status)
 
     def set_status(self, goal_id: bytes, status: int) -> None:
-        """Change a row."""
+        """Change the status in the row of a goal."""
         self._rows[self._offsets[goal_id] + _STATUS_OFFSET] = status
 
     def remove(self, goal_ids: list[bytes]) -> None:
-        """Take rows out."""
-        gone = {self._offsets.pop(goal_id) for goal_id in goal_ids}
-        if gone:
+        """Remove the rows of these goals."""
+        removed = {self._offsets.pop(goal_id) for goal_id in goal_ids}
+        if removed:
             size = _ROW.size
-            kept = [self._rows[at : at + size] for at in range(0, len(self._rows), size) if at not in gone]
-            self._rows = bytearray().join(kept)
+            rows = [self._rows[at : at + size] for at in range(0, len(self._rows), size) if at not in removed]
+            self._rows = bytearray().join(rows)
             self._offsets = {goal_id: index * size for index, goal_id in enumerate(self._offsets)}
 
     def message(self) -> bytes:
-        """The serialized GoalStatusArray."""
+        """Return the serialized GoalStatusArray."""
         rows = self._rows
         first_id, rest = rows[:_ID_BYTES], memoryview(rows)[_ID_BYTES + _PAD_BYTES :]
         return b"".join((HEADER, len(self._offsets).to_bytes(COUNT_BYTES, "little"), first_id, rest))
 
 
 def find_status(data: Payload, goal_id: bytes) -> int | None:
-    """The status of one goal in a serialized GoalStatusArray of any peer; None when it is not mentioned."""
+    """Return the status of one goal in a serialized GoalStatusArray of any peer; None if it is not listed."""
     raw = data if isinstance(data, bytes) else bytes(data)
     at = raw.find(goal_id, _FIRST)
     while at >= 0:
-        # The row as it would be with padding: all but the first are shifted by what the first one lacks.
+        # Start of the row if the first one had padding, too.
         row = _FIRST - _PAD_BYTES if at == _FIRST else at
         if (row - _FIRST + _PAD_BYTES) % _ROW.size == 0 and row + _STATUS_OFFSET < len(raw):
             return raw[row + _STATUS_OFFSET]
@@ -77,21 +77,21 @@ def find_status(data: Payload, goal_id: bytes) -> int | None:
 
 
 class StatusTopic:
-    """One publisher, and the rows it publishes."""
+    """Publisher of the status topic, and the rows it publishes."""
 
     def __init__(self, scope: EntityScope, message_type: MessageType[Any], topic: str) -> None:
         self.rows = StatusArray()
         self._bridge = scope.bridge
         self._publisher: Publisher[bytes] = Publisher(scope, raw_type(message_type), topic, ACTION_STATUS)
-        self._after_answer = DeferredSender(scope.bridge, self._publisher._publish_without_waiting)
-        self.flush = self._after_answer.flush
-        scope.register(self._after_answer)
+        self._sender = DeferredSender(scope.bridge, self._publisher._publish_without_waiting)
+        self.flush = self._sender.flush
+        scope.register(self._sender)
 
     def publish(self) -> None:
-        """Publish the rows as they are now."""
-        self._after_answer.add(self.rows.message())
+        """Publish the current rows."""
+        self._sender.add(self.rows.message())
 
     def flush_if_in_loop(self) -> None:
-        """Write what waits, if this is the loop's thread: what its caller publishes next comes behind."""
+        """Write delayed messages, if this is the loop's thread, so that they precede what the caller publishes next."""
         if self._bridge.in_loop_thread():
             self.flush()

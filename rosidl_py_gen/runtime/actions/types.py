@@ -1,11 +1,9 @@
-"""What both ends of an action need of its type, and the names of its services and topics.
+"""Action types, and the names of an action's services and topics. Source: docs/internals/protocol.md 8.1.
 
-Decides how goals, results and feedback cross between the user's values and messages: with a generated class they are
-messages, with a type given as text they are dicts. Everything else inside the action files is messages.
+Goals, results and feedback are messages if the type is a generated class, and dicts if it is given as text.
 
-Decides too how a type checker sees it: servers, clients and goals are generic in one variable, the action class, and
-their methods find the types of its parts by annotating `self`: ``self: ServerGoal[Action[GoalT, Any, Any]]``.
-Source: docs/internals/protocol.md 8.1.
+Servers, clients and goals are generic in one variable, the action class. Their methods find the types of goal, result
+and feedback by annotating `self`: ``self: ServerGoal[Action[GoalT, Any, Any]]``.
 """
 
 from __future__ import annotations
@@ -42,13 +40,13 @@ ActionT_co = TypeVar("ActionT_co", bound=Action[Any, Any, Any], covariant=True)
 
 
 UntypedAction: TypeAlias = Action[DictMessage, DictMessage, DictMessage]
-"""What stands for an action whose type is given as text; its goals, results and feedback are dicts."""
+"""Action whose type is given as text: goals, results and feedback are dicts."""
 
 
 class ActionClass(Protocol[ActionT_co, GoalT, ResultT, FeedbackT]):
-    """A generated action class as a type checker sees it: the class itself, and the types of its parts.
+    """Generated action class, for type checkers: the class itself, and the types of goal, result and feedback.
 
-    Python cannot say "some class, whose base is `Action` of these"; but calling the class gives both.
+    Python has no type for "a class whose base is `Action` of these"; the two overloads of calling it express both.
     """
 
     @overload
@@ -59,7 +57,7 @@ class ActionClass(Protocol[ActionT_co, GoalT, ResultT, FeedbackT]):
 
 @dataclass(frozen=True, slots=True)
 class ActionMessageType:
-    """One of goal, result and feedback: its class, and how the user's values become messages and back.
+    """Goal, result or feedback type: its class, and the conversion between values of the user and messages.
 
     Attributes:
         to_message: raises `TypeError` for a value of another type, `EncodeError` for a dict that does not fit.
@@ -72,7 +70,7 @@ class ActionMessageType:
 
 @dataclass(frozen=True, slots=True)
 class ActionType:
-    """An action type as endpoints use it.
+    """Action type, with the message and service types of its endpoints.
 
     Attributes:
         cls: the generated action class, with `SendGoal`, `GetResult` and `FeedbackMessage`.
@@ -90,35 +88,35 @@ class ActionType:
     status: MessageType[GoalStatusArray]
 
     def encode_result(self, status: int, result: object | None) -> bytes:
-        """A get_result response; None is a default result. Raises `TypeError`, `EncodeError`."""
+        """Encode a get_result response; None is a default result. Raises `TypeError`, `EncodeError`."""
         message = self.result.cls() if result is None else self.result.to_message(result)
         try:
             return self.get_result.response.encode(self.cls.GetResult.Response(status=int(status), result=message))
         except EncodeError:
-            message._encode()  # says it without the names of what is around the result
+            message._encode()  # raises the error without the names of the enclosing fields
             raise
 
 
 def action_type(source: object, *, arrays: bool = False) -> ActionType:
-    """Raises as `message_type`, whose `arrays` it has."""
+    """Return the `ActionType` of a class or a type name; `arrays` and errors as in `message_type`."""
     cls: Any = source
     if isinstance(source, str):
         from rosidl_py_gen import get_action
 
         if arrays:
-            raise TypeError("arrays=True needs a class: types given as text make dicts of lists")
+            raise TypeError("arrays=True needs a generated class; a type given as text creates dicts of lists")
         cls = get_action(source)
     elif not (isinstance(source, type) and issubclass(source, Action) and source is not Action):
         raise TypeError(
             f"expected a generated action class or a text like 'example_interfaces/action/Fibonacci', got {source!r}"
         )
-    part = _untyped if isinstance(source, str) else _typed
+    convert = _dict_type if isinstance(source, str) else _class_type
     return ActionType(
         cls._TYPE.name,
         cls,
-        part(cls.Goal),
-        part(cls.Result),
-        part(cls.Feedback),
+        convert(cls.Goal),
+        convert(cls.Result),
+        convert(cls.Feedback),
         service_type(cls.SendGoal, arrays=arrays),
         service_type(cls.GetResult, arrays=arrays),
         message_type(cls.FeedbackMessage, arrays=arrays),
@@ -127,7 +125,7 @@ def action_type(source: object, *, arrays: bool = False) -> ActionType:
     )
 
 
-def _typed(cls: type[Message]) -> ActionMessageType:
+def _class_type(cls: type[Message]) -> ActionMessageType:
     def check(value: Any) -> Message:
         if not is_of_type(value, cls):
             raise TypeError(f"expected a {cls.__name__} ({cls._TYPE.name}), got {type(value).__name__}: {value!r:.100}")
@@ -136,7 +134,7 @@ def _typed(cls: type[Message]) -> ActionMessageType:
     return ActionMessageType(cls, check, lambda message: message)
 
 
-def _untyped(cls: type[Message]) -> ActionMessageType:
+def _dict_type(cls: type[Message]) -> ActionMessageType:
     from rosidl_py_gen import from_dict, to_dict
 
     return ActionMessageType(cls, lambda value: from_dict(cls, value), to_dict)
@@ -144,7 +142,7 @@ def _untyped(cls: type[Message]) -> ActionMessageType:
 
 @dataclass(frozen=True, slots=True)
 class ActionNames:
-    """Fully qualified names; each is expanded and remapped on its own, as ROS does."""
+    """Fully qualified names; each is expanded and remapped separately, as in ROS."""
 
     action: str
     send_goal: str
@@ -155,7 +153,7 @@ class ActionNames:
 
     @classmethod
     def resolve(cls, names: NodeNames, action: str) -> ActionNames:
-        """Raises `InvalidNameError`."""
+        """Expand and remap the names of an action; raises `InvalidNameError`."""
         return cls(
             names.resolve_topic(action),
             names.resolve_service(f"{action}/_action/send_goal"),
@@ -167,10 +165,10 @@ class ActionNames:
 
 
 def set_goal_id(message: Any, goal_id: bytes) -> None:
-    """Set such a field; an array suits messages of either flavour, bytes only ours."""
+    """Set the field `goal_id`, as an array: messages with rclpy's API do not accept bytes."""
     message.goal_id.uuid = np.frombuffer(goal_id, np.uint8)
 
 
 def goal_id_of(message: Any) -> bytes:
-    """The 16 bytes of a unique_identifier_msgs/UUID field."""
+    """Return the 16 bytes of the field `goal_id`."""
     return bytes(message.goal_id.uuid)

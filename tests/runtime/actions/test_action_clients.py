@@ -314,7 +314,7 @@ async def test_infinite_times_are_for_ever(world: World) -> None:
     server, client = await pair(world, result_timeout_s=math.inf)
     handle = await client.send_goal(goal(1), timeout_s=math.inf)
     assert (await handle.result(timeout_s=math.inf))[0] is S.SUCCEEDED
-    assert server._goals._expiry is None and len(server._goals.book) == 1
+    assert server._goals._expiry is None and len(server._goals.table) == 1
     patient = world.node().create_action_client(Fibonacci, "fib", server_lost_timeout_s=math.inf)
     assert await patient.wait_for_server(timeout_s=math.inf)
 
@@ -351,11 +351,11 @@ def test_a_thousand_goals_leave_nothing_but_their_results(world: World) -> None:
                 await ask.call(request, timeout_s=5)
                 clock.set_ros_time_override(clock.now() + Duration(seconds=0.1))
             clock.set_ros_time_override(clock.now() + Duration(seconds=1))
-            assert len(server._goals.book) == 0
+            assert len(server._goals.table) == 0
 
         await some(20)
         results = client._result
-        things = (server, server._goals, server._goals.book, server._runner, client, results, results.client, *scopes)
+        things = (server, server._goals, server._goals.table, server._runner, client, results, results.client, *scopes)
         before = [sizes(thing) for thing in things]
         await some(1000 if world.kind == "memory" else 100)
         assert [sizes(thing) for thing in things] == before
@@ -371,12 +371,12 @@ async def test_questions_about_finished_and_unknown_goals_leave_nothing(world: W
     await handle.result(timeout_s=5)
     ask = world.node().create_client(Fibonacci.GetResult, "fib/_action/get_result")
     request = Fibonacci.GetResult.Request()
-    book = server._goals.book
-    before = sizes(server), sizes(book)
+    table = server._goals.table
+    before = sizes(server), sizes(table)
     for goal_id in (handle.goal_id, bytes(range(16))) * 20:
         request.goal_id.uuid = goal_id
         await ask.call(request, timeout_s=5)
-    assert (sizes(server), sizes(book)) == before
+    assert (sizes(server), sizes(table)) == before
 
 
 def test_nothing_is_pending_when_a_client_of_plain_code_closes(world: World, caplog: pytest.LogCaptureFixture) -> None:

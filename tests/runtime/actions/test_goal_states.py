@@ -229,14 +229,14 @@ class BookAgainstModel(RuleBasedStateMachine):
     @initialize(timeout=st.sampled_from([0, 10, 50]))
     def create(self, timeout: int) -> None:
         self.timeout, self.now = timeout, 100
-        self.book: GoalTable[int] = GoalTable(timeout)
+        self.table: GoalTable[int] = GoalTable(timeout)
         self.model: dict[int, GoalStatus] = {}
         self.stamps: dict[int, int] = {}
         self.ended: dict[int, int] = {}
 
     @rule(goal=ids)
     def accept(self, goal: int) -> None:
-        info = self.book.accept(gid(goal), self.now)
+        info = self.table.accept(gid(goal), self.now)
         assert (info is None) == (goal in self.model)
         if info is not None:
             self.model[goal], self.stamps[goal] = S.ACCEPTED, self.now
@@ -247,9 +247,9 @@ class BookAgainstModel(RuleBasedStateMachine):
         ends = event in (E.SUCCEED, E.ABORT, E.CANCELED)
         try:
             if ends:
-                self.book.finish(gid(goal), event, self.now, self.now)
+                self.table.finish(gid(goal), event, self.now, self.now)
             else:
-                assert self.book.apply(gid(goal), event) is target
+                assert self.table.apply(gid(goal), event) is target
         except (GoalTransitionError, UnknownGoalError):
             assert target is None
             return
@@ -261,13 +261,13 @@ class BookAgainstModel(RuleBasedStateMachine):
     @rule(goal=ids)
     def ask_result(self, goal: int) -> None:
         known = self.model.get(goal, S.UNKNOWN)
-        assert self.book.status(gid(goal)) is known
-        assert self.book.result(gid(goal)) == (self.ended[goal] if known.is_terminal else None)
+        assert self.table.status(gid(goal)) is known
+        assert self.table.result(gid(goal)) == (self.ended[goal] if known.is_terminal else None)
 
     @rule(goal=st.integers(0, 5), back=st.integers(0, 60), by_stamp=st.booleans())
     def cancel(self, goal: int, back: int, by_stamp: bool) -> None:
         stamp = self.now - back if by_stamp else 0
-        got = self.book.select_for_cancel(gid(goal), stamp)
+        got = self.table.select_for_cancel(gid(goal), stamp)
         cancelable = [g for g, status in self.model.items() if status.is_cancelable]
         if goal and not by_stamp:
             code = 0 if goal in cancelable else 3 if goal in self.model else 2
@@ -279,8 +279,8 @@ class BookAgainstModel(RuleBasedStateMachine):
     @rule(step=st.integers(1, 30))
     def time_passes(self, step: int) -> None:
         self.now += step
-        due = self.book.next_expiry_ns()
-        gone = [int.from_bytes(goal_id, "big") for goal_id in self.book.expire(self.now)]
+        due = self.table.next_expiry_ns()
+        gone = [int.from_bytes(goal_id, "big") for goal_id in self.table.expire(self.now)]
         over = [g for g, end in self.ended.items() if self.timeout <= 0 or self.now - end > self.timeout]
         assert sorted(gone) == sorted(over)
         assert (due is not None and due <= self.now) == bool(gone)
@@ -289,9 +289,9 @@ class BookAgainstModel(RuleBasedStateMachine):
 
     @invariant()
     def agree(self) -> None:
-        assert {goal: self.book.status(gid(goal)) for goal in self.model} == self.model
-        assert len(self.book) == len(self.model)
-        assert ZERO_ID not in self.book
+        assert {goal: self.table.status(gid(goal)) for goal in self.model} == self.model
+        assert len(self.table) == len(self.model)
+        assert ZERO_ID not in self.table
 
 
 TestBookAgainstModel = BookAgainstModel.TestCase

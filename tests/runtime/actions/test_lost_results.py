@@ -204,8 +204,8 @@ async def test_a_second_node_of_the_name_ends_no_goal_of_the_first(dds: World, m
     dds.node("server").create_action_server(Fibonacci, "fib", fibonacci)
     (wanted,) = client._result._pending
     await until(lambda: wanted.unknown_reply is not None)
-    seen = client._result._seen_s
-    await until(lambda: client._result._seen_s > seen + 0.5)
+    seen = client._result._server_seen_s
+    await until(lambda: client._result._server_seen_s > seen + 0.5)
     assert not handle.is_done
     await client.cancel_all(timeout_s=5)
     assert (await handle.result(timeout_s=5))[0] is S.CANCELED

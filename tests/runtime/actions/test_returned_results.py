@@ -152,4 +152,4 @@ async def test_whoever_else_ends_a_goal_sends_its_result_and_what_is_returned_is
     server.goals[0].abort()
     assert await handle.result(timeout_s=5) == (S.ABORTED, result())
     go_on.set()
-    await until(lambda: "what it returned is not sent" in caplog.text)
+    await until(lambda: "is ignored, because the goal had ended" in caplog.text)

@@ -175,6 +175,6 @@ async def test_a_goal_whose_server_leaves_before_it_accepts_ends_at_once(world: 
     sending = asyncio.ensure_future(client.send_goal(Fibonacci.Goal(order=1)))
     await asyncio.wait_for(entered.wait(), 5)
     server.close()
-    with pytest.raises(ActionServerLostError, match="goal not answered by action /fib: the server of /fib/_action"):
+    with pytest.raises(ActionServerLostError, match="action /fib: no reply to the goal: the server of /fib/_action"):
         await asyncio.wait_for(sending, 5)
     assert client._goals == {}

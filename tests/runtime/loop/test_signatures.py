@@ -55,11 +55,11 @@ PLACES: dict[str, tuple[Callable[[Node, Any], object], tuple[Any, ...]]] = {
     "the handler of service /s": (lambda node, f: node.create_service(SetBool, "s", f), (none, two, later)),
     "a timer's callback": (lambda node, f: node.create_timer(1.0, f), (one, two, later)),
     "execute of action /a": (lambda node, f: node.create_action_server(Fibonacci, "a", f), (none, two, later)),
-    "accept of action /a": (
+    "goal_callback of action /a": (
         lambda node, f: node.create_action_server(Fibonacci, "a", result, goal_callback=f),
         (none, two, later),
     ),
-    "on_cancel of action /a": (
+    "cancel_callback of action /a": (
         lambda node, f: node.create_action_server(Fibonacci, "a", result, cancel_callback=f),
         (none, two, later),
     ),
