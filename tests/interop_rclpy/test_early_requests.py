@@ -67,7 +67,7 @@ async def test_a_new_writer_is_asked_once_what_it_has_written(
     await shared_peer.ask("client", name=name, type=KIND)
     await shared_peer.ask("call", name=name, requests_=[{}], within_s=10)
     await until(lambda: any(pair[0] == reader for pair in asked))
-    of_service = [end.guid for end in node._scope.graph.on(TopicKey("request", name), writers=True)]
+    of_service = [end.guid for end in node._scope.graph.endpoints_on(TopicKey("request", name), writers=True)]
     assert len(of_service) == 1
     assert [pair for pair in asked if pair[0] == reader] == [(reader, of_service[0])]
     assert best_effort not in {pair[0] for pair in asked}

@@ -160,7 +160,7 @@ def listed(values: Any) -> list[Any]:
 async def test_our_client_gets_their_values_types_and_descriptions(theirs: Any) -> None:
     names = list(VALUES)
     assert listed(await theirs.get(names, WAIT_S)) == list(VALUES.values())
-    assert await theirs.types(names, WAIT_S) == TYPES
+    assert await theirs.get_types(names, WAIT_S) == TYPES
     assert [one.type for one in await theirs.describe(names, WAIT_S)] == TYPES
     with pytest.raises(ParameterNotDeclaredError):
         await theirs.get("missing", WAIT_S)

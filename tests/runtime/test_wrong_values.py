@@ -122,6 +122,6 @@ def test_every_error_of_the_runtime_can_be_imported_from_it() -> None:
     }
     missing = sorted(error.__name__ for error in errors if getattr(runtime, error.__name__, None) is not error)
     assert missing == []
-    for name in ("FloatRange", "IntRange", "Parameter", "GoalRequest", "CancelRequest", "Finished", "ClosedError"):
+    for name in ("FloatRange", "IntRange", "Parameter", "GoalRequest", "CancelRequest", "GoalResult", "ClosedError"):
         assert name in runtime.__all__
     assert {error.__name__ for error in errors} <= set(runtime.__all__)
