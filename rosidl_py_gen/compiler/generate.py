@@ -82,24 +82,24 @@ def load(
     Raises:
         DefinitionError: every problem found, over all files.
     """
-    library, names = _read(search, wanted, skip_invalid)
-    if library.findings.problems:
-        raise DefinitionError(sorted_diagnostics(library.findings.problems), notes_of(search, names))
-    return library, names
+    registry, names = _read(search, wanted, skip_invalid)
+    if registry.diagnostics.items:
+        raise DefinitionError(sorted_diagnostics(registry.diagnostics.items), notes_of(search, names))
+    return registry, names
 
 
 def _read(search: SearchPath, wanted: list[str], keep: Iterable[RosName]) -> tuple[InterfaceRegistry, list[RosName]]:
-    """A selection, read and checked; the library's findings say what is wrong."""
-    library = InterfaceRegistry(search)
-    names, problems = select_valid_names(library, wanted)
-    library.findings.problems += problems
+    """A selection, read and checked; the registry's diagnostics say what is wrong."""
+    registry = InterfaceRegistry(search)
+    names, problems = select_valid_names(registry, wanted)
+    registry.diagnostics.items += problems
     more = [str(name) for name in keep if name not in names and search.file(name)]
     if more:
-        names = sorted({*names, *select(library, more)})
-    check(library, names)
-    names = skip_strays(library, names, wanted)
-    _check_modules(library, names)
-    return library, names
+        names = sorted({*names, *select(registry, more)})
+    check(registry, names)
+    names = skip_strays(registry, names, wanted)
+    _check_modules(registry, names)
+    return registry, names
 
 
 def notes_of(search: SearchPath, names: Iterable[RosName]) -> list[Diagnostic]:
@@ -108,11 +108,11 @@ def notes_of(search: SearchPath, names: Iterable[RosName]) -> list[Diagnostic]:
     return [note for listing in listings if listing for note in listing.notes]
 
 
-def _check_modules(library: InterfaceRegistry, names: list[RosName]) -> None:
+def _check_modules(registry: InterfaceRegistry, names: list[RosName]) -> None:
     """Refuse what Python cannot import: names that hide modules, and two interfaces in one file."""
     files: dict[str, RosName] = {}
     for name in names:
-        file = library.search.file(name)
+        file = registry.search.file(name)
         shown = display_path(file) if file else str(name)
         if (
             name.package in sys.stdlib_module_names
@@ -120,11 +120,11 @@ def _check_modules(library: InterfaceRegistry, names: list[RosName]) -> None:
             or py_name(name.package) != name.package
         ):
             text = f'a package called "{name.package}" cannot be generated: Python needs that name itself'
-            library.findings.problems.append(Diagnostic(shown, 0, 0, text))
+            registry.diagnostics.items.append(Diagnostic(shown, 0, 0, text))
         first = files.setdefault(module_path(str(name)), name)
         if first != name:
             text = f"{name} and {first} would both be the module {module_path(str(name))}"
-            library.findings.problems.append(Diagnostic(shown, 0, 0, text))
+            registry.diagnostics.items.append(Diagnostic(shown, 0, 0, text))
 
 
 def generate(
@@ -154,18 +154,18 @@ def generate(
         OutputError: files of others are in the way, or writing failed.
     """
     already = _already_generated(search, wanted, folder)
-    library, every = _read(search, wanted, already)
-    names, left_out = split_valid(library, every)
+    registry, every = _read(search, wanted, already)
+    names, left_out = split_valid(registry, every)
     notes = notes_of(search, every)
-    problems = sorted_diagnostics([*library.findings.problems, *(left_out if keep_going else ())])
+    problems = sorted_diagnostics([*registry.diagnostics.items, *(left_out if keep_going else ())])
     if problems and not (keep_going and names):
         raise DefinitionError(problems, notes, partial=bool(names))
-    known = runtime_classes(library) if root != _MSGS else lambda name: None
+    known = runtime_classes(registry) if root != _MSGS else lambda name: None
     done = iter(range(len(names)))
     files = package_sources(
-        library,
+        registry,
         names,
-        Target(root, known, library.type_hash),
+        Target(root, known, registry.type_hash),
         lambda name: progress(name, next(done), len(names)),
     )
     # Whoever asks for a package, or for everything, wants nothing of it left that no definition stands for.
@@ -194,7 +194,7 @@ def _already_generated(search: SearchPath, wanted: list[str], folder: Path) -> l
     ]
 
 
-def runtime_classes(library: InterfaceRegistry) -> Callable[[str], str | None]:
+def runtime_classes(registry: InterfaceRegistry) -> Callable[[str], str | None]:
     """Which interfaces have a class in `rosidl_py_gen.msgs` that says exactly the same.
 
     Same RIHS01 hash, and the same constants and default values, which the hash does not cover.
@@ -212,8 +212,8 @@ def runtime_classes(library: InterfaceRegistry) -> Callable[[str], str | None]:
         interface_name = RosName(package, kind, name)
         if package not in RUNTIME_PACKAGES:
             return None
-        theirs, ours = library.interface(interface_name), bundled.interface(interface_name)
-        if theirs is None or ours is None or library.type_hash(full_name) != bundled.type_hash(full_name):
+        theirs, ours = registry.interface(interface_name), bundled.interface(interface_name)
+        if theirs is None or ours is None or registry.type_hash(full_name) != bundled.type_hash(full_name):
             return None
         return _MSGS + module_path(full_name) if _facts(theirs) == _facts(ours) else None
 
@@ -249,12 +249,12 @@ def generate_pregenerated(folder: Path) -> GenerationResult:
     return run
 
 
-def _hash_table(library: InterfaceRegistry, names: list[RosName]) -> str:
+def _hash_table(registry: InterfaceRegistry, names: list[RosName]) -> str:
     """The module `rosidl_py_gen.msgs.hashes`."""
-    hashes = {name: text for top in names for name, text in library.all_hashes(str(top)).items()}
+    hashes = {name: text for top in names for name, text in registry.all_hashes(str(top)).items()}
     rows = "".join(f'    "{name}": "{hashes[name]}",\n' for name in sorted(hashes))
     return f"""{GENERATED_HEADER}. Do not edit.
-\"\"\"RIHS01 by name, for whoever needs a hash before the class, whose import takes longer.\"\"\"
+\"\"\"RIHS01 hashes by type name, for use without the import of the class, which takes longer.\"\"\"
 
 HASHES = {{
 {rows}}}

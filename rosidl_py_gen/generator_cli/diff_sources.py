@@ -69,15 +69,15 @@ class LoadedDefinitions:
         """
         if self.search is None:
             return self
-        library, parts = InterfaceRegistry(self.search), [("", self.facts)]
+        registry, parts = InterfaceRegistry(self.search), [("", self.facts)]
         for name in names:
             if name in self.facts.interfaces:
                 continue
             try:
-                owner = read_checked(library, split_ros_name(name))
+                owner = read_checked(registry, split_ros_name(name))
             except TypeNotFoundError:
                 continue
-            found = collect(library, [owner])
+            found = collect(registry, [owner])
             # Recordings of X_Event and the like may have no more than this message of X.
             interfaces = found.interfaces if str(owner) == name else {name: (name,)}
             parts.append(("", DefinitionSet(interfaces, found.messages, found.hashes)))
@@ -151,8 +151,8 @@ def _opened(
 def _of_folder(folder: str, paths: Sequence[str]) -> LoadedDefinitions:
     search = scan_search_path([folder, *paths])
     own = sorted(name for name, package in search.packages.items() if package.origin == folder)
-    library, names = load(search, own) if own else (InterfaceRegistry(search), [])
-    facts = collect(library, [name for name in names if name.package in own])
+    registry, names = load(search, own) if own else (InterfaceRegistry(search), [])
+    facts = collect(registry, [name for name in names if name.package in own])
     return LoadedDefinitions(
         facts, search, [str(note) for note in notes_of(search, [name for name in names if name.package in own])]
     )
@@ -201,7 +201,7 @@ def _with_places(facts: DefinitionSet, prefixes: Sequence[str], shown: str) -> D
 
 def _of_bag(path: str, paths: Sequence[str]) -> LoadedDefinitions:
     from rosidl_py_gen.bags import BagReader
-    from rosidl_py_gen.type_loading.class_lookup import library_of_text
+    from rosidl_py_gen.type_loading.class_lookup import registry_of_text
     from rosidl_py_gen.type_loading.from_description import definition_text
 
     parts: list[tuple[str, DefinitionSet]] = []
@@ -212,13 +212,13 @@ def _of_bag(path: str, paths: Sequence[str]) -> LoadedDefinitions:
                 found = bag.definition(channel)
                 text = channel.definition if found.origin == "the bag" else definition_text(found.message_class)
                 name = split_ros_name(channel.type_name, "msg")
-                library = library_of_text(str(name), text)
+                registry = registry_of_text(str(name), text)
             except RosidlError as error:
                 notes.append(f"{path}: left out {channel.name} [{channel.type_name}]: {error}")
                 continue
             if not found.is_recorded:
                 notes.append(f"{path}: {channel.type_name} is taken from {found.origin}, by its name alone")
-            parts.append((channel.name, as_recorded(facts_with_needs(library, library.owner(name) or name))))
+            parts.append((channel.name, as_recorded(facts_with_needs(registry, registry.owner(name) or name))))
     try:
         return LoadedDefinitions(merge(parts), None, notes)
     except RosidlError as error:

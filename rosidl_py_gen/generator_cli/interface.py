@@ -9,30 +9,30 @@ from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.errors import TypeNotFoundError
 from rosidl_py_gen.generator_cli import diagnostics_output
-from rosidl_py_gen.type_loading.generated import generated_library
+from rosidl_py_gen.type_loading.generated import registry_of_generated_class
 
 
 def run(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> int:
     """Returns the exit code."""
     top = split_ros_name(name, "msg")
-    library, generated = InterfaceRegistry(scan_search_path(paths)), None
+    registry, generated = InterfaceRegistry(scan_search_path(paths)), None
     try:
-        owner = read_checked(library, top)
+        owner = read_checked(registry, top)
     except TypeNotFoundError:
-        generated = generated_library(name)
+        generated = registry_of_generated_class(name)
         if generated is None:
             raise
-        library, owner, note = generated
+        registry, owner, note = generated
         diagnostics_output.print_line(f"note: {note}")
     if as_json:
         diagnostics_output.print_json(
-            {"hash": library.type_hash(str(top)), **build_type_description(str(top), library.field_rows)}
+            {"hash": registry.type_hash(str(top)), **build_type_description(str(top), registry.field_rows)}
         )
         return 0
     if full:
-        diagnostics_output.echo(full_text(library, owner).removesuffix("\n"))
+        diagnostics_output.echo(full_text(registry, owner).removesuffix("\n"))
         return 0
-    diagnostics_output.echo((f"# {top}  {library.type_hash(str(top))}", "bold"))
-    text = source_text(library, owner) if generated is None else full_text(library, owner)
+    diagnostics_output.echo((f"# {top}  {registry.type_hash(str(top))}", "bold"))
+    text = source_text(registry, owner) if generated is None else full_text(registry, owner)
     diagnostics_output.echo(text.removesuffix("\n"))
     return 0

@@ -135,10 +135,10 @@ def _described(type_name: str, told: Any) -> DefinitionSet:
         )
     sources = {one.type_name: (one.encoding, one.raw_file_contents) for one in told.type_sources}
     individuals = {one["type_name"]: one for one in everything}
-    library = registry_from_descriptions(name, individuals, sources)
-    if library.type_hash(type_name) != rihs01(description):
+    registry = registry_from_descriptions(name, individuals, sources)
+    if registry.type_hash(type_name) != rihs01(description):
         raise NodeDefinitionsError("the answer describes types that do not belong to it")
-    return facts_with_needs(library, library.owner(name) or name)
+    return facts_with_needs(registry, registry.owner(name) or name)
 
 
 def _of_class(type_name: str, cls: type[Any]) -> DefinitionSet:

@@ -73,9 +73,9 @@ def read_definition(search: SearchPath, text: str) -> tuple[InterfaceRegistry, R
 
 
 def _generated(text: str) -> tuple[InterfaceRegistry, RosName] | None:
-    from rosidl_py_gen.type_loading.generated import generated_library
+    from rosidl_py_gen.type_loading.generated import registry_of_generated_class
 
-    found = generated_library(text)
+    found = registry_of_generated_class(text)
     if found is None:
         return None
     terminal_output.note(found[2])

@@ -37,7 +37,7 @@ _MAX_LEAVES = 10_000  # of one definition, for which code is generated; each tak
 _lock = threading.RLock()
 _loaded: dict[str, list[type]] = {}  # full name -> classes in use for it, one for each different definition
 _by_name: dict[tuple[str, tuple[str, ...]], type] = {}
-_libraries: dict[tuple[str, ...], InterfaceRegistry] = {}
+_registries: dict[tuple[str, ...], InterfaceRegistry] = {}
 _worlds = 0
 
 
@@ -83,10 +83,10 @@ def compile_definition(name: str, text: str) -> type[Any]:
         DefinitionError: the text has problems, located as ``<name>:line:column``.
     """
     with _lock:
-        return _class(library_of_text(name, text), split_ros_name(name, "msg"), _same_definition_and_defaults)
+        return _class(registry_of_text(name, text), split_ros_name(name, "msg"), _same_definition_and_defaults)
 
 
-def library_of_text(name: str, text: str) -> InterfaceRegistry:
+def registry_of_text(name: str, text: str) -> InterfaceRegistry:
     """The definitions of such a text, read and checked; arguments and errors as of `compile_definition`."""
     from rosidl_py_gen.compiler.frontend.model import SourceText
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, raise_diagnostics
@@ -96,16 +96,16 @@ def library_of_text(name: str, text: str) -> InterfaceRegistry:
         raise TypeError(f"expected the text of a definition, found {type(text).__name__}")
     top, names = split_ros_name(name, "msg"), {}
     with _lock:
-        defaults = _library(()).search
-    library = InterfaceRegistry(SearchPath(defaults.packages, [], ["the text", *defaults.searched]))
+        defaults = _registry(()).search
+    registry = InterfaceRegistry(SearchPath(defaults.packages, [], ["the text", *defaults.searched]))
     for part, body, is_idl in _parts(top, text):
         name_in_file, kind = _read_as(part, body, is_idl)
-        names[name_in_file] = library.add_text(name_in_file, SourceText(f"<{part}>", body, kind))
-    check(library, names)
-    raise_diagnostics(library)
-    if library.owner(top) is None or not library.knows(str(top)):
+        names[name_in_file] = registry.add_text(name_in_file, SourceText(f"<{part}>", body, kind))
+    check(registry, names)
+    raise_diagnostics(registry)
+    if registry.owner(top) is None or not registry.knows(str(top)):
         raise DefinitionError(Diagnostic(f"<{top}>", 0, 0, f"the text does not define {top}"))
-    return library
+    return registry
 
 
 def _read_as(name: RosName, text: str, is_idl: bool) -> tuple[RosName, str]:
@@ -197,26 +197,26 @@ def definition_origin(cls: type[Any], *, path: SearchFolders = ()) -> str:
     name = split_ros_name(cls._TYPE.name)
     folders = [path] if isinstance(path, (str, os.PathLike)) else path
     with _lock:
-        library = _library(tuple(str(entry) for entry in folders))
-        package = library.search.packages.get(name.package)
+        registry = _registry(tuple(str(entry) for entry in folders))
+        package = registry.search.packages.get(name.package)
         if package is None or package.origin == "bundled":
             return "bundled" if package else "another text of this process"
-        file = package.files.get(library.owner(name) or name)
+        file = package.files.get(registry.owner(name) or name)
     return display_path(file or package.folder)
 
 
-def class_of_library(library: InterfaceRegistry, name: RosName, *, path: SearchFolders = ()) -> type[Any]:
+def class_of_registry(registry: InterfaceRegistry, name: RosName, *, path: SearchFolders = ()) -> type[Any]:
     """The class of a checked type: for it, and for each type it refers to, one of that hash, compiled if there is none.
 
     `path` as for `find_class`.
     """
 
-    def find(library: InterfaceRegistry, part: RosName) -> type | None:
-        text, wanted = str(part), library.type_hash(str(part))
+    def find(registry: InterfaceRegistry, part: RosName) -> type | None:
+        text, wanted = str(part), registry.type_hash(str(part))
         return find_class(text, lambda hashes: hashes[text] == wanted, path=path)
 
     with _lock:
-        return _class(library, name, find)
+        return _class(registry, name, find)
 
 
 # --- by name ----------------------------------------------------------------------------------------------------------
@@ -261,45 +261,45 @@ def _pregenerated_class(name: RosName, path: tuple[str, ...]) -> type | None:
     return cls
 
 
-def _library(path: tuple[str, ...]) -> InterfaceRegistry:
+def _registry(path: tuple[str, ...]) -> InterfaceRegistry:
     """The parsed interfaces of a search path, kept; a file that changes afterwards is not read again."""
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
     from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 
     key = (*path, os.environ.get("AMENT_PREFIX_PATH", ""))
-    if key not in _libraries:
-        _libraries[key] = InterfaceRegistry(scan_search_path(path))
-    return _libraries[key]
+    if key not in _registries:
+        _registries[key] = InterfaceRegistry(scan_search_path(path))
+    return _registries[key]
 
 
-def library_of(name: RosName) -> InterfaceRegistry | None:
+def registry_of(name: RosName) -> InterfaceRegistry | None:
     """The interfaces of the search path, with this one read and checked; None when it is not there or has problems."""
     from rosidl_py_gen.compiler.frontend.definition_text import read_checked
 
     with _lock:
-        library = _library(())
+        registry = _registry(())
         try:
-            read_checked(library, name)
+            read_checked(registry, name)
         except TypeNotFoundError:
             return None
         except DefinitionError:
-            _libraries.clear()
+            _registries.clear()
             return None
-        return library
+        return registry
 
 
 def _from_definitions(name: RosName, path: tuple[str, ...]) -> type:
     from rosidl_py_gen.compiler.frontend.definition_text import read_checked
 
-    library = _library(path)
-    if path and library.owner(name) is None and (cls := find_installed_class(name)) is not None:
+    registry = _registry(path)
+    if path and registry.owner(name) is None and (cls := find_installed_class(name)) is not None:
         return cls
     try:
-        read_checked(library, name)
+        read_checked(registry, name)
     except DefinitionError:  # what was read half must not be used: the next call reads it again
-        _libraries.clear()
+        _registries.clear()
         raise
-    return _class(library, name, _same_definition_and_defaults)
+    return _class(registry, name, _same_definition_and_defaults)
 
 
 # --- compile in memory ------------------------------------------------------------------------------------------------
@@ -317,42 +317,42 @@ def load_compiler() -> None:
     render.preload()
 
 
-def _class(library: InterfaceRegistry, name: RosName, find: ClassFinder) -> type:
+def _class(registry: InterfaceRegistry, name: RosName, find: ClassFinder) -> type:
     """The class of a checked type: in use already, importable, or compiled now."""
-    cls = find(library, name)
+    cls = find(registry, name)
     if cls is not None:  # the compiler need not be loaded
         return cls
     from rosidl_py_gen.compiler.codegen.layout_planner import LayoutPlanner
 
-    layouts, known = LayoutPlanner(library.message, max_leaves=_MAX_LEAVES), dict[str, type]()
+    layouts, known = LayoutPlanner(registry.message, max_leaves=_MAX_LEAVES), dict[str, type]()
 
     def made(part: RosName) -> type:
         """Each type once: comparing or planning one costs as much as all it refers to."""
         cls = known.get(str(part))
         if cls is None:
-            cls = known[str(part)] = find(library, part) or _compile(library, part, layouts, made)
+            cls = known[str(part)] = find(registry, part) or _compile(registry, part, layouts, made)
         return cls
 
     return made(name)
 
 
-def _same_definition_and_defaults(library: InterfaceRegistry, name: RosName) -> type | None:
+def _same_definition_and_defaults(registry: InterfaceRegistry, name: RosName) -> type | None:
     """A class in use, or importable, with the same defaults and constants, too."""
     in_use = _loaded.setdefault(str(name), [])
-    found = next((cls for cls in in_use if _same_definition(library, str(name), cls)), None)
+    found = next((cls for cls in in_use if _same_definition(registry, str(name), cls)), None)
     if found is None:
         found = find_installed_class(name)
-        if found is None or not _same_definition(library, str(name), found):
+        if found is None or not _same_definition(registry, str(name), found):
             return None
         in_use.append(found)
     return found
 
 
-def _same_definition(library: InterfaceRegistry, full_name: str, cls: type) -> bool:
+def _same_definition(registry: InterfaceRegistry, full_name: str, cls: type) -> bool:
     """Whether a class has the same fields, default values and constants, down to the last nested type."""
-    if type_hash(cls) != library.type_hash(full_name):
+    if type_hash(cls) != registry.type_hash(full_name):
         return False
-    description, constants_of = library.fingerprint(full_name)
+    description, constants_of = registry.fingerprint(full_name)
     own = {
         name: {key: repr(value) for key, value in constants(nested).items()}
         for name, nested in referenced_classes(cls).items()
@@ -361,7 +361,7 @@ def _same_definition(library: InterfaceRegistry, full_name: str, cls: type) -> b
 
 
 def _compile(
-    library: InterfaceRegistry, name: RosName, layouts: LayoutPlanner, made: Callable[[RosName], type]
+    registry: InterfaceRegistry, name: RosName, layouts: LayoutPlanner, made: Callable[[RosName], type]
 ) -> type:
     from rosidl_py_gen.compiler.codegen.module_sources import module_source
     from rosidl_py_gen.compiler.codegen.template_model import Target, module_path
@@ -379,12 +379,12 @@ def _compile(
             modules[full_name] = cls.__module__ if cls else root + module_path(full_name)
         return modules[full_name]
 
-    top = library.owner(name)
-    interface = library.interface(top) if top else None
+    top = registry.owner(name)
+    interface = registry.interface(top) if top else None
     assert top is not None and interface is not None
     own = {str(top), *(str(message.name) for message in messages_of(interface))}
-    target = Target(root, lambda full_name: None if full_name in own else known(full_name), library.type_hash, False)
-    source = module_source(library, top, layouts, target)
+    target = Target(root, lambda full_name: None if full_name in own else known(full_name), registry.type_hash, False)
+    source = module_source(registry, top, layouts, target)
     module = _run(root + module_path(str(top)), source)
     for exported in module.__all__:
         cls = getattr(module, exported)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr.typesupport import hashes_of, type_description, type_name
 from rosidl_py_gen.errors import TypeNotFoundError
-from rosidl_py_gen.type_loading.class_lookup import class_of_library, library_of
+from rosidl_py_gen.type_loading.class_lookup import class_of_registry, registry_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -55,7 +55,7 @@ def compile_described(
     from rosidl_py_gen.compiler.frontend.type_description_reader import registry_from_descriptions
 
     top = split_ros_name(name)
-    return class_of_library(registry_from_descriptions(top, individuals, sources, is_service), top, path=path)
+    return class_of_registry(registry_from_descriptions(top, individuals, sources, is_service), top, path=path)
 
 
 def definition_text(cls: type[Any]) -> str:
@@ -73,8 +73,8 @@ def definition_text(cls: type[Any]) -> str:
     from rosidl_py_gen.compiler.frontend.type_description_reader import registry_from_descriptions
 
     name = split_ros_name(type_name(cls))
-    library = library_of(name)
-    if library is None or library.all_hashes(str(name)) != hashes_of(cls):
+    registry = registry_of(name)
+    if registry is None or registry.all_hashes(str(name)) != hashes_of(cls):
         is_event = name.kind == "srv" and name.name.endswith(_EVENT)  # which has request and response in it
         if is_event:
             name = name._replace(name=name.name.removesuffix(_EVENT))
@@ -82,5 +82,5 @@ def definition_text(cls: type[Any]) -> str:
             raise TypeNotFoundError(f"{name} belongs to a service or action that is not on the search path")
         told = type_description(cls)
         parts = [told["type_description"], *told["referenced_type_descriptions"]]
-        library = registry_from_descriptions(name, {one["type_name"]: one for one in parts}, {}, is_event)
-    return full_text(library, library.owner(name) or name)
+        registry = registry_from_descriptions(name, {one["type_name"]: one for one in parts}, {}, is_event)
+    return full_text(registry, registry.owner(name) or name)

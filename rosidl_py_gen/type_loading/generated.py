@@ -46,7 +46,7 @@ def generated_names() -> dict[RosName, Path]:
     return found
 
 
-def generated_library(text: str) -> tuple[InterfaceRegistry, RosName, str] | None:
+def registry_of_generated_class(text: str) -> tuple[InterfaceRegistry, RosName, str] | None:
     """Return the definition of a generated class.
 
     Args:

@@ -105,7 +105,7 @@ def install_import_hook(
     """
     global _installed
     if message_api not in ("native", "rclpy"):
-        raise ValueError(f'expected the flavour "native" or "rclpy", found {message_api!r:.100}')
+        raise ValueError(f'message_api: expected "native" or "rclpy", found {message_api!r:.100}')
     entries = [path] if isinstance(path, (str, os.PathLike)) else path
     if not isinstance(entries, Iterable):
         raise _wrong("path", "a folder or several", path)

@@ -44,7 +44,7 @@ class Interfaces:
         self._folders = folders
         self._lock = threading.RLock()
         self._digests: dict[str, str] = {}
-        self._library: InterfaceRegistry | None = None
+        self._registry: InterfaceRegistry | None = None
         self._layouts: LayoutPlanner | None = None
 
     def kinds(self, package: str) -> set[str]:
@@ -114,17 +114,17 @@ class Interfaces:
         from rosidl_py_gen.compiler.frontend.definition_text import read_checked
         from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
 
-        if self._library is None or self._layouts is None:
-            self._library = InterfaceRegistry(self.search)
-            self._layouts = LayoutPlanner(self._library.message, rclpy=True)
-        library = self._library
+        if self._registry is None or self._layouts is None:
+            self._registry = InterfaceRegistry(self.search)
+            self._layouts = LayoutPlanner(self._registry.message, rclpy=True)
+        registry = self._registry
         try:
-            read_checked(library, name)
+            read_checked(registry, name)
         except BaseException:
-            self._library = None  # what was read half must not be used later
+            self._registry = None  # what was read half must not be used later
             raise
-        target = Target("", lambda _: None, library.type_hash, is_typed=False)
-        source = module_source(library, name, self._layouts, target)
-        owners = {library.owner(split_ros_name(part)) for part in library.all_hashes(str(name))}
+        target = Target("", lambda _: None, registry.type_hash, is_typed=False)
+        source = module_source(registry, name, self._layouts, target)
+        owners = {registry.owner(split_ros_name(part)) for part in registry.all_hashes(str(name))}
         parts = {str(owner): self._digest(str(owner)) for owner in owners if owner is not None}
         return parts, compile(source, f"<{module_path(str(name))}>", "exec")

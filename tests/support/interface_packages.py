@@ -40,7 +40,7 @@ def read(text: str, name: str = "a_msgs/msg/Sample", format: str = "") -> tuple[
     full = split_ros_name(name)
     findings = Diagnostics()
     interface = parse_interface(full, SourceText("S", text, format or full.kind), findings)
-    return interface, [f"{one.line}:{one.column}: {one.text}" for one in findings.problems]
+    return interface, [f"{one.line}:{one.column}: {one.text}" for one in findings.items]
 
 
 def parse(text: str, name: str = "a_msgs/msg/Sample", format: str = "") -> Interface:

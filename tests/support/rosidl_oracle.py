@@ -188,13 +188,13 @@ def ours(definitions: Sequence[Definition], others: Sequence[Definition] = ()) -
         library.add_text(name, SourceText(f"<{name}>", text, format))
         for name, (_, text, format) in zip(names, definitions, strict=True)
     ]
-    if library.findings.problems:
-        return {"refused": [str(problem) for problem in library.findings.problems]}
+    if library.diagnostics.items:
+        return {"refused": [str(problem) for problem in library.diagnostics.items]}
     interfaces = [one for one in found if one is not None]
     reply: Reply = {"messages": [plain(one) for one in interfaces]}
     check(library, names)
-    if library.findings.problems:
-        return {**reply, "unresolved": [str(problem) for problem in library.findings.problems]}
+    if library.diagnostics.items:
+        return {**reply, "unresolved": [str(problem) for problem in library.diagnostics.items]}
     types = [name for one in interfaces for name in type_names(one)]
     return {
         **reply,

@@ -312,8 +312,8 @@ def _groups(interface: Interface, imports: Imports, target: Target) -> Iterable[
             yield _service(interface, interface.request.comment, imports, target)
         case ActionDef():
             name = interface.name
-            yield _service(interface.send_goal, (f"How a goal of {name} is sent.",), imports, target)
-            yield _service(interface.get_result, (f"How the result of {name} is fetched.",), imports, target)
+            yield _service(interface.send_goal, (f"Service that sends a goal of {name}.",), imports, target)
+            yield _service(interface.get_result, (f"Service that returns the result of {name}.",), imports, target)
             yield _action(interface, imports, target)
 
 

@@ -1,6 +1,6 @@
 """What is compared of definitions: interfaces, fields, constants, hashes, as plain values.
 
-Facts come from checked libraries, whatever these were read from. Places are for people and never make a difference.
+Facts come from checked registries, whatever these were read from. Places are for people and never make a difference.
 """
 
 from __future__ import annotations
@@ -85,28 +85,28 @@ class DefinitionSet:
     hashes: Mapping[str, str] = field(default_factory=dict)
 
 
-def collect(library: InterfaceRegistry, names: Iterable[RosName]) -> DefinitionSet:
+def collect(registry: InterfaceRegistry, names: Iterable[RosName]) -> DefinitionSet:
     """Facts of checked interfaces, and of what they refer to as far as that is needed to read them."""
     interfaces: dict[str, tuple[str, ...]] = {}
     messages: dict[str, MessageDefinition] = {}
     hashes: dict[str, str] = {}
     for name in names:
-        interface = library.interface(name)
+        interface = registry.interface(name)
         assert interface is not None, name
         interfaces[str(name)] = _sections(interface)
-        hashes[str(name)] = library.type_hash(str(name))
+        hashes[str(name)] = registry.type_hash(str(name))
         pending = [str(one.name) for one in messages_of(interface)]
         while pending:
             one = pending.pop()
             if one not in messages:
-                message = library.message(one)
+                message = registry.message(one)
                 assert message is not None, one
-                messages[one], hashes[one] = _message(message), library.type_hash(one)
+                messages[one], hashes[one] = _message(message), registry.type_hash(one)
                 pending += [item.type.base for item in message.fields if item.type.is_message]
     return DefinitionSet(interfaces, messages, hashes)
 
 
-def facts_with_needs(library: InterfaceRegistry, top: RosName) -> DefinitionSet:
+def facts_with_needs(registry: InterfaceRegistry, top: RosName) -> DefinitionSet:
     """Facts of a checked interface and of every interface it leads to, as of something that has no other files."""
     needed: dict[RosName, None] = {}
     pending = [top]
@@ -115,15 +115,15 @@ def facts_with_needs(library: InterfaceRegistry, top: RosName) -> DefinitionSet:
         if name in needed:
             continue
         needed[name] = None
-        interface = library.interface(name)
+        interface = registry.interface(name)
         assert interface is not None, name
         own = {str(one.name) for one in messages_of(interface)}
         bases = {item.type.base for one in messages_of(interface) for item in one.fields if item.type.is_message}
         for base in sorted(bases - own):
             part = split_ros_name(base)
             if name.kind == "msg" or part.package not in _IMPLIED_PACKAGES:
-                pending.append(library.owner(part) or part)
-    return collect(library, needed)
+                pending.append(registry.owner(part) or part)
+    return collect(registry, needed)
 
 
 def as_recorded(facts: DefinitionSet) -> DefinitionSet:

@@ -101,12 +101,12 @@ class CMakeInterfaceList:
         return {name: self._folder / path for name, path in sorted(chosen.items())}
 
     def _rank(self, name: RosName, path: str) -> tuple[bool | str, ...]:
-        findings = Diagnostics()
-        source = read_source(self._folder / path, path, findings) if len(self._paths[name]) > 1 else None
-        interface = parse_interface(name, source, findings) if source is not None else None
+        diagnostics = Diagnostics()
+        source = read_source(self._folder / path, path, diagnostics) if len(self._paths[name]) > 1 else None
+        interface = parse_interface(name, source, diagnostics) if source is not None else None
         bases = {item.type.base for one in messages_of(interface) for item in one.fields} if interface else set()
         needs = [split_ros_name(base) for base in bases if base.startswith(f"{self._package}/msg/")]
-        is_wrong = bool(findings.problems) or any(need not in self._paths for need in needs)
+        is_wrong = bool(diagnostics.items) or any(need not in self._paths for need in needs)
         is_elsewhere = posixpath.dirname(path) not in KINDS
         return path.endswith(".idl"), is_wrong, self._paths[name][path] < 0, is_elsewhere, "ros1" in path, path
 
@@ -114,4 +114,4 @@ class CMakeInterfaceList:
         if len(problems) < MAX_PROBLEMS:
             line, start = self._text.count("\n", 0, offset) + 1, self._text.rfind("\n", 0, max(0, offset)) + 1
             source = SourceText(display_path(self._folder / "CMakeLists.txt"), self._text, "txt")
-            problems.append(Location(source, line * (offset >= 0), offset - start + 1).problem(text))
+            problems.append(Location(source, line * (offset >= 0), offset - start + 1).diagnostic(text))

@@ -28,20 +28,20 @@ MAX_LINES = 20_000
 _LINE = "=" * 80
 
 
-def read_checked(library: InterfaceRegistry, name: RosName) -> RosName:
+def read_checked(registry: InterfaceRegistry, name: RosName) -> RosName:
     """Read what a name needs; returns the interface it belongs to: itself, or X for ``X_Request`` and the like.
 
     Raises:
         TypeNotFoundError: there is no such interface.
         DefinitionError: it, or something it uses, has problems.
     """
-    owner = library.owner(name)
+    owner = registry.owner(name)
     if owner is None:
-        raise TypeNotFoundError(missing_interface(library.search, name, f"no interface {name}"))
-    check(library, [owner])
-    raise_diagnostics(library)
-    if not library.knows(str(name)):
-        raise TypeNotFoundError(missing_interface(library.search, name, f"no interface {name}"))
+        raise TypeNotFoundError(missing_interface(registry.search, name, f"no interface {name}"))
+    check(registry, [owner])
+    raise_diagnostics(registry)
+    if not registry.knows(str(name)):
+        raise TypeNotFoundError(missing_interface(registry.search, name, f"no interface {name}"))
     return owner
 
 
@@ -61,32 +61,32 @@ def full_name(search: SearchPath, text: str) -> RosName:
     return found[0] if found else split_ros_name(text)
 
 
-def source_text(library: InterfaceRegistry, owner: RosName) -> str:
+def source_text(registry: InterfaceRegistry, owner: RosName) -> str:
     """The file's text, with a line break at the end."""
-    text = _interface(library, owner).source.text
+    text = _interface(registry, owner).source.text
     return text if text.endswith("\n") else text + "\n"
 
 
-def full_text(library: InterfaceRegistry, top: RosName) -> str:
+def full_text(registry: InterfaceRegistry, top: RosName) -> str:
     """ros2msg text as bags and MCAP files carry it; `compile_definition` reads it.
 
     What comes from .idl files is written in the notation of .msg files, the only one that most readers of bags know.
     With names that those do not allow it stays IDL below a line that says so; if the top one does, it is ros2idl text.
     """
-    description = build_type_description(str(top), library.field_rows)
+    description = build_type_description(str(top), registry.field_rows)
     used = (split_ros_name(one["type_name"]) for one in description["referenced_type_descriptions"])
     parts = []
     for name in (top, *(name for name in used if name.kind == "msg")):
-        if _stays_idl(library, name):
-            parts.append(f"{_LINE}\nIDL: {name}\n{source_text(library, name)}")
+        if _stays_idl(registry, name):
+            parts.append(f"{_LINE}\nIDL: {name}\n{source_text(registry, name)}")
         else:
             head = "" if name == top else f"{_LINE}\nMSG: {name.package}/{name.name}\n"
-            parts.append(head + _file_text(library, name))
+            parts.append(head + _file_text(registry, name))
     return "".join(parts)
 
 
-def _stays_idl(library: InterfaceRegistry, name: RosName) -> bool:
-    interface = library.interface(name)
+def _stays_idl(registry: InterfaceRegistry, name: RosName) -> bool:
+    interface = registry.interface(name)
     if interface is None or interface.source.format != "idl":
         return False
     sections = _sections(interface)
@@ -95,16 +95,16 @@ def _stays_idl(library: InterfaceRegistry, name: RosName) -> bool:
     return not (all(map(is_field_name, fields)) and all(map(is_constant_name, constants)))
 
 
-def _file_text(library: InterfaceRegistry, name: RosName) -> str:
+def _file_text(registry: InterfaceRegistry, name: RosName) -> str:
     """The file's text; written anew for IDL, and for what no file has: messages that ROS derives, described types."""
-    interface = library.interface(name)
+    interface = registry.interface(name)
     if interface is not None and interface.source.text and interface.source.format != "idl":
-        return source_text(library, name)
-    return "".join(f"{line}\n" for line, _ in _lines(library, name))
+        return source_text(registry, name)
+    return "".join(f"{line}\n" for line, _ in _lines(registry, name))
 
 
 def expanded_lines(
-    library: InterfaceRegistry, name: RosName, *, comments: bool = True, nested_comments: bool = False
+    registry: InterfaceRegistry, name: RosName, *, comments: bool = True, nested_comments: bool = False
 ) -> list[str]:
     """The definition, and below each field the definition of its type. Without comments there are no empty lines.
 
@@ -112,7 +112,7 @@ def expanded_lines(
         DefinitionError: it would be more than `MAX_LINES`.
     """
     found: list[str] = []
-    for line in _expanded(library, name, comments, nested_comments):
+    for line in _expanded(registry, name, comments, nested_comments):
         found.append(line)
         if len(found) > MAX_LINES:
             raise DefinitionError(
@@ -121,28 +121,28 @@ def expanded_lines(
     return found
 
 
-def _expanded(library: InterfaceRegistry, name: RosName, comments: bool, nested_comments: bool) -> Iterator[str]:
-    for line, item in _lines(library, name):
+def _expanded(registry: InterfaceRegistry, name: RosName, comments: bool, nested_comments: bool) -> Iterator[str]:
+    for line, item in _lines(registry, name):
         code = line.partition("#")[0].rstrip()
         if comments or code:
             yield line if comments else code
         if item is not None and item.type.is_message:
             below = split_ros_name(item.type.base)
-            for nested in _expanded(library, below, nested_comments, nested_comments):
+            for nested in _expanded(registry, below, nested_comments, nested_comments):
                 yield f"\t{nested}"
 
 
-def _interface(library: InterfaceRegistry, name: RosName) -> Interface:
-    interface = library.interface(name)
+def _interface(registry: InterfaceRegistry, name: RosName) -> Interface:
+    interface = registry.interface(name)
     if interface is None:
         raise TypeNotFoundError(f"no interface {name}")
     return interface
 
 
-def _lines(library: InterfaceRegistry, name: RosName) -> Iterator[tuple[str, FieldDef | None]]:
+def _lines(registry: InterfaceRegistry, name: RosName) -> Iterator[tuple[str, FieldDef | None]]:
     """The lines of a definition, each with the field it defines."""
-    message = library.message(str(name))
-    interface = library.interface(name)
+    message = registry.message(str(name))
+    interface = registry.interface(name)
     if interface is None or interface.source.format == "idl" or not interface.source.text:
         sections = _sections(interface) if interface is not None else [message] if message is not None else []
         for number, section in enumerate(sections):

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 _MENTIONED = re.compile(rb"\brosidl_(generate_interfaces|default_generators|interface_packages)\b", re.IGNORECASE)
 IGNORE_MARKS = ("COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE")
-MADE_BY_TOOLS = ("pyvenv.cfg", "CMakeCache.txt")
+BUILD_TREE_MARKERS = ("pyvenv.cfg", "CMakeCache.txt")
 """Files of folders that hold copies: of a virtual environment, and of a build."""
 _BUILD_FOLDERS = ("build", "install", "log")
 MAX_BYTES = 1 << 20
@@ -86,7 +86,7 @@ def files_below(folder: Path) -> list[str]:
         if count > _MAX_ENTRIES:
             raise UnreadableError(f"there are more than {_MAX_ENTRIES} files below the package folder")
         names = {entry.name for entry in entries}
-        if place and not names.isdisjoint(("package.xml", *IGNORE_MARKS, *MADE_BY_TOOLS)):
+        if place and not names.isdisjoint(("package.xml", *IGNORE_MARKS, *BUILD_TREE_MARKERS)):
             continue
         holds_interfaces = not set(KINDS).isdisjoint(place.split("/"))  # msg/log may be a folder of definitions
         for entry in entries:

@@ -1,4 +1,4 @@
-"""Syntax trees of .idl files: what the grammar found, with columns, before anything was checked."""
+"""Syntax trees of .idl files with positions, before any check."""
 
 from __future__ import annotations
 
@@ -6,27 +6,29 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.compiler.frontend.msg_line_parser import Word
+    from rosidl_py_gen.compiler.frontend.msg_line_parser import Token
 
 
 @dataclass(frozen=True, slots=True)
 class IdlExpression:
-    """A literal or a name: `kind` is number, boolean, string, wide_string or name; `text` joins adjacent literals."""
+    """A literal or a name; `kind` is number, boolean, string, wide_string or name, `text` joins adjacent literals."""
 
     kind: str
     text: str
-    at: Word = field(compare=False)
+    at: Token = field(compare=False)
 
 
 @dataclass(frozen=True, slots=True)
 class IdlType:
-    """`kind` is base, string, sequence or name; `words` the keywords or name parts; `size` a bound."""
+    """A type; `kind` is base, string, sequence or name, `words` are the keywords or modules and name, `size` is a
+    bound.
+    """
 
     kind: str
     words: tuple[str, ...]
     element: IdlType | None
     size: IdlExpression | None
-    at: Word = field(compare=False)
+    at: Token = field(compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +40,7 @@ class IdlAnnotation:
 
 @dataclass(frozen=True, slots=True)
 class IdlDeclarator:
-    name: Word
+    name: Token
     sizes: tuple[IdlExpression, ...]
 
 
@@ -52,7 +54,7 @@ class IdlMember:
 @dataclass(frozen=True, slots=True)
 class IdlStruct:
     annotations: tuple[IdlAnnotation, ...]
-    name: Word
+    name: Token
     members: tuple[IdlMember, ...]
 
 
@@ -60,7 +62,7 @@ class IdlStruct:
 class IdlConst:
     annotations: tuple[IdlAnnotation, ...]
     type: IdlType
-    name: Word
+    name: Token
     value: IdlExpression
 
 
@@ -72,12 +74,12 @@ class IdlTypedef:
 
 @dataclass(frozen=True, slots=True)
 class IdlEnum:
-    name: Word
+    name: Token
 
 
 @dataclass(frozen=True, slots=True)
 class IdlModule:
-    name: Word
+    name: Token
     definitions: tuple[IdlDefinition, ...]
 
 

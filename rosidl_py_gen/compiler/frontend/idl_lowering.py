@@ -1,6 +1,6 @@
 """The rosidl subset of IDL (docs/internals/protocol.md 1.8): from the syntax tree of an .idl file to an interface.
 
-One struct is a message, two are a service, three an action. Constants of struct S sit in a module S_Constants.
+One struct is a message, two are a service, three an action. Constants of struct S are in a module S_Constants.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, PRIMITIVES, Arity, FieldType
 from rosidl_py_gen.base.names import RosName, is_interface_name, is_package_name, py_name
-from rosidl_py_gen.compiler.frontend import derived_interfaces
+from rosidl_py_gen.compiler.frontend.derived_interfaces import assemble, section_names
 from rosidl_py_gen.compiler.frontend.idl_ast import (
     IdlAnnotation,
     IdlConst,
@@ -35,7 +35,7 @@ from rosidl_py_gen.compiler.frontend.model import (
     MessageDef,
     SourceText,
 )
-from rosidl_py_gen.compiler.frontend.msg_line_parser import SyntaxProblem, Word
+from rosidl_py_gen.compiler.frontend.msg_line_parser import SyntaxProblem, Token
 
 if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.model import Scalar
@@ -55,20 +55,13 @@ _BASES = {
     "unsigned long long": "uint64",
     **{f"{sign}int{bits}": f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)},
 }
-_SUFFIXES = {"msg": ("",), "srv": ("_Request", "_Response"), "action": ("_Goal", "_Result", "_Feedback")}
 _MAX_TYPEDEFS = 16
-
-
-class _IdlError(Exception):
-    def __init__(self, at: Word, text: str) -> None:
-        self.at = at
-        self.text = text
-        super().__init__(text)
+"""Maximum depth of typedefs, and of constants, that refer to others."""
 
 
 @dataclass(slots=True)
 class _IdlSymbolTable:
-    """What a file declares, by name; `modules` is the path of modules around each struct."""
+    """Declarations of a file by name; structs with the modules that contain them."""
 
     structs: list[tuple[tuple[str, ...], IdlStruct]] = field(default_factory=list)
     constants: dict[str, list[IdlConst]] = field(default_factory=dict)
@@ -84,22 +77,22 @@ class _IdlSymbolTable:
                 case IdlConst():
                     self.constants.setdefault(modules[-1] if modules else "", []).append(definition)
                 case IdlTypedef(_, declarator):
-                    # The same typedef twice is what rosidl_adapter writes for an array in both halves of a service.
+                    # rosidl_adapter repeats the typedef of an array that both sections of a service have.
                     first = self.typedefs.setdefault(declarator.name.text, definition)
                     if (first.type, first.declarator.sizes) != (definition.type, declarator.sizes):
-                        raise _IdlError(declarator.name, f'"{declarator.name.text}" is already defined differently')
+                        raise declarator.name.problem(f'"{declarator.name.text}" is already defined differently')
                 case IdlEnum(name):
-                    raise _IdlError(name, "enums are not usable in ROS interfaces; use constants")
+                    raise name.problem("enums are not usable in ROS interfaces; use constants")
 
     def constant(self, name: str) -> list[IdlConst]:
-        """The constants a name can mean; of a path the last module counts, as for the constants of a struct."""
+        """Return the constants that a name can mean; in a path only the last module is compared."""
         *path, last = name.split("::")
         every = (const for module, consts in self.constants.items() if path[-1:] in ([], [module]) for const in consts)
         return [const for const in every if const.name.text == last]
 
 
-def parse_idl_interface(name: RosName, source: SourceText, findings: Diagnostics) -> Interface | None:
-    """Read an .idl file; None when it has a problem, which `findings` then holds."""
+def parse_idl_interface(name: RosName, source: SourceText, diagnostics: Diagnostics) -> Interface | None:
+    """Parse an .idl file; returns None, after a diagnostic, if it has a problem."""
     try:
         scope = _IdlSymbolTable()
         scope.collect(parse_idl(source.text), ())
@@ -107,27 +100,24 @@ def parse_idl_interface(name: RosName, source: SourceText, findings: Diagnostics
             _check_typedef(typedef, scope)
         messages = _messages(name, scope, source)
     except SyntaxProblem as problem:
-        findings.add(Location(source, problem.line, problem.column), problem.text)
-        return None
-    except _IdlError as wrong:
-        findings.add(Location(source, wrong.at.line, wrong.at.column), wrong.text)
+        diagnostics.add(Location(source, problem.line, problem.column), problem.text)
         return None
     except RecursionError:
-        findings.add(Location(source, 1, 1), "nested too deeply")
+        diagnostics.add(Location(source, 1, 1), "nested too deeply")
         return None
-    return derived_interfaces.assemble(name, messages, source)
+    return assemble(name, messages, source)
 
 
 def _check_typedef(typedef: IdlTypedef, scope: _IdlSymbolTable) -> None:
-    """Also of a typedef that nothing uses; what its name stands for is looked at where it is used."""
+    """Raise for an unsupported typedef, even if it is not used; references are checked where it is used."""
     declarator, kind = typedef.declarator, typedef.type
-    for part in (kind, kind.element):
-        if part is not None and part.kind == "base":
-            _base(part)
+    for base in (kind, kind.element):
+        if base is not None and base.kind == "base":
+            _base(base)
     if len(declarator.sizes) > 1:
-        raise _IdlError(declarator.name, "arrays of more than one dimension are not supported")
+        raise declarator.name.problem("arrays of more than one dimension are not supported")
     if kind.element is not None and kind.element.kind == "sequence":
-        raise _IdlError(kind.at, "sequences of sequences or arrays are not supported")
+        raise kind.at.problem("sequences of sequences or arrays are not supported")
     element_size = None if kind.element is None else kind.element.size
     for size in (*declarator.sizes, kind.size, element_size):
         if size is not None:
@@ -135,24 +125,18 @@ def _check_typedef(typedef: IdlTypedef, scope: _IdlSymbolTable) -> None:
 
 
 def _messages(name: RosName, scope: _IdlSymbolTable, source: SourceText) -> list[MessageDef]:
-    suffixes = _SUFFIXES[name.kind]
-    wanted = [name.name + suffix for suffix in suffixes]
+    sections = section_names(name, name.kind)
+    wanted = [section.name for section in sections]
     found = [struct.name.text for _, struct in scope.structs]
-    start = Word("", 1, 1)
     if found != wanted:
-        at = scope.structs[0][1].name if scope.structs else start
-        raise _IdlError(
-            at, f"expected the struct{'s' * (len(wanted) > 1)} {', '.join(wanted)}, found {found or 'none'}"
-        )
-    by_name = {struct.name.text: (modules, struct) for modules, struct in scope.structs}
+        at = scope.structs[0][1].name if scope.structs else Token("", 1, 1)
+        raise at.problem(f"expected the struct{'s' * (len(wanted) > 1)} {', '.join(wanted)}, found {found or 'none'}")
     messages = []
-    for suffix, text in zip(suffixes, wanted, strict=True):
-        modules, struct = by_name[text]
+    for section, (modules, struct) in zip(sections, scope.structs, strict=True):
         if modules != (name.package, name.kind):
             path = "::".join(modules) or "no module"
-            raise _IdlError(struct.name, f"expected {text} in module {name.package}::{name.kind}, found {path}")
-        own = derived_interfaces.derived_name(name, suffix[1:]) if suffix else name
-        messages.append(_message(own, struct, scope, source))
+            raise struct.name.problem(f"expected {section.name} in module {name.package}::{name.kind}, found {path}")
+        messages.append(_message(section, struct, scope, source))
     return messages
 
 
@@ -168,7 +152,7 @@ def _message(name: RosName, struct: IdlStruct, scope: _IdlSymbolTable, source: S
     constants = [_constant(const, scope, source) for const in scope.constants.get(struct.name.text + "_Constants", [])]
     _refuse_clashes([*fields, *constants])
     if [(item.name, str(item.type)) for item in fields] == [("structure_needs_at_least_one_member", "uint8")]:
-        fields = []  # how an empty message looks in IDL
+        fields = []  # an empty message
     return MessageDef(name, tuple(fields), tuple(constants), _texts(struct.annotations)[0], source)
 
 
@@ -177,26 +161,29 @@ def _refuse_clashes(elements: list[FieldDef | ConstantDef]) -> None:
     for element in elements:
         spelling = py_name(element.name)
         if spelling in seen:
-            at = Word(element.name, element.location.line, element.location.column)
-            raise _IdlError(at, f'"{element.name}" clashes with another member or constant')
+            at = Token(element.name, element.location.line, element.location.column)
+            raise at.problem(f'"{element.name}" clashes with another member or constant')
         seen.add(spelling)
 
 
-def _declared(kind: IdlType, declarator: IdlDeclarator, scope: _IdlSymbolTable, name: RosName) -> FieldType:
-    result = _type(kind, scope, name, 0)
+def _declared(
+    kind: IdlType, declarator: IdlDeclarator, scope: _IdlSymbolTable, name: RosName, depth: int = 0
+) -> FieldType:
+    """Return the type of a member or typedef."""
+    result = _type(kind, scope, name, depth)
     if not declarator.sizes:
         return result
     if len(declarator.sizes) > 1:
-        raise _IdlError(declarator.name, "arrays of more than one dimension are not supported")
+        raise declarator.name.problem("arrays of more than one dimension are not supported")
     if result.arity is not Arity.SCALAR:
-        raise _IdlError(declarator.name, f"an array of {result} is not supported; only one level of arrays is")
+        raise declarator.name.problem(f"an array of {result} is not supported; only one level of arrays is")
     return FieldType(result.base, Arity.ARRAY, _positive(declarator.sizes[0], scope), result.string_bound)
 
 
 def _base(kind: IdlType) -> str:
     words = " ".join(kind.words)
     if words not in _BASES:
-        raise _IdlError(kind.at, f'the type "{words}" is not supported')
+        raise kind.at.problem(f'the type "{words}" is not supported')
     return _BASES[words]
 
 
@@ -209,14 +196,14 @@ def _type(kind: IdlType, scope: _IdlSymbolTable, name: RosName, depth: int) -> F
         case "sequence":
             assert kind.element is not None
             if kind.element.kind == "sequence":
-                raise _IdlError(kind.at, "sequences of sequences or arrays are not supported")
+                raise kind.at.problem("sequences of sequences or arrays are not supported")
             element = _type(kind.element, scope, name, depth)
             if element.arity is not Arity.SCALAR:
-                raise _IdlError(kind.at, "sequences of sequences or arrays are not supported")
+                raise kind.at.problem("sequences of sequences or arrays are not supported")
             if kind.size is None and kind.element.kind == "name" and element.base == "wstring" and element.string_bound:
-                # The reference describes this one right and sequence<wstring<N>> wrong
+                # The type description of the reference is wrong for sequence<wstring<N>>, but not for the typedef
                 # (docs/internals/protocol.md 1.7).
-                raise _IdlError(kind.at, f"expected sequence<wstring<{element.string_bound}>>, found a typedef in it")
+                raise kind.at.problem(f"expected sequence<wstring<{element.string_bound}>>, found a typedef in it")
             if kind.size is None:
                 return FieldType(element.base, Arity.UNBOUNDED, 0, element.string_bound)
             return FieldType(element.base, Arity.BOUNDED, _positive(kind.size, scope), element.string_bound)
@@ -228,26 +215,18 @@ def _named(kind: IdlType, scope: _IdlSymbolTable, name: RosName, depth: int) -> 
     *modules, last = kind.words
     if not modules and last in scope.typedefs and depth < _MAX_TYPEDEFS:
         typedef = scope.typedefs[last]
-        result = _type(typedef.type, scope, name, depth + 1)
-        if not typedef.declarator.sizes:
-            return result
-        if len(typedef.declarator.sizes) > 1 or result.arity is not Arity.SCALAR:
-            raise _IdlError(kind.at, f'"{last}" is an array of arrays, which is not supported')
-        size = _positive(typedef.declarator.sizes[0], scope)
-        return FieldType(result.base, Arity.ARRAY, size, result.string_bound)
+        return _declared(typedef.type, typedef.declarator, scope, name, depth + 1)
     if len(modules) == 2 and is_package_name(modules[0]) and modules[1] == "msg" and is_interface_name(last):
         return FieldType(f"{modules[0]}/msg/{last}")
     if not modules and is_interface_name(last) and last not in scope.typedefs:
         return FieldType(f"{name.package}/msg/{last}")
-    raise _IdlError(
-        kind.at, f'expected a message name package::msg::Name or a typedef, found "{"::".join(kind.words)}"'
-    )
+    raise kind.at.problem(f'expected a message name package::msg::Name or a typedef, found "{"::".join(kind.words)}"')
 
 
 def _positive(expression: IdlExpression, scope: _IdlSymbolTable) -> int:
     value = _evaluate(expression, scope, 0)
     if isinstance(value, bool) or not isinstance(value, int) or not 0 < value < 2**64:
-        raise _IdlError(expression.at, f'expected a whole number above 0, found "{expression.text[:40]}"')
+        raise expression.at.problem(f'expected a whole number above 0, found "{expression.text[:40]}"')
     return value
 
 
@@ -259,25 +238,25 @@ def _evaluate(expression: IdlExpression, scope: _IdlSymbolTable, depth: int) -> 
             try:
                 return decode_idl_string(expression.text, wide=expression.kind == "wide_string")
             except LiteralProblem as problem:
-                raise _IdlError(expression.at, str(problem)) from None
+                raise expression.at.problem(str(problem)) from None
         case "number":
             return _number(expression)
         case _:
             found = scope.constant(expression.text)
             if len(found) > 1:
-                raise _IdlError(expression.at, f'"{expression.text}" can mean {len(found)} constants')
+                raise expression.at.problem(f'"{expression.text}" can mean {len(found)} constants')
             if not found or depth > _MAX_TYPEDEFS:
                 if expression.text in ("true", "false"):
                     return expression.text == "true"
-                if expression.text in ("inf", "nan"):  # how the reference writes these defaults of a .msg
+                if expression.text in ("inf", "nan"):  # as the reference converts these defaults of a .msg
                     return float(expression.text)
-                raise _IdlError(expression.at, f'unknown constant "{expression.text}"')
+                raise expression.at.problem(f'unknown constant "{expression.text}"')
             return _evaluate(found[0].value, scope, depth + 1)
 
 
 def _number(expression: IdlExpression) -> int | float:
     text = expression.text
-    if text[-1] in "dD" and "x" not in text.lower():  # fixed point: no whole number, even without a fraction
+    if text[-1] in "dD" and "x" not in text.lower():  # fixed point: not a whole number, even without a fraction
         text = text[:-1] + "e0" * ("e" not in text.lower())
     if len(text) <= 400:
         for convert in (int, lambda digits: int(digits, 0), lambda digits: int(digits, 8), float):
@@ -286,25 +265,21 @@ def _number(expression: IdlExpression) -> int | float:
                     return convert(text)
                 except ValueError:
                     continue
-    raise _IdlError(expression.at, f'expected a number, found "{text[:40]}"')
+    raise expression.at.problem(f'expected a number, found "{text[:40]}"')
 
 
 def _constant(const: IdlConst, scope: _IdlSymbolTable, source: SourceText) -> ConstantDef:
     kind = _type(const.type, scope, RosName("", "", ""), 0)
     if kind.is_message or kind.arity is not Arity.SCALAR:
-        raise _IdlError(const.name, f'expected a primitive type or string for a constant, found "{kind}"')
+        raise const.name.problem(f'expected a primitive type or string for a constant, found "{kind}"')
     comment, unit = _texts(const.annotations)
     value = _fit(kind, _evaluate(const.value, scope, 0), const.value.at)
     at = Location(source, const.name.line, const.name.column)
     return ConstantDef(const.name.text, FieldType(kind.base), value, comment, unit, at)
 
 
-def _fit(kind: FieldType, value: Scalar, at: Word) -> Scalar:
-    """The value as the Python type of its field.
-
-    Raises:
-        _Wrong: it does not fit.
-    """
+def _fit(kind: FieldType, value: Scalar, at: Token) -> Scalar:
+    """Return the value in the Python type of its field; raises `SyntaxProblem` if it does not fit."""
     primitive = kind.primitive
     if primitive is None:
         if isinstance(value, str) and (not kind.string_bound or len(value) <= kind.string_bound):
@@ -319,7 +294,7 @@ def _fit(kind: FieldType, value: Scalar, at: Word) -> Scalar:
         low, high = INTEGER_RANGES[PRIMITIVES[kind.base].code]
         if low <= value <= high:
             return value
-    raise _IdlError(at, f"expected a value of type {kind}, found {str(value)[:40]!r}")
+    raise at.problem(f"expected a value of type {kind}, found {str(value)[:40]!r}")
 
 
 def _default(
@@ -329,20 +304,20 @@ def _default(
     if not found:
         return None
     if kind.is_message:
-        raise _IdlError(declarator.name, f'a field of type "{kind}" cannot have a default')
+        raise declarator.name.problem(f'a field of type "{kind}" cannot have a default')
     expression = found[0].arguments.get("value")
     if expression is None or len(found) > 1:
-        raise _IdlError(declarator.name, f'expected one @default(value=...) of "{declarator.name.text}"')
+        raise declarator.name.problem(f'expected one @default(value=...) of "{declarator.name.text}"')
     value = _evaluate(expression, scope, 0)
     if kind.arity is Arity.SCALAR:
         return _fit(kind, value, expression.at)
-    # The value is the text of a tuple (docs/internals/protocol.md 1.8).
+    # The default of an array is the text of a tuple (docs/internals/protocol.md 1.8).
     values = python_value(value) if isinstance(value, str) else None
     if not isinstance(values, (tuple, list)):
-        raise _IdlError(expression.at, f"expected the text of a tuple for {kind}, found {str(value)[:40]!r}")
+        raise expression.at.problem(f"expected the text of a tuple for {kind}, found {str(value)[:40]!r}")
     over = len(values) > kind.capacity and kind.arity is Arity.BOUNDED
     if over or (kind.arity is Arity.ARRAY and len(values) != kind.capacity):
-        raise _IdlError(expression.at, f"expected {kind.capacity} values for {kind}, found {len(values)}")
+        raise expression.at.problem(f"expected {kind.capacity} values for {kind}, found {len(values)}")
     return tuple(_fit(kind.element, item, expression.at) for item in values)
 
 

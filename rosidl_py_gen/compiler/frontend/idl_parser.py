@@ -1,14 +1,13 @@
-"""The grammar of .idl files at work: text in, syntax trees out.
-
-The only file that imports lark; its errors become `SyntaxProblem` here. Nothing is checked beyond the grammar.
-"""
+"""Parser of .idl files: from text to syntax trees. It checks nothing beyond the grammar."""
 
 from __future__ import annotations
 
 from functools import lru_cache
+from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
-from lark import Lark, Token, Transformer, v_args
+from lark import Lark, Transformer, v_args
+from lark import Token as LarkToken
 from lark.exceptions import LarkError, UnexpectedCharacters, UnexpectedEOF, UnexpectedInput, UnexpectedToken, VisitError
 
 from rosidl_py_gen.base.resources import grammar_text
@@ -25,14 +24,14 @@ from rosidl_py_gen.compiler.frontend.idl_ast import (
     IdlType,
     IdlTypedef,
 )
-from rosidl_py_gen.compiler.frontend.msg_line_parser import SyntaxProblem, Word
+from rosidl_py_gen.compiler.frontend.msg_line_parser import SyntaxProblem, Token
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
 MAX_TOKENS = 250_000
-"""Words and signs of a file, comments not counted; each takes 400 bytes, and may be a single character."""
-_WORDS = {
+"""Maximum tokens of a file without comments; each takes 400 bytes, and may be a single character."""
+_TOKEN_NAMES = {
     "LSQB": '"["',
     "RSQB": '"]"',
     "LBRACE": '"{"',
@@ -56,8 +55,7 @@ _WORDS = {
     "SIGN": "a sign",
     "$END": "the end",
 }
-
-# What IDL knows and rosidl does not, by the word or sign that gives it away.
+"""Terminals of the grammar as errors name them."""
 _UNSUPPORTED = {
     **{word: f"{word}s are" for word in ("union", "bitmask", "bitset", "interface", "valuetype", "exception", "map")},
     **{word: f'"{word}" is' for word in ("fixed", "any", "native", "typename", "wchar_t")},
@@ -65,38 +63,39 @@ _UNSUPPORTED = {
     **dict.fromkeys("+*/%|&^~", "constant expressions are"),
     **dict.fromkeys(("<<", ">>"), "constant expressions are"),
 }
+"""Features of IDL that rosidl does not support, by the token that shows them."""
 
 
 def parse_idl(text: str) -> tuple[IdlDefinition, ...]:
-    """A whole .idl file.
+    """Return the definitions of an .idl file.
 
     Raises:
-        SyntaxProblem: with line and column and what was expected there.
+        SyntaxProblem: the text breaks the grammar, or is too large.
     """
     try:
-        return _parsed(text)
+        return _parse(text)
     except LarkError as error:
         raise _translate(error, text) from error
     except RecursionError:
         raise SyntaxProblem(1, 1, "nested too deeply") from None
 
 
-def _parsed(text: str) -> tuple[IdlDefinition, ...]:
+def _parse(text: str) -> tuple[IdlDefinition, ...]:
     parsing = _idl_parser().parse_interactive(text)
-    last: Token | None = None
+    last: LarkToken | None = None
     try:
         for number, last in enumerate(parsing.iter_parse(), 1):
             if number > MAX_TOKENS:
                 raise SyntaxProblem(last.line or 1, last.column or 1, f"more than {MAX_TOKENS} words and signs")
         return parsing.feed_eof(last)  # type: ignore[no-any-return, no-untyped-call]
     except UnexpectedToken as error:
-        error.interactive_parser = parsing  # knows what would have been accepted
+        error.interactive_parser = parsing  # returns the tokens that would have been accepted
         raise
 
 
 @lru_cache(maxsize=1)
 def _idl_parser() -> Lark:
-    # Without a tree in between, which takes more memory than the definitions.
+    # The transformer runs while parsing: a tree would take more memory than the definitions.
     return Lark(grammar_text("idl.lark"), parser="lalr", transformer=_Idl(), maybe_placeholders=False)
 
 
@@ -113,7 +112,8 @@ def _translate(error: LarkError, text: str) -> SyntaxProblem:
     elif isinstance(error, UnexpectedToken):
         names = error.accepts or error.expected
         if error.token.type != "$END":
-            found = f'"{_shorten(str(error.token))}"'
+            text_found = str(error.token)
+            found = f'"{text_found if len(text_found) <= 40 else text_found[:37] + "..."}"'
         else:
             column = -1
     elif isinstance(error, UnexpectedEOF):
@@ -126,62 +126,56 @@ def _translate(error: LarkError, text: str) -> SyntaxProblem:
         return SyntaxProblem(row, column, "the comment is never closed")
     if unsupported:
         return SyntaxProblem(row, column, f"{unsupported} not supported in ROS interfaces, found {found}")
-    words = sorted({_WORDS.get(name, f'"{name.lower()}"') for name in names if not name.startswith("__IGNORE")})
+    words = sorted({_TOKEN_NAMES.get(name, f'"{name.lower()}"') for name in names if not name.startswith("__IGNORE")})
     expected = " or ".join(words) if words else "something else"
     return SyntaxProblem(row, column, f"expected {expected}, found {found}")
 
 
-def _shorten(text: str) -> str:
-    return text if len(text) <= 40 else text[:37] + "..."
-
-
-def _word(token: Token) -> Word:
-    return Word(str(token), token.line or 1, token.column or 1)
+def _token(token: LarkToken) -> Token:
+    return Token(str(token), token.line or 1, token.column or 1)
 
 
 def _split(children: list[Any], kind: type) -> tuple[tuple[Any, ...], list[Any]]:
-    """The leading children of one type, and the rest."""
-    count = 0
-    while count < len(children) and isinstance(children[count], kind):
-        count += 1
-    return tuple(children[:count]), children[count:]
+    """Return the leading children of one type, and the rest."""
+    leading = tuple(takewhile(lambda child: isinstance(child, kind), children))
+    return leading, children[len(leading) :]
 
 
 @v_args(inline=False)
-class _Idl(Transformer[Token, Any]):
-    """Lark tree of an .idl file -> definitions."""
+class _Idl(Transformer[LarkToken, Any]):
+    """Callbacks of lark that build the definitions."""
 
     def start(self, children: list[Any]) -> tuple[IdlDefinition, ...]:
         return tuple(child for child in children if child is not None)
 
     def module(self, children: list[Any]) -> IdlModule:
         _, (name, *definitions) = _split(children, IdlAnnotation)
-        return IdlModule(_word(name), tuple(definition for definition in definitions if definition is not None))
+        return IdlModule(_token(name), tuple(definition for definition in definitions if definition is not None))
 
     def forward(self, children: list[Any]) -> None:
         return None
 
     def const(self, children: list[Any]) -> IdlConst:
         annotations, (kind, name, value) = _split(children, IdlAnnotation)
-        return IdlConst(annotations, kind, _word(name), value)
+        return IdlConst(annotations, kind, _token(name), value)
 
     def typedef(self, children: list[Any]) -> IdlTypedef:
         return IdlTypedef(children[0], children[1])
 
     def struct(self, children: list[Any]) -> IdlStruct:
         annotations, (name, *members) = _split(children, IdlAnnotation)
-        return IdlStruct(annotations, _word(name), tuple(members))
+        return IdlStruct(annotations, _token(name), tuple(members))
 
     def enum(self, children: list[Any]) -> IdlEnum:
         _, (name, *_rest) = _split(children, IdlAnnotation)
-        return IdlEnum(_word(name))
+        return IdlEnum(_token(name))
 
     def member(self, children: list[Any]) -> IdlMember:
         annotations, (kind, *declarators) = _split(children, IdlAnnotation)
         return IdlMember(annotations, kind, tuple(declarators))
 
     def declarator(self, children: list[Any]) -> IdlDeclarator:
-        return IdlDeclarator(_word(children[0]), tuple(children[1:]))
+        return IdlDeclarator(_token(children[0]), tuple(children[1:]))
 
     def type(self, children: list[Any]) -> IdlType:
         child = children[0]
@@ -191,11 +185,11 @@ class _Idl(Transformer[Token, Any]):
         return child
 
     def base_type(self, children: list[Any]) -> IdlType:
-        return IdlType("base", tuple(str(token) for token in children), None, None, _word(children[0]))
+        return IdlType("base", tuple(str(token) for token in children), None, None, _token(children[0]))
 
     def string_type(self, children: list[Any]) -> IdlType:
         size = children[1] if len(children) > 1 else None
-        return IdlType("string", (str(children[0]),), None, size, _word(children[0]))
+        return IdlType("string", (str(children[0]),), None, size, _token(children[0]))
 
     def sequence(self, children: list[Any]) -> IdlType:
         element: IdlType = children[0]
@@ -211,16 +205,16 @@ class _Idl(Transformer[Token, Any]):
         return str(children[0]), children[1]
 
     def number(self, children: list[Any]) -> IdlExpression:
-        return IdlExpression("number", "".join(children).removeprefix("+"), _word(children[0]))
+        return IdlExpression("number", "".join(children).removeprefix("+"), _token(children[0]))
 
     def boolean(self, children: list[Any]) -> IdlExpression:
-        return IdlExpression("boolean", str(children[0]), _word(children[0]))
+        return IdlExpression("boolean", str(children[0]), _token(children[0]))
 
     def string(self, children: list[Any]) -> IdlExpression:
-        return IdlExpression("string", "".join(token[1:-1] for token in children), _word(children[0]))
+        return IdlExpression("string", "".join(token[1:-1] for token in children), _token(children[0]))
 
     def wide_string(self, children: list[Any]) -> IdlExpression:
-        return IdlExpression("wide_string", "".join(token[2:-1] for token in children), _word(children[0]))
+        return IdlExpression("wide_string", "".join(token[2:-1] for token in children), _token(children[0]))
 
     def scoped_name(self, children: list[Any]) -> IdlExpression:
-        return IdlExpression("name", "::".join(children), _word(children[0]))
+        return IdlExpression("name", "::".join(children), _token(children[0]))

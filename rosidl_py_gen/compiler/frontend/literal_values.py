@@ -1,7 +1,7 @@
 """Default values and constants: from their text to Python values (docs/internals/protocol.md 1.4).
 
-The reference tool chain turns a string default into IDL text and reads it back; escapes mean what survives both stages.
-`_through_idl` reproduces the two stages, quirks included, so that the same texts are accepted with the same meaning.
+The reference tool chain converts a string default into IDL text and reads it back, so an escape has the meaning that
+survives both stages. `_through_idl` reproduces the two stages with their quirks, so that the same texts are accepted.
 """
 
 from __future__ import annotations
@@ -16,8 +16,10 @@ from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, PRIMITIVES, Arity, Fiel
 if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.model import Default, Scalar
 
-_MAX_DIGITS = 400  # of an integer: far above any legal value, below where conversion becomes slow or is refused
-_LITERALS_AT_ONCE = 4096  # elements whose Python syntax tree exists at a time: 250 bytes each
+_MAX_DIGITS = 400
+"""Maximum digits of an integer: above every valid value, below the length from which Python refuses to convert."""
+_MAX_ELEMENTS_AT_ONCE = 4096
+"""Maximum elements whose Python syntax tree exists at a time: 250 bytes each."""
 _IDL_STRING = re.compile(r'"(.*?)(?<!\\)(?:\\\\)*?"')
 _IDL_ESCAPE = re.compile(r"\\[ntvbrfa\\?'\"]|\\[0-7]{1,3}|\\x[0-9a-fA-F]{1,2}")
 _PYTHON_ESCAPE = re.compile(r"\\([4-7][0-7]{2}|.)", re.DOTALL)
@@ -26,14 +28,14 @@ _IDL_WIDE_ESCAPE = re.compile(_IDL_ESCAPE.pattern + r"|\\u[0-9a-fA-F]{1,4}")
 
 
 class LiteralProblem(ValueError):
-    """The text is no value of the type; says what was expected."""
+    """The text is not a value of the type."""
 
 
 def parse_default(kind: FieldType, text: str) -> Default:
-    """The default of a field.
+    """Return the default value of a field.
 
     Raises:
-        LiteralProblem: the text is no value of the type, or the type can have no default.
+        LiteralProblem: the text is not a value of the type, or the type cannot have a default.
     """
     if kind.is_message:
         raise LiteralProblem(f'a field of type "{kind}" cannot have a default')
@@ -55,15 +57,14 @@ def parse_default(kind: FieldType, text: str) -> Default:
 
 
 def parse_scalar(kind: FieldType, text: str) -> Scalar:
-    """One value: of a constant, a scalar field or an array element.
+    """Return the value of a constant, a scalar field or an array element.
 
     Raises:
-        LiteralProblem: the text is no value of the type.
+        LiteralProblem: the text is not a value of the type.
     """
     if kind.is_string:
-        return _through_idl(_check_bound(kind, _unquote(text)))  # the bound counts what is written, escapes included
-    primitive = PRIMITIVES[kind.base]
-    match primitive.python:
+        return _through_idl(_check_bound(kind, _unquote(text)))  # the bound counts characters of the file, with escapes
+    match PRIMITIVES[kind.base].python:
         case "bool":
             return _boolean(text)
         case "float":
@@ -124,12 +125,12 @@ def _unquote(text: str) -> str:
 
 
 def _string_elements(kind: FieldType, text: str) -> tuple[str, ...]:
-    # The reference reads each element as if it stood alone, so blanks and quotes inside the quotes go too.
+    # The reference reads each element like a scalar, so it also removes blanks and quotes inside the quotes.
     values = [_check_bound(kind, _unquote(value.strip())) for value in _split_strings(text)]
-    # The reference writes the Python repr of the whole tuple through the IDL stage; in pieces it takes less memory.
+    # The reference passes the Python repr of the whole tuple through the IDL stage; slices take less memory.
     results: list[str] = []
-    for start in range(0, len(values), _LITERALS_AT_ONCE):
-        rendered = repr(tuple(values[start : start + _LITERALS_AT_ONCE])).replace("\\", r"\\").replace('"', r"\"")
+    for start in range(0, len(values), _MAX_ELEMENTS_AT_ONCE):
+        rendered = repr(tuple(values[start : start + _MAX_ELEMENTS_AT_ONCE])).replace("\\", r"\\").replace('"', r"\"")
         result = python_value(decode_idl_string(rendered))
         if not isinstance(result, tuple) or not all(isinstance(item, str) for item in result):
             raise LiteralProblem(f"expected a list of strings, found {_cut(text)}")
@@ -160,10 +161,10 @@ def _split_strings(text: str) -> list[str]:
 
 
 def _quoted(text: str, start: int) -> tuple[str, int]:
-    """The quoted value at `start` and the position behind it.
+    """Return the quoted value at `start` and the position after it.
 
-    Kept from the reference: a quote right behind an escaped quote is not seen, and from the second escaped quote on the
-    length is measured from the last one.
+    Quirks of the reference: it misses a quote directly after an escaped quote, and from the second escaped quote on
+    measures the length from the last one.
     """
     quote = text[start]
     position, skipped = start, 0
@@ -192,14 +193,14 @@ def _through_idl(value: str) -> str:
 
 
 def _known_escape(found: re.Match[str]) -> str:
-    """Keep what Python's `unicode_escape` knows; it would warn of the rest, and leave that as it is."""
+    """Return an escape that Python's `unicode_escape` supports; for another one, text that it does not warn about."""
     if len(found[1]) == 3:
         raise LiteralProblem(f"expected an octal escape up to \\377, found {found[0]}")
     return found[0] if found[1] in _PYTHON_ESCAPES else "\\" + found[0]
 
 
 def python_value(text: str) -> object:
-    """What the text of a Python literal means; None when it means nothing."""
+    """Return the value of the text of a Python literal; None if the text is not a literal."""
     try:
         return literal_eval(_PYTHON_ESCAPE.sub(_quiet_escape, text))
     except (ValueError, SyntaxError, MemoryError, RecursionError):
@@ -207,17 +208,15 @@ def python_value(text: str) -> object:
 
 
 def _quiet_escape(found: re.Match[str]) -> str:
-    """The escape in Python, written so that it does not warn (which is an error where warnings are)."""
-    if len(found[1]) == 3:
-        return f"\\u{int(found[1], 8):04x}"
-    return found[0] if found[1] in _PYTHON_ESCAPES else "\\" + found[0]
+    """Return the escape in a form for which Python does not warn."""
+    return f"\\u{int(found[1], 8):04x}" if len(found[1]) == 3 else _known_escape(found)
 
 
 def decode_idl_string(text: str, wide: bool = False) -> str:
-    """The value of an IDL string literal without its quotes (IDL 4.2 table 7-9, as the reference reads it).
+    """Return the value of an IDL string literal without its quotes (IDL 4.2 table 7-9, as the reference reads it).
 
     Raises:
-        LiteralProblem: an escape that means nothing.
+        LiteralProblem: an escape is not complete.
     """
     try:
         value = (_IDL_WIDE_ESCAPE if wide else _IDL_ESCAPE).sub(_idl_character, text)

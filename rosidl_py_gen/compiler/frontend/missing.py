@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.generated_files import is_generated
 from rosidl_py_gen.base.names import KINDS, did_you_mean
-from rosidl_py_gen.compiler.frontend.files import IGNORE_MARKS, MADE_BY_TOOLS
+from rosidl_py_gen.compiler.frontend.files import BUILD_TREE_MARKERS, IGNORE_MARKS
 from rosidl_py_gen.compiler.frontend.search_path import Package, holds_interfaces, package_name
 from rosidl_py_gen.errors import DefinitionError, display_path
 
@@ -81,7 +81,7 @@ def _find(root: Path, package: str) -> _Place | None:
         except OSError:
             continue
         mark = above or next((folder / name for name in IGNORE_MARKS if name in entries), None)
-        if folder != root and not entries.keys().isdisjoint(MADE_BY_TOOLS):
+        if folder != root and not entries.keys().isdisjoint(BUILD_TREE_MARKERS):
             continue
         is_package = "package.xml" in entries
         if is_package or holds_interfaces(folder):

@@ -1,7 +1,7 @@
-"""What an interface file says, as plain values.
+"""Contents of interface files as plain values, and diagnostics about them.
 
-`parse` and `idl` build these, `derive` adds the messages ROS derives from services and actions, `resolve` checks the
-references. Types inside fields already carry full names (``pkg/msg/Name``).
+`interface_parser` builds these values, `derived_interfaces` adds the messages that ROS derives from services and
+actions, `registry` checks the references. Types of fields have full names (``pkg/msg/Name``).
 """
 
 from __future__ import annotations
@@ -16,19 +16,25 @@ if TYPE_CHECKING:
     from rosidl_py_gen.base.names import RosName
 
 MAX_PROBLEMS = 100
-"""Of one file; what may have been meant instead costs more to find out than it does to read the line."""
+"""Maximum diagnostics of a file: a suggestion costs more time than reading the line."""
+SECTIONS: dict[str, tuple[str, ...]] = {
+    "msg": ("",),
+    "srv": ("Request", "Response"),
+    "action": ("Goal", "Result", "Feedback"),
+}
+"""Suffixes of the messages that an interface file defines, by kind."""
 
 Scalar = bool | int | float | str
 Default = Scalar | tuple[Scalar, ...]
 
 
 class SourceText(NamedTuple):
-    """The text a definition came from.
+    """The text of a definition.
 
     Attributes:
-        path: as shown to the user; a name in angle brackets when it came from no file.
-        text: the whole file, as it was read.
-        format: the suffix: msg, srv, action or idl; ``implicit`` for derived types.
+        path: for display; a name in angle brackets for text that is not from a file.
+        text: the whole file.
+        format: msg, srv, action or idl; ``implicit`` for a type description without text.
     """
 
     path: str
@@ -37,21 +43,21 @@ class SourceText(NamedTuple):
 
 
 class Location(NamedTuple):
-    """A place in a source; line and column are 1-based."""
+    """A position in a source; line and column are 1-based."""
 
     source: SourceText
     line: int
     column: int
 
-    def problem(self, text: str) -> Diagnostic:
-        """A finding here, with the source line for the caret."""
+    def diagnostic(self, text: str) -> Diagnostic:
+        """Return a diagnostic for the location, with the source line for the caret."""
         lines = self.source.text.splitlines()
         line = lines[self.line - 1].replace("\t", " ") if 0 < self.line <= len(lines) else ""
         return Diagnostic(self.source.path, self.line, self.column, text, line)
 
 
 class FieldDef(NamedTuple):
-    """One field. `default` is None when there is none, a tuple for arrays; `unit` is the text in brackets."""
+    """A field; `default` is a tuple for arrays, `unit` the text in brackets of the comment."""
 
     name: str
     type: FieldType
@@ -62,7 +68,7 @@ class FieldDef(NamedTuple):
 
 
 class ConstantDef(NamedTuple):
-    """One constant; `type` is a primitive or an unbounded string."""
+    """A constant; `type` is a primitive or an unbounded string."""
 
     name: str
     type: FieldType
@@ -73,7 +79,7 @@ class ConstantDef(NamedTuple):
 
 
 class MessageDef(NamedTuple):
-    """A message: from a .msg file, a section of another file, or derived. No fields means an empty message."""
+    """A message: from a .msg file, a section of another file, or derived."""
 
     name: RosName
     fields: tuple[FieldDef, ...]
@@ -92,8 +98,12 @@ class ServiceDef(NamedTuple):
     source: SourceText
 
     @property
+    def sections(self) -> tuple[MessageDef, ...]:
+        return self.request, self.response
+
+    @property
     def messages(self) -> tuple[MessageDef, ...]:
-        return (self.request, self.response, self.event)
+        return *self.sections, self.event
 
 
 class ActionDef(NamedTuple):
@@ -109,41 +119,50 @@ class ActionDef(NamedTuple):
     source: SourceText
 
     @property
+    def sections(self) -> tuple[MessageDef, ...]:
+        return self.goal, self.result, self.feedback
+
+    @property
     def messages(self) -> tuple[MessageDef, ...]:
-        return (
-            self.goal,
-            self.result,
-            self.feedback,
-            self.feedback_message,
-            *self.send_goal.messages,
-            *self.get_result.messages,
-        )
+        return *self.sections, self.feedback_message, *self.send_goal.messages, *self.get_result.messages
 
 
 Interface = MessageDef | ServiceDef | ActionDef
 
 
 def messages_of(interface: Interface) -> tuple[MessageDef, ...]:
-    """Every message class an interface becomes, dependencies first."""
+    """Return the messages of an interface, dependencies first."""
     return (interface,) if isinstance(interface, MessageDef) else interface.messages
+
+
+def sections_of(interface: Interface) -> tuple[MessageDef, ...]:
+    """Return the messages that the file of an interface defines, without derived ones."""
+    return (interface,) if isinstance(interface, MessageDef) else interface.sections
+
+
+def nested_types(interface: Interface) -> set[str]:
+    """Return the full names of the types of an interface's fields, without its own messages."""
+    own = {str(message.name) for message in messages_of(interface)}
+    fields = (item for message in messages_of(interface) for item in message.fields)
+    return {item.type.base for item in fields if item.type.is_message} - own
 
 
 @dataclass(slots=True)
 class Diagnostics:
-    """Collects problems over many files, so that one run shows them all."""
+    """Collected diagnostics of many files, so that one run reports all of them."""
 
-    problems: list[Diagnostic] = field(default_factory=list)
+    items: list[Diagnostic] = field(default_factory=list)
     _counts: dict[str, int] = field(default_factory=dict)
 
     def add(self, location: Location, text: str) -> None:
-        """Note a problem; of one file the first ones."""
+        """Add a diagnostic, unless the file has too many."""
         path = location.source.path
         count = self._counts[path] = self._counts.get(path, 0) + 1
         if count <= MAX_PROBLEMS:
-            self.problems.append(location.problem(text))
+            self.items.append(location.diagnostic(text))
         elif count == MAX_PROBLEMS + 1:
-            self.problems.append(location.problem(f"there are more problems; the first {MAX_PROBLEMS} are shown"))
+            self.items.append(location.diagnostic(f"there are more problems; the first {MAX_PROBLEMS} are shown"))
 
     def is_full(self, location: Location) -> bool:
-        """Whether so much is wrong in the location's file that further problems are not shown."""
+        """Return True if further diagnostics of the location's file are not reported."""
         return self._counts.get(location.source.path, 0) > MAX_PROBLEMS

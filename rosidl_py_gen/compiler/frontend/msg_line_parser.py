@@ -1,8 +1,9 @@
-"""One element line of a .msg section: a field or a constant, after comments and trailing blanks were cut.
+"""Parser of one field or constant in a .msg section, without comment and trailing blanks.
 
-The language is regular, so a table says it: how each word is written, and what may stand behind it. Spaces separate
-type, name and default, so they are words, too. Which names and values are legal is checked later, where the error can
-say what the rule is. Source: docs/internals/protocol.md 1.3.
+The language is regular, so a table defines it: the pattern of each token, and the tokens that may follow. Spaces
+separate type, name and default, so they are tokens, too. Names and values are checked later, where an error can state
+the rule.
+Source: docs/internals/protocol.md 1.3.
 """
 
 from __future__ import annotations
@@ -14,35 +15,8 @@ _TYPE, _SIZE = r"[^\s/<=\[\]]+", r"[^\s<=\[\]]+"
 _END = "the end"
 
 
-class Word(NamedTuple):
-    """A piece of text and where it begins (1-based)."""
-
-    text: str
-    line: int
-    column: int
-
-
-class TypeSyntax(NamedTuple):
-    """The type of a .msg element. `array` is None, "fixed", "bounded" or "unbounded"; `size` its number."""
-
-    package: Word | None
-    name: Word
-    bound: Word | None
-    array: str | None
-    size: Word | None
-
-
-class ElementSyntax(NamedTuple):
-    """One element line of a .msg section. A constant has `value`, a field may have `default`."""
-
-    type: TypeSyntax
-    name: Word
-    is_constant: bool
-    value: Word | None
-
-
 class SyntaxProblem(Exception):
-    """The text does not follow the grammar."""
+    """A definition breaks a rule of its language; `line` and `column` are 1-based."""
 
     def __init__(self, line: int, column: int, text: str) -> None:
         self.line = line
@@ -51,11 +25,23 @@ class SyntaxProblem(Exception):
         super().__init__(text)
 
 
-class _Rule(NamedTuple):
-    """How a word is written, what errors call it, and which words may follow: no two of these begin alike."""
+class Token(NamedTuple):
+    """A lexical token with its 1-based position."""
 
-    written: str
-    shown: str
+    text: str
+    line: int
+    column: int
+
+    def problem(self, text: str) -> SyntaxProblem:
+        """Return an exception for the token."""
+        return SyntaxProblem(self.line, self.column, text)
+
+
+class _Rule(NamedTuple):
+    """Pattern of a token, its name in errors, and the tokens that may follow: no two of them begin alike."""
+
+    pattern: str
+    display: str
     following: tuple[str, ...]
 
 
@@ -79,48 +65,40 @@ _RULES = {
     "value": _Rule(r"\S.*", "a value", (_END,)),
     _END: _Rule(r"\Z", _END, ()),
 }
-_AHEAD = {
-    word: re.compile("|".join(f"({_RULES[one].written})" for one in rule.following)) for word, rule in _RULES.items()
+_FOLLOWING = {
+    kind: re.compile("|".join(f"({_RULES[one].pattern})" for one in rule.following)) for kind, rule in _RULES.items()
 }
-"""What may follow a word: one group for each."""
+"""Pattern of the tokens that may follow a token: one group for each."""
 
 
-def parse_element(text: str, line: int) -> ElementSyntax:
-    """One element line.
+def parse_element(text: str, line: int) -> dict[str, Token]:
+    """Return the tokens of an element line by their kinds.
+
+    ``member`` is the name of a type after its package, which is ``type`` then. A constant has ``equals``, and ``value``
+    unless it is empty.
 
     Raises:
-        SyntaxProblem: with the column and what was expected there.
+        SyntaxProblem: the line breaks the grammar.
     """
-    found = _words(text, line)
-    array = next((one for one in ("fixed", "bounded", "open") if one in found), None)
-    kind = TypeSyntax(
-        found["type"] if "member" in found else None,
-        found.get("member", found["type"]),
-        found.get("bound"),
-        "unbounded" if array == "open" else array,
-        found.get("fixed", found.get("bounded")),
-    )
-    return ElementSyntax(kind, found["name"], "equals" in found, found.get("value", found.get("default")))
-
-
-def _words(text: str, line: int) -> dict[str, Word]:
-    found: dict[str, Word] = {}
-    word, position = "start", 0
-    while word != _END:
-        match = _AHEAD[word].match(text, position)
+    tokens: dict[str, Token] = {}
+    kind, position = "start", 0
+    while kind != _END:
+        match = _FOLLOWING[kind].match(text, position)
         if match is None or match.lastindex is None:
-            raise _problem(word, text, line, position)
-        word = _RULES[word].following[match.lastindex - 1]
-        found[word] = Word(match[0], line, position + 1)
+            raise _problem(kind, text, line, position)
+        kind = _RULES[kind].following[match.lastindex - 1]
+        tokens[kind] = Token(match[0], line, position + 1)
         position = match.end()
-    return found
+    return tokens
 
 
-def _problem(word: str, text: str, line: int, position: int) -> SyntaxProblem:
-    following = _RULES[word].following
-    expected = " or ".join(sorted({_RULES[one].shown for one in following}))
+def _problem(kind: str, text: str, line: int, position: int) -> SyntaxProblem:
+    following = _RULES[kind].following
+    expected = " or ".join(sorted({_RULES[one].display for one in following}))
     if position < len(text):
-        return SyntaxProblem(line, position + 1, f'expected {expected}, found "{text[position]}"')
-    if "space" in following:
-        return SyntaxProblem(line, position + 1, "expected a type, a space and a name, found no name")
-    return SyntaxProblem(line, position + 1, f"expected {expected}, found the end of the line")
+        message = f'expected {expected}, found "{text[position]}"'
+    elif "space" in following:
+        message = "expected a type, a space and a name, found no name"
+    else:
+        message = f"expected {expected}, found the end of the line"
+    return SyntaxProblem(line, position + 1, message)

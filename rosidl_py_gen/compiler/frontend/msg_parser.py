@@ -1,22 +1,22 @@
-"""The line algorithm of .msg text (docs/internals/protocol.md 1.3): from the lines of one section to a MessageDef.
+"""Parser of a .msg section: from its lines to a message (docs/internals/protocol.md 1.3).
 
-Quirks of the reference are kept on purpose: a `#` starts a comment even inside quotes, a `=` anywhere behind the type
-makes the line a constant, blanks before an element are an error.
+Quirks of the reference are intended: a `#` starts a comment even inside quotes, a `=` anywhere after the type makes the
+line a constant, blanks before an element are an error.
 """
 
 from __future__ import annotations
 
 import re
 import textwrap
-from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity, FieldType
 from rosidl_py_gen.base.names import (
     CONSTANT_RULE,
     INTERFACE_RULE,
     PACKAGE_RULE,
+    RosName,
     did_you_mean,
     is_constant_name,
     is_field_name,
@@ -25,23 +25,13 @@ from rosidl_py_gen.base.names import (
 )
 from rosidl_py_gen.compiler.frontend.literal_values import LiteralProblem, parse_default, parse_scalar
 from rosidl_py_gen.compiler.frontend.model import ConstantDef, Diagnostics, FieldDef, Location, MessageDef, SourceText
-from rosidl_py_gen.compiler.frontend.msg_line_parser import (
-    ElementSyntax,
-    SyntaxProblem,
-    TypeSyntax,
-    Word,
-    parse_element,
-)
+from rosidl_py_gen.compiler.frontend.msg_line_parser import SyntaxProblem, Token, parse_element
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.base.names import RosName
-
-# What a .msg may say; the other keys of PRIMITIVES exist only in .idl files.
-_MSG_PRIMITIVES = [name for name in PRIMITIVES if name not in ("idl_char", "wchar")]
-_WORDS = (*_MSG_PRIMITIVES, "string", "wstring")
-OTHER_WORDS = {
+_TYPES = (*(name for name in PRIMITIVES if name not in ("idl_char", "wchar")), "string", "wstring")
+FOREIGN_TYPES = {
     "float": "float32 or float64",
     "double": "float64",
     "octet": "byte",
@@ -52,221 +42,194 @@ OTHER_WORDS = {
     "short": "int16",
     "unsigned": "uint32",
     "uint": "uint32 or uint64",
-    **{word: word for word in _WORDS},
+    **{word: word for word in _TYPES},
 }
-"""The words of other languages, of IDL, C++ and Python, in lower case, and what is written instead."""
+"""Types of IDL, C++ and Python in lower case, with the .msg types to use instead."""
 _UNIT = re.compile(r"(\s*\[([^,\]]+)\])")
 _MAX_SIZE_DIGITS = 20
-_MAX_SIZE = 2**64 - 1  # capacities are uint64 in a type description
-
-Element = TypeVar("Element", FieldDef, ConstantDef)
-
-
-@dataclass(slots=True)
-class _Elements:
-    """The elements of a section; the comment of the last one may still grow by indented comment lines below it."""
-
-    fields: list[FieldDef] = field(default_factory=list)
-    constants: list[ConstantDef] = field(default_factory=list)
-    last: FieldDef | ConstantDef | None = None
-    comment: list[str] = field(default_factory=list)
-
-    def begin(self, element: FieldDef | ConstantDef, comment: list[str]) -> None:
-        self.finish()
-        self.last, self.comment = element, comment
-
-    def finish(self) -> None:
-        comment, unit = _tidy(self.comment) if self.comment else ((), "")
-        if isinstance(self.last, FieldDef):
-            self.fields.append(self.last._replace(comment=comment, unit=unit) if comment or unit else self.last)
-        elif self.last is not None:
-            self.constants.append(self.last._replace(comment=comment, unit=unit) if comment or unit else self.last)
-        self.last = None
+_MAX_SIZE = 2**64 - 1
+"""Maximum capacity: uint64 in a type description."""
 
 
 def parse_section(
-    name: RosName, lines: Sequence[str], first_line: int, source: SourceText, findings: Diagnostics
+    name: RosName, lines: Sequence[str], first_line: int, source: SourceText, diagnostics: Diagnostics
 ) -> MessageDef:
-    """One message body: a whole .msg, or one section of a .srv or .action.
+    """Return the message of a whole .msg, or of one section of a .srv or .action.
 
     Args:
-        name: of the message the section defines.
-        lines: the section's lines.
-        first_line: 1-based line of the first one in the file.
-        source: for locations.
-        findings: receives every problem; the result then lacks the lines that had one.
+        name: name of the message.
+        lines: lines of the section.
+        first_line: 1-based number of the first line in the file.
+        source: the file, for locations.
+        diagnostics: receives the problems; lines with a problem are missing in the result.
     """
     lines = [line.replace("\t", " ") for line in lines]
-    count = next((i for i, line in enumerate(lines) if not line.startswith("#")), len(lines))
-    head = [line.lstrip("#") for line in lines[:count]]
-    done = _Elements()
-    waiting: list[str] = []
+    count = next((index for index, line in enumerate(lines) if not line.startswith("#")), len(lines))
+    section = _Section(name, source, diagnostics)
     for number, line in enumerate(lines[count:], first_line + count):
-        if findings.is_full(Location(source, number, 1)):
+        if diagnostics.is_full(Location(source, number, 1)):
             break
-        _read_line(line.rstrip(), number, name, done, waiting, source, findings)
-    done.finish()
-    _refuse_duplicates(done.fields, findings)
-    _refuse_duplicates(done.constants, findings)
-    comment, _ = _tidy(head, with_unit=False)
-    return MessageDef(name, tuple(done.fields), tuple(done.constants), comment, source)
+        section.read_line(line.rstrip(), number)
+    section.finish_element()
+    _check_duplicates(section.fields, diagnostics)
+    _check_duplicates(section.constants, diagnostics)
+    comment = _tidy([line.lstrip("#") for line in lines[:count]])
+    return MessageDef(name, tuple(section.fields), tuple(section.constants), comment, source)
 
 
-def _read_line(
-    line: str,
-    number: int,
-    name: RosName,
-    done: _Elements,
-    waiting: list[str],
-    source: SourceText,
-    findings: Diagnostics,
-) -> None:
-    text, mark, comment = line.partition("#")
-    if mark:
-        comment = comment.lstrip("#")
-        if text and not text.strip():  # indented: belongs to the element above
-            if done.last is not None:
-                done.comment.append(comment)
+class _Section:
+    """The elements of a section; indented comment lines after an element extend the comment of the element."""
+
+    def __init__(self, name: RosName, source: SourceText, diagnostics: Diagnostics) -> None:
+        self._name, self._source, self._diagnostics = name, source, diagnostics
+        self.fields: list[FieldDef] = []
+        self.constants: list[ConstantDef] = []
+        self._last: FieldDef | ConstantDef | None = None
+        self._last_comment: list[str] = []
+        self._next_comment: list[str] = []
+
+    def read_line(self, line: str, number: int) -> None:
+        text, mark, comment = line.partition("#")
+        if mark and text and not text.strip():  # an indented comment
+            if self._last is not None:
+                self._last_comment.append(comment.lstrip("#"))
             return
-        waiting.append(comment)
-    text = text.rstrip()
-    if not text:
-        return
-    try:
-        element = _element(parse_element(text, number), name, source)
-    except (_MsgError, SyntaxProblem) as problem:
-        findings.add(Location(source, number, problem.column), _explain(text, problem))
-        return
-    done.begin(element, waiting[:])
-    waiting.clear()
+        if mark:
+            self._next_comment.append(comment.lstrip("#"))
+        text = text.rstrip()
+        if not text:
+            return
+        try:
+            element = self._element(parse_element(text, number))
+        except SyntaxProblem as problem:
+            self._diagnostics.add(Location(self._source, number, problem.column), _explain(text, problem))
+            return
+        self.finish_element()
+        self._last, self._last_comment, self._next_comment = element, self._next_comment, []
+
+    def finish_element(self) -> None:
+        element, self._last = self._last, None
+        if element is None:
+            return
+        if self._last_comment:
+            lines, unit = _cut_unit(self._last_comment)
+            element = element._replace(comment=_tidy(lines), unit=unit)
+        if isinstance(element, FieldDef):
+            self.fields.append(element)
+        else:
+            self.constants.append(element)
+
+    def _element(self, tokens: dict[str, Token]) -> FieldDef | ConstantDef:
+        kind = _field_type(tokens, self._name.package)
+        name = tokens["name"]
+        location = Location(self._source, name.line, name.column)
+        if "equals" in tokens:
+            if kind.is_message or kind.arity is not Arity.SCALAR or kind.string_bound:
+                token = tokens.get("member", tokens["type"])
+                raise token.problem(f'expected a primitive type or string for a constant, found "{kind}"')
+            if not is_constant_name(name.text):
+                raise name.problem(f'"{name.text}" is not a constant name; expected {CONSTANT_RULE}')
+        elif not is_field_name(name.text):
+            raise name.problem(f'"{name.text}" is not a field name; expected {PACKAGE_RULE}')
+        value = tokens.get("value", tokens.get("default"))
+        try:
+            if "equals" in tokens:
+                return ConstantDef(name.text, kind, parse_scalar(kind, value.text if value else ""), (), "", location)
+            return FieldDef(name.text, kind, parse_default(kind, value.text) if value else None, (), "", location)
+        except LiteralProblem as problem:
+            raise (value or name).problem(str(problem)) from None
 
 
-def _explain(text: str, problem: _MsgError | SyntaxProblem) -> str:
+def _explain(text: str, problem: SyntaxProblem) -> str:
     if text[0] == " ":
         return "expected the element to begin in column 1, found blanks before it"
     if text.startswith("---"):
         return 'a separator is exactly "---", and only in .srv and .action files'
-    if found := re.match(r"([^/\s]+)/(msg|srv|action)/([^/\s<\[]+)", text):
-        package, kind, name = found.groups()
-        own = f'write "{package}/{name}", without "msg/"' if kind == "msg" else "only messages are types of fields"
-        return f'"{found[0][:80]}" is not a type in a .msg, .srv or .action file; {own}'
+    if match := re.match(r"([^/\s]+)/(msg|srv|action)/([^/\s<\[]+)", text):
+        package, kind, name = match.groups()
+        fix = f'write "{package}/{name}", without "msg/"' if kind == "msg" else "only messages are types of fields"
+        return f'"{match[0][:80]}" is not a type in a .msg, .srv or .action file; {fix}'
     if text[0] == "@":
         return "annotations exist in .idl files only"
-    if (
-        problem.column > 1
-        and text[problem.column - 1 :].startswith("=")
-        and problem.text.startswith("expected the end")
-    ):
+    is_second_equals = problem.column > 1 and text[problem.column - 1 :].startswith("=")
+    if is_second_equals and problem.text.startswith("expected the end"):
         return 'a "=" makes the line a constant, so a default value cannot contain one'
     return problem.text
 
 
-class _MsgError(Exception):
-    def __init__(self, word: Word, text: str) -> None:
-        self.column = word.column
-        self.text = text
-        super().__init__(text)
-
-
-def _element(syntax: ElementSyntax, name: RosName, source: SourceText) -> FieldDef | ConstantDef:
-    kind = _type(syntax.type, name)
-    location = Location(source, syntax.name.line, syntax.name.column)
-    if syntax.is_constant:
-        if kind.is_message or kind.arity is not Arity.SCALAR or kind.string_bound:
-            raise _MsgError(syntax.type.name, f'expected a primitive type or string for a constant, found "{kind}"')
-        if not is_constant_name(syntax.name.text):
-            raise _MsgError(syntax.name, f'"{syntax.name.text}" is not a constant name; expected {CONSTANT_RULE}')
-        value = syntax.value or Word("", syntax.name.line, syntax.name.column)
-        try:
-            return ConstantDef(syntax.name.text, kind, parse_scalar(kind, value.text), (), "", location)
-        except LiteralProblem as problem:
-            raise _MsgError(value, str(problem)) from None
-    if not is_field_name(syntax.name.text):
-        raise _MsgError(syntax.name, f'"{syntax.name.text}" is not a field name; expected {PACKAGE_RULE}')
-    try:
-        default = parse_default(kind, syntax.value.text) if syntax.value else None
-    except LiteralProblem as problem:
-        raise _MsgError(syntax.value or syntax.name, str(problem)) from None
-    return FieldDef(syntax.name.text, kind, default, (), "", location)
-
-
-def _type(syntax: TypeSyntax, name: RosName) -> FieldType:
-    base = _base(syntax, name)
-    bound = _size(syntax.bound) if syntax.bound else 0
+def _field_type(tokens: dict[str, Token], package: str) -> FieldType:
+    base = _base(tokens, package)
+    bound = _size(tokens["bound"]) if "bound" in tokens else 0
     if bound and base not in ("string", "wstring"):
-        assert syntax.bound is not None
-        raise _MsgError(syntax.bound, f'only string and wstring take a bound, not "{base}"')
-    match syntax.array:
-        case None:
-            return _field_type(base, Arity.SCALAR, 0, bound)
-        case "unbounded":
-            return _field_type(base, Arity.UNBOUNDED, 0, bound)
-        case array:
-            assert syntax.size is not None
-            arity = Arity.ARRAY if array == "fixed" else Arity.BOUNDED
-            return _field_type(base, arity, _size(syntax.size), bound)
+        raise tokens["bound"].problem(f'only string and wstring take a bound, not "{base}"')
+    arity, capacity = Arity.SCALAR, 0
+    if "fixed" in tokens:
+        arity, capacity = Arity.ARRAY, _size(tokens["fixed"])
+    elif "bounded" in tokens:
+        arity, capacity = Arity.BOUNDED, _size(tokens["bounded"])
+    elif "open" in tokens:
+        arity = Arity.UNBOUNDED
+    # Thousands of fields have few types; types with names of absurd length are not cached.
+    return (_cached_type if len(base) < 100 else FieldType)(base, arity, capacity, bound)
 
 
-_shared_type = lru_cache(maxsize=512)(FieldType)
+_cached_type = lru_cache(maxsize=512)(FieldType)
 
 
-def _field_type(base: str, arity: Arity, capacity: int, bound: int) -> FieldType:
-    """Thousands of fields have few types; names of absurd length are not cached."""
-    return (_shared_type if len(base) < 100 else FieldType)(base, arity, capacity, bound)
-
-
-def _base(syntax: TypeSyntax, name: RosName) -> str:
-    text = syntax.name.text
-    if syntax.package is None and text in _WORDS:
+def _base(tokens: dict[str, Token], package: str) -> str:
+    token, has_package = tokens.get("member", tokens["type"]), "member" in tokens
+    text = token.text
+    if not has_package and text in _TYPES:
         return text
-    if syntax.package is None and text in ("time", "duration"):
-        raise _MsgError(syntax.name, f'"{text}" is a ROS 1 type; use builtin_interfaces/{text.capitalize()}')
+    if not has_package and text in ("time", "duration"):
+        raise token.problem(f'"{text}" is a ROS 1 type; use builtin_interfaces/{text.capitalize()}')
     if not is_interface_name(text):
-        other = OTHER_WORDS.get(text.lower()) if syntax.package is None else None
-        hint = f"; use {other}" if other else did_you_mean(text, _WORDS) if syntax.package is None else ""
-        raise _MsgError(
-            syntax.name, f'"{text}" is neither a primitive type nor a message name ({INTERFACE_RULE}){hint}'
-        )
-    if syntax.package is None:
-        return f"{name.package}/msg/{text}"
-    if not is_package_name(syntax.package.text):
-        raise _MsgError(syntax.package, f'"{syntax.package.text}" is not a package name; expected {PACKAGE_RULE}')
-    return f"{syntax.package.text}/msg/{text}"
+        hint = ""
+        if not has_package:
+            other = FOREIGN_TYPES.get(text.lower())
+            hint = f"; use {other}" if other else did_you_mean(text, _TYPES)
+        raise token.problem(f'"{text}" is neither a primitive type nor a message name ({INTERFACE_RULE}){hint}')
+    if has_package:
+        package = tokens["type"].text
+        if not is_package_name(package):
+            raise tokens["type"].problem(f'"{package}" is not a package name; expected {PACKAGE_RULE}')
+    return f"{package}/msg/{text}"
 
 
-def _size(word: Word) -> int:
+def _size(token: Token) -> int:
     size = -1
-    if len(word.text) <= _MAX_SIZE_DIGITS:
+    if len(token.text) <= _MAX_SIZE_DIGITS:
         try:
-            size = int(word.text)
+            size = int(token.text)
         except ValueError:
             size = -1
     if not 0 < size <= _MAX_SIZE:
-        raise _MsgError(word, f'expected a whole number above 0, found "{word.text[:40]}"')
+        raise token.problem(f'expected a whole number above 0, found "{token.text[:40]}"')
     return size
 
 
-def _refuse_duplicates(elements: Sequence[FieldDef | ConstantDef], findings: Diagnostics) -> None:
+def _check_duplicates(elements: Sequence[FieldDef | ConstantDef], diagnostics: Diagnostics) -> None:
     seen: dict[str, Location] = {}
     for element in elements:
         first = seen.setdefault(element.name, element.location)
         if first is not element.location:
-            findings.add(element.location, f'"{element.name}" is already defined in line {first.line}')
+            diagnostics.add(element.location, f'"{element.name}" is already defined in line {first.line}')
 
 
-def _tidy(lines: list[str], with_unit: bool = True) -> tuple[tuple[str, ...], str]:
-    """Cut the unit out, drop blank lines at both ends and runs of them, and dedent."""
-    unit = ""
-    if with_unit:
-        found = _UNIT.findall("\n".join(lines))
-        if len(found) == 1:
-            unit = found[0][1].strip()
-            lines = [line.replace(found[0][0], "") for line in lines]
-    kept: list[str] = []
-    for line in lines:
-        line = line.rstrip()
-        if line or (kept and kept[-1]):
-            kept.append(line)
-    while kept and not kept[-1]:
-        kept.pop()
-    return tuple(textwrap.dedent("\n".join(kept)).split("\n")) if kept else (), unit
+def _cut_unit(lines: list[str]) -> tuple[list[str], str]:
+    """Return comment lines without their unit in brackets, and the unit; empty unless there is exactly one."""
+    units = _UNIT.findall("\n".join(lines))
+    if len(units) != 1:
+        return lines, ""
+    return [line.replace(units[0][0], "") for line in lines], units[0][1].strip()
+
+
+def _tidy(lines: list[str]) -> tuple[str, ...]:
+    """Dedent comment lines, and drop blank lines at both ends and after other blank lines."""
+    tidy: list[str] = []
+    for line in map(str.rstrip, lines):
+        if line or (tidy and tidy[-1]):
+            tidy.append(line)
+    while tidy and not tidy[-1]:
+        tidy.pop()
+    return tuple(textwrap.dedent("\n".join(tidy)).split("\n")) if tidy else ()

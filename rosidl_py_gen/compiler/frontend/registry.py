@@ -32,7 +32,7 @@ from rosidl_py_gen.compiler.frontend.model import (
     MessageDef,
     messages_of,
 )
-from rosidl_py_gen.compiler.frontend.msg_parser import OTHER_WORDS
+from rosidl_py_gen.compiler.frontend.msg_parser import FOREIGN_TYPES
 from rosidl_py_gen.compiler.frontend.size_limits import MAX_LEVELS, SizeChecker
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, TypeNotFoundError, display_path
 
@@ -49,12 +49,12 @@ class InterfaceRegistry:
     """Interfaces by name, parsed when first asked for.
 
     Attributes:
-        findings: what was wrong with the files read so far.
+        diagnostics: what was wrong with the files read so far.
     """
 
     def __init__(self, search: SearchPath) -> None:
         self.search = search
-        self.findings = Diagnostics()
+        self.diagnostics = Diagnostics()
         self._interfaces: dict[RosName, Interface | None] = {}
         self._texts: set[RosName] = set()
         self._messages: dict[str, MessageDef] = {}
@@ -69,7 +69,7 @@ class InterfaceRegistry:
 
     def add_text(self, name: RosName, source: SourceText) -> Interface | None:
         """Parse text that comes from no file of the search path; it hides a file of the same name."""
-        return self.add(name, parse_interface(name, source, self.findings))
+        return self.add(name, parse_interface(name, source, self.diagnostics))
 
     def add(self, name: RosName, interface: Interface | None) -> Interface | None:
         """Take in what comes from no file of the search path; it hides a file of the same name."""
@@ -77,15 +77,15 @@ class InterfaceRegistry:
         return self._keep(name, interface)
 
     def interface(self, name: RosName) -> Interface | None:
-        """The interface of this name; None when there is no file, or it has problems (see `findings`)."""
+        """The interface of this name; None when there is no file, or it has problems (see `diagnostics`)."""
         if name not in self._interfaces:
             path = self.search.file(name)
-            source = read_source(path, display_path(path), self.findings) if path else None
+            source = read_source(path, display_path(path), self.diagnostics) if path else None
             if source is not None and not may_be_file(name):
                 text = f'"{name.name}" is not an interface name; expected {INTERFACE_RULE}'
-                self.findings.add(Location(source, 1, 1), text)
+                self.diagnostics.add(Location(source, 1, 1), text)
                 source = None
-            self._keep(name, parse_interface(name, source, self.findings) if source else None)
+            self._keep(name, parse_interface(name, source, self.diagnostics) if source else None)
         return self._interfaces[name]
 
     def exists(self, name: RosName) -> bool:
@@ -170,7 +170,7 @@ def split_filter(text: str) -> list[str]:
     return [part.strip() for part in re.split("[:;,]", text) if part.strip()]
 
 
-def select(library: InterfaceRegistry, wanted: list[str]) -> list[RosName]:
+def select(registry: InterfaceRegistry, wanted: list[str]) -> list[RosName]:
     """The interfaces to generate: what the filter names, with its dependencies, in name order.
 
     A package name selects the package and the packages it depends on, whole. A full name selects one interface and the
@@ -179,15 +179,15 @@ def select(library: InterfaceRegistry, wanted: list[str]) -> list[RosName]:
     Raises:
         DefinitionError: a name in the filter stands for nothing.
     """
-    names, problems = select_valid_names(library, wanted)
+    names, problems = select_valid_names(registry, wanted)
     if problems:
         raise DefinitionError(problems)
     return names
 
 
-def select_valid_names(library: InterfaceRegistry, wanted: list[str]) -> tuple[list[RosName], list[Diagnostic]]:
+def select_valid_names(registry: InterfaceRegistry, wanted: list[str]) -> tuple[list[RosName], list[Diagnostic]]:
     """What `select` gives, with the problems of the filter beside what the rest of it stands for."""
-    search = library.search
+    search = registry.search
     whole: dict[str, None] = {}
     single: dict[RosName, None] = {}
     problems: list[Diagnostic] = []
@@ -205,10 +205,10 @@ def select_valid_names(library: InterfaceRegistry, wanted: list[str]) -> tuple[l
             problems.append(refused or Diagnostic(text, 0, 0, missing_package(search, text, "no package")))
     if not wanted:
         problems += search.refused.values()
-    return _transitive_closure(library, list(whole), list(single)), problems
+    return _transitive_closure(registry, list(whole), list(single)), problems
 
 
-def _transitive_closure(library: InterfaceRegistry, packages: list[str], names: list[RosName]) -> list[RosName]:
+def _transitive_closure(registry: InterfaceRegistry, packages: list[str], names: list[RosName]) -> list[RosName]:
     taken: dict[RosName, None] = {}
     done: set[str] = set()
     while packages or names:
@@ -217,22 +217,22 @@ def _transitive_closure(library: InterfaceRegistry, packages: list[str], names: 
             if package in done:
                 continue
             done.add(package)
-            found = library.search.packages[package]
-            library.findings.problems += found.listing.problems if found.listing else ()
+            found = registry.search.packages[package]
+            registry.diagnostics.items += found.listing.problems if found.listing else ()
             for name in found.files:
                 taken[name] = None
-                needed = {need.package for need in _dependencies(library, name)} | set(IMPLIED[name.kind])
-                packages += sorted(need for need in needed - done if need in library.search.packages)
+                needed = {need.package for need in _dependencies(registry, name)} | set(IMPLIED[name.kind])
+                packages += sorted(need for need in needed - done if need in registry.search.packages)
             continue
         name = names.pop()
-        if name not in taken and library.search.file(name) is not None:
+        if name not in taken and registry.search.file(name) is not None:
             taken[name] = None
-            names += _dependencies(library, name)
+            names += _dependencies(registry, name)
     return sorted(taken)
 
 
-def _dependencies(library: InterfaceRegistry, name: RosName) -> list[RosName]:
-    interface = library.interface(name)
+def _dependencies(registry: InterfaceRegistry, name: RosName) -> list[RosName]:
+    interface = registry.interface(name)
     if interface is None:
         return []
     own = {str(message.name) for message in messages_of(interface)}
@@ -240,20 +240,20 @@ def _dependencies(library: InterfaceRegistry, name: RosName) -> list[RosName]:
     return sorted(split_ros_name(base) for base in bases - own)
 
 
-def check(library: InterfaceRegistry, names: Iterable[RosName]) -> None:
+def check(registry: InterfaceRegistry, names: Iterable[RosName]) -> None:
     """Add a finding for every reference to a type that does not exist, and for every type that contains itself or is
     too large.
     """
     state: dict[str, int] = {}  # depth of what is done; -1 while it is being visited
-    measures = SizeChecker(library.findings)
+    measures = SizeChecker(registry.diagnostics)
     for name in names:
-        interface = library.interface(name)
+        interface = registry.interface(name)
         if interface is not None:
             for message in messages_of(interface):
-                _visit(library, message, state, measures)
+                _visit(registry, message, state, measures)
 
 
-def _visit(library: InterfaceRegistry, top: MessageDef, state: dict[str, int], measures: SizeChecker) -> None:
+def _visit(registry: InterfaceRegistry, top: MessageDef, state: dict[str, int], measures: SizeChecker) -> None:
     if str(top.name) in state:
         return
     stack = [(top, iter(top.fields), [0])]
@@ -267,52 +267,52 @@ def _visit(library: InterfaceRegistry, top: MessageDef, state: dict[str, int], m
             measures.check(message)
             if depth[0] == MAX_LEVELS:  # whatever contains this one would be deeper
                 at = Location(message.source, 1, 1)
-                library.findings.add(at, f"{message.name} nests types deeper than {MAX_LEVELS - 1} levels")
+                registry.diagnostics.add(at, f"{message.name} nests types deeper than {MAX_LEVELS - 1} levels")
             if stack:
                 stack[-1][2][0] = max(stack[-1][2][0], depth[0] + 1)
             continue
-        target = library.message(item.type.base)
-        if target is None and not library.findings.is_full(item.location):
-            _report_unknown(library, message, item)
+        target = registry.message(item.type.base)
+        if target is None and not registry.diagnostics.is_full(item.location):
+            _report_unknown(registry, message, item)
         elif target is None:
             continue
         elif state.get(item.type.base) == -1:
-            library.findings.add(item.location, f"{item.type.base} contains itself through this field")
+            registry.diagnostics.add(item.location, f"{item.type.base} contains itself through this field")
         elif item.type.base in state:
             depth[0] = max(depth[0], state[item.type.base] + 1)
         elif len(stack) > MAX_LEVELS:
-            library.findings.add(item.location, f"types are nested deeper than {MAX_LEVELS} levels here")
+            registry.diagnostics.add(item.location, f"types are nested deeper than {MAX_LEVELS} levels here")
         else:
             state[item.type.base] = -1
             stack.append((target, iter(target.fields), [0]))
 
 
-def _report_unknown(library: InterfaceRegistry, message: MessageDef, item: FieldDef) -> None:
+def _report_unknown(registry: InterfaceRegistry, message: MessageDef, item: FieldDef) -> None:
     name = split_ros_name(item.type.base)
     short = f"{name.package}/{name.name}"
     at = type_location(item)
-    if library.exists(name):
+    if registry.exists(name):
         return  # the file is there and has problems of its own, reported there
-    package = library.search.packages.get(name.package)
-    if package is None and library.has_package(name.package):
-        where = ", ".join(library.search.searched) or "nothing"
-        library.findings.add(at, f'unknown type "{short}" (searched: {where})')
-    elif package is None and library.is_new_missing(item.location.source.path, name.package):
+    package = registry.search.packages.get(name.package)
+    if package is None and registry.has_package(name.package):
+        where = ", ".join(registry.search.searched) or "nothing"
+        registry.diagnostics.add(at, f'unknown type "{short}" (searched: {where})')
+    elif package is None and registry.is_new_missing(item.location.source.path, name.package):
         subject = f'unknown package "{name.package}" for {short}'
-        is_first = library.is_new_missing("", name.package)
-        text = missing_package(library.search, name.package, subject, str(name)) if is_first else subject
-        library.findings.add(at, text)
+        is_first = registry.is_new_missing("", name.package)
+        text = missing_package(registry.search, name.package, subject, str(name)) if is_first else subject
+        registry.diagnostics.add(at, text)
     elif package is not None:
-        hint = package.not_in_cmake_note(name) or _other_type(library, message.name, name)
-        library.findings.add(at, f'unknown type "{short}"{hint}')
+        hint = package.not_in_cmake_note(name) or _other_type(registry, message.name, name)
+        registry.diagnostics.add(at, f'unknown type "{short}"{hint}')
 
 
-def _other_type(library: InterfaceRegistry, user: RosName, name: RosName) -> str:
+def _other_type(registry: InterfaceRegistry, user: RosName, name: RosName) -> str:
     """Return what may be meant by a type that its package lacks; never the message that has the field."""
-    packages = library.search.packages
+    packages = registry.search.packages
     used = [one for one in (_COMMON_PACKAGES + tuple(packages)) if one in packages and one != name.package]
     others = [f"{one}/{name.name}" for one in used if RosName(one, "msg", name.name) in packages[one].files]
-    words = [OTHER_WORDS[name.name.lower()]] if name.name.lower() in OTHER_WORDS else []
+    words = [FOREIGN_TYPES[name.name.lower()]] if name.name.lower() in FOREIGN_TYPES else []
     if name.package == user.package and (words or others):  # the field names no package
         return f"; use {' or '.join([*words, *dict.fromkeys(others)][:3])}"
     known = [other.name for other in packages[name.package].files if other.kind == "msg" and other != user]
@@ -325,14 +325,14 @@ def type_location(item: FieldDef) -> Location:
     return item.location if item.location.source.format == "idl" else item.location._replace(column=1)
 
 
-def raise_diagnostics(library: InterfaceRegistry) -> None:
+def raise_diagnostics(registry: InterfaceRegistry) -> None:
     """Raise what was found, in file and line order.
 
     Raises:
         DefinitionError: when there is anything.
     """
-    if library.findings.problems:
-        raise DefinitionError(sorted_diagnostics(library.findings.problems))
+    if registry.diagnostics.items:
+        raise DefinitionError(sorted_diagnostics(registry.diagnostics.items))
 
 
 def sorted_diagnostics(problems: Iterable[Diagnostic]) -> list[Diagnostic]:

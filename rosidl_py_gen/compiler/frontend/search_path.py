@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import KINDS, PACKAGE_RULE, RosName, is_package_name
 from rosidl_py_gen.base.resources import ENTRY_POINTS, interfaces_dir
-from rosidl_py_gen.compiler.frontend.files import IGNORE_MARKS, MADE_BY_TOOLS, mentions_interfaces
+from rosidl_py_gen.compiler.frontend.files import BUILD_TREE_MARKERS, IGNORE_MARKS, mentions_interfaces
 from rosidl_py_gen.errors import DefinitionError, Diagnostic
 
 if TYPE_CHECKING:
@@ -240,7 +240,7 @@ def _descend(
     real = os.path.realpath(folder)  # links may form loops
     if real in visited or depth > MAX_DEPTH or any(os.path.exists(folder / mark) for mark in IGNORE_MARKS):
         return
-    if depth and any(os.path.isfile(folder / mark) for mark in MADE_BY_TOOLS):
+    if depth and any(os.path.isfile(folder / mark) for mark in BUILD_TREE_MARKERS):
         return
     visited.add(real)
     manifest = folder / "package.xml"

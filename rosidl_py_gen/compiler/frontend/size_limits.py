@@ -1,94 +1,87 @@
-"""How large a type may be.
+"""Limits on the size of types.
 
-Decides the figures. A definition is untrusted, and a few hundred bytes of it can stand for any amount: types that hold
-two of the next at each level, fixed arrays, thousands of fields that each are printed in line. What is bounded is what
-the compiler's time and a class's first instance grow with; code that is printed is kept in proportion by
-`compiler/codegen/layout_planner.py`. The largest message that ROS packages have is a hundredth of each limit.
+A definition is untrusted, and a few hundred bytes can define a type of any size: by types that contain the next one
+twice, by fixed arrays, or by thousands of fields. The limits bound the time of the compiler and the memory of a new
+message; `compiler/codegen/weights.py` bounds the generated code. The largest message of ROS packages has a hundredth of
+each limit.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.base.fieldtype import Arity
+from rosidl_py_gen.cdr.layout import fixed_count, has_count
 
 if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.model import Diagnostics, FieldDef, MessageDef
 
 MAX_LEVELS = 100
-"""Of types that contain each other."""
+"""Maximum depth of nested types."""
 MAX_FIELDS = 20_000
-"""Of a type and all types it refers to, each once; a nested message of few fields counts with them, as those are
-printed where it is used."""
+"""Maximum fields of a type and all types that it refers to, each once. A nested message of few fields counts with its
+fields, as they are emitted inline."""
 MAX_TYPES = 500
-"""A type refers to, at all levels: its hash, and that of each of them, covers all that it refers to."""
+"""Maximum types that a type refers to, at all levels: the hash of each covers all types that it refers to."""
 MAX_VALUES = 1 << 20
-"""In a new message: fields, elements of fixed arrays of strings and messages, at all levels. Half a second to make."""
+"""Maximum fields and elements of fixed arrays of strings and messages in a new message, which takes 0.5 s to create."""
 MAX_BYTES = 1 << 28
-"""Of fixed arrays of numbers in a new message, at all levels."""
+"""Maximum bytes of fixed arrays of numbers in a new message."""
 
-_FEW = 48
-"""Fields of a nested message that may be printed where it is used; `codegen.weights.MAX_INLINE_FIELDS`, at least."""
+_MAX_INLINE_FIELDS = 48
+"""Fields up to which a nested message counts with its fields: at least `codegen.weights.MAX_INLINE_FIELDS`."""
 
 
 class _TypeSize(NamedTuple):
-    """A type as others hold it."""
+    """Contribution of a type to the size of types that contain it."""
 
     values: int
     size: int
-    flat: int
-    parts: frozenset[str]
+    inline_fields: int
+    types: frozenset[str]
 
 
-_NOTHING = _TypeSize(1, 1, 1, frozenset())
-"""Stands for what is unknown or refused: that has been said already."""
+_UNKNOWN = _TypeSize(1, 1, 1, frozenset())
+"""Size of a type that has been reported: it does not exist or is too large."""
 
 
 class SizeChecker:
-    """Sizes by type name; a type is taken after those it refers to."""
+    """Sizes by type name; a type must be checked after the types that it refers to."""
 
-    def __init__(self, findings: Diagnostics) -> None:
-        self._findings = findings
-        self._known: dict[str, _TypeSize] = {}
+    def __init__(self, diagnostics: Diagnostics) -> None:
+        self._diagnostics = diagnostics
+        self._sizes: dict[str, _TypeSize] = {}
 
     def check(self, message: MessageDef) -> None:
-        """Measure a message, with a finding where it becomes too large."""
-        values = size = flat = others = 0
-        parts: set[str] = set()
+        """Compute the size of a message, and report the field at which it exceeds a limit."""
+        values = size = inline_fields = other_fields = 0
+        types: set[str] = set()
         for item in message.fields:
-            below = self._known.get(item.type.base, _NOTHING) if item.type.is_message else _NOTHING
-            count = _count(item)
+            below = self._sizes.get(item.type.base, _UNKNOWN) if item.type.is_message else _UNKNOWN
+            count = 0 if has_count(item.type) else fixed_count(item.type)
             values += 1 + (0 if item.type.primitive else count * below.values)
             size += count * (item.type.primitive.size if item.type.primitive else below.size)
-            flat += below.flat if below.flat <= _FEW else 1
-            if item.type.is_message and item.type.base not in parts:
-                new = (below.parts | {item.type.base}) - parts
-                others += sum(self._known.get(part, _NOTHING).flat for part in new)
-                parts |= new
-            if self._is_too_large(message, item, values, size, flat + others, len(parts)):
-                self._known[str(message.name)] = _NOTHING
+            inline_fields += below.inline_fields if below.inline_fields <= _MAX_INLINE_FIELDS else 1
+            if item.type.is_message and item.type.base not in types:
+                new = (below.types | {item.type.base}) - types
+                other_fields += sum(self._sizes.get(name, _UNKNOWN).inline_fields for name in new)
+                types |= new
+            if self._is_too_large(message, item, values, size, inline_fields + other_fields, len(types)):
+                self._sizes[str(message.name)] = _UNKNOWN
                 return
-        flat = max(1, flat)
-        self._known[str(message.name)] = _TypeSize(max(1, values), max(1, size), flat, frozenset(parts))
+        sizes = max(1, values), max(1, size), max(1, inline_fields)
+        self._sizes[str(message.name)] = _TypeSize(*sizes, frozenset(types))
 
     def _is_too_large(
         self, message: MessageDef, item: FieldDef, values: int, size: int, fields: int, types: int
     ) -> bool:
-        for found, most, what in (
+        for count, maximum, text in (
             (values, MAX_VALUES, "values in nested messages and fixed arrays"),
             (size, MAX_BYTES, "bytes in fixed arrays"),
             (fields, MAX_FIELDS, "fields with those of nested messages"),
             (types, MAX_TYPES, "types that it refers to"),
         ):
-            if found > most:
-                text = f"{message.name} has {found} {what} up to here, at most {most} are allowed"
-                self._findings.add(item.location, text)
+            if count > maximum:
+                text = f"{message.name} has {count} {text} up to here, at most {maximum} are allowed"
+                self._diagnostics.add(item.location, text)
                 return True
         return False
-
-
-def _count(item: FieldDef) -> int:
-    """How many there are in a new message."""
-    if item.type.arity is Arity.SCALAR:
-        return 1
-    return item.type.capacity if item.type.arity is Arity.ARRAY else 0

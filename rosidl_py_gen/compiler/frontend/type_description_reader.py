@@ -74,18 +74,18 @@ def registry_from_descriptions(
         DefinitionError: no definition could have led to this, or it is too large.
     """
     _limit(name, individuals)
-    library = InterfaceRegistry(_implied())
+    registry = InterfaceRegistry(_implied())
     described = _Described(individuals)
     texts = _within_size_limits(sources)
     own = written_messages(name, is_service)
     top = _from_source(name, texts, individuals, own) or _assembled(name, [described.message(one) for one in own])
-    library.add(name, top)
+    registry.add(name, top)
     for needed in _reachable(messages_of(top), individuals):
         part = split_ros_name(needed)
-        library.add(part, _from_source(part, texts, individuals, (needed,)) or described.message(needed))
-    check(library, [name])
-    raise_diagnostics(library)
-    return library
+        registry.add(part, _from_source(part, texts, individuals, (needed,)) or described.message(needed))
+    check(registry, [name])
+    raise_diagnostics(registry)
+    return registry
 
 
 def _limit(name: RosName, individuals: Mapping[str, Description]) -> None:
@@ -163,7 +163,7 @@ class _RaiseOnFirst(Diagnostics):
     """The first problem ends it: showing the line of each would take the square of their number."""
 
     def add(self, location: Location, text: str) -> None:
-        raise DefinitionError(location.problem(text))
+        raise DefinitionError(location.diagnostic(text))
 
 
 def _rows(message: MessageDef) -> list[tuple[object, object]]:

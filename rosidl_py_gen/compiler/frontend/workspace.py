@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from rosidl_py_gen.compiler.frontend.files import IGNORE_MARKS, MADE_BY_TOOLS
+from rosidl_py_gen.compiler.frontend.files import BUILD_TREE_MARKERS, IGNORE_MARKS
 from rosidl_py_gen.compiler.frontend.search_path import MAX_DEPTH, package_name
 
 MANIFEST = "package.xml"
@@ -42,7 +42,7 @@ class Workspace:
             folder, depth = waiting.pop(0)
             real = os.path.realpath(folder)  # links may form loops
             names = _names(folder)
-            is_copy = depth > 0 and not names.isdisjoint(MADE_BY_TOOLS)
+            is_copy = depth > 0 and not names.isdisjoint(BUILD_TREE_MARKERS)
             if real in visited or is_copy or not names.isdisjoint(IGNORE_MARKS):
                 continue
             visited.add(real)

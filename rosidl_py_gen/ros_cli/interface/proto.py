@@ -57,13 +57,13 @@ def _example(text: str, paths: tuple[str, ...]) -> Message:
         return get_message(f"{name}_{half}" if half else str(name), path=paths)()
     except TypeNotFoundError:
         from rosidl_py_gen.ros_cli.cached_definitions import cached_registry
-        from rosidl_py_gen.type_loading.class_lookup import class_of_library
+        from rosidl_py_gen.type_loading.class_lookup import class_of_registry
 
         kept = cached_registry(text)
         if kept is None:
             raise
         library, name = kept
-        cls: Any = class_of_library(library, name, path=paths)
+        cls: Any = class_of_registry(library, name, path=paths)
         made: Message = (getattr(cls, _half(name)) if _half(name) else cls)()
         return made
 

@@ -62,7 +62,7 @@ def qualified(kind: str, package: str) -> str:
 @each_case("name", FACTS)
 def test_a_definition_says_what_is_recorded(library: InterfaceRegistry, name: str) -> None:
     interface = library.interface(split_ros_name(name))
-    assert interface is not None, library.findings.problems
+    assert interface is not None, library.diagnostics.items
     recorded = FACTS[name]
     for section, message in sections(interface).items():
         wanted = expected(recorded[section] if section else recorded, name.split("/")[0])
@@ -76,7 +76,7 @@ def test_all_of_256_definitions_are_recorded() -> None:
 def test_every_file_is_sound(library: InterfaceRegistry) -> None:
     names = [name for package in library.search.packages.values() for name in package.files]
     check(library, names)
-    assert library.findings.problems == []
+    assert library.diagnostics.items == []
     assert {str(name) for name in names} >= set(FACTS)
 
 

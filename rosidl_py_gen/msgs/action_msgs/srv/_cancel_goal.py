@@ -184,7 +184,7 @@ class CancelGoal_Response(Message):
 
 @dataclass(slots=True, eq=False, repr=False)
 class CancelGoal_Event(Message):
-    """What service introspection publishes about action_msgs/srv/CancelGoal."""
+    """Event of service introspection for action_msgs/srv/CancelGoal."""
 
     _TYPE: ClassVar[TypeInfo] = TypeInfo(
         "action_msgs/srv/CancelGoal_Event",
@@ -197,11 +197,11 @@ class CancelGoal_Event(Message):
     )
 
     info: ServiceEventInfo = field(default_factory=ServiceEventInfo)
-    """Who sent or received what, and when."""
+    """Type, time, client and number of the call."""
     request: list[CancelGoal_Request] = field(default_factory=list)
-    """The request; empty when contents are not recorded."""
+    """The request; empty if contents are not published."""
     response: list[CancelGoal_Response] = field(default_factory=list)
-    """The response; empty when contents are not recorded."""
+    """The response; empty if contents are not published."""
 
     if TYPE_CHECKING:
 

@@ -123,7 +123,7 @@ class ChangeState_Response(Message):
 
 @dataclass(slots=True, eq=False, repr=False)
 class ChangeState_Event(Message):
-    """What service introspection publishes about lifecycle_msgs/srv/ChangeState."""
+    """Event of service introspection for lifecycle_msgs/srv/ChangeState."""
 
     _TYPE: ClassVar[TypeInfo] = TypeInfo(
         "lifecycle_msgs/srv/ChangeState_Event",
@@ -136,11 +136,11 @@ class ChangeState_Event(Message):
     )
 
     info: ServiceEventInfo = field(default_factory=ServiceEventInfo)
-    """Who sent or received what, and when."""
+    """Type, time, client and number of the call."""
     request: list[ChangeState_Request] = field(default_factory=list)
-    """The request; empty when contents are not recorded."""
+    """The request; empty if contents are not published."""
     response: list[ChangeState_Response] = field(default_factory=list)
-    """The response; empty when contents are not recorded."""
+    """The response; empty if contents are not published."""
 
     if TYPE_CHECKING:
 

@@ -139,7 +139,7 @@ class GetAvailableStates_Response(Message):
 
 @dataclass(slots=True, eq=False, repr=False)
 class GetAvailableStates_Event(Message):
-    """What service introspection publishes about lifecycle_msgs/srv/GetAvailableStates."""
+    """Event of service introspection for lifecycle_msgs/srv/GetAvailableStates."""
 
     _TYPE: ClassVar[TypeInfo] = TypeInfo(
         "lifecycle_msgs/srv/GetAvailableStates_Event",
@@ -152,11 +152,11 @@ class GetAvailableStates_Event(Message):
     )
 
     info: ServiceEventInfo = field(default_factory=ServiceEventInfo)
-    """Who sent or received what, and when."""
+    """Type, time, client and number of the call."""
     request: list[GetAvailableStates_Request] = field(default_factory=list)
-    """The request; empty when contents are not recorded."""
+    """The request; empty if contents are not published."""
     response: list[GetAvailableStates_Response] = field(default_factory=list)
-    """The response; empty when contents are not recorded."""
+    """The response; empty if contents are not published."""
 
     if TYPE_CHECKING:
 

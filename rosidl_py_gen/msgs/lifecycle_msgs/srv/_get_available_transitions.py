@@ -191,7 +191,7 @@ class GetAvailableTransitions_Response(Message):
 
 @dataclass(slots=True, eq=False, repr=False)
 class GetAvailableTransitions_Event(Message):
-    """What service introspection publishes about lifecycle_msgs/srv/GetAvailableTransitions."""
+    """Event of service introspection for lifecycle_msgs/srv/GetAvailableTransitions."""
 
     _TYPE: ClassVar[TypeInfo] = TypeInfo(
         "lifecycle_msgs/srv/GetAvailableTransitions_Event",
@@ -204,11 +204,11 @@ class GetAvailableTransitions_Event(Message):
     )
 
     info: ServiceEventInfo = field(default_factory=ServiceEventInfo)
-    """Who sent or received what, and when."""
+    """Type, time, client and number of the call."""
     request: list[GetAvailableTransitions_Request] = field(default_factory=list)
-    """The request; empty when contents are not recorded."""
+    """The request; empty if contents are not published."""
     response: list[GetAvailableTransitions_Response] = field(default_factory=list)
-    """The response; empty when contents are not recorded."""
+    """The response; empty if contents are not published."""
 
     if TYPE_CHECKING:
 

@@ -116,7 +116,7 @@ class GetState_Response(Message):
 
 @dataclass(slots=True, eq=False, repr=False)
 class GetState_Event(Message):
-    """What service introspection publishes about lifecycle_msgs/srv/GetState."""
+    """Event of service introspection for lifecycle_msgs/srv/GetState."""
 
     _TYPE: ClassVar[TypeInfo] = TypeInfo(
         "lifecycle_msgs/srv/GetState_Event",
@@ -129,11 +129,11 @@ class GetState_Event(Message):
     )
 
     info: ServiceEventInfo = field(default_factory=ServiceEventInfo)
-    """Who sent or received what, and when."""
+    """Type, time, client and number of the call."""
     request: list[GetState_Request] = field(default_factory=list)
-    """The request; empty when contents are not recorded."""
+    """The request; empty if contents are not published."""
     response: list[GetState_Response] = field(default_factory=list)
-    """The response; empty when contents are not recorded."""
+    """The response; empty if contents are not published."""
 
     if TYPE_CHECKING:
 

@@ -257,7 +257,7 @@ class DescribeParameters_Response(Message):
 
 @dataclass(slots=True, eq=False, repr=False)
 class DescribeParameters_Event(Message):
-    """What service introspection publishes about rcl_interfaces/srv/DescribeParameters."""
+    """Event of service introspection for rcl_interfaces/srv/DescribeParameters."""
 
     _TYPE: ClassVar[TypeInfo] = TypeInfo(
         "rcl_interfaces/srv/DescribeParameters_Event",
@@ -270,11 +270,11 @@ class DescribeParameters_Event(Message):
     )
 
     info: ServiceEventInfo = field(default_factory=ServiceEventInfo)
-    """Who sent or received what, and when."""
+    """Type, time, client and number of the call."""
     request: list[DescribeParameters_Request] = field(default_factory=list)
-    """The request; empty when contents are not recorded."""
+    """The request; empty if contents are not published."""
     response: list[DescribeParameters_Response] = field(default_factory=list)
-    """The response; empty when contents are not recorded."""
+    """The response; empty if contents are not published."""
 
     def _encode(self) -> bytes:
         try:

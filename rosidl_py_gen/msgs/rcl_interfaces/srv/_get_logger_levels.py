@@ -143,7 +143,7 @@ class GetLoggerLevels_Response(Message):
 
 @dataclass(slots=True, eq=False, repr=False)
 class GetLoggerLevels_Event(Message):
-    """What service introspection publishes about rcl_interfaces/srv/GetLoggerLevels."""
+    """Event of service introspection for rcl_interfaces/srv/GetLoggerLevels."""
 
     _TYPE: ClassVar[TypeInfo] = TypeInfo(
         "rcl_interfaces/srv/GetLoggerLevels_Event",
@@ -156,11 +156,11 @@ class GetLoggerLevels_Event(Message):
     )
 
     info: ServiceEventInfo = field(default_factory=ServiceEventInfo)
-    """Who sent or received what, and when."""
+    """Type, time, client and number of the call."""
     request: list[GetLoggerLevels_Request] = field(default_factory=list)
-    """The request; empty when contents are not recorded."""
+    """The request; empty if contents are not published."""
     response: list[GetLoggerLevels_Response] = field(default_factory=list)
-    """The response; empty when contents are not recorded."""
+    """The response; empty if contents are not published."""
 
     def _encode(self) -> bytes:
         try:

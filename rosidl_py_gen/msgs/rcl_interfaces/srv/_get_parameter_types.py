@@ -123,7 +123,7 @@ class GetParameterTypes_Response(Message):
 
 @dataclass(slots=True, eq=False, repr=False)
 class GetParameterTypes_Event(Message):
-    """What service introspection publishes about rcl_interfaces/srv/GetParameterTypes."""
+    """Event of service introspection for rcl_interfaces/srv/GetParameterTypes."""
 
     _TYPE: ClassVar[TypeInfo] = TypeInfo(
         "rcl_interfaces/srv/GetParameterTypes_Event",
@@ -136,11 +136,11 @@ class GetParameterTypes_Event(Message):
     )
 
     info: ServiceEventInfo = field(default_factory=ServiceEventInfo)
-    """Who sent or received what, and when."""
+    """Type, time, client and number of the call."""
     request: list[GetParameterTypes_Request] = field(default_factory=list)
-    """The request; empty when contents are not recorded."""
+    """The request; empty if contents are not published."""
     response: list[GetParameterTypes_Response] = field(default_factory=list)
-    """The response; empty when contents are not recorded."""
+    """The response; empty if contents are not published."""
 
     def _encode(self) -> bytes:
         try:

@@ -205,7 +205,7 @@ class GetParameters_Response(Message):
 
 @dataclass(slots=True, eq=False, repr=False)
 class GetParameters_Event(Message):
-    """What service introspection publishes about rcl_interfaces/srv/GetParameters."""
+    """Event of service introspection for rcl_interfaces/srv/GetParameters."""
 
     _TYPE: ClassVar[TypeInfo] = TypeInfo(
         "rcl_interfaces/srv/GetParameters_Event",
@@ -218,11 +218,11 @@ class GetParameters_Event(Message):
     )
 
     info: ServiceEventInfo = field(default_factory=ServiceEventInfo)
-    """Who sent or received what, and when."""
+    """Type, time, client and number of the call."""
     request: list[GetParameters_Request] = field(default_factory=list)
-    """The request; empty when contents are not recorded."""
+    """The request; empty if contents are not published."""
     response: list[GetParameters_Response] = field(default_factory=list)
-    """The response; empty when contents are not recorded."""
+    """The response; empty if contents are not published."""
 
     def _encode(self) -> bytes:
         try:

@@ -140,7 +140,7 @@ class ListParameters_Response(Message):
 
 @dataclass(slots=True, eq=False, repr=False)
 class ListParameters_Event(Message):
-    """What service introspection publishes about rcl_interfaces/srv/ListParameters."""
+    """Event of service introspection for rcl_interfaces/srv/ListParameters."""
 
     _TYPE: ClassVar[TypeInfo] = TypeInfo(
         "rcl_interfaces/srv/ListParameters_Event",
@@ -153,11 +153,11 @@ class ListParameters_Event(Message):
     )
 
     info: ServiceEventInfo = field(default_factory=ServiceEventInfo)
-    """Who sent or received what, and when."""
+    """Type, time, client and number of the call."""
     request: list[ListParameters_Request] = field(default_factory=list)
-    """The request; empty when contents are not recorded."""
+    """The request; empty if contents are not published."""
     response: list[ListParameters_Response] = field(default_factory=list)
-    """The response; empty when contents are not recorded."""
+    """The response; empty if contents are not published."""
 
     def _encode(self) -> bytes:
         try:

@@ -176,7 +176,7 @@ class SetLoggerLevels_Response(Message):
 
 @dataclass(slots=True, eq=False, repr=False)
 class SetLoggerLevels_Event(Message):
-    """What service introspection publishes about rcl_interfaces/srv/SetLoggerLevels."""
+    """Event of service introspection for rcl_interfaces/srv/SetLoggerLevels."""
 
     _TYPE: ClassVar[TypeInfo] = TypeInfo(
         "rcl_interfaces/srv/SetLoggerLevels_Event",
@@ -189,11 +189,11 @@ class SetLoggerLevels_Event(Message):
     )
 
     info: ServiceEventInfo = field(default_factory=ServiceEventInfo)
-    """Who sent or received what, and when."""
+    """Type, time, client and number of the call."""
     request: list[SetLoggerLevels_Request] = field(default_factory=list)
-    """The request; empty when contents are not recorded."""
+    """The request; empty if contents are not published."""
     response: list[SetLoggerLevels_Response] = field(default_factory=list)
-    """The response; empty when contents are not recorded."""
+    """The response; empty if contents are not published."""
 
     def _encode(self) -> bytes:
         try:

@@ -256,7 +256,7 @@ class SetParameters_Response(Message):
 
 @dataclass(slots=True, eq=False, repr=False)
 class SetParameters_Event(Message):
-    """What service introspection publishes about rcl_interfaces/srv/SetParameters."""
+    """Event of service introspection for rcl_interfaces/srv/SetParameters."""
 
     _TYPE: ClassVar[TypeInfo] = TypeInfo(
         "rcl_interfaces/srv/SetParameters_Event",
@@ -269,11 +269,11 @@ class SetParameters_Event(Message):
     )
 
     info: ServiceEventInfo = field(default_factory=ServiceEventInfo)
-    """Who sent or received what, and when."""
+    """Type, time, client and number of the call."""
     request: list[SetParameters_Request] = field(default_factory=list)
-    """The request; empty when contents are not recorded."""
+    """The request; empty if contents are not published."""
     response: list[SetParameters_Response] = field(default_factory=list)
-    """The response; empty when contents are not recorded."""
+    """The response; empty if contents are not published."""
 
     def _encode(self) -> bytes:
         try:

@@ -233,7 +233,7 @@ class SetParametersAtomically_Response(Message):
 
 @dataclass(slots=True, eq=False, repr=False)
 class SetParametersAtomically_Event(Message):
-    """What service introspection publishes about rcl_interfaces/srv/SetParametersAtomically."""
+    """Event of service introspection for rcl_interfaces/srv/SetParametersAtomically."""
 
     _TYPE: ClassVar[TypeInfo] = TypeInfo(
         "rcl_interfaces/srv/SetParametersAtomically_Event",
@@ -246,11 +246,11 @@ class SetParametersAtomically_Event(Message):
     )
 
     info: ServiceEventInfo = field(default_factory=ServiceEventInfo)
-    """Who sent or received what, and when."""
+    """Type, time, client and number of the call."""
     request: list[SetParametersAtomically_Request] = field(default_factory=list)
-    """The request; empty when contents are not recorded."""
+    """The request; empty if contents are not published."""
     response: list[SetParametersAtomically_Response] = field(default_factory=list)
-    """The response; empty when contents are not recorded."""
+    """The response; empty if contents are not published."""
 
     def _encode(self) -> bytes:
         try:

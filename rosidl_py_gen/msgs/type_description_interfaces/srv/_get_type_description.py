@@ -459,7 +459,7 @@ class GetTypeDescription_Response(Message):
 
 @dataclass(slots=True, eq=False, repr=False)
 class GetTypeDescription_Event(Message):
-    """What service introspection publishes about type_description_interfaces/srv/GetTypeDescription."""
+    """Event of service introspection for type_description_interfaces/srv/GetTypeDescription."""
 
     _TYPE: ClassVar[TypeInfo] = TypeInfo(
         "type_description_interfaces/srv/GetTypeDescription_Event",
@@ -472,11 +472,11 @@ class GetTypeDescription_Event(Message):
     )
 
     info: ServiceEventInfo = field(default_factory=ServiceEventInfo)
-    """Who sent or received what, and when."""
+    """Type, time, client and number of the call."""
     request: list[GetTypeDescription_Request] = field(default_factory=list)
-    """The request; empty when contents are not recorded."""
+    """The request; empty if contents are not published."""
     response: list[GetTypeDescription_Response] = field(default_factory=list)
-    """The response; empty when contents are not recorded."""
+    """The response; empty if contents are not published."""
 
     def _encode(self) -> bytes:
         try:

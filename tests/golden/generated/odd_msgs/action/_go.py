@@ -156,7 +156,7 @@ class Go_Feedback(Message):
 
 @dataclass(slots=True, eq=False, repr=False)
 class Go_FeedbackMessage(Message):
-    """Feedback of odd_msgs/action/Go on the wire."""
+    """Feedback message of odd_msgs/action/Go."""
 
     _TYPE: ClassVar[TypeInfo] = TypeInfo(
         "odd_msgs/action/Go_FeedbackMessage",
@@ -168,9 +168,9 @@ class Go_FeedbackMessage(Message):
     )
 
     goal_id: UUID = field(default_factory=UUID)
-    """The goal this belongs to."""
+    """ID of the goal."""
     feedback: Go_Feedback = field(default_factory=Go_Feedback)
-    """How far it is."""
+    """The feedback."""
 
     def _encode(self) -> bytes:
         try:
@@ -217,9 +217,9 @@ class Go_SendGoal_Request(Message):
     )
 
     goal_id: UUID = field(default_factory=UUID)
-    """The goal this belongs to."""
+    """ID of the goal."""
     goal: Go_Goal = field(default_factory=Go_Goal)
-    """What is to be done."""
+    """The goal."""
 
     def _encode(self) -> bytes:
         try:
@@ -266,9 +266,9 @@ class Go_SendGoal_Response(Message):
     )
 
     accepted: bool = False
-    """Whether the server takes the goal on."""
+    """True if the server accepts the goal."""
     stamp: Time = field(default_factory=Time)
-    """When it was accepted."""
+    """Time of the acceptance."""
 
     def _encode(self) -> bytes:
         try:
@@ -298,7 +298,7 @@ class Go_SendGoal_Response(Message):
 
 @dataclass(slots=True, eq=False, repr=False)
 class Go_SendGoal_Event(Message):
-    """What service introspection publishes about odd_msgs/action/Go_SendGoal."""
+    """Event of service introspection for odd_msgs/action/Go_SendGoal."""
 
     _TYPE: ClassVar[TypeInfo] = TypeInfo(
         "odd_msgs/action/Go_SendGoal_Event",
@@ -311,11 +311,11 @@ class Go_SendGoal_Event(Message):
     )
 
     info: ServiceEventInfo = field(default_factory=ServiceEventInfo)
-    """Who sent or received what, and when."""
+    """Type, time, client and number of the call."""
     request: list[Go_SendGoal_Request] = field(default_factory=list)
-    """The request; empty when contents are not recorded."""
+    """The request; empty if contents are not published."""
     response: list[Go_SendGoal_Response] = field(default_factory=list)
-    """The response; empty when contents are not recorded."""
+    """The response; empty if contents are not published."""
 
     if TYPE_CHECKING:
 
@@ -449,7 +449,7 @@ class Go_GetResult_Request(Message):
     )
 
     goal_id: UUID = field(default_factory=UUID)
-    """The goal this belongs to."""
+    """ID of the goal."""
 
     def _encode(self) -> bytes:
         try:
@@ -494,7 +494,7 @@ class Go_GetResult_Response(Message):
     status: int = 0
     """A value of action_msgs/msg/GoalStatus."""
     result: Go_Result = field(default_factory=Go_Result)
-    """The outcome; default values unless the goal finished."""
+    """The result; default values unless the goal has finished."""
 
     def _encode(self) -> bytes:
         try:
@@ -524,7 +524,7 @@ class Go_GetResult_Response(Message):
 
 @dataclass(slots=True, eq=False, repr=False)
 class Go_GetResult_Event(Message):
-    """What service introspection publishes about odd_msgs/action/Go_GetResult."""
+    """Event of service introspection for odd_msgs/action/Go_GetResult."""
 
     _TYPE: ClassVar[TypeInfo] = TypeInfo(
         "odd_msgs/action/Go_GetResult_Event",
@@ -537,11 +537,11 @@ class Go_GetResult_Event(Message):
     )
 
     info: ServiceEventInfo = field(default_factory=ServiceEventInfo)
-    """Who sent or received what, and when."""
+    """Type, time, client and number of the call."""
     request: list[Go_GetResult_Request] = field(default_factory=list)
-    """The request; empty when contents are not recorded."""
+    """The request; empty if contents are not published."""
     response: list[Go_GetResult_Response] = field(default_factory=list)
-    """The response; empty when contents are not recorded."""
+    """The response; empty if contents are not published."""
 
     if TYPE_CHECKING:
 
@@ -650,7 +650,7 @@ class Go_GetResult_Event(Message):
 
 
 class Go_SendGoal(Service[Go_SendGoal_Request, Go_SendGoal_Response]):
-    """How a goal of odd_msgs/action/Go is sent."""
+    """Service that sends a goal of odd_msgs/action/Go."""
 
     _TYPE: ClassVar[ServiceInfo] = ServiceInfo("odd_msgs/action/Go_SendGoal", "RIHS01_5dbd4b9f7417cbc7224ccd029da1c90804d0d11eef02cf4010e9e07074dfcf46")
 
@@ -660,7 +660,7 @@ class Go_SendGoal(Service[Go_SendGoal_Request, Go_SendGoal_Response]):
 
 
 class Go_GetResult(Service[Go_GetResult_Request, Go_GetResult_Response]):
-    """How the result of odd_msgs/action/Go is fetched."""
+    """Service that returns the result of odd_msgs/action/Go."""
 
     _TYPE: ClassVar[ServiceInfo] = ServiceInfo("odd_msgs/action/Go_GetResult", "RIHS01_e5dd8e1e2e80a86f59d671c71d2b45bc89056a7fc82f4edda72ccd367d34c46b")
 

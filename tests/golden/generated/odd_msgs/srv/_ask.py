@@ -173,7 +173,7 @@ class Ask_Response(Message):
 
 @dataclass(slots=True, eq=False, repr=False)
 class Ask_Event(Message):
-    """What service introspection publishes about odd_msgs/srv/Ask."""
+    """Event of service introspection for odd_msgs/srv/Ask."""
 
     _TYPE: ClassVar[TypeInfo] = TypeInfo(
         "odd_msgs/srv/Ask_Event",
@@ -186,11 +186,11 @@ class Ask_Event(Message):
     )
 
     info: ServiceEventInfo = field(default_factory=ServiceEventInfo)
-    """Who sent or received what, and when."""
+    """Type, time, client and number of the call."""
     request: list[Ask_Request] = field(default_factory=list)
-    """The request; empty when contents are not recorded."""
+    """The request; empty if contents are not published."""
     response: list[Ask_Response] = field(default_factory=list)
-    """The response; empty when contents are not recorded."""
+    """The response; empty if contents are not published."""
 
     def _encode(self) -> bytes:
         try:

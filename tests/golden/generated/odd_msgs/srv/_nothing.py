@@ -93,7 +93,7 @@ class Nothing_Response(Message):
 
 @dataclass(slots=True, eq=False, repr=False)
 class Nothing_Event(Message):
-    """What service introspection publishes about odd_msgs/srv/Nothing."""
+    """Event of service introspection for odd_msgs/srv/Nothing."""
 
     _TYPE: ClassVar[TypeInfo] = TypeInfo(
         "odd_msgs/srv/Nothing_Event",
@@ -106,11 +106,11 @@ class Nothing_Event(Message):
     )
 
     info: ServiceEventInfo = field(default_factory=ServiceEventInfo)
-    """Who sent or received what, and when."""
+    """Type, time, client and number of the call."""
     request: list[Nothing_Request] = field(default_factory=list)
-    """The request; empty when contents are not recorded."""
+    """The request; empty if contents are not published."""
     response: list[Nothing_Response] = field(default_factory=list)
-    """The response; empty when contents are not recorded."""
+    """The response; empty if contents are not published."""
 
     if TYPE_CHECKING:
 
