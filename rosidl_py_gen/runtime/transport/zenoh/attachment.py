@@ -1,7 +1,7 @@
-"""What accompanies every sample, request and reply: a number, a time and who sent it, in 33 bytes.
+"""Attachment of each sample, request and reply: sequence number, time and GID of the sender, in 33 bytes.
 
-Decides nothing but the layout; a reply carries the number and the GID of its request. Peers on rmw_zenoh_cpp may end
-when they get anything else, so only `pack` makes attachments.
+The attachment of a reply has the number and the GID of its request. Peers on rmw_zenoh_cpp may crash if they receive
+any other bytes, so only `pack` creates attachments.
 
 Source: docs/internals/zenoh.md 4.2 to 4.4 (rmw_zenoh_cpp, attachment_helpers.cpp).
 """
@@ -15,33 +15,34 @@ from rosidl_py_gen.errors import RosidlError
 SIZE = 33
 GID_BYTES = 16
 _LAYOUT = struct.Struct("<qqB16s")
-_NAMED_SIZE = 77
+_LEGACY_SIZE = 77
 
 
 class AttachmentError(RosidlError, ValueError):
-    """What a peer sent beside a sample is not what rmw_zenoh_cpp sends."""
+    """An attachment does not have the format of rmw_zenoh_cpp."""
 
 
 def pack(sequence: int, stamp_ns: int, gid: bytes) -> bytes:
-    """The attachment of a sample.
+    """Encode an attachment.
 
     Args:
-        sequence: of this publisher or client, beginning with 1.
-        stamp_ns: since the Unix epoch.
-        gid: 16 bytes, as `tokens.gid_of` gives it.
+        sequence: number of the sample at its publisher or client, from 1.
+        stamp_ns: time since the Unix epoch.
+        gid: 16 bytes, a result of `liveliness_tokens.gid_of`.
     """
     return _LAYOUT.pack(sequence, stamp_ns, GID_BYTES, gid)
 
 
 def unpack(data: bytes) -> tuple[int, int, bytes]:
-    """Sequence number, time in ns and GID; raises `AttachmentError`."""
+    """Return sequence number, time in ns and GID; raise `AttachmentError`."""
     if len(data) != SIZE:
-        old = "; that of rmw_zenoh_cpp before Jazzy's 0.2.4: update the peer" if len(data) == _NAMED_SIZE else ""
-        raise AttachmentError(f"expected an attachment of {SIZE} bytes, found {len(data)} bytes{old}")
+        legacy = "; that of rmw_zenoh_cpp before Jazzy's 0.2.4: update the peer" if len(data) == _LEGACY_SIZE else ""
+        raise AttachmentError(f"expected an attachment of {SIZE} bytes, found {len(data)} bytes{legacy}")
     sequence, stamp_ns, size, gid = _LAYOUT.unpack(data)
     if size != GID_BYTES:
         raise AttachmentError(f"attachment: byte 16: expected {GID_BYTES}, the length of a GID, found {size}")
-    if sequence < 0 or stamp_ns < 0:
-        what, offset_bytes, found = ("sequence number", 0, sequence) if sequence < 0 else ("time", 8, stamp_ns)
-        raise AttachmentError(f"attachment: byte {offset_bytes}: expected a {what} of 0 or more, found {found}")
+    if sequence < 0:
+        raise AttachmentError(f"attachment: byte 0: expected a sequence number of 0 or more, found {sequence}")
+    if stamp_ns < 0:
+        raise AttachmentError(f"attachment: byte 8: expected a time of 0 or more, found {stamp_ns}")
     return sequence, stamp_ns, gid

@@ -1,7 +1,7 @@
-"""What Zenoh sessions and routers are opened with: the defaults of rmw_zenoh_cpp, and its environment variables.
+"""Configuration of Zenoh sessions and routers: defaults of rmw_zenoh_cpp, and its environment variables.
 
-Decides every value that differs from Zenoh's own defaults. The two that matter most: sessions listen on this machine
-only and find each other through a router, never by multicast. It reads a mapping, never `os.environ`.
+Sessions listen on this machine only and find each other through a router, never by multicast. Environment variables are
+read from a mapping, never from `os.environ`.
 
 Source: docs/internals/zenoh.md 1 (rmw_zenoh_cpp of Jazzy, its two configuration files and zenoh_config.cpp).
 """
@@ -12,7 +12,7 @@ import json
 import math
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import zenoh
 
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
 ROUTER_PORT = 7447
-_MAX_SHOWN = 200
+_MAX_QUOTED_CHARS = 200
 _MAX_DEPTH = 100
-"""Levels of brackets that Zenoh's parser gets to see: some thousands end the process."""
+"""Maximum nesting of brackets: some thousands crash Zenoh's parser."""
 _BRACKET = re.compile(r"[\[{}\]]")
-_PLACE = re.compile(r" at \S+\.rs:\d+\.?")
+_SOURCE_LOCATION = re.compile(r" at \S+\.rs:\d+\.?")
 _MESSAGE = re.compile(r'(?:msg: |Str\()"((?:[^"\\]|\\.)*)"')
-_LOCATION = re.compile(r"line: (\d+), column: (\d+)")
+_LINE_COLUMN = re.compile(r"line: (\d+), column: (\d+)")
 
 _COMMON: dict[str, object] = {
     "scouting/multicast/enabled": False,
@@ -42,15 +42,14 @@ _COMMON: dict[str, object] = {
     "transport/unicast/max_sessions": 10_000,
     "transport/link/tx/lease": 60_000,
     "transport/link/tx/keep_alive": 2,
-    "transport/shared_memory/enabled": False,  # used when somebody turns it on at both ends
+    "transport/shared_memory/enabled": False,  # used if both ends enable it
     "transport/shared_memory/transport_optimization/pool_size": 48 << 20,
     "transport/shared_memory/transport_optimization/message_size_threshold": 512,
     "adminspace/enabled": True,
 }
 _MAX_CONGESTION_WAIT_US = 250_000
-"""How long a large message waits for a link that is congested before it is dropped, where rmw_zenoh_cpp waits 50 ms: on
-a busy machine that lost one image of ten. After the first that waited in vain Zenoh drops without waiting.
-"""
+"""Maximum time that a large message waits for a congested link before it is dropped. With the 50 ms of rmw_zenoh_cpp a
+busy machine lost one image of ten. After the first drop Zenoh does not wait any more."""
 _STRATEGY = {"peer": {"to_router": "always", "to_peer": "greater-zid"}}
 _SESSION: dict[str, object] = {
     "mode": "peer",
@@ -66,20 +65,21 @@ _ROUTER: dict[str, object] = {
     "listen/endpoints": [f"tcp/[::]:{ROUTER_PORT}"],
 }
 IPV4_ONLY = f"tcp/0.0.0.0:{ROUTER_PORT}"
-"""Where a router listens on machines without IPv6, which refuse the default."""
+"""Endpoint of a router on machines without IPv6, which refuse the default."""
 
 
 class ZenohConfigError(RosidlError, ValueError):
-    """The configuration for Zenoh cannot be used; names the variable or key, and quotes what it holds."""
+    """The configuration of Zenoh is not usable; the text names the variable or key, and quotes its value."""
 
 
 def session_config(environ: Mapping[str, str], warn: Callable[[str], None]) -> zenoh.Config:
-    """What the session of a context is opened with.
+    """Return the configuration of a context's session.
 
     Args:
-        warn: told of pairs in ZENOH_CONFIG_OVERRIDE that had to be left out.
+        warn: called for each pair in ZENOH_CONFIG_OVERRIDE that was skipped.
 
-    Raises `ZenohConfigError`, as the other functions here do.
+    Raises:
+        ZenohConfigError: a variable or file is not usable.
     """
     return _configuration(environ, "ZENOH_SESSION_CONFIG_URI", {**_COMMON, **_SESSION}, warn)
 
@@ -91,7 +91,7 @@ def router_config(
     listen: Iterable[str] = (),
     connect: Iterable[str] = (),
 ) -> zenoh.Config:
-    """What a router is opened with; endpoints that are given win over file and variables."""
+    """Return the configuration of a router; `listen` and `connect` override file and variables."""
     config = _configuration(environ, "ZENOH_ROUTER_CONFIG_URI", {**_COMMON, **_ROUTER}, warn)
     for key, endpoints in (("listen/endpoints", list(listen)), ("connect/endpoints", list(connect))):
         if endpoints:
@@ -100,41 +100,43 @@ def router_config(
 
 
 def router_attempts(environ: Mapping[str, str]) -> float:
-    """How often a new session looks for a router, once a second: 0 for never, `math.inf` for until there is one."""
+    """Return how often a new session checks for a router, once a second; `math.inf`: until there is one."""
     text = environ.get("ZENOH_ROUTER_CHECK_ATTEMPTS", "")
     try:
         attempts = int(text) if text else 1
     except ValueError:
         raise ZenohConfigError(
             "ZENOH_ROUTER_CHECK_ATTEMPTS must be a whole number (0 waits for ever, a negative one does not look), "
-            f"got {_shown(text)}"
+            f"got {_quoted(text)}"
         ) from None
     return math.inf if attempts == 0 else max(0, attempts)
 
 
 def is_humble(environ: Mapping[str, str]) -> bool:
-    """Whether keys and tokens shall be as in Humble, and not as in all later distributions."""
+    """Return True if keys and tokens must have the format of Humble, not that of later distributions."""
     text = environ.get(FORMAT_VARIABLE, "")
     if text not in ("", "humble"):
-        raise ZenohConfigError(f"{FORMAT_VARIABLE} must be 'humble', or nothing for later ROS, got {_shown(text)}")
+        raise ZenohConfigError(
+            f"{FORMAT_VARIABLE} must be 'humble', or empty for later distributions, got {_quoted(text)}"
+        )
     return text == "humble"
 
 
 def insert(config: zenoh.Config, key: str, value: str, *, where: str) -> None:
-    """Set `key` to a JSON5 text; `where` is what the user wrote it in."""
+    """Set `key` to a JSON5 text; `where` names its origin for errors."""
     _require_shallow(value, f"{where}: {key}")
     try:
         config.insert_json5(key, value)
     except zenoh.ZError as error:
-        raise ZenohConfigError(f"{where}: {key}={_shown(value)}: {error_text(error)}") from None
+        raise ZenohConfigError(f"{where}: {key}={_quoted(value)}: {error_text(error)}") from None
 
 
-def endpoints_of(config: zenoh.Config, what: str) -> list[str]:
-    """Endpoints to "listen" on or to "connect" with, those of the mode that the configuration has."""
-    found = json.loads(config.get_json(f"{what}/endpoints"))
-    if isinstance(found, dict):  # one list for each mode
-        found = found.get(json.loads(config.get_json("mode")) or "peer") or []
-    return [str(endpoint) for endpoint in found]
+def endpoints_of(config: zenoh.Config, kind: Literal["listen", "connect"]) -> list[str]:
+    """Return the endpoints of a configuration, those of its mode."""
+    endpoints = json.loads(config.get_json(f"{kind}/endpoints"))
+    if isinstance(endpoints, dict):  # one list for each mode
+        endpoints = endpoints.get(json.loads(config.get_json("mode")) or "peer") or []
+    return [str(endpoint) for endpoint in endpoints]
 
 
 def _configuration(
@@ -143,10 +145,10 @@ def _configuration(
     path = environ.get(variable, "")
     if path:
         try:
-            _require_shallow(Path(path).read_text("utf-8", "replace"), f"{variable}={_shown(path)}")
+            _require_shallow(Path(path).read_text("utf-8", "replace"), f"{variable}={_quoted(path)}")
             config: zenoh.Config = zenoh.Config.from_file(path)
         except (zenoh.ZError, OSError) as error:
-            raise ZenohConfigError(f"{variable}={_shown(path)}: {error_text(error)}") from None
+            raise ZenohConfigError(f"{variable}={_quoted(path)}: {error_text(error)}") from None
     else:
         config = zenoh.Config()
         for key, value in defaults.items():
@@ -155,7 +157,7 @@ def _configuration(
         key, equals, value = pair.partition("=")
         try:
             if not equals or not value:
-                raise ZenohConfigError(f"ZENOH_CONFIG_OVERRIDE: expected key=value, found {_shown(pair)}")
+                raise ZenohConfigError(f"ZENOH_CONFIG_OVERRIDE: expected key=value, found {_quoted(pair)}")
             insert(config, key, value, where="ZENOH_CONFIG_OVERRIDE")
         except ZenohConfigError as error:
             hint = "; texts need quotes" if value and value.strip().isalpha() else ""
@@ -168,19 +170,19 @@ def _require_shallow(text: str, where: str) -> None:
     for bracket in _BRACKET.findall(text):
         depth += 1 if bracket in "[{" else -1
         if depth > _MAX_DEPTH:
-            raise ZenohConfigError(f"{where}: expected at most {_MAX_DEPTH} brackets within each other, found more")
+            raise ZenohConfigError(f"{where}: expected at most {_MAX_DEPTH} nested brackets, found more")
 
 
-def _shown(text: str) -> str:
-    return printable(repr(text if len(text) <= _MAX_SHOWN else text[:_MAX_SHOWN] + "..."))
+def _quoted(text: str) -> str:
+    return printable(repr(text if len(text) <= _MAX_QUOTED_CHARS else text[:_MAX_QUOTED_CHARS] + "..."))
 
 
 def error_text(error: Exception) -> str:
-    """What Zenoh says, without places in its sources and names of its types."""
-    text = _PLACE.sub("", str(error))
+    """Return the text of a Zenoh error without locations in its sources and names of its types."""
+    text = _SOURCE_LOCATION.sub("", str(error))
     message = _MESSAGE.search(text)
     if message is None:
         return printable(text.strip())
-    said = message[1].replace('\\"', '"').split("\\n")[-1].strip(" =")
-    where = _LOCATION.search(text)
-    return printable(f"{said} (line {where[1]}, column {where[2]})" if where else said)
+    reason = message[1].replace('\\"', '"').split("\\n")[-1].strip(" =")
+    location = _LINE_COLUMN.search(text)
+    return printable(f"{reason} (line {location[1]}, column {location[2]})" if location else reason)

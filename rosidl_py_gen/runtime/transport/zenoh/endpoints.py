@@ -1,34 +1,31 @@
 """Publishers and subscribers of topics.
 
-Decides what a quality of service means to Zenoh (docs/internals/zenoh.md 5): only endpoints that are transient local
-are "advanced" ones, with a cache or a history; everybody else's are on the same key and exchange samples with them all
-the same.
+Only endpoints that are transient local are "advanced" ones of Zenoh, with a cache or a history
+(docs/internals/zenoh.md 5); they exchange samples with all others on the same key.
 
-Publishers of Lyrical and later send messages with an unbounded array of bytes on another key, and nothing at all to a
-subscriber that does not say it listens there. So ours do, and say so, always: earlier distributions read a token
-no further than they know it, never send on that key, and have no use for the GID of a subscriber, which is all that
-changes for them. Waiting until somebody of Lyrical is there would mean another token, and samples lost meanwhile.
+Publishers of Lyrical and later send messages with an unbounded array of bytes on another key, and nothing to a
+subscriber that does not announce that it listens there. So ours always do. Earlier distributions ignore that part of
+the token and never send on that key; only the GID of the subscriber changes. Waiting until a node of Lyrical appears
+would need another token, and samples would be lost.
 
-Who may call what, on which thread; there are no locks here, and Zenoh holds its own while it calls us:
+Thread rules; there are no locks here, and Zenoh holds its own while it calls us:
 
-1. `write`: any thread, several at once; a counter gives each message its number in one step. A reliable keep-all writer
-   waits for slow peers, without the GIL; no other does.
-2. `_take`, `receive` and `read_attachment`: a thread of Zenoh, or that of whoever publishes in this process. They put
-   the sample into the queue and say so to `Arrivals`, nothing else: no log, no call of Zenoh, no function of a user.
-   Whoever blocks that thread stops everything that arrives.
-3. Sinks and `_log_bad_attachment`: the thread of the loop, which gets them from `Arrivals`. Only there the queue is
-emptied.
-4. `set_sink`: the thread of the loop, or of whoever closes. A sample under way may come later: `receive` reads the sink
-   once, and a sink finds that its endpoint is closed.
-5. `close`: any thread but those of 2; the second one does nothing.
-6. `detach_after_fork`: the one thread of a forked child, where those of Zenoh are not.
+1. `write`: any, several at once; an atomic counter numbers the messages. A reliable keep-all writer waits for slow
+   peers without the GIL; no other writer waits.
+2. `_take`, `receive` and `read_attachment`: a thread of Zenoh, or one that publishes in this process. They add the
+   sample to the queue and the sink to `ReadySinks`, and must not log, call Zenoh or call functions of the user: a
+   blocked thread of Zenoh stops all reception.
+3. Sinks and `_log_bad_attachment`: loop, by `ReadySinks`. Only there the queue is emptied.
+4. `set_sink`: loop, or the closing thread. A sample may arrive during it: `receive` reads the sink once, and a sink
+   detects that its endpoint is closed.
+5. `close`: any but those of 2; the second call does nothing.
+6. `detach_after_fork`: the only thread of a forked child, which has none of Zenoh.
 """
 
 from __future__ import annotations
 
 import ctypes
 import itertools
-import threading
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +36,7 @@ import zenoh.handlers
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
 from rosidl_py_gen.runtime.transport.api import TransportError
+from rosidl_py_gen.runtime.transport.foreign_threads import retain_thread_state
 from rosidl_py_gen.runtime.transport.qos import Durability, History, Reliability
 from rosidl_py_gen.runtime.transport.samples import ReceiveQueue
 from rosidl_py_gen.runtime.transport.zenoh.attachment import AttachmentError, pack, unpack
@@ -59,67 +57,51 @@ _time_ns = time.time_ns
 
 
 class SequenceGaps:
-    """Counts what is missing between the numbers that arrived; source: docs/internals/zenoh.md 8.
+    """Counter of sequence numbers that did not arrive (docs/internals/zenoh.md 8).
 
-    Samples of one publisher come one after the other, those of several may come in several threads.
+    Samples of one publisher arrive one after the other, those of several publishers maybe in several threads.
     """
 
     def __init__(self) -> None:
         self._publishers: dict[bytes, list[int]] = {}
-        """The highest number so far, and how many were missing below it."""
-        self._forgotten = 0
+        """Highest number of each publisher, and how many lower ones are missing."""
+        self._lost_of_removed = 0
 
     @property
     def lost(self) -> int:
-        """Number of samples missing so far, from the first sequence number of each publisher on."""
-        return self._forgotten + sum(missing for _, missing in list(self._publishers.values()))
+        """Number of missing samples, from the first sequence number of each publisher on."""
+        return self._lost_of_removed + sum(missing for _, missing in list(self._publishers.values()))
 
     def on_sample(self, publisher: bytes, number: int) -> None:
-        """A sample has arrived; one that was overtaken counts as missing, as in rmw_zenoh."""
-        known = self._publishers.get(publisher)
-        if known is None:
+        """Record a sample; one that was overtaken counts as missing, as in rmw_zenoh."""
+        entry = self._publishers.get(publisher)
+        if entry is None:
             if len(self._publishers) >= _MAX_GAP_PUBLISHERS:
-                self._forgotten += self._publishers.pop(next(iter(self._publishers)))[1]
+                self._lost_of_removed += self._publishers.pop(next(iter(self._publishers)))[1]
             self._publishers[publisher] = [number, 0]
-        elif number > known[0]:
-            known[1] += number - known[0] - 1
-            known[0] = number
-
-
-class _Thread(threading.local):
-    """What is known of a thread."""
-
-    is_known = False
-
-
-_thread = _Thread()
-_ensure_thread_state = ctypes.PYFUNCTYPE(ctypes.c_int)(("PyGILState_Ensure", ctypes.pythonapi))
-"""Called once in a thread of Zenoh: Python keeps what it knows of it, and does not make that anew for each call."""
+        elif number > entry[0]:
+            entry[1] += number - entry[0] - 1
+            entry[0] = number
 
 
 def zenoh_handler(function: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:
-    """A function that Zenoh calls on its own thread; otherwise there would be a thread for each."""
+    """Return a handler that Zenoh calls in its own thread, instead of creating a thread for each handler."""
 
-    def call(thing: Any) -> None:
-        if not _thread.is_known:
-            _thread.is_known = True
-            _ensure_thread_state()
-        function(thing)
+    def call(argument: Any) -> None:
+        retain_thread_state()
+        function(argument)
 
     return zenoh.handlers.Callback(call, drop=drop, indirect=False)
 
 
-def leak_after_fork(*things: object) -> None:
-    """Never delete these: in a forked child that would wait for threads which are not there."""
-    for thing in things:
-        ctypes.pythonapi.Py_IncRef(ctypes.py_object(thing))
-
-
-# -------------------------------------------------------------------------------------------------------------- topics
+def leak_after_fork(*objects: object) -> None:
+    """Prevent the deletion of objects: in a forked child it would wait for threads that do not exist."""
+    for leaked in objects:
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(leaked))
 
 
 def declare_publisher(session: Any, key: str, qos: QoSProfile) -> Any:
-    """What publishes on a key with that profile."""
+    """Declare a publisher with that profile."""
     is_reliable = qos.reliability is Reliability.RELIABLE
     reliability = zenoh.Reliability.RELIABLE if is_reliable else zenoh.Reliability.BEST_EFFORT
     blocks = is_reliable and qos.history is History.KEEP_ALL
@@ -141,7 +123,7 @@ def declare_publisher(session: Any, key: str, qos: QoSProfile) -> Any:
 def declare_subscriber(
     session: Any, key: str, qos: QoSProfile, take: Callable[[Any], None], *, ignore_local: bool
 ) -> Any:
-    """What receives the samples of a key, with that profile."""
+    """Declare a subscriber with that profile; Zenoh calls `take` with each sample."""
     origin = zenoh.Locality.REMOTE if ignore_local else zenoh.Locality.ANY
     if qos.durability is not Durability.TRANSIENT_LOCAL:
         return session.declare_subscriber(key, zenoh_handler(take), allowed_origin=origin)
@@ -158,21 +140,19 @@ def declare_subscriber(
 
 
 class ZenohWriter:
-    """See `port.Writer`."""
+    """Writer of the Zenoh transport."""
 
     def __init__(self, owner: ZenohParticipant, info: DiscoveredEndpoint, key: str) -> None:
         self._owner = owner
         self.info = info
         self.guid = info.guid
         self.handle = int.from_bytes(info.guid, "little")
-        self._key = key
         self._numbers = itertools.count(1)
         self._publisher = declare_publisher(owner.session, key, info.qos)
         self._put = self._publisher.put
         self._closed = False
 
     def write(self, data: Payload) -> bool:
-        """See `port.Writer`. A reliable keep-all writer waits here for slow peers, without the GIL."""
         if self._closed:
             raise ClosedError(f"the writer of {self.info.channel.name} is closed")
         attachment = pack(next(self._numbers), _time_ns(), self.guid)
@@ -189,14 +169,13 @@ class ZenohWriter:
         return bool(self._owner.graph.connected(self.info))
 
     def all_acknowledged(self) -> bool:
-        """Zenoh tells nothing of that; reliable links pass on what they took."""
-        return True
+        return True  # Zenoh does not report acknowledgements; reliable links forward what they accepted
 
     def event_counts(self, event: str) -> tuple[int, ...] | None:
         return None
 
     def assert_liveliness(self) -> None:
-        """Nobody looks for it."""
+        """Do nothing: no peer checks liveliness."""
 
     def close(self) -> None:
         if not self._closed:
@@ -205,16 +184,22 @@ class ZenohWriter:
             self._publisher.undeclare()
 
     def detach_after_fork(self) -> None:
-        """In a forked child: touch nothing."""
+        """Use no inherited resource from now on."""
         self._closed = True
         leak_after_fork(self._publisher, self._put)
 
 
 class ZenohReader:
-    """See `port.Reader`; the queue is filled by `_take`."""
+    """Reader of the Zenoh transport; with `has_buffer`, each sample arrives on one of two keys."""
 
     def __init__(
-        self, owner: ZenohParticipant, info: DiscoveredEndpoint, key: str, *, ignore_local: bool = False
+        self,
+        owner: ZenohParticipant,
+        info: DiscoveredEndpoint,
+        key: str,
+        *,
+        ignore_local: bool = False,
+        has_buffer: bool = False,
     ) -> None:
         self._owner = owner
         self.info = info
@@ -223,102 +208,85 @@ class ZenohReader:
         self._ignore_local = ignore_local
         self._sink: Sink | None = None
         self._gaps: SequenceGaps | None = None
-        self._complaint = ""
+        self._bad_attachment = ""
         self._closed = False
-        self._subscriber = self._declare(key)
+        self._declarations = [self._declare(key)]
+        if has_buffer:
+            try:
+                self._declarations.append(self._declare(cpu_buffer_key(key)))
+            except BaseException:
+                self._declarations[0].undeclare()
+                raise
 
     def _declare(self, key: str) -> Any:
         session, qos = self._owner.session, self.info.qos
         return declare_subscriber(session, key, qos, self._take, ignore_local=self._ignore_local)
 
     def _take(self, sample: Any) -> None:
-        """Called by Zenoh with each sample."""
-        told = self.read_attachment(sample)
+        """Called by Zenoh with each sample; must not block or log."""
+        attachment = self.read_attachment(sample)
         data = sample.payload.to_bytes()
-        if told is not None and self._gaps is not None:
-            self._gaps.on_sample(told[2], told[0])
-        if told is not None and data:
-            self.receive((data, told[1], int.from_bytes(told[2], "little"), _time_ns(), told[0]))
+        if attachment is not None:
+            number, source_ns, gid = attachment
+            if self._gaps is not None:
+                self._gaps.on_sample(gid, number)
+            if data:
+                self.receive((data, source_ns, int.from_bytes(gid, "little"), _time_ns(), number))
 
-    def receive(self, sample: Any) -> None:
-        """Take a sample, or what else is received here, into the queue."""
-        self.queue.push(sample)
-        sink = self._sink  # another thread may take it away
+    def receive(self, item: Any) -> None:
+        """Add a sample, request or reply to the queue."""
+        self.queue.push(item)
+        sink = self._sink  # another thread may remove it
         if sink is not None:
-            self._owner.arrivals.put(sink)
+            self._owner.ready_sinks.put(sink)
 
-    def read_attachment(self, thing: Any) -> tuple[int, int, bytes] | None:
-        """Number, time and GID beside a sample or query; None, and a word in the log, when they are not there."""
-        attached = thing.attachment
+    def read_attachment(self, received: Any) -> tuple[int, int, bytes] | None:
+        """Return number, time and GID of a sample or query; None, with a warning, if the attachment is invalid."""
+        attachment = received.attachment
         try:
-            if attached is None:
+            if attachment is None:
                 raise AttachmentError("expected an attachment of 33 bytes, found none")
-            return unpack(attached.to_bytes())
+            return unpack(attachment.to_bytes())
         except AttachmentError as error:
-            self._complaint = self._complaint or f"dropped what came on {thing.key_expr}: {error}"
-            self._owner.arrivals.put(self._log_bad_attachment)
+            self._bad_attachment = self._bad_attachment or f"dropped a sample on {received.key_expr}: {error}"
+            self._owner.ready_sinks.put(self._log_bad_attachment)  # in the loop: log handlers may block
             return None
 
     def _log_bad_attachment(self) -> None:
-        """On the loop's thread: an output may block, and log handlers have locks."""
-        complaint, self._complaint = self._complaint, ""
-        internal_logger().warning(complaint, throttle_s=1.0)
+        text, self._bad_attachment = self._bad_attachment, ""
+        internal_logger().warning(text, throttle_s=1.0)
 
     def set_sink(self, sink: Sink | None) -> None:
         self._sink = sink
         if sink is not None and self.queue.items:
-            self._owner.arrivals.put(sink)
+            self._owner.ready_sinks.put(sink)
 
     def fetch(self) -> bool:
-        """Everything is in the queue already."""
-        return bool(self.queue.items)
+        return bool(self.queue.items)  # samples are received into the queue
 
     def matched_writers(self) -> list[bytes]:
         connected = self._owner.graph.connected(self.info)
         own = self.info.participant_guid if self._ignore_local else None
-        return [guid for guid, one in connected.items() if one.participant_guid != own]
+        return [guid for guid, writer in connected.items() if writer.participant_guid != own]
 
     def event_counts(self, event: str) -> tuple[int, ...] | None:
         if event != "message_lost":
             return None
-        if self._gaps is None:  # what nobody asks for is not counted
+        if self._gaps is None:  # not counted before the first request
             self._gaps = SequenceGaps()
         return (self._gaps.lost,)
 
     def writer_guid(self, handle: int) -> bytes | None:
-        """The handle is the GUID as a number, 0 where it is not known."""
-        return handle.to_bytes(16, "little") if handle else None
+        return handle.to_bytes(16, "little") if handle else None  # 0 if unknown
 
     def close(self) -> None:
         if not self._closed:
             self._closed, self._sink = True, None
             self._owner.undeclare_token(self.guid)
-            self._subscriber.undeclare()
+            for declaration in self._declarations:
+                declaration.undeclare()
 
     def detach_after_fork(self) -> None:
-        """In a forked child: touch nothing."""
+        """Use no inherited resource from now on."""
         self._closed, self._sink = True, None
-        leak_after_fork(self._subscriber)
-
-
-class BufferReader(ZenohReader):
-    """A reader that listens on the key for buffers, too; each sample comes on one of the two."""
-
-    def __init__(
-        self, owner: ZenohParticipant, info: DiscoveredEndpoint, key: str, *, ignore_local: bool = False
-    ) -> None:
-        super().__init__(owner, info, key, ignore_local=ignore_local)
-        try:
-            self._channel = self._declare(cpu_buffer_key(key))
-        except BaseException:
-            self._subscriber.undeclare()
-            raise
-
-    def close(self) -> None:
-        if not self._closed:
-            super().close()
-            self._channel.undeclare()
-
-    def detach_after_fork(self) -> None:
-        super().detach_after_fork()
-        leak_after_fork(self._channel)
+        leak_after_fork(*self._declarations)

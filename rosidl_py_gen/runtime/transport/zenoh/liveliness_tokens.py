@@ -1,8 +1,7 @@
-"""Liveliness tokens: how nodes and endpoints tell that they exist.
+"""Liveliness tokens, by which nodes and endpoints announce that they exist.
 
-Decides the text of a token, reads those of others, and makes GIDs of them. The text is the only description of an
-endpoint there is, and its hash is the endpoint's name in attachments: what is written has to be canonical, and what was
-read is hashed as it came, never after it was put together again.
+The text of a token is the only description of an endpoint, and its hash is the endpoint's GID in attachments. So the
+text of own tokens is canonical, and those of peers are hashed as received, never after re-encoding.
 
 Source: docs/internals/zenoh.md 3 (rmw_zenoh_cpp, liveliness_utils.cpp).
 """
@@ -21,15 +20,16 @@ from rosidl_py_gen.runtime.transport.zenoh.qos import qos_text, read_qos
 
 TOKEN_PREFIX = "@ros2_lv"
 CPU_BACKEND = "backends:cpu:"
-"""Last chunk of a subscription that takes buffers of Lyrical from the CPU's memory (`keys.cpu_buffer_key`)."""
+"""Last chunk of a subscription that receives buffers of Lyrical in ordinary memory (`keys.cpu_buffer_key`)."""
 
-_NODE_CHUNKS, _ENDPOINT_CHUNKS = 9, 13
+_NODE_CHUNKS = 9
+_ENDPOINT_CHUNKS = 13
 _NUMBER = re.compile(r"[0-9]{1,20}\Z")
 _ZID = re.compile(r"(?!0)[0-9a-f]{1,32}\Z")
 
 
 class EntityKind(Enum):
-    """What a token stands for."""
+    """Kind of the entity that a token announces."""
 
     NODE = "NN"
     PUBLISHER = "MP"
@@ -43,11 +43,11 @@ _ENDPOINTS = {kind.value: kind for kind in EntityKind if kind is not EntityKind.
 
 @dataclass(frozen=True, slots=True)
 class NodeToken:
-    """A node of a session.
+    """Token of a node.
 
     Attributes:
-        zid: of the session, as Zenoh prints it: hex without leading zeros.
-        node_id: from the session's counter, which counts nodes and endpoints from 0.
+        zid: id of the session, as Zenoh prints it: hex without leading zeros.
+        node_id: number of the session's counter, which counts nodes and endpoints from 0.
         namespace: ``/`` or ``/robot1``.
     """
 
@@ -64,14 +64,14 @@ class NodeToken:
 
 @dataclass(frozen=True, slots=True)
 class EndpointToken:
-    """An endpoint of a node.
+    """Token of an endpoint.
 
     Attributes:
-        entity_id: from the session's counter.
-        name: fully qualified, of the topic or service.
+        entity_id: number of the session's counter.
+        name: fully qualified name of the topic or service.
         type: DDS name of the message, or of the service without Request and Response.
-        type_hash: as the token has it; `keys.valid_hash_or_empty` tells whether it is one. Empty is written as
-        Humble does. backends: of Lyrical and later, else empty.
+        type_hash: text in the token, see `keys.valid_hash_or_empty`; an empty one is written as in Humble.
+        backends: chunk of Lyrical and later; else empty.
     """
 
     node: NodeToken
@@ -84,29 +84,29 @@ class EndpointToken:
     backends: str = ""
 
     def __str__(self) -> str:
-        """Raises `InvalidQoSError` for UNKNOWN policies."""
-        end = f"/{self.backends}" if self.backends else ""
+        """Return the text; raise `InvalidQoSError` for UNKNOWN policies."""
+        backends = f"/{self.backends}" if self.backends else ""
         type_hash = self.type_hash or HASH_NOT_SUPPORTED
         return (
             f"{_chunks(self.node, self.entity_id, self.kind)}/{_mangled(self.name)}/{self.type}/{type_hash}"
-            f"/{qos_text(self.qos)}{end}"
+            f"/{qos_text(self.qos)}{backends}"
         )
 
 
 def tokens_of(domain_id: int) -> str:
-    """The key expression of all tokens of a domain."""
+    """Return the key expression of all tokens of a domain."""
     return f"{TOKEN_PREFIX}/{domain_id}/**"
 
 
 def gid_of(token: str) -> bytes:
-    """The GID, 16 bytes, of whom a token stands for: XXH3-128 of its text, low half first."""
+    """Return the GID, 16 bytes, of the entity of a token: XXH3-128 of its text, low half first."""
     return xxhash.xxh3_128_intdigest(token.encode()).to_bytes(16, "little")
 
 
 def read_token(text: str) -> NodeToken | EndpointToken | None:
-    """What a token tells; None when it is not one of ROS, or not one that rmw_zenoh_cpp would take.
+    """Parse a token; return None if it is not one of ROS, or not one that rmw_zenoh_cpp accepts.
 
-    Chunks behind those that are known are left alone, as rmw_zenoh_cpp does: later distributions may add some.
+    Further chunks are ignored, as by rmw_zenoh_cpp: later distributions may add some.
     """
     chunks = text.split("/")
     if len(chunks) < _NODE_CHUNKS or chunks[0] != TOKEN_PREFIX or not all(chunks):
@@ -130,7 +130,6 @@ def read_token(text: str) -> NodeToken | EndpointToken | None:
 
 
 def _chunks(node: NodeToken, entity_id: int, kind: EntityKind) -> str:
-    """Chunks 0 to 8, which all tokens have."""
     return (
         f"{TOKEN_PREFIX}/{node.domain_id}/{node.zid}/{node.node_id}/{entity_id}/{kind.value}"
         f"/{_mangled(node.enclave)}/{_mangled(node.namespace)}/{_mangled(node.name)}"

@@ -1,10 +1,10 @@
-"""The member of a domain that Zenoh sees: one session, with the endpoints and liveliness tokens of our nodes.
+"""Participant of the Zenoh transport: one session, with the endpoints and liveliness tokens of its nodes.
 
-Rules a newcomer would otherwise break:
+Rules:
 
-- An endpoint is there before its token, and its token is gone before it is; so with a node and its endpoints.
-- Every function that Zenoh calls is a "direct" one. It puts what came into a queue and says that something did; it
-  never waits and never undeclares anything, which would stop or deadlock the session.
+- An endpoint is declared before its token and undeclared after it; the same holds for a node and its endpoints.
+- Every handler that Zenoh calls is a "direct" one. It adds to a queue and wakes up the loop. It never waits and never
+  undeclares anything, which would stop or deadlock the session.
 - No lock of ours is held during a call into Zenoh.
 """
 
@@ -23,7 +23,6 @@ from rosidl_py_gen.runtime.transport.api import TransportError
 from rosidl_py_gen.runtime.transport.qos import Durability
 from rosidl_py_gen.runtime.transport.type_names import wire_type
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import (
-    BufferReader,
     ZenohReader,
     ZenohWriter,
     leak_after_fork,
@@ -60,27 +59,27 @@ if TYPE_CHECKING:
 
 _EndpointT = TypeVar("_EndpointT", bound=ZenohReader | ZenohWriter)
 _NO_NODE_NAME = "_"
-"""Stands for the node of endpoints that have none; they have no token, so nobody reads it."""
+"""Name of the node of endpoints without one, which have no token."""
 
 
 class _Description(NamedTuple):
-    """A new endpoint: its key, its token (empty when it belongs to no node), and what the graph shall know of it."""
+    """New endpoint: its key, token (empty if it belongs to no node), and endpoints in the graph."""
 
     key: str
     token: str
-    endpoints: tuple[DiscoveredEndpoint, ...]
+    infos: tuple[DiscoveredEndpoint, ...]
 
 
 class _LocalEndpoint(NamedTuple):
-    """An endpoint of ours, its liveliness token, and what the graph knows of it."""
+    """Own endpoint, its liveliness token, and its endpoints in the graph."""
 
     endpoint: ZenohReader | ZenohWriter
     token: Any
-    told: tuple[DiscoveredEndpoint, ...]
+    infos: tuple[DiscoveredEndpoint, ...]
 
 
 class ZenohParticipant:
-    """See `port.Participant`."""
+    """Participant of the Zenoh transport; with `is_humble`, keys and tokens have no hashes."""
 
     middleware = "Zenoh"
     library = ""
@@ -88,7 +87,6 @@ class ZenohParticipant:
     services_unavailable_reason: str | None = None
 
     def __init__(self, session: Any, domain_id: int, enclave: str, *, is_humble: bool = False) -> None:
-        """`is_humble`: keys and tokens as in Humble, so without hashes."""
         self.session = session
         self._is_humble = is_humble
         self._domain_id = domain_id
@@ -97,12 +95,12 @@ class ZenohParticipant:
         self.guid = participant_guid(self._zid)
         self._closed = False
         self._ids = itertools.count()
-        """Of nodes and endpoints alike, as in rmw_zenoh_cpp."""
+        """Ids of nodes and endpoints, as in rmw_zenoh_cpp."""
         self._nodes: dict[int, NodeToken] = {}
-        self._nobody = NodeToken(domain_id, self._zid, 0, _NO_NODE_NAME)
+        self._no_node = NodeToken(domain_id, self._zid, 0, _NO_NODE_NAME)
         self._node_tokens: dict[int, Any] = {}
-        self._owned: dict[bytes, _LocalEndpoint] = {}
-        self.arrivals = ReadySinks()
+        self._local_endpoints: dict[bytes, _LocalEndpoint] = {}
+        self.ready_sinks = ReadySinks()
         self._discovery_sink: Callable[[list[DiscoveryEvent]], None] | None = None
         self.graph = TokenGraph(self._zid, enclave)
         self._liveliness = session.liveliness()
@@ -113,37 +111,43 @@ class ZenohParticipant:
     # ------------------------------------------------------------------------------------------------ endpoints
 
     def create_writer(self, spec: EndpointSpec) -> ZenohWriter:
-        told = self._endpoint_description(EntityKind.PUBLISHER, *_named(spec))
-        return self._register_endpoint(told, lambda: ZenohWriter(self, told.endpoints[0], told.key))
+        described = self._describe_topic(EntityKind.PUBLISHER, spec)
+        return self._register_endpoint(described, lambda: ZenohWriter(self, described.infos[0], described.key))
 
     def create_reader(self, spec: EndpointSpec) -> ZenohReader:
-        is_late = spec.qos.durability is Durability.TRANSIENT_LOCAL
-        takes_buffers = spec.has_buffer and not self._is_humble and not is_late
-        backends, make = (CPU_BACKEND, BufferReader) if takes_buffers else ("", ZenohReader)
-        told = self._endpoint_description(EntityKind.SUBSCRIPTION, *_named(spec), backends)
+        is_volatile = spec.qos.durability is not Durability.TRANSIENT_LOCAL
+        has_buffer = spec.has_buffer and is_volatile and not self._is_humble
+        described = self._describe_topic(EntityKind.SUBSCRIPTION, spec, CPU_BACKEND if has_buffer else "")
+        options = {"ignore_local": spec.ignore_local, "has_buffer": has_buffer}
         return self._register_endpoint(
-            told, lambda: make(self, told.endpoints[0], told.key, ignore_local=spec.ignore_local)
+            described, lambda: ZenohReader(self, described.infos[0], described.key, **options)
         )
 
     def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> ZenohClient:
-        told = self._describe_service(EntityKind.CLIENT, service, qos, node)
-        replies, requests = told.endpoints
-        return self._register_endpoint(told, lambda: ZenohClient(self, replies, requests, told.key))
+        described = self._describe_service(EntityKind.CLIENT, service, qos, node)
+        return self._register_endpoint(described, lambda: ZenohClient(self, described.infos, described.key))
 
     def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> ZenohServer:
-        told = self._describe_service(EntityKind.SERVER, service, qos, node)
-        requests, replies = told.endpoints
-        return self._register_endpoint(told, lambda: ZenohServer(self, requests, replies, told.key))
+        described = self._describe_service(EntityKind.SERVER, service, qos, node)
+        return self._register_endpoint(described, lambda: ZenohServer(self, described.infos, described.key))
 
-    def _endpoint_description(
-        self,
-        kind: EntityKind,
-        name: str,
-        type: str,
-        type_hash: str,
-        qos: QoSProfile,
-        node: int,
-        backends: str = "",
+    def _describe_topic(self, kind: EntityKind, spec: EndpointSpec, backends: str = "") -> _Description:
+        name = f"/{spec.name.removeprefix('/')}"  # Zenoh has no prefixes: an unmangled name is that of a topic
+        return self._describe(kind, name, spec.type, spec.type_hash, spec.qos, spec.node, backends)
+
+    def _describe_service(self, kind: EntityKind, service: ServiceSpec, qos: QoSProfile, node: int) -> _Description:
+        described = self._describe(kind, service.name, service.type, service.type_hash, qos, node)
+        # Only our own graph knows the hashes of the messages; tokens do not contain them.
+        hashes = [service.request_hash, service.response_hash]
+        if kind is EntityKind.CLIENT:
+            hashes.reverse()
+        infos = tuple(
+            replace(info, type_hash=type_hash) for info, type_hash in zip(described.infos, hashes, strict=True)
+        )
+        return described._replace(infos=infos)
+
+    def _describe(
+        self, kind: EntityKind, name: str, type: str, type_hash: str, qos: QoSProfile, node: int, backends: str = ""
     ) -> _Description:
         if self._closed:
             raise ClosedError("this participant is closed")
@@ -153,52 +157,39 @@ class ZenohParticipant:
         assert profile is not None
         owner = self._nodes.get(node)
         type = wire_type(type)
-        token = EndpointToken(owner or self._nobody, next(self._ids), kind, name, type, type_hash, profile, backends)
+        token = EndpointToken(owner or self._no_node, next(self._ids), kind, name, type, type_hash, profile, backends)
         text = str(token)
         key = data_key(self._domain_id, name, type, type_hash)
         return _Description(key, text if owner else "", endpoints_of(token, gid_of(text)))
 
-    def _describe_service(self, kind: EntityKind, service: ServiceSpec, qos: QoSProfile, node: int) -> _Description:
-        """`_endpoint_description` for a service; our own graph knows the hashes of the messages, which no token
-        tells.
-        """
-        told = self._endpoint_description(kind, service.name, service.type, service.type_hash, qos, node)
-        halves = [service.request_hash, service.response_hash]
-        if kind is EntityKind.CLIENT:
-            halves.reverse()
-        endpoints = tuple(replace(one, type_hash=half) for one, half in zip(told.endpoints, halves, strict=True))
-        return told._replace(endpoints=endpoints)
-
-    def _register_endpoint(self, told: _Description, make: Callable[[], _EndpointT]) -> _EndpointT:
-        """Make an endpoint, and tell others of it when it is ready."""
+    def _register_endpoint(self, described: _Description, create: Callable[[], _EndpointT]) -> _EndpointT:
+        """Create an endpoint, then announce it."""
         endpoint = None
         try:
-            endpoint = make()
-            token = self._liveliness.declare_token(told.token) if told.token else None
+            endpoint = create()
+            token = self._liveliness.declare_token(described.token) if described.token else None
         except zenoh.ZError as error:
             if endpoint is not None:
                 endpoint.close()
-            raise TransportError(
-                f"create an endpoint of {told.endpoints[0].channel.name} at {told.key}: {error}"
-            ) from None
-        self._owned[endpoint.guid] = _LocalEndpoint(endpoint, token, told.endpoints)
-        self.graph.add_own(told.endpoints)
-        self.arrivals.put(self.report_discovery)
+            name = described.infos[0].channel.name
+            raise TransportError(f"create an endpoint of {name} at {described.key}: {error}") from None
+        self._local_endpoints[endpoint.guid] = _LocalEndpoint(endpoint, token, described.infos)
+        self.graph.add_own(described.infos)
+        self.ready_sinks.put(self.report_discovery)
         return endpoint
 
     def undeclare_token(self, guid: bytes) -> None:
-        """Tell others no more of an endpoint of ours, which will be undeclared."""
-        owned = self._owned.pop(guid, None)
-        if owned is not None:
-            if owned.token is not None:
-                owned.token.undeclare()
-            self.graph.remove_own(owned.told)
-            self.arrivals.put(self.report_discovery)
+        """Stop announcing an endpoint that will be undeclared."""
+        local = self._local_endpoints.pop(guid, None)
+        if local is not None:
+            if local.token is not None:
+                local.token.undeclare()
+            self.graph.remove_own(local.infos)
+            self.ready_sinks.put(self.report_discovery)
 
     def incompatibility_reason(
         self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint
     ) -> IncompatibilityKind | None:
-        """See `port.Participant`; QoS profiles play no part here."""
         return incompatibility(writer, reader)
 
     # ---------------------------------------------------------------------------------------------------- nodes
@@ -216,54 +207,54 @@ class ZenohParticipant:
     # ------------------------------------------------------------------------------------------------ discovery
 
     def _on_token(self, sample: Any) -> None:
-        """Called by Zenoh with each token that appears or disappears."""
+        """Called by Zenoh with each token that appears or disappears; must not block or log."""
         self.graph.on_token(sample.kind == zenoh.SampleKind.PUT, str(sample.key_expr))
-        self.arrivals.put(self.report_discovery)
+        self.ready_sinks.put(self.report_discovery)
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
         self._discovery_sink = sink
-        self.arrivals.put(self.report_discovery)
+        self.ready_sinks.put(self.report_discovery)
 
     def report_discovery(self) -> None:
-        sink = self._discovery_sink  # another thread may close us
+        sink = self._discovery_sink  # another thread may close the participant
         if sink is None:
             return
         events = self.graph.events()
-        for client in self.graph.take_gone_clients():
-            for owned in list(self._owned.values()):
-                if isinstance(owned.endpoint, ZenohServer):
-                    owned.endpoint.forget(client)
+        for client in self.graph.take_lost_clients():
+            for local in list(self._local_endpoints.values()):
+                if isinstance(local.endpoint, ZenohServer):
+                    local.endpoint.drop_requests(client)
         if events:
             sink(events)
 
     # -------------------------------------------------------------------------------------------------- waiting
 
     def set_wakeup(self, notify: Callable[[], None] | None) -> None:
-        self.arrivals.set_wakeup(notify)
+        self.ready_sinks.set_wakeup(notify)
 
     def fileno(self) -> int | None:
-        return self.arrivals.fileno()
+        return self.ready_sinks.fileno()
 
     def take_ready_sinks(self) -> list[Sink]:
-        return self.arrivals.take()
+        return self.ready_sinks.take()
 
     # -------------------------------------------------------------------------------------------------- closing
 
     def detach_after_fork(self) -> None:
         self._closed = True
         self._discovery_sink = None
-        for owned in self._owned.values():
-            owned.endpoint.detach_after_fork()
-            leak_after_fork(owned.token)
+        for local in self._local_endpoints.values():
+            local.endpoint.detach_after_fork()
+            leak_after_fork(local.token)
         leak_after_fork(self.session, self._liveliness, self._listener, *self._node_tokens.values())
 
     def close(self) -> None:
         if self._closed:
             return
-        # What Zenoh refuses to undeclare goes with the session, whose end it gives up when the machine is too busy.
-        for owned in list(self._owned.values()):
+        # Endpoints that Zenoh refuses to undeclare end with the session; on a busy machine its close may fail.
+        for local in list(self._local_endpoints.values()):
             with contextlib.suppress(zenoh.ZError):
-                owned.endpoint.close()
+                local.endpoint.close()
         self._closed = True
         self._discovery_sink = None
         try:
@@ -273,9 +264,4 @@ class ZenohParticipant:
         finally:
             with contextlib.suppress(zenoh.ZError):
                 self.session.close()
-            self.arrivals.close()
-
-
-def _named(spec: EndpointSpec) -> tuple[str, str, str, QoSProfile, int]:
-    """Zenoh has no prefixes: a bare name is that of a topic."""
-    return f"/{spec.name.removeprefix('/')}", spec.type, spec.type_hash, spec.qos, spec.node
+            self.ready_sinks.close()

@@ -1,8 +1,7 @@
-"""QoS profiles as liveliness tokens write them.
+"""Text of QoS profiles in liveliness tokens.
 
-Decides one text for each profile: a number that is the default of rmw_zenoh_cpp is left empty, so that two who write
-the same profile get the same token and the same GID. Nothing is enforced by it; what a profile does to Zenoh's
-publishers and subscribers is the endpoints' business.
+Each profile has one text: numbers that equal the default of rmw_zenoh_cpp are omitted, so that all implementations
+write the same token and get the same GID. Endpoints decide what a profile means to Zenoh.
 
 Source: docs/internals/zenoh.md 3.4 to 3.6 (rmw_zenoh_cpp, liveliness_utils.cpp and qos.cpp).
 """
@@ -25,26 +24,26 @@ from rosidl_py_gen.runtime.transport.qos import (
 )
 
 DEFAULT_DEPTH = 42
-"""What a depth of 0 means to rmw_zenoh_cpp, with KEEP_ALL too."""
+"""Meaning of depth 0 in rmw_zenoh_cpp, also with KEEP_ALL."""
 
 _FOREVER_S, _FOREVER_NS = sec_nanosec(INFINITE_NS)
 _DEFAULTS = (
     *(int(Reliability.RELIABLE), int(Durability.VOLATILE), int(History.KEEP_LAST), DEFAULT_DEPTH),
     *(_FOREVER_S, _FOREVER_NS, _FOREVER_S, _FOREVER_NS, int(Liveliness.AUTOMATIC), _FOREVER_S, _FOREVER_NS),
 )
-_PARTS = (1, 1, 2, 2, 2, 3)
-"""How many numbers each part between colons has."""
+_FIELD_SIZES = (1, 1, 2, 2, 2, 3)
+"""Number of numbers in each field between colons."""
 _PERIODS = (4, 5, 6, 7, 9, 10)
-"""Places of seconds and nanoseconds."""
+"""Indexes of seconds and nanoseconds."""
 _NUMBER = re.compile(r"[0-9]{0,20}\Z")  # as many digits as the greatest size_t of C++ has
 
 
 def qos_text(qos: QoSProfile) -> str:
-    """For example ``::,10:,:,:,,`` for the default profile; raises `InvalidQoSError` for UNKNOWN policies."""
+    """Return the text, ``::,10:,:,:,,`` for the default profile; raise `InvalidQoSError` for UNKNOWN policies."""
     policies = (qos.reliability, qos.durability, qos.history, qos.liveliness)
     for policy in policies:
         if policy.name == "UNKNOWN":
-            raise InvalidQoSError(f"{type(policy).__name__}.UNKNOWN cannot be announced: only others have that")
+            raise InvalidQoSError(f"{type(policy).__name__}.UNKNOWN cannot be announced; only peers have it")
     deadline, lifespan, lease = (
         sec_nanosec(period or INFINITE_NS) for period in (qos.deadline_ns, qos.lifespan_ns, qos.liveliness_lease_ns)
     )
@@ -53,25 +52,27 @@ def qos_text(qos: QoSProfile) -> str:
         *(int(qos.reliability), int(qos.durability), int(qos.history), qos.depth),
         *(*deadline, *lifespan, int(qos.liveliness), *lease),
     )
-    written = iter(
-        "" if number == default or (number == 0 and place not in _PERIODS) else str(number)
-        for place, (number, default) in enumerate(zip(numbers, _DEFAULTS, strict=True))
+    texts = iter(
+        "" if number == default or (number == 0 and index not in _PERIODS) else str(number)
+        for index, (number, default) in enumerate(zip(numbers, _DEFAULTS, strict=True))
     )
-    return ":".join(",".join(itertools.islice(written, size)) for size in _PARTS)
+    return ":".join(",".join(itertools.islice(texts, size)) for size in _FIELD_SIZES)
 
 
 def read_qos(text: str) -> QoSProfile | None:
-    """The profile of a token; None when rmw_zenoh_cpp would not take it.
+    """Parse the profile of a token; return None if rmw_zenoh_cpp would reject it.
 
-    A depth beyond what a profile can hold becomes the greatest, a period beyond it becomes infinite. Numbers behind
-    those that are known are left alone.
+    A depth that is too large becomes the maximum, a period that is too long becomes infinite. Further numbers are
+    ignored.
     """
-    parts = [part.split(",")[:size] for part, size in zip(text.split(":"), _PARTS, strict=False)]
-    written = [number for part in parts for number in part]
-    if [len(part) for part in parts] != list(_PARTS) or not all(map(_NUMBER.match, written)):
+    fields = [part.split(",")[:size] for part, size in zip(text.split(":"), _FIELD_SIZES, strict=False)]
+    texts = [text for part in fields for text in part]
+    if [len(part) for part in fields] != list(_FIELD_SIZES) or not all(map(_NUMBER.match, texts)):
         return None
-    numbers = [int(number) if number else default for number, default in zip(written, _DEFAULTS, strict=True)]
-    deadline, lifespan, lease = (min(numbers[at] * NS_PER_S + numbers[at + 1], INFINITE_NS) for at in (4, 6, 9))
+    numbers = [int(text) if text else default for text, default in zip(texts, _DEFAULTS, strict=True)]
+    deadline, lifespan, lease = (
+        min(numbers[index] * NS_PER_S + numbers[index + 1], INFINITE_NS) for index in (4, 6, 9)
+    )
     try:
         return QoSProfile(
             history=History(numbers[2]),
@@ -83,5 +84,5 @@ def read_qos(text: str) -> QoSProfile | None:
             liveliness=Liveliness(numbers[8]),
             liveliness_lease_ns=lease,
         )
-    except ValueError:  # no such policy
+    except ValueError:  # an undefined policy
         return None

@@ -1,16 +1,16 @@
-"""Which readers have something, and how the event loop learns of it from a thread of Zenoh.
+"""Sinks that are ready, and the wake-up of the event loop by threads of Zenoh.
 
-Decides that only the first of a batch wakes the loop: by a byte in a pipe that the loop watches, or, where it cannot
-(Windows), by a call. What comes before the loop has looked adds itself to the list and costs nothing more.
+Only the first sink of a batch wakes up the loop: by a byte in a pipe that the loop watches, or by a function where it
+cannot (Windows). Later sinks are only added to the list.
 
-Who may call what, on which thread; there are no locks, which the loop would have to wait for as soon as it is woken:
+Thread rules; there are no locks, because the loop would wait for one as soon as it is woken up:
 
-1. `put`: any thread, those of Zenoh and a signal handler in the middle of anything included. It never waits. Several at
-   once may each wake the loop, which does no harm.
-2. `take`: the thread of the loop. It lowers the flag, and looks at the list then; `put` adds to the list, and looks at
-   the flag then. So whatever is added is taken, or wakes the loop once more. Operations of a deque are single ones.
+1. `put`: any, including threads of Zenoh and signal handlers. It never blocks. Several calls may each wake up the loop,
+   which is harmless.
+2. `take`: loop. It clears the flag and then reads the list; `put` adds to the list and then reads the flag. So each
+   sink is taken, or wakes up the loop again. Operations of a deque are atomic.
 3. `fileno` and `set_wakeup`: the thread that binds or detaches a loop, one at a time (`loop/loop_binding`).
-4. `close`: any thread. What comes later goes nowhere: a closed file writes into no other one that has got its number.
+4. `close`: any. Later sinks are discarded: a closed file does not write into another one that has got its number.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ _MAX_BYTES = 64
 
 
 class ReadySinks:
-    """The sinks of one participant that have something to do."""
+    """Sinks of one participant that are ready."""
 
     def __init__(self) -> None:
         self._ready: deque[Sink] = deque()
-        self._is_told = False
-        """Somebody has woken the loop, and it has not looked yet."""
+        self._is_notified = False
+        """The loop was woken up and has not taken the sinks yet."""
         self._notify: Callable[[], None] | None = None
         self._ends: tuple[FileIO, FileIO] | None = None
         if sys.platform != "win32":
@@ -46,43 +46,43 @@ class ReadySinks:
             self._ends = FileIO(reading, "rb"), FileIO(writing, "wb")
 
     def put(self, sink: Sink) -> None:
-        """Note that `sink` has something to do; from any thread."""
-        self._ready.append(sink)  # before looking: `take` looks in the other order
-        if not self._is_told:
-            self._is_told = True
-            self._wake()
+        """Add a sink. Thread: any."""
+        self._ready.append(sink)  # before the flag is read: `take` has the opposite order
+        if not self._is_notified:
+            self._is_notified = True
+            self._wake_up()
 
-    def _wake(self) -> None:
+    def _wake_up(self) -> None:
         notify, ends = self._notify, self._ends
         if notify is not None:
             notify()
         elif ends is not None:
-            with contextlib.suppress(ValueError):  # closed meanwhile
+            with contextlib.suppress(ValueError):  # closed by another thread
                 ends[1].write(b"\0")
 
     def take(self) -> list[Sink]:
-        """All that were put since the last time, each once."""
+        """Return all sinks added since the last call, each once."""
         ends = self._ends
         if ends is not None:
             ends[0].read(_MAX_BYTES)
-        self._is_told = False
+        self._is_notified = False
         ready = self._ready
         return list(dict.fromkeys([ready.popleft() for _ in range(len(ready))]))
 
     def fileno(self) -> int | None:
-        """What is readable while there is something to take."""
+        """Return a descriptor that is readable while there are sinks; None if there is none."""
         return None if self._ends is None else self._ends[0].fileno()
 
     def set_wakeup(self, notify: Callable[[], None] | None) -> None:
-        """Call `notify` in place of writing into the pipe."""
+        """Call `notify` instead of writing into the pipe."""
         self._notify = notify
-        self._is_told = False  # whom the last one woke may be gone; before looking, as in `take`
+        self._is_notified = False  # the loop that was woken up may be gone; before the list is read, as in `take`
         if self._ready:
-            self._is_told = True
-            self._wake()
+            self._is_notified = True
+            self._wake_up()
 
     def close(self) -> None:
-        """Tell nobody any more."""
+        """Discard sinks from now on."""
         ends, self._ends, self._notify = self._ends, None, None
         for end in ends or ():
             end.close()

@@ -1,7 +1,4 @@
-"""A Zenoh router, as rmw_zenoh_cpp's `rmw_zenohd` is one: peers meet through it, and clients exchange all through it.
-
-Decides how it is opened and where it says that it listens; what it does is Zenoh's business. No node is needed.
-"""
+"""Zenoh router like rmw_zenoh_cpp's `rmw_zenohd`: peers discover each other through it, clients exchange all data."""
 
 from __future__ import annotations
 
@@ -20,20 +17,19 @@ if TYPE_CHECKING:
 
 
 class ZenohRouter:
-    """A router in this process, until it is closed; use it with ``with``, too.
+    """Router in this process until it is closed; a context manager.
 
     Args:
-        environ: ZENOH_ROUTER_CONFIG_URI and ZENOH_CONFIG_OVERRIDE count.
-        warn: told of what was left out of them.
-        listen: endpoints in place of the configured ones; ``tcp/127.0.0.1:0`` takes a free port.
+        environ: environment with ZENOH_ROUTER_CONFIG_URI and ZENOH_CONFIG_OVERRIDE.
+        warn: called for each skipped pair of ZENOH_CONFIG_OVERRIDE.
+        listen: endpoints instead of the configured ones; ``tcp/127.0.0.1:0`` uses a free port.
         connect: endpoints of other routers.
-        log: from which level on Zenoh writes its log of this process to standard output, or as RUST_LOG says; empty for
-            no log.
+        log: minimum level of Zenoh's log of this process on standard output, unless RUST_LOG is set; empty for no log.
 
     Raises:
         ExtraMissingError: Zenoh is not installed.
-        ZenohConfigError: the configuration cannot be used.
-        TransportError: Zenoh refused, for example since there is a router already.
+        ZenohConfigError: the configuration is not usable.
+        TransportError: Zenoh refused, for example because a router exists already.
     """
 
     def __init__(
@@ -45,7 +41,7 @@ class ZenohRouter:
         connect: Sequence[str] = (),
         log: str = "",
     ) -> None:
-        require_modules("zenoh")  # here, so that the class can be imported with all others without it
+        require_modules("zenoh")  # not at import: the class must be importable without Zenoh
         import zenoh
 
         from rosidl_py_gen.runtime.transport.zenoh.config import IPV4_ONLY, endpoints_of, error_text, router_config
@@ -55,16 +51,16 @@ class ZenohRouter:
         if not listen and not environ.get("ZENOH_ROUTER_CONFIG_URI") and not _has_ipv6():
             listen = [IPV4_ONLY]
         config = router_config(environ, warn, listen=listen, connect=connect)
-        wanted = endpoints_of(config, "listen")
+        endpoints = endpoints_of(config, "listen")
         try:
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
-            where = ", ".join(wanted) or "no endpoint"
+            where = ", ".join(endpoints) or "no endpoint"
             raise TransportError(f"no Zenoh router on {where}: {error_text(error)}") from None
         self.zid = str(self._session.info.zid())
-        """The identity that other sessions see, in hexadecimal digits."""
-        self.endpoints = self._locators() or wanted
-        """Where it listens, as others may connect: of a wildcard address each address of this machine."""
+        """Id of the router, hexadecimal."""
+        self.endpoints = self._locators() or endpoints
+        """Endpoints that sessions can connect to; each address of this machine for a wildcard address."""
 
     def __enter__(self) -> Self:
         return self
@@ -73,23 +69,22 @@ class ZenohRouter:
         self.close()
 
     def close(self) -> None:
-        """End it; may be called twice."""
+        """Stop the router. May be called twice."""
         import zenoh
 
-        with contextlib.suppress(zenoh.ZError):  # it gives up after a while when the machine is too busy
+        with contextlib.suppress(zenoh.ZError):  # raised after a while on a busy machine
             self._session.close()  # type: ignore[no-untyped-call]
 
     def _locators(self) -> list[str]:
-        """What the router tells of itself in its admin space; nothing where that is off."""
+        """Return the locators from the router's admin space; empty if that is disabled."""
         for reply in self._session.get(f"@/{self.zid}/router"):
             if reply.ok is not None:
-                told = json.loads(reply.ok.payload.to_bytes())
-                return [str(locator) for locator in told.get("locators", [])]
+                return [str(locator) for locator in json.loads(reply.ok.payload.to_bytes()).get("locators", [])]
         return []
 
 
 def _has_ipv6() -> bool:
-    """Whether the default endpoint, which takes IPv6 and IPv4, can be had."""
+    """Return True if the default endpoint, for IPv6 and IPv4, can be bound."""
     try:
         with socket.socket(socket.AF_INET6, socket.SOCK_STREAM) as trial:
             trial.bind(("::", 0))

@@ -1,9 +1,9 @@
-"""Clients and servers: a request is a query of Zenoh, its response a reply to it.
+"""Clients and servers: a request is a query of Zenoh, its response a reply to the query.
 
-Decides that a request waits until a server is within reach, so that it is never lost for being early; that a query
-which ends without a response, because its servers died, is told to the client as such; and how long queries are kept
-that nobody answers: until their client is gone, or many others came behind. A query has the time that its
-call has, as Zenoh keeps 1 kB of each until that has passed, answered or not; a client that gives one up cancels it.
+A request is not sent before a server is reachable, so that it cannot be lost. A query that ends without a response,
+because its servers died, is reported to the client. A server retains unanswered queries until their client disappears
+or too many others follow. A query has the timeout of its call, because Zenoh retains 1 kB of each until the timeout,
+answered or not; a client cancels a query that it abandons.
 
 Source: docs/internals/zenoh.md 6.
 """
@@ -33,47 +33,41 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
 
 _NO_TIMEOUT_S = 1e9
-"""Zenoh refuses infinity."""
+"""Timeout instead of infinity, which Zenoh refuses."""
 _GET_RESULT = "/_action/get_result/"
-"""In the keys of requests that may take for ever, as rmw_zenoh_cpp has it. Others have `queries_default_timeout`."""
+"""Part of the keys of requests without a timeout, as in rmw_zenoh_cpp. Others have `queries_default_timeout`."""
 _QUERY_TIMEOUT_MARGIN_S = 1.0
-"""So much longer than a call Zenoh waits: the call says it better."""
-_TIMEOUT = b"Timeout"
+"""Difference between the timeouts of a query and of its call, which has the better error text."""
+_TIMEOUT_ERROR = b"Timeout"
 _MAX_QUERIES = 10_000
+"""Maximum number of unanswered requests of a server; the oldest are discarded."""
 _MAX_BYTES = 64 * 2**20
-"""Of requests that nobody answered yet, together."""
+"""Maximum size of all unanswered requests of a server."""
 _MAX_ANSWERED_QUERIES = 16
-_MAX_CHARACTERS = 300
+"""Number of answered queries to leave to end by themselves, which costs less than to cancel them."""
+_MAX_ERROR_CHARS = 300
 _time_ns = time.time_ns
 
 
 class _ZenohServiceEndpoint(ZenohReader):
-    """What both ends of a service have in common.
+    """Common part of clients and servers, which are a reader and a writer in the graph (`infos`)."""
 
-    Args:
-        reads: the endpoint by which the graph knows it as a reader.
-        writes: that by which it knows it as a writer.
-    """
-
-    def __init__(
-        self, owner: ZenohParticipant, reads: DiscoveredEndpoint, writes: DiscoveredEndpoint, key: str
-    ) -> None:
-        self.gid = reads.guid
-        self.endpoints = reads.guid, writes.guid
+    def __init__(self, owner: ZenohParticipant, infos: tuple[DiscoveredEndpoint, ...], key: str) -> None:
+        reader, writer = infos
+        self.gid = reader.guid
+        self.endpoints = reader.guid, writer.guid
+        self._writer_info = writer
         self._key = key
-        super().__init__(owner, reads, key)
+        super().__init__(owner, reader, key)
 
     def take(self) -> Any:
-        """The next of what was received."""
         items = self.queue.items
         return items.popleft() if items else None
 
     def connected(self) -> list[bytes]:
-        """The GUIDs of what sends to it."""
         return list(self._owner.graph.connected(self.info))
 
     def all_acknowledged(self) -> bool:
-        """See `ZenohWriter`."""
         return True
 
 
@@ -81,78 +75,75 @@ class _ZenohServiceEndpoint(ZenohReader):
 
 
 class ZenohClient(_ZenohServiceEndpoint):
-    """See `service_port.ServiceClientTransport`."""
+    """Client of a service on Zenoh."""
 
-    def __init__(
-        self, owner: ZenohParticipant, replies: DiscoveredEndpoint, requests: DiscoveredEndpoint, key: str
-    ) -> None:
-        self._requests = requests
+    def __init__(self, owner: ZenohParticipant, infos: tuple[DiscoveredEndpoint, ...], key: str) -> None:
         self._sent = 0
-        self._asked: dict[int, _InFlightQuery] = {}
+        self._in_flight: dict[int, _InFlightQuery] = {}
         self._answered: deque[int] = deque()
-        """Those that other servers may still answer."""
-        self._seen_at = -1
-        """How often the graph had changed when the following was so."""
+        """Answered queries that other servers may still answer."""
+        self._servers_version = -1
+        """Change count of the graph of which the following three were computed."""
         self._servers = ServerAvailability()
-        self._present: frozenset[bytes] = frozenset()
-        self._by_session: dict[bytes, bytes] = {}
-        """What answers, by its session."""
-        self._reached_at = -1
-        """How often the graph had changed when a server was within reach; asking Zenoh takes 40 us."""
-        self._longest_s = _NO_TIMEOUT_S if _GET_RESULT in key else None
-        super().__init__(owner, replies, requests, key)
+        self._server_endpoints: frozenset[bytes] = frozenset()
+        self._writer_by_session: dict[bytes, bytes] = {}
+        self._matching_version = -1
+        """Change count of the graph at which a server was reachable; a check in Zenoh takes 40 us."""
+        self._default_timeout_s = _NO_TIMEOUT_S if _GET_RESULT in key else None
+        super().__init__(owner, infos, key)
 
     def _declare(self, key: str) -> Any:
-        return self._owner.session.declare_querier(
+        self._querier = self._owner.session.declare_querier(
             key,
             target=zenoh.QueryTarget.ALL_COMPLETE,
             consolidation=zenoh.ConsolidationMode.NONE,
         )
+        return self._querier
 
     # ---------------------------------------------------------------------------------------------------- requests
 
     def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
         if self._closed:
             raise ClosedError(f"the client of {self.info.channel.name} is closed")
-        # Not by a listener: Zenoh calls that on the thread which undeclaring an advanced publisher waits for, for up to
-        # ten seconds and with Python's lock.
+        # Not by a listener: Zenoh calls it in the thread that undeclaring an advanced publisher waits for, up to ten
+        # seconds with the GIL.
         changes = self._owner.graph.changes
-        if changes != self._reached_at:
-            if not self._subscriber.matching_status.matching:
+        if changes != self._matching_version:
+            if not self._querier.matching_status.matching:
                 return None
-            self._reached_at = changes
+            self._matching_version = changes
         number = self._sent + 1
-        asked = self._asked[number] = _InFlightQuery(self, number)
-        callback, attachment = zenoh_handler(asked.on_reply, asked.on_end), pack(number, _time_ns(), self.guid)
+        query = self._in_flight[number] = _InFlightQuery(self, number)
+        query_timeout_s = self._default_timeout_s
+        if timeout_s is not None:
+            query_timeout_s = min(timeout_s + _QUERY_TIMEOUT_MARGIN_S, _NO_TIMEOUT_S)
+        callback, attachment = zenoh_handler(query.on_reply, query.on_end), pack(number, _time_ns(), self.guid)
         try:
             self._owner.session.get(
                 self._key,
                 callback,
                 target=zenoh.QueryTarget.ALL_COMPLETE,
                 consolidation=zenoh.ConsolidationMode.NONE,
-                timeout=self._longest_s
-                if timeout_s is None
-                else min(timeout_s + _QUERY_TIMEOUT_MARGIN_S, _NO_TIMEOUT_S),
+                timeout=query_timeout_s,
                 payload=data,
                 attachment=attachment,
-                cancellation_token=asked.token,
+                cancellation_token=query.token,
             )
         except BaseException as error:
             self._sent = number
             self._cancel(number)
             if isinstance(error, zenoh.ZError):
-                what = f"send a request of {len(data)} bytes on {self.info.channel.name}"
-                raise TransportError(f"{what}: {error}") from None
+                subject = f"send a request of {len(data)} bytes on {self.info.channel.name}"
+                raise TransportError(f"{subject}: {error}") from None
             raise
         self._sent = number
         return number
 
     def cancel(self, number: int) -> None:
-        """Nobody waits for that reply any more, or it came: then the query mostly ends by itself, which costs less."""
-        asked = self._asked.get(number)
-        if asked is None:
+        query = self._in_flight.get(number)
+        if query is None:
             return
-        if asked.is_over:
+        if query.is_over:
             self._answered.append(number)
             if len(self._answered) <= _MAX_ANSWERED_QUERIES:
                 return
@@ -160,64 +151,64 @@ class ZenohClient(_ZenohServiceEndpoint):
         self._cancel(number)
 
     def _cancel(self, number: int) -> None:
-        """Zenoh may be in one of our functions, and is waited for: no locks."""
-        asked = self._asked.pop(number, None)
-        if asked is not None:
-            asked.cancel()
+        # Zenoh may be in one of our functions, and is waited for: no lock may be held.
+        query = self._in_flight.pop(number, None)
+        if query is not None:
+            query.cancel()
 
     def on_query_end(self, number: int) -> None:
-        """Called by Zenoh: nothing more will come for that request."""
-        self._asked.pop(number, None)
+        """Forget a query that has ended. Called by Zenoh; must not block or log."""
+        self._in_flight.pop(number, None)
 
     # ----------------------------------------------------------------------------------------------------- servers
 
     def servers(self) -> ServerAvailability:
-        self._look()
+        self._refresh_servers()
         return self._servers
 
     def server_endpoints(self) -> frozenset[bytes]:
-        self._look()
-        return self._present
+        self._refresh_servers()
+        return self._server_endpoints
 
     def report_lost_requests(self) -> None:
-        """Nothing to be done: a query ends when nobody is left to answer. Tokens may overtake the last replies."""
+        """Do nothing: a query ends when no server is left. Tokens may overtake the last replies."""
 
-    def _look(self) -> None:
+    def _refresh_servers(self) -> None:
         graph = self._owner.graph
         changes = graph.version()
-        if changes == self._seen_at:
+        if changes == self._servers_version:
             return
-        reading, answering = graph.connected(self._requests), graph.connected(self.info)
-        by_session = {one.participant_guid: one.guid for one in answering.values()}
-        is_available = any(one.participant_guid in by_session for one in reading.values())
-        keeps = fair_queue_share(
-            (one.qos for one in reading.values()), graph.endpoints_on_same_side(self._requests).values()
-        )
-        self._servers, self._present = ServerAvailability(is_available, keeps), frozenset((*reading, *answering))
-        self._by_session, self._seen_at = by_session, changes
+        readers, writers = graph.connected(self._writer_info), graph.connected(self.info)
+        writer_by_session = {writer.participant_guid: writer.guid for writer in writers.values()}
+        is_available = any(reader.participant_guid in writer_by_session for reader in readers.values())
+        clients = graph.endpoints_on_same_side(self._writer_info).values()
+        depth = fair_queue_share((reader.qos for reader in readers.values()), clients)
+        self._servers = ServerAvailability(is_available, depth)
+        self._server_endpoints = frozenset((*readers, *writers))
+        self._writer_by_session, self._servers_version = writer_by_session, changes
 
     def replying_server(self, reply: Any) -> bytes | None:
-        """The GUID of what answered, None when it is not known; called by Zenoh."""
+        """Return the GUID of the writer of a reply; None if unknown. Called by Zenoh."""
         if reply.replier_id is None:
             return None
         session = participant_guid(str(reply.replier_id.zid))
-        if session not in self._by_session:
-            self._look()
-        return self._by_session.get(session)
+        if session not in self._writer_by_session:
+            self._refresh_servers()
+        return self._writer_by_session.get(session)
 
     def close(self) -> None:
-        for number in list(self._asked):  # while undeclaring, Zenoh would end them with its session locked
+        for number in list(self._in_flight):  # undeclaring would end them while Zenoh's session is locked
             self._cancel(number)
         super().close()
 
     def detach_after_fork(self) -> None:
         super().detach_after_fork()
-        leak_after_fork(self._asked)
-        self._asked = {}
+        leak_after_fork(self._in_flight)
+        self._in_flight = {}
 
 
 class _InFlightQuery:
-    """A query under way."""
+    """Query that has not ended; Zenoh calls `on_reply` and `on_end`, which must not block or log."""
 
     __slots__ = ("_client", "_number", "_reason", "is_over", "token")
 
@@ -229,12 +220,12 @@ class _InFlightQuery:
         self.token = zenoh.CancellationToken()
 
     def on_reply(self, reply: Any) -> None:
-        """Called by Zenoh with each reply; an error is none."""
+        """Receive a reply, or the reason why there is none."""
         sample = reply.ok
         if sample is None:
-            said = reply.err.payload.to_bytes()
-            is_late = said == _TIMEOUT
-            self._reason = ("did not answer in time" if is_late else f"answered with an error: {_printable(said)}",)
+            error = reply.err.payload.to_bytes()
+            is_late = error == _TIMEOUT_ERROR
+            self._reason = ("did not answer in time" if is_late else f"answered with an error: {_printable(error)}",)
             return
         data = sample.payload.to_bytes()
         if self._client.read_attachment(sample) is not None and len(data) >= HEADER_BYTES:
@@ -242,122 +233,115 @@ class _InFlightQuery:
             self._client.receive((self._number, data, self._client.replying_server(reply)))
 
     def on_end(self) -> None:
-        """Called by Zenoh when nothing more will come."""
+        """Report a query that has ended without a reply."""
         self._client.on_query_end(self._number)
         if not self.is_over:
             self._client.receive((self._number, NoReply(*self._reason), None))
 
     def cancel(self) -> None:
-        """Let Zenoh forget it; waits while Zenoh is in one of the functions above."""
+        """End the query in Zenoh; waits while Zenoh calls a function of it."""
         self.is_over = True
         self.token.cancel()
 
 
 def _printable(text: bytes) -> str:
-    """What a peer says, for people."""
-    shown = text[: 4 * _MAX_CHARACTERS].decode(errors="replace")[:_MAX_CHARACTERS]
-    return "".join(char if char.isprintable() else " " for char in shown)
+    decoded = text[: 4 * _MAX_ERROR_CHARS].decode(errors="replace")[:_MAX_ERROR_CHARS]
+    return "".join(char if char.isprintable() else " " for char in decoded)
 
 
 # -------------------------------------------------------------------------------------------------------------- server
 
 
 _RequestOrigin: TypeAlias = "tuple[bytes, int]"
-"""What a `RequestId` is: the GID of the client and the number of its request."""
+"""Contents of a `RequestId`: GID of the client, number of its request."""
 
 
-class _Query(NamedTuple):
-    """A query that is not answered yet."""
-
+class _UnansweredQuery(NamedTuple):
     query: Any
     size_bytes: int
 
 
 class ZenohServer(_ZenohServiceEndpoint):
-    """See `service_port.ServiceServerTransport`; keeps the queries that are not answered yet."""
+    """Server of a service on Zenoh; it retains unanswered queries."""
 
-    def __init__(
-        self, owner: ZenohParticipant, requests: DiscoveredEndpoint, replies: DiscoveredEndpoint, key: str
-    ) -> None:
-        self._queries: dict[_RequestOrigin, _Query] = {}
+    def __init__(self, owner: ZenohParticipant, infos: tuple[DiscoveredEndpoint, ...], key: str) -> None:
+        self._queries: dict[_RequestOrigin, _UnansweredQuery] = {}
         self._queries_bytes = 0
         self._queries_lock = threading.RLock()
-        self._replies = replies
         self._window = ReplyWindow(None)
-        self._limited_at = -1
-        super().__init__(owner, requests, replies, key)
+        self._window_version = -1
+        super().__init__(owner, infos, key)
 
     def take(self) -> Any:
-        arrived = super().take()
-        if arrived is not None and self._is_limited():
-            self._window.on_request(arrived[0][0])
-        return arrived
+        request = super().take()
+        if request is not None and self._is_limited():
+            self._window.on_request(request[0][0])
+        return request
 
     def _is_limited(self) -> bool:
         graph = self._owner.graph
-        if graph.changes != self._limited_at:
-            self._limited_at = graph.version()
-            self._window.set_readers(one.qos for one in graph.connected(self._replies).values())
+        if graph.changes != self._window_version:
+            self._window_version = graph.version()
+            readers = graph.connected(self._writer_info)
+            self._window.set_readers(reader.qos for reader in readers.values())
         return self._window.limit > 0
 
     def _declare(self, key: str) -> Any:
         return self._owner.session.declare_queryable(key, zenoh_handler(self._take), complete=True)
 
     def _take(self, query: Any) -> None:
-        """Called by Zenoh with each query."""
-        told = self.read_attachment(query)
+        attachment = self.read_attachment(query)
         data = b"" if query.payload is None else query.payload.to_bytes()
-        if told is None or len(data) < HEADER_BYTES:
+        if attachment is None or len(data) < HEADER_BYTES:
             query.drop()
             return
-        number, source_ns, gid = told
-        if not self._store_query((gid, number), _Query(query, len(data))):
+        number, source_ns, gid = attachment
+        if not self._store_query((gid, number), _UnansweredQuery(query, len(data))):
             query.drop()
             return
         self.receive(((gid, number), data, paired_gid(gid), source_ns, _time_ns()))
 
-    def _store_query(self, identity: _RequestOrigin, query: _Query) -> bool:
-        """Remember a query until it is answered, and give up the oldest where there are too many; False: not wanted."""
-        given_up = []
+    def _store_query(self, origin: _RequestOrigin, query: _UnansweredQuery) -> bool:
+        """Store a query and discard the oldest if there are too many; return False for a repeated request."""
+        discarded = []
         with self._queries_lock:
-            if self._closed or identity in self._queries:
+            if self._closed or origin in self._queries:
                 return False
-            self._queries[identity] = query
+            self._queries[origin] = query
             self._queries_bytes += query.size_bytes
             while len(self._queries) > 1 and (len(self._queries) > _MAX_QUERIES or self._queries_bytes > _MAX_BYTES):
-                given_up.append(self.pop_query(next(iter(self._queries))))
-        for old in filter(None, given_up):
+                discarded.append(self.pop_query(next(iter(self._queries))))
+        for old in filter(None, discarded):
             old.drop()
         return True
 
-    def pop_query(self, identity: _RequestOrigin) -> Any | None:
-        """The query to be answered; None when it is gone."""
+    def pop_query(self, origin: _RequestOrigin) -> Any | None:
+        """Remove and return the query to be answered; None if it was discarded."""
         with self._queries_lock:
-            found = self._queries.pop(identity, None)
-            if found is None:
+            entry = self._queries.pop(origin, None)
+            if entry is None:
                 return None
-            self._queries_bytes -= found.size_bytes
-            return found.query
+            self._queries_bytes -= entry.size_bytes
+            return entry.query
 
     def send(self, to: RequestId, data: bytes) -> bool:
-        """What answers nothing that is still asked is dropped."""
         if self._closed:
             raise ClosedError(f"the server of {self.info.channel.name} is closed")
-        asker: _RequestOrigin = to
+        origin: _RequestOrigin = to
+        gid, number = origin
         is_limited = self._is_limited()
-        if is_limited and not self._window.is_open(asker[0]):
+        if is_limited and not self._window.is_open(gid):
             return False
-        query = self.pop_query(asker)
-        if query is None:
+        query = self.pop_query(origin)
+        if query is None:  # discarded, or answered before
             return True
-        gid, number = asker
         if is_limited:
             self._window.on_sent(gid)
         try:
             query.reply(self._key, data, attachment=pack(number, _time_ns(), gid))
         except zenoh.ZError as error:
-            what = f"send a response of {len(data)} bytes on {self.info.channel.name}"
-            raise TransportError(f"{what}: {error}") from None
+            subject = f"send a response of {len(data)} bytes on {self.info.channel.name}"
+            raise TransportError(f"{subject}: {error}") from None
         finally:
             query.drop()
         return True
@@ -366,28 +350,22 @@ class ZenohServer(_ZenohServiceEndpoint):
         self._window.release()
 
     def can_reach_client(self, to: RequestId) -> bool:
-        """A response goes where its query came from."""
-        return True
+        return True  # a response takes the path of its query
 
     def request_origin(self, to: RequestId) -> tuple[bytes, int]:
-        asker: _RequestOrigin = to
-        return asker
+        origin: _RequestOrigin = to
+        return origin
 
-    def forget(self, client: bytes) -> None:
-        """Drop the requests of a client that is gone."""
+    def drop_requests(self, client: bytes | None = None) -> None:
+        """Discard the requests of a client that has disappeared, or all."""
         with self._queries_lock:
-            of_client = [identity for identity in self._queries if identity[0] == client]
-        self._drop(of_client)
-
-    def _drop(self, identities: list[_RequestOrigin]) -> None:
-        for query in filter(None, map(self.pop_query, identities)):
+            origins = [origin for origin in self._queries if client in (None, origin[0])]
+        for query in filter(None, map(self.pop_query, origins)):
             query.drop()
 
     def close(self) -> None:
         super().close()
-        with self._queries_lock:
-            left = list(self._queries)
-        self._drop(left)
+        self.drop_requests()
 
     def detach_after_fork(self) -> None:
         super().detach_after_fork()

@@ -1,7 +1,7 @@
-"""The transport over Zenoh: how a context gets its session.
+"""Zenoh transport: opens a session for a context and waits for a router.
 
-Decides when to look for a router and what to say when there is none, and that Zenoh is not used after a fork: its
-threads, which all sessions of a process share, do not come along, and the first call would wait for ever.
+Zenoh cannot be used after a fork: its threads, which all sessions of a process share, do not exist in the child, and
+the first call would never return.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.api import DomainSettings
 
 _ROUTER_RETRY_INTERVAL_S = 1.0
-"""Between two attempts of rmw_zenoh_cpp."""
+"""Interval between two attempts of rmw_zenoh_cpp."""
 _ROUTER_POLL_INTERVAL_S = 0.001
 
 
 class ZenohTransport:
-    """Joins domains by sessions of Zenoh; see `port.Transport`. Where they listen is decided by `config.py`."""
+    """Transport that joins domains by Zenoh sessions, which `config.py` configures."""
 
     _was_used: ClassVar[bool] = False
     _is_forked: ClassVar[bool] = False
@@ -51,54 +51,55 @@ class ZenohTransport:
     clocks = SYSTEM_CLOCKS
 
     def open(self, settings: DomainSettings, enclave: str = "/") -> ZenohParticipant:
-        """Join the domain. Discovery range and static peers have no meaning here.
+        """Join the domain. Discovery range and static peers are ignored.
 
-        Raises `ZenohConfigError`, `TransportError`.
+        Raises:
+            ZenohConfigError: the configuration is not usable.
+            TransportError: Zenoh cannot open a session, or this process was forked from one that uses Zenoh.
         """
         if ZenohTransport._is_forked:
             raise TransportError(
-                "this process was forked from one that uses Zenoh, whose threads did not come along; start it with "
-                'multiprocessing\'s "spawn" method, or fork before the first node is made'
+                "this process was forked from one that uses Zenoh, whose threads do not exist here; start it with "
+                'multiprocessing\'s "spawn" method, or fork before the first node is created'
             )
         config = session_config(os.environ, get_root_logger().warning)
-        # Zenoh would wait for all peers it hears of, and often half a second for one that is gone already.
+        # Otherwise Zenoh waits for all discovered peers, often half a second for one that is gone.
         insert(config, "open/return_conditions/connect_scouted", "false", where="own settings")
         attempts, humble = router_attempts(os.environ), is_humble(os.environ)
-        asked = endpoints_of(config, "connect")
+        where = ", ".join(endpoints_of(config, "connect"))
         ZenohTransport._was_used = True
         try:
             session = zenoh.open(config)
         except zenoh.ZError as error:
             reason = str(error).split(" at ", 1)[0]
             raise TransportError(
-                f"Zenoh could not open a session: {reason}. It was told to connect with {', '.join(asked) or 'nobody'}"
+                f"Zenoh could not open a session: {reason}. It was configured to connect to {where or 'no endpoint'}"
             ) from None
-        _look_for_router(session, attempts, asked)
+        _check_for_router(session, attempts, where or "any endpoint")
         return ZenohParticipant(session, settings.domain_id, enclave, is_humble=humble)
 
     @classmethod
     def after_fork(cls) -> None:
-        """In the child: remember that the threads are gone."""
+        """Refuse to use Zenoh in this forked child if the parent has used it."""
         cls._is_forked = cls._was_used
 
 
-def _look_for_router(session: zenoh.Session, attempts: float, asked: list[str]) -> None:
-    """Wait for a router as ZENOH_ROUTER_CHECK_ATTEMPTS says; without one, peers of this machine are not found."""
+def _check_for_router(session: zenoh.Session, attempts: float, where: str) -> None:
+    """Wait for a router as configured by ZENOH_ROUTER_CHECK_ATTEMPTS, and warn if there is none."""
     if attempts <= 0 or _wait_for_router(session, _ROUTER_RETRY_INTERVAL_S):
         return
-    where = ", ".join(asked) or "any place"
     if attempts > 1:
         get_root_logger().warning(f"waiting for a Zenoh router at {where}")
         if _wait_for_router(session, (attempts - 1) * _ROUTER_RETRY_INTERVAL_S):
             return
     get_root_logger().warning(
-        f"no Zenoh router answers at {where}, so other processes are not found; start `rosidl-py zenoh-router`. This "
-        "one goes on looking for it"
+        f"no Zenoh router answers at {where}, so other processes are not found; start `rosidl-py zenoh-router`. The "
+        "connection is retried"
     )
 
 
-def _wait_for_router(session: zenoh.Session, patience_s: float) -> bool:
-    end_s = time.monotonic() + patience_s
+def _wait_for_router(session: zenoh.Session, timeout_s: float) -> bool:
+    end_s = time.monotonic() + timeout_s
     while not session.info.routers_zid():
         if time.monotonic() >= end_s:
             return False

@@ -107,7 +107,7 @@ def test_endpoints_may_depend_on_the_mode(tmp_path: Path) -> None:
         ("wrong.txt", "{}", "Unsupported file type"),
         ("wrong.json5", "{mode: 'peer', lisn: 1}", r"unknown field `lisn`, .*\(line 1, column 16\)"),
         ("wrong.json5", "{mode:", "expected"),
-        ("wrong.json5", "[" * 100_000, "expected at most 100 brackets within each other"),
+        ("wrong.json5", "[" * 100_000, "expected at most 100 nested brackets"),
         (".", None, "Is a directory"),
     ],
 )

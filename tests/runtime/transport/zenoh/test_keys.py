@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rosidl_py_gen.runtime.transport.zenoh.keys import cpu_buffer_key, data_key, service_type, valid_hash_or_empty
+from rosidl_py_gen.runtime.transport.zenoh.keys import cpu_buffer_key, data_key, valid_hash_or_empty
 
 HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 STRING = "std_msgs::msg::dds_::String_"
@@ -21,7 +21,7 @@ STRING = "std_msgs::msg::dds_::String_"
         (
             0,
             "/fibonacci/_action/send_goal",
-            service_type("example_interfaces::action::dds_::Fibonacci_SendGoal_Request_"),
+            "example_interfaces::action::dds_::Fibonacci_SendGoal_",
             HASH,
             f"0/fibonacci/_action/send_goal/example_interfaces::action::dds_::Fibonacci_SendGoal_/{HASH}",
         ),
@@ -31,21 +31,6 @@ def test_a_key_is_made_of_domain_name_type_and_hash(
     domain_id: int, name: str, type_name: str, type_hash: str, key: str
 ) -> None:
     assert data_key(domain_id, name, type_name, type_hash) == key
-
-
-@pytest.mark.parametrize(
-    ("half", "whole"),
-    [
-        ("example_interfaces::srv::dds_::AddTwoInts_Request_", "example_interfaces::srv::dds_::AddTwoInts_"),
-        ("example_interfaces::srv::dds_::AddTwoInts_Response_", "example_interfaces::srv::dds_::AddTwoInts_"),
-        ("action_msgs::srv::dds_::CancelGoal_Request_", "action_msgs::srv::dds_::CancelGoal_"),
-        ("p::srv::dds_::Request_Response_", "p::srv::dds_::Request_"),
-        ("p::srv::dds_::AddTwoInts_", "p::srv::dds_::AddTwoInts_"),
-        ("p::msg::dds_::PullRequest_", "p::msg::dds_::PullRequest_"),
-    ],
-)
-def test_the_type_of_a_service_has_no_halves(half: str, whole: str) -> None:
-    assert service_type(half) == whole
 
 
 @pytest.mark.parametrize(

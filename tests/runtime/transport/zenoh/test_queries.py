@@ -56,12 +56,12 @@ async def test_calls_that_are_given_up_leave_nothing_in_zenoh(pair: Pair) -> Non
     assert await pair.client.wait_for_service(5)
     with pytest.raises(CallTimeoutError):
         await pair.call(0.2)
-    assert not pair.replies._asked
+    assert not pair.replies._in_flight
     for number in range(200):
         calling = pair.call()
         await asyncio.sleep(0.0001 * (number % 10))  # at every stage of a call, wherever that is
         calling.cancel()
-    await until(lambda: not pair.replies._asked)
+    await until(lambda: not pair.replies._in_flight)
     assert pair.client.in_flight_count == 0
 
 
@@ -71,7 +71,7 @@ async def test_a_call_that_was_answered_leaves_nothing_in_zenoh(zenoh: World) ->
     calls = (client.call(AddTwoInts.Request(), timeout_s=20) for _ in range(200))
     assert {response.sum for response in await asyncio.gather(*calls)} == {3}
     replies: Any = client._port
-    await until(lambda: not replies._asked)
+    await until(lambda: not replies._in_flight)
 
 
 async def test_calls_that_one_of_two_servers_answers_do_not_pile_up_in_zenoh(pair: Pair, zenoh: World) -> None:
@@ -79,14 +79,14 @@ async def test_calls_that_one_of_two_servers_answers_do_not_pile_up_in_zenoh(pai
     await until(lambda: len(pair.replies.connected()) == 2)
     for _ in range(30):
         assert (await pair.call()).sum == 3
-    assert len(pair.replies._asked) == services._MAX_ANSWERED_QUERIES
+    assert len(pair.replies._in_flight) == services._MAX_ANSWERED_QUERIES
 
 
 async def test_closing_a_client_with_calls_under_way_cancels_them(pair: Pair) -> None:
     calls = [pair.call() for _ in range(20)]
-    await until(lambda: len(pair.replies._asked) == 20)
+    await until(lambda: len(pair.replies._in_flight) == 20)
     pair.client.close()
-    assert not pair.replies._asked
+    assert not pair.replies._in_flight
     for result in await asyncio.gather(*calls, return_exceptions=True):
         assert "was closed during the call" in str(result)
 
@@ -182,12 +182,12 @@ async def test_of_large_requests_that_nobody_answers_the_oldest_are_given_up(
 
 async def test_a_forked_child_touches_no_query(pair: Pair) -> None:
     calling = pair.call()
-    await until(lambda: pair.reader._queries and pair.replies._asked)
+    await until(lambda: pair.reader._queries and pair.replies._in_flight)
     pair.reader.detach_after_fork()
     pair.replies.detach_after_fork()
     pair.reader.close()
     pair.replies.cancel(1)
-    assert not pair.reader._queries and not pair.replies._asked
+    assert not pair.reader._queries and not pair.replies._in_flight
     await asyncio.sleep(0.1)  # in which an answer would come, of which we cannot know that it does not
     assert not calling.done()
     calling.cancel()

@@ -113,7 +113,7 @@ def test_without_a_router_a_context_opens_and_says_what_is_missing(
 def test_a_client_without_router_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     override = 'mode="client";connect/endpoints=["tcp/127.0.0.1:1"];listen/endpoints=[]'
     monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", override)
-    with pytest.raises(TransportError, match=r"It was told to connect with tcp/127\.0\.0\.1:1"):
+    with pytest.raises(TransportError, match=r"It was configured to connect to tcp/127\.0\.0\.1:1"):
         Context(transport="zenoh")
 
 
