@@ -1,13 +1,12 @@
-"""``rosidl-py``: look at a running ROS 2 system and act on it from the command line.
+"""``rosidl-py``: commands for a running ROS 2 system and for recordings.
 
-This file knows the commands, with a sentence each, and how a run ends. A group of commands is a folder, whose
-``__init__.py`` has their names and short help. The module of a command declares its options and implements it; it is
-imported for that command alone, and imports inside its functions what help and completion do not need.
+This module has the list of commands, the entry point, and the handling of errors. A group of commands is a package;
+its ``__init__.py`` has their names and short help. The module of a command declares its options and implements it. It
+is imported only for that command, and its functions import what help and completion do not need.
 
-Exit codes: 0 done, 1 it could not be done (the reason is on standard error), 2 a wrong command line, 3 done, except for
-damaged parts of a recording that were skipped (standard error has topics and times), 130 interrupted,
-141 nobody reads the output any more.
-Commands that go on until they are interrupted end with 0 then. A program that `run` started ends as with python.
+Exit codes: 0 success, 1 failure (the reason is on standard error), 2 wrong command line, 3 success, but damaged parts
+of a recording were skipped (topics and times are on standard error), 130 interrupted, 141 the reader of the output has
+closed the pipe. Commands that run until they are interrupted end with 0. A program started by `run` ends as in python.
 """
 
 from __future__ import annotations
@@ -43,30 +42,30 @@ _COMMANDS = {
     "action": ("action", "Actions: list, info, send goals."),
     "bag": ("bag", "Recordings: record, play, info, convert, migrate, reindex, table, sql."),
     "completion": ("completion_script", "Print the completion script of a shell."),
-    "doctor": ("doctor.check", "Check this installation, the network, and what answers on it."),
+    "doctor": ("doctor.check", "Check this installation, the settings, the network and its peers."),
     "foxglove": ("foxglove.command", "Show topics, parameters and services live in Foxglove or Lichtblick."),
     "graph": ("graph.command", "Nodes and topics as text, Mermaid or SVG."),
     "interface": ("interface", "Definitions of messages, services and actions."),
     "lifecycle": ("lifecycle", "Lifecycle nodes: list, get and set their states."),
-    "log": ("log.follow", "Follow what all nodes log."),
+    "log": ("log.follow", "Print the log messages of all nodes."),
     "node": ("node", "Nodes: list, info."),
     "param": ("param", "Parameters: list, get, set, describe, dump, load, delete."),
-    "run": ("program_runner.command", "Run a program written for rclpy as it is."),
+    "run": ("program_runner.command", "Run a program written for rclpy without changes."),
     "service": ("service", "Services: list, type, call, info, echo."),
     "tf": ("tf", "Transforms: the tree of frames, one transform, rates and delays."),
     "topic": ("topic", "Topics: list, info, echo, pub, hz, bw, delay, type, find."),
-    "zenoh-router": ("zenoh_router", "A router for nodes on rmw_zenoh."),
+    "zenoh-router": ("zenoh_router", "Run a Zenoh router for nodes on rmw_zenoh."),
 }
 
 
 DAMAGED = 3
 """Exit code of a command that skipped damaged parts of a recording."""
 _BROKEN_PIPE = 141
-"""What a shell says of a program that SIGPIPE ended."""
+"""Exit code that a shell reports for a program ended by SIGPIPE."""
 
 
 class ToolError(RosidlError):
-    """What the user asked for cannot be done; the text says why and what would help."""
+    """Raised if a command cannot do what the user requests; the text has the reason and the fix."""
 
 
 @click.group(
@@ -77,28 +76,28 @@ class ToolError(RosidlError):
 )
 @click.version_option(__version__, prog_name="rosidl-py")
 def _cli() -> None:
-    """Look at a running ROS 2 system and act on it. No ROS installation is needed.
+    """Inspect a running ROS 2 system and interact with it. No ROS installation is needed.
 
     \b
     rosidl-py topic list -t
     rosidl-py topic echo /chatter
     rosidl-py service call /add_two_ints '{a: 1, b: 2}'
 
-    ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE count, and so do --domain and --discovery of each command.
+    ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE are used; --domain and --discovery of each command replace them.
     """
 
 
 def root() -> click.Group:
-    """All commands, for completion."""
+    """Return the group of all commands, for completion."""
     return _cli
 
 
 @dataclass(frozen=True)
 class AsyncCommand:
-    """What a command does on an event loop, and answers with its exit code.
+    """Command that runs on an event loop; `main` returns its exit code.
 
     Attributes:
-        endless: it goes on until it is interrupted, so that this is its usual end.
+        endless: the command runs until it is interrupted, and its exit code is 0 then.
     """
 
     main: Coroutine[Any, Any, int]
@@ -106,25 +105,24 @@ class AsyncCommand:
 
 
 def verb(function: Callable[..., Any]) -> Callable[..., None]:
-    """Decorate what click calls when a command is used: run what the function returns, and end with its exit code.
+    """Decorate the callback of a click command, which returns an exit code or an `AsyncCommand`, or is a coroutine.
 
-    The function returns an exit code or a `AsyncCommand`, or is a coroutine function. A context listens for peers
-    while the function imports what it needs, unless a recording is read instead.
+    A context discovers peers while the callback imports what it needs, unless the command reads a recording.
     """
 
     @wraps(function)
     def run(**arguments: Any) -> None:
-        listening: AbstractContextManager[None] = nullcontext()
+        context: AbstractContextManager[None] = nullcontext()
         if "network" in arguments and arguments.get("bag") is None:
-            listening = import_module(f"{__name__}.command_node").context_opened_early(arguments["network"])
+            context = import_module(f"{__name__}.command_node").context_opened_early(arguments["network"])
         try:
-            with listening:
-                answer = function(**arguments)
-                if iscoroutine(answer):
-                    answer = AsyncCommand(answer)
-                code = run_async_command(answer) if isinstance(answer, AsyncCommand) else answer
+            with context:
+                result = function(**arguments)
+                if iscoroutine(result):
+                    result = AsyncCommand(result)
+                code = run_async_command(result) if isinstance(result, AsyncCommand) else result
             sys.stdout.flush()
-        except BrokenPipeError:  # whoever read our output has enough; click would end with 1
+        except BrokenPipeError:  # click would end with 1
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             code = _BROKEN_PIPE
         if code:
@@ -133,80 +131,82 @@ def verb(function: Callable[..., Any]) -> Callable[..., None]:
     return run
 
 
-def run_async_command(job: AsyncCommand) -> int:
-    """Run it; the exit code it returns, or what a signal makes of it."""
+def run_async_command(command: AsyncCommand) -> int:
+    """Run a command and return its exit code, also after a signal."""
     from rosidl_py_gen.runtime import run
 
     command_interrupts.ignores_first = True
     try:
-        code = run(job.main)
+        code = run(command.main)
     finally:
         command_interrupts.ignores_first = False
     if code is None:  # a signal
         command_interrupts.note()
-        return 0 if job.endless else 130
+        return 0 if command.endless else 130
     return code
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The console script; see the head of this file for exit codes."""
-    given = sys.argv[1:] if arguments is None else arguments
-    if "_ROSIDL_PY_COMPLETE" in os.environ:
+    """Run the console script; the module docstring lists its exit codes."""
+    words = sys.argv[1:] if arguments is None else arguments
+    is_completion = "_ROSIDL_PY_COMPLETE" in os.environ
+    is_run = words[:1] == ["run"]
+    if is_completion:
         import_module("rosidl_py_gen.generator_cli.shells").install()
-    if given[:1] != ["run"]:
+    if not is_run:
         _configure_process(arguments is None)
-    shown = warnings.showwarning
+    default_showwarning = warnings.showwarning
     program = None
-    is_ours = given[:1] != ["run"] and "_ROSIDL_PY_COMPLETE" not in os.environ
-    interrupts = command_interrupts.handling(is_ours and arguments is None)
-    with interrupts, exit_on_error(), importable_current_folder() if is_ours else nullcontext():
+    is_command = not (is_run or is_completion)
+    interrupts = command_interrupts.handling(is_command and arguments is None)
+    with interrupts, exit_on_error(), importable_current_folder() if is_command else nullcontext():
         warnings.showwarning = _show_warning
-        answer = _cli.main(arguments, prog_name="rosidl-py", standalone_mode=False)
-        if isinstance(answer, int) and answer:
-            sys.exit(answer)
-        program = answer if callable(answer) else None
+        result = _cli.main(arguments, prog_name="rosidl-py", standalone_mode=False)
+        if isinstance(result, int) and result:
+            sys.exit(result)
+        program = result if callable(result) else None
     if program is not None:
-        warnings.showwarning = shown
+        warnings.showwarning = default_showwarning
         program()
 
 
 def _configure_process(is_process: bool) -> None:
-    """What is good for our own commands, and not for programs of others."""
+    """Set up the process for our commands; not for programs that `run` starts."""
     if is_process:
-        # Looking for garbage in what is imported, and once more at the end, takes a tenth of a short command.
+        # Garbage collection of imported modules, and at exit, takes a tenth of the time of a short command.
         gc.set_threshold(200_000)
         atexit.register(gc.freeze)
-        # Nothing here does linear algebra, for which numpy starts a thread on each core that is busy until it sleeps.
+        # numpy starts a busy thread on each core for linear algebra, which no command uses.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if getattr(sys, name) is None:  # closed; a socket would get its number
+        if getattr(sys, name) is None:  # closed; a socket would get its descriptor
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
 
 
 @contextmanager
 def exit_on_error() -> Iterator[None]:
-    """Say on standard error why something could not be done, and exit with a code as the head of this file says."""
+    """Print errors on standard error, and exit with the codes that the module docstring lists."""
     try:
         yield
-    except click.ClickException as wrong:
-        shown = io.StringIO()
-        wrong.show(shown)
-        click.echo(printable_lines(shown.getvalue()), err=True, nl=False)
-        sys.exit(wrong.exit_code)
+    except click.ClickException as error:
+        text = io.StringIO()
+        error.show(text)
+        click.echo(printable_lines(text.getvalue()), err=True, nl=False)
+        sys.exit(error.exit_code)
     except (click.Abort, KeyboardInterrupt):
         sys.exit(130)
     except DefinitionError as error:
-        for problem in error.diagnostics:
-            report(problem.with_caret())
+        for diagnostic in error.diagnostics:
+            report(diagnostic.with_caret())
         sys.exit(1)
     except RosidlError as error:
         report(str(error))
         sys.exit(1)
-    except ModuleNotFoundError as missing:
-        explained = missing_extra_message(missing)
-        if explained is None:
+    except ModuleNotFoundError as error:
+        message = missing_extra_message(error)
+        if message is None:
             raise
-        report(str(explained))
+        report(str(message))
         sys.exit(1)
     except OSError as error:
         report(f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror or error))
@@ -214,14 +214,14 @@ def exit_on_error() -> Iterator[None]:
 
 
 def _show_warning(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
-    """Show a warning without its place in the code, which helps nobody here."""
+    """Print a warning without its location in the code."""
     click.echo(f"warning: {printable(str(message))}", err=True)
 
 
 def report(text: str) -> None:
-    """Say on standard error why something cannot be done, in one line, or with a source line and its caret below it.
+    """Print an error in one line, or with a source line and its caret below.
 
-    Text of peers may be in it: line breaks are escaped, control characters replaced.
+    As the text may contain names of peers, line breaks are escaped and control characters replaced.
     """
     head, *rest = text.split("\n    ")
     has_caret = len(rest) == 2 and rest[1].strip() == "^"

@@ -1,8 +1,7 @@
-"""Definitions that other nodes described once, and that are kept on disk: for types that are not on the search path.
+"""Definitions that nodes have described and that are cached on disk, for types that are not on the search path.
 
-Decides which of them belong to a name: a description that contains all of it, the newest first, else what was learned
-of the halves of a service or the parts of an action, if nothing of that contradicts. Files whose hash is not that of
-their name are passed over. Needs no network.
+The newest description that contains a whole type is used; else the descriptions of the messages of a service or action
+are joined, unless they contradict each other. Files whose hash differs from their name are skipped.
 """
 
 from __future__ import annotations
@@ -30,23 +29,20 @@ class _CachedDescriptions(NamedTuple):
 
 
 def cached_registry(text: str) -> tuple[InterfaceRegistry, RosName] | None:
-    """What is kept of ``pkg/kind/Name``, or of ``pkg/Name`` of any kind; None when there is nothing.
+    """Return the cached definition of ``pkg/kind/Name``, or of ``pkg/Name`` of any kind; None without one.
 
-    What is taken is said on standard error, and which other definitions of that name there are.
+    A note on standard error names its hash, and other cached definitions of the same name.
 
     Raises:
-        ToolError: what is kept of the parts of a service or an action contradicts itself.
+        ToolError: the cached messages of a service or an action contradict each other.
     """
     for name in _names(text):
-        mentioned = list(_all(name))
-        found = _by_hash(name, mentioned) or _joined(name, mentioned)
-        if found:
-            (used, library), others = next(iter(found.items())), list(found)[1:]
-            more = f"; other definitions of it are kept, too: {', '.join(others)}" if others else ""
-            terminal_output.note(
-                f"{name} is not on the search path: this is what a node said of it once ({used}){more}"
-            )
-            return library, name
+        descriptions = list(_descriptions(name))
+        if registries := _by_hash(name, descriptions) or _joined(name, descriptions):
+            (type_hash, registry), others = next(iter(registries.items())), list(registries)[1:]
+            more = f"; other cached definitions: {', '.join(others)}" if others else ""
+            terminal_output.note(f"{name} is not on the search path; using the cached definition {type_hash}{more}")
+            return registry, name
     return None
 
 
@@ -58,47 +54,49 @@ def _names(text: str) -> Iterator[RosName]:
             return
 
 
-def _all(name: RosName) -> Iterator[_CachedDescriptions]:
-    """Every description that has to do with a name, the newest first."""
+def _descriptions(name: RosName) -> Iterator[_CachedDescriptions]:
+    """Yield the cached descriptions that mention a name, the newest first."""
     from rosidl_py_gen import to_dict
     from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
 
     for type_hash, data in cached_descriptions(containing=str(name).encode()):
         try:
             response = GetTypeDescription_Response.decode(data)
-            told = to_dict(response.type_description)
-            if rihs01(told) != type_hash:
+            description = to_dict(response.type_description)
+            if rihs01(description) != type_hash:
                 continue
         except (RosidlError, ValueError, LookupError):
             continue
-        every = [told["type_description"], *told["referenced_type_descriptions"]]
+        individuals = [description["type_description"], *description["referenced_type_descriptions"]]
         sources = {one.type_name: (one.encoding, one.raw_file_contents) for one in response.type_sources}
-        yield _CachedDescriptions({one["type_name"]: one for one in every}, sources)
+        yield _CachedDescriptions({one["type_name"]: one for one in individuals}, sources)
 
 
-def _by_hash(name: RosName, kept: list[_CachedDescriptions]) -> dict[str, InterfaceRegistry]:
-    """The definitions of a name that are whole, by hash."""
+def _by_hash(name: RosName, descriptions: list[_CachedDescriptions]) -> dict[str, InterfaceRegistry]:
+    """Return the registries with a complete definition, by hash."""
     is_service = name.kind == "srv" and "_" not in name.name
-    found: dict[str, InterfaceRegistry] = {}
-    for one in kept:
-        if all(part in one.individuals for part in written_messages(name, is_service)):
-            with suppress(RosidlError):  # it is none of ours, or too large
-                library = registry_from_descriptions(name, one.individuals, one.sources, is_service)
-                found.setdefault(library.type_hash(str(name)), library)
-    return found
+    registries: dict[str, InterfaceRegistry] = {}
+    for one in descriptions:
+        if all(message in one.individuals for message in written_messages(name, is_service)):
+            with suppress(RosidlError):  # invalid, or too large
+                registry = registry_from_descriptions(name, one.individuals, one.sources, is_service)
+                registries.setdefault(registry.type_hash(str(name)), registry)
+    return registries
 
 
-def _joined(name: RosName, kept: list[_CachedDescriptions]) -> dict[str, InterfaceRegistry]:
-    """The one definition that all parts together make."""
-    parts = written_messages(name, name.kind == "srv" and "_" not in name.name)
+def _joined(name: RosName, descriptions: list[_CachedDescriptions]) -> dict[str, InterfaceRegistry]:
+    """Join the descriptions of the messages of a service or action."""
+    messages = written_messages(name, name.kind == "srv" and "_" not in name.name)
     joined = _CachedDescriptions({}, {})
-    for one in [one for one in kept if len(parts) > 1 and not one.individuals.keys().isdisjoint(parts)]:
-        for part, description in one.individuals.items():
-            if joined.individuals.setdefault(part, description) != description:
+    for one in descriptions if len(messages) > 1 else ():
+        if one.individuals.keys().isdisjoint(messages):
+            continue
+        for message, description in one.individuals.items():
+            if joined.individuals.setdefault(message, description) != description:
                 raise ToolError(
-                    f"{name} is not on the search path, and what nodes said of its parts is of several definitions "
-                    f"of {part}: ask a node that is there (rosidl-py topic info -v), or give --path"
+                    f"{name} is not on the search path, and its cached messages have several definitions of {message}; "
+                    "pass --path"
                 )
-        for part, source in one.sources.items():
-            joined.sources.setdefault(part, source)
+        for message, source in one.sources.items():
+            joined.sources.setdefault(message, source)
     return _by_hash(name, [joined])

@@ -1,6 +1,6 @@
-"""The node a command works with, and waiting until others are found.
+"""Node of a command, and waiting until discovery has found other nodes.
 
-Decides how long a command listens before it believes what it sees: discovery has no end that one could wait for.
+Discovery never reports that it is complete, so a command waits for a quiet period (`CommandNode.wait_for_discovery`).
 """
 
 from __future__ import annotations
@@ -11,9 +11,10 @@ import signal
 import sys
 import threading
 from contextlib import ExitStack, contextmanager
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli.options import NetworkOptions as NetworkOptions
 from rosidl_py_gen.runtime import Context
 
 if TYPE_CHECKING:
@@ -21,23 +22,26 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
+    from rosidl_py_gen.base.names import RosName
     from rosidl_py_gen.runtime import Node
 
-_MIN_DISCOVERY_S, _QUIET_PERIOD_S, _INCOMPLETE_QUIET_PERIOD_S, _NO_PEER_TIMEOUT_S, _MAX_DISCOVERY_S = (
-    0.2,
-    0.1,
-    0.5,
-    1.0,
-    2.0,
-)
-"""When nothing is said: peers are asked at once and answer within milliseconds on a quiet network; those that answer
-later, over wireless links or when busy, are waited for as long as news keep coming: longer apart while nodes have told
-of endpoints that were not found."""
+T = TypeVar("T")
+
+_MIN_DISCOVERY_S = 0.2
+"""Minimum time to listen. Peers reply to the first announcement within milliseconds on a quiet network."""
+_QUIET_PERIOD_S = 0.1
+"""Time without a change of the graph after which discovery counts as complete."""
+_INCOMPLETE_QUIET_PERIOD_S = 0.5
+"""The same, while nodes have announced endpoints that were not found yet, as over wireless links."""
+_NO_PEER_TIMEOUT_S = 1.0
+"""Time to listen if no other node is found."""
+_MAX_DISCOVERY_S = 2.0
+"""Maximum time to listen, however many changes arrive."""
 _ANNOUNCE_DELAY_S = 0.05
-"""Most commands are over before it is worth telling peers of their endpoints; DDS would hold up the end, by 0.1 to
-0.2 s, until all of them had acknowledged that."""
+"""Delay until endpoints of the command are announced. Most commands end before; otherwise DDS delays the end by 0.1 to
+0.2 s, until every peer has acknowledged the announcement."""
 DEFAULT_FIND_TIMEOUT_S = 5.0
-"""How long something that was named is waited for, when the user says nothing."""
+"""Default time to wait for a topic, service, action or node that the command line names."""
 
 
 _MINIMAL_NODE_OPTIONS: dict[str, Any] = {
@@ -49,12 +53,12 @@ _MINIMAL_NODE_OPTIONS: dict[str, Any] = {
 
 
 def now_s() -> float:
-    """The running loop's time: what commands wait by."""
+    """Return the time of the running loop; in tests it is virtual."""
     return asyncio.get_running_loop().time()
 
 
 async def first_of(*coroutines: Coroutine[Any, Any, object]) -> None:
-    """Run all until one ends or fails."""
+    """Run coroutines until the first one returns or fails, and cancel the others."""
     tasks = [asyncio.ensure_future(one) for one in coroutines]
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -66,19 +70,12 @@ async def first_of(*coroutines: Coroutine[Any, Any, object]) -> None:
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
-class NetworkOptions(TypedDict, total=False):
-    """What `options.node_options` give, and what `context_opened_early` adds: a context, or why there is none."""
-
-    domain_id: int | None
-    discovery: str | None
-    spin_time_s: float | None
-    context: Context
-    failure: Exception
-
-
 @contextmanager
 def context_opened_early(network: NetworkOptions) -> Iterator[None]:
-    """Let a context listen for others while the rest of a command is loaded; `CommandNode` uses it."""
+    """Open the context of a command before the rest of the command is imported, so that it discovers peers early.
+
+    `CommandNode` uses the context, or raises the error that opening it failed with.
+    """
     handler = signal.signal(signal.SIGTERM, _end) if threading.current_thread() is threading.main_thread() else None
     with ExitStack() as undo:
         if handler is not None:
@@ -86,13 +83,13 @@ def context_opened_early(network: NetworkOptions) -> Iterator[None]:
         try:
             context = network["context"] = _listen(network)
             undo.callback(context.close)
-        except Exception as error:  # the command says what it means
+        except Exception as error:  # raised by CommandNode, where it is reported
             network["failure"] = error
         yield
 
 
 def _end(number: int, _: object) -> None:
-    """Leave the network first, so that peers need not wait until our lease ends."""
+    """Exit in order, so that the context leaves the network and peers do not wait for the end of its lease."""
     sys.exit(128 + number)
 
 
@@ -103,17 +100,14 @@ def _listen(network: NetworkOptions) -> Context:
 
 
 class CommandNode:
-    """A node of a command, hidden as ROS hides tools' unless it has a `name`; it serves nothing by itself.
-
-    Use with ``async with``.
-    """
+    """Node of a command, used with ``async with``. It has no services of its own, and a hidden name by default."""
 
     def __init__(self, network: NetworkOptions, *, name: str | None = None, **node_options: Any) -> None:
         self._spin_time_s = network.get("spin_time_s")
         failure = network.get("failure")
         if failure is not None:
             raise failure
-        self._began = now_s()
+        self._start_s = now_s()
         self.context = network.pop("context") if "context" in network else _listen(network)
         options = {**_MINIMAL_NODE_OPTIONS, **node_options}
         try:
@@ -125,7 +119,7 @@ class CommandNode:
             raise
 
     async def __aenter__(self) -> Self:
-        self.context.on_incompatible_endpoint = self._note_mismatch
+        self.context.on_incompatible_endpoint = self._note_incompatible
         await self.node.__aenter__()
         return self
 
@@ -133,53 +127,48 @@ class CommandNode:
         self.node.close()
         self.context.close()
 
-    def _note_mismatch(self, text: str, _: str) -> None:
-        """Say on standard error why nothing comes."""
+    def _note_incompatible(self, text: str, _: str) -> None:
         from rosidl_py_gen.ros_cli import terminal_output
 
         terminal_output.note(f"warning: {text.replace(f'node {self.node.fully_qualified_name}', 'this command')}")
 
     async def wait_for_discovery(self) -> None:
-        """Listen until discovery says nothing new: at least 0.2 s, at most 2 s; or as long as the user said.
+        """Wait until the graph has not changed for a quiet period, at least 0.2 s and at most 2 s.
 
-        Where nobody else is seen there is no news to go by: that takes 1 s.
+        Without any other node the wait takes 1 s. ``--spin-time`` replaces all of these times.
         """
         if self._spin_time_s is not None:
-            await asyncio.sleep(self._began + self._spin_time_s - now_s())
+            await asyncio.sleep(self._start_s + self._spin_time_s - now_s())
             return
-        listened_s = min(
-            now_s() - self._began, _MIN_DISCOVERY_S
-        )  # without what holds this process up: others are not heard then
-        last_s, news = listened_s, False
+        # Time in which this process was busy does not count: no peer is discovered then.
+        listened_s = min(now_s() - self._start_s, _MIN_DISCOVERY_S)
+        last_change_s, has_changed = listened_s, False
 
         async def watch() -> None:
-            nonlocal news
+            nonlocal has_changed
             async for _ in self.node.graph_changes():
-                news = True
+                has_changed = True
 
-        def enough_s() -> float:
+        def required_s() -> float:
             if len(self.node.get_nodes()) <= 1:
                 return _NO_PEER_TIMEOUT_S
             if any(one.is_ros and one.announces_type_hashes is None for one in self.context.participants()):
-                return _MAX_DISCOVERY_S  # every ROS participant has endpoints: these will come
+                return _MAX_DISCOVERY_S  # every ROS participant has endpoints, so they will follow
             quiet_s = _QUIET_PERIOD_S if self.node.endpoints_complete() else _INCOMPLETE_QUIET_PERIOD_S
-            return min(max(_MIN_DISCOVERY_S, last_s + quiet_s), _MAX_DISCOVERY_S)
+            return min(max(_MIN_DISCOVERY_S, last_change_s + quiet_s), _MAX_DISCOVERY_S)
 
         watching = asyncio.ensure_future(watch())
         try:
-            while (step_s := min(enough_s() - listened_s, _QUIET_PERIOD_S)) > 0:
+            while (step_s := min(required_s() - listened_s, _QUIET_PERIOD_S)) > 0:
                 await asyncio.sleep(step_s)
                 listened_s += step_s
-                if news:
-                    last_s, news = listened_s, False
+                if has_changed:
+                    last_change_s, has_changed = listened_s, False
         finally:
             watching.cancel()
 
     async def wait_for_node_names(self) -> None:
-        """`wait_for_discovery`, then until the nodes of all that was found have told their names, at most 2 s more.
-
-        Names follow endpoints by some 50 ms.
-        """
+        """Wait for discovery, then at most 2 s until all node names are known; they follow endpoints by about 50 ms."""
         await self.wait_for_discovery()
         if self._spin_time_s is None:
             await self.wait_for(self.node.node_names_complete, _MAX_DISCOVERY_S)
@@ -195,40 +184,40 @@ class CommandNode:
                 "ROS_AUTOMATIC_DISCOVERY_RANGE, and run `rosidl-py doctor` to see other participants"
             )
 
-    async def wait_for(self, is_there: Callable[[], object], timeout_s: float | None = None) -> bool:
-        """Wait until `is_there` gives something true, asked after every change of the graph.
+    async def wait_for(self, condition: Callable[[], object], timeout_s: float | None = None) -> bool:
+        """Wait until a condition is true, checked after every change of the graph; returns False after the timeout.
 
         Args:
-            timeout_s: None means as long as the user said, else 5 s.
+            timeout_s: None means ``--spin-time``, or 5 s without it.
         """
         if timeout_s is None:
             timeout_s = DEFAULT_FIND_TIMEOUT_S if self._spin_time_s is None else self._spin_time_s
 
         async def watch() -> bool:
-            if is_there():
+            if condition():
                 return True
             async for _ in self.node.graph_changes():
-                if is_there():
+                if condition():
                     return True
-            return False  # it was closed
+            return False  # the node was closed
 
-        if is_there():  # even when there is no time to begin to watch
+        if condition():  # also with a timeout of 0
             return True
         try:
             return await asyncio.wait_for(watch(), timeout_s)
         except asyncio.TimeoutError:
-            return bool(is_there())  # it may have come while this process was held up
+            return bool(condition())  # it may have become true while this process was busy
 
     async def find(self, kind: str, name: str, known: Callable[[], list[str]], timeout_s: float | None = None) -> str:
-        """The full name of a topic, service, action or node that somebody has; waits until it appears.
+        """Wait until a topic, service, action or node appears, and return its full name.
 
         Args:
-            kind: for the error text.
-            known: the names there are now.
+            kind: ``topic``, ``service``, ``action`` or ``node``.
+            known: returns the names in the graph.
 
         Raises:
-            ToolError: it did not appear; says which similar name exists.
-            InvalidNameError: this is no name.
+            ToolError: it did not appear; the error names a similar one.
+            InvalidNameError: `name` is invalid.
         """
         from rosidl_py_gen.base.names import similar_name
 
@@ -236,10 +225,55 @@ class CommandNode:
         full = resolve(name if name.startswith("/") else f"/{name}")
         if await self.wait_for(lambda: full in known(), timeout_s):
             return full
-        names = [name for name in known() if "/_" not in name]  # not ourselves
+        names = [name for name in known() if "/_" not in name]  # not those of this command
         hint = similar_name(full, names) or (f"; `rosidl-py {kind} list` shows {len(names)}" if names else "")
-        raise ToolError(f"no {kind} {full} was found in domain {self.context.domain_id}{hint or _no_peers_hint()}")
+        raise ToolError(f"no {kind} {full} was found in domain {self.context.domain_id}{hint or _NO_PEERS_HINT}")
 
 
-def _no_peers_hint() -> str:
-    return "; there is none at all: is the domain right, and does `rosidl-py doctor` see other participants?"
+_NO_PEERS_HINT = (
+    "; none exist in this domain; check ROS_DOMAIN_ID, and run `rosidl-py doctor` to see other participants"
+)
+
+
+async def list_graph(
+    network: NetworkOptions,
+    rows_of: Callable[[Node], list[dict[str, Any]]],
+    *,
+    hidden: bool = True,
+    type_name: RosName | None = None,
+) -> list[dict[str, Any]]:
+    """Return rows about the discovered graph for a ``list`` or ``find`` command.
+
+    Args:
+        rows_of: returns rows with ``name`` and ``types``.
+        hidden: include names with a part that begins with an underscore.
+        type_name: include only names of this type.
+    """
+    from rosidl_py_gen.ros_cli.name_lookup import is_hidden
+
+    async with CommandNode(network) as session:
+        await session.wait_for_discovery()
+        rows = rows_of(session.node)
+        session.note_if_alone()
+    return [
+        row
+        for row in rows
+        if (hidden or not is_hidden(row["name"])) and (type_name is None or str(type_name) in row["types"])
+    ]
+
+
+async def results_by_name(requests: dict[str, Coroutine[Any, Any, T]]) -> dict[str, T]:
+    """Await requests to several nodes at once; a node that fails gets a note on standard error, and no result."""
+    from rosidl_py_gen.errors import RosidlError
+    from rosidl_py_gen.ros_cli import terminal_output
+
+    results: dict[str, T] = {}
+    outcomes = await asyncio.gather(*requests.values(), return_exceptions=True)
+    for name, outcome in zip(requests, outcomes, strict=True):
+        if isinstance(outcome, RosidlError):
+            terminal_output.note(f"{name}: {outcome}")
+        elif isinstance(outcome, BaseException):
+            raise outcome
+        else:
+            results[name] = outcome
+    return results

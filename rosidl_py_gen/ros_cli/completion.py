@@ -1,6 +1,6 @@
 """Completion: names, types and fields from the live graph, from bags and from the search path.
 
-A shell shows no errors while it completes: where something cannot be read or requested, nothing is offered.
+A shell prints no errors while it completes, so errors result in no suggestions.
 """
 
 from __future__ import annotations
@@ -25,44 +25,43 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node
 
 _TIMEOUT_S = 1.5
-"""Maximum time for one question to a node (its parameters, its types), unless ``--spin-time`` is longer: a user waits
-for the shell meanwhile."""
+"""Maximum time for a request to a node, unless ``--spin-time`` is longer; the user waits for the shell."""
 _KINDS = {"types": "msg", "service types": "srv", "action types": "action"}
-_CALLED = {"topic": "types", "service": "service types", "action": "action types"}
+_TYPE_KINDS = {"topic": "types", "service": "service types", "action": "action types"}
 _INDEX = re.compile(r"\[[^\]]*\]\Z")
 
 
 def complete_names(what: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
-    """Complete names that `options.completion` describes; hidden ones only when a hidden part is typed."""
-    names = _or_nothing(lambda: _names(what, context))
+    """Complete names that `options.completion` describes; hidden names only if a hidden part was typed."""
+    names = _or_empty(lambda: _names(what, context))
     return shells.items((name for name in names if "/_" in incomplete or "/_" not in name), incomplete)
 
 
 def complete_bag_names(kind: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
     """Complete the topics, services or actions of the bags on the command line."""
-    return shells.items(_or_nothing(lambda: _bag_names(kind, context)), incomplete)
+    return shells.items(_or_empty(lambda: _bag_names(kind, context)), incomplete)
 
 
 def complete_call(kind: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
-    """Complete ``[TYPE] [VALUES]`` behind the name of a topic, service or action.
+    """Complete ``[TYPE] [VALUES]`` after the name of a topic, service or action.
 
-    The type is that of the graph, else any on the search path. The values are all fields with their defaults.
+    The type is that of the graph, else any type on the search path. The values are all fields with their defaults.
     """
     words = context.params.get("words") or ()
     if not words:
-        announced = _or_nothing(lambda: _ask(context, lambda session: _announced_types(session, kind, context)))
-        return shells.items(announced, incomplete) or complete_names(_CALLED[kind], context, incomplete)
+        announced = _or_empty(lambda: _query(context, lambda session: _announced_types(session, kind, context)))
+        return shells.items(announced, incomplete) or complete_names(_TYPE_KINDS[kind], context, incomplete)
     if len(words) == 1 and "/" in words[0] and not context.params.get("stdin"):
-        return shells.items(_or_nothing(lambda: [_prototype(kind, words[0], context)]), incomplete)
+        return shells.items(_or_empty(lambda: [_prototype(kind, words[0], context)]), incomplete)
     return []
 
 
 def complete_fields(context: click.Context, incomplete: str) -> list[CompletionItem]:
     """Complete the path of a field of the topic's messages."""
-    return shells.items(_or_nothing(lambda: _field_paths(_class("topic", None, context), incomplete)), incomplete)
+    return shells.items(_or_empty(lambda: _field_paths(_class("topic", None, context), incomplete)), incomplete)
 
 
-def _or_nothing(find: Callable[[], Iterable[str]]) -> Iterable[str]:
+def _or_empty(find: Callable[[], Iterable[str]]) -> Iterable[str]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -81,11 +80,11 @@ def _names(what: str, context: click.Context) -> list[str]:
         from rosidl_py_gen.ros_cli.definitions import known_names
 
         return known_names(what, paths)
-    return _ask(context, lambda session: _live_names(what, session, context))
+    return _query(context, lambda session: _live_names(what, session, context))
 
 
-def _ask(context: click.Context, request: Callable[[CommandNode], Coroutine[Any, Any, list[str]]]) -> list[str]:
-    """Run a request on a node of its own once the graph is known."""
+def _query(context: click.Context, request: Callable[[CommandNode], Coroutine[Any, Any, list[str]]]) -> list[str]:
+    """Run a request on a new node after discovery."""
     from rosidl_py_gen.ros_cli.command_node import CommandNode
 
     network: NetworkOptions = context.params.get("network", {})
@@ -107,10 +106,10 @@ async def _live_names(what: str, session: CommandNode, context: click.Context) -
         name = context.params["node"]
         client = session.node.create_parameter_client(name if name.startswith("/") else f"/{name}")
         return list((await client.list(timeout_s=_timeout_s(context))).names)
-    return _listed(what, session.node)
+    return _graph_names(what, session.node)
 
 
-def _listed(what: str, node: Node) -> list[str]:
+def _graph_names(what: str, node: Node) -> list[str]:
     services = [name for name, _ in node.get_service_names_and_types()]
     match what:
         case "topics":
@@ -118,8 +117,8 @@ def _listed(what: str, node: Node) -> list[str]:
         case "services":
             return services
         case "actions":
-            mark = "/_action/send_goal"
-            return [name.removesuffix(mark) for name in services if name.endswith(mark)]
+            suffix = "/_action/send_goal"
+            return [name.removesuffix(suffix) for name in services if name.endswith(suffix)]
         case "nodes":
             return node.get_node_names()
     raise ValueError(what)
@@ -129,16 +128,13 @@ def _bag_names(kind: str, context: click.Context) -> list[str]:
     from rosidl_py_gen.bags import BagReader
     from rosidl_py_gen.ros_cli.name_lookup import topic_owner
 
-    given = context.params
+    words = context.params
     names: set[str] = set()
-    for place in filter(None, (given.get("path"), *(given.get("inputs") or ()), *(given.get("bags") or ()))):
-        with BagReader(place) as reader:
+    for path in filter(None, (words.get("path"), *(words.get("inputs") or ()), *(words.get("bags") or ()))):
+        with BagReader(path) as reader:
             owners = (topic_owner(one.name, one.type_name) for one in reader.topics.values())
             names |= {one.name for one in owners if one.kind == kind}
     return sorted(names)
-
-
-# ----------------------------------------------------------------------------------------------------- types and values
 
 
 async def _announced_types(session: CommandNode, kind: str, context: click.Context) -> list[str]:
@@ -163,7 +159,7 @@ def _prototype(kind: str, type_name: str, context: click.Context) -> str:
 
 
 def _class(kind: str, type_name: str | None, context: click.Context) -> Any:
-    """Return the class of a topic's messages, of a service or of an action: an installed one, else of the graph."""
+    """Return an installed class of a topic's messages, of a service or of an action; else that of the graph."""
     from rosidl_py_gen import get_action, get_message, get_service
     from rosidl_py_gen.ros_cli import types
 
@@ -176,19 +172,19 @@ def _class(kind: str, type_name: str | None, context: click.Context) -> Any:
         except RosidlError:
             pass
     resolve: Any = {"topic": types.message_class, "service": types.service_class, "action": types.action_class}[kind]
-    found: list[Any] = []
+    classes: list[Any] = []
 
     async def request(session: CommandNode) -> list[str]:
-        full = _full_name(session, kind, context)
-        found.append(await asyncio.wait_for(resolve(session, full, name, paths), _timeout_s(context)))
+        full_name = _full_name(session, kind, context)
+        classes.append(await asyncio.wait_for(resolve(session, full_name, name, paths), _timeout_s(context)))
         return []
 
-    _ask(context, request)
-    return found[0]
+    _query(context, request)
+    return classes[0]
 
 
 def _field_paths(cls: type[Message], incomplete: str) -> list[str]:
-    """Return the fields beside the incomplete one, and what is inside it when it is the only one."""
+    """Return the fields that begin with the last name of a path; for one such field also the fields inside it."""
     *parents, last = incomplete.split(".")
     for name in parents:
         fields = {field.ros_name: field for field in cls._TYPE.fields}

@@ -9,7 +9,7 @@ from rosidl_py_gen.ros_cli import root, verb
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 @verb
 def completion(shell: str) -> int:
-    """Print the completion script of a shell; topic, service and node names come from the live graph.
+    """Print the completion script of a shell. Names of topics, services and nodes come from the live graph.
 
     \b
     eval "$(rosidl-py completion bash)"          # in ~/.bashrc; zsh: the same in ~/.zshrc

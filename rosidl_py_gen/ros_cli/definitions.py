@@ -1,4 +1,4 @@
-"""List and read definitions for the commands of ``interface``, which need neither network nor DDS."""
+"""Names and definitions of interfaces for the commands of ``interface``, which need no network."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def known_names(what: str, paths: Sequence[str] = ()) -> list[str]:
 
 
 def names_of(search: SearchPath, package: str, kinds: Collection[str]) -> list[RosName]:
-    """Return the interfaces of a package, or of all. Raises `ToolError`: there is no such package."""
+    """Return the interfaces of a package, or of all packages. Raises `ToolError` for an unknown package."""
     from rosidl_py_gen.type_loading.generated import generated_names
 
     generated = [
@@ -41,8 +41,8 @@ def names_of(search: SearchPath, package: str, kinds: Collection[str]) -> list[R
         if package in search.refused:
             raise ToolError(str(search.refused[package]))
         raise ToolError(missing_package(search, package, f"no package {package}"))
-    found = [one for one in search.packages.values() if package in ("", one.name)]
-    names = [*(name for one in found for name in one.files), *generated]
+    packages = [one for one in search.packages.values() if package in ("", one.name)]
+    names = [*(name for one in packages for name in one.files), *generated]
     return sorted(name for name in names if name.kind in kinds)
 
 
@@ -56,27 +56,26 @@ def name_or_stdin(text: str) -> str:
 
 
 def read_definition(search: SearchPath, text: str) -> tuple[InterfaceRegistry, RosName]:
-    """Read a definition from the search path, a generated package, or else what nodes said of it once."""
+    """Read a definition from the search path, from a generated package, or from the cache of descriptions."""
     text = name_or_stdin(text)
     name = full_name(search, text)
-    library = InterfaceRegistry(search)
+    registry = InterfaceRegistry(search)
     try:
-        read_checked(library, name)
+        read_checked(registry, name)
     except TypeNotFoundError:
         from rosidl_py_gen.ros_cli.cached_definitions import cached_registry
 
-        kept = _generated(text) or cached_registry(text)
-        if kept is None:
+        definition = _generated(text) or cached_registry(text)
+        if definition is None:
             raise
-        return kept
-    return library, name
+        return definition
+    return registry, name
 
 
 def _generated(text: str) -> tuple[InterfaceRegistry, RosName] | None:
     from rosidl_py_gen.type_loading.generated import registry_of_generated_class
 
-    found = registry_of_generated_class(text)
-    if found is None:
+    if (definition := registry_of_generated_class(text)) is None:
         return None
-    terminal_output.note(found[2])
-    return found[:2]
+    terminal_output.note(definition[2])
+    return definition[:2]

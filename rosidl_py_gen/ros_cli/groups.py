@@ -1,4 +1,4 @@
-"""Groups of commands that know the names and the short help of their commands, and import a command when it is used."""
+"""Groups of commands that import a command's module when the command is used."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
 
 
 class LazyGroup(click.Group):
-    """Group of commands, each of which is declared and implemented in a module of its own.
+    """Group of commands, each of which is declared and implemented in one module.
 
     Args:
-        package: where the modules are.
-        verbs: by name the module below `package` (``.x.y`` is one beside it), and the begin of the command's help. A
-            module may have several commands that do nearly the same.
+        package: package of the modules.
+        verbs: names of the commands, each with its module relative to `package` (``.x.y`` is a sibling of the package)
+            and the first sentence of its help. A module may declare several commands.
     """
 
     def __init__(self, *arguments: Any, package: str, verbs: Mapping[str, tuple[str, str]], **settings: Any) -> None:
@@ -35,9 +35,9 @@ class LazyGroup(click.Group):
         if cmd_name not in self.verbs:
             return None
         module = import_module(f".{self.verbs[cmd_name][0]}", self._package)
-        for found in vars(module).values():
-            if isinstance(found, click.Command) and found.name == cmd_name:
-                return found
+        for value in vars(module).values():
+            if isinstance(value, click.Command) and value.name == cmd_name:
+                return value
         raise AssertionError(f"{module.__name__} has no command {cmd_name}")
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -47,10 +47,9 @@ class LazyGroup(click.Group):
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         from click.shell_completion import CompletionItem
 
-        found = [
-            CompletionItem(name, help=text) for name, (_, text) in self.verbs.items() if name.startswith(incomplete)
-        ]
-        return [*found, *click.Command.shell_complete(self, ctx, incomplete)]
+        commands = [CompletionItem(name, help=text) for name, (_, text) in self.verbs.items()]
+        fitting = [item for item in commands if item.value.startswith(incomplete)]
+        return [*fitting, *click.Command.shell_complete(self, ctx, incomplete)]
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[Any, Any, list[str]]:
         if args and args[0] not in self.verbs:

@@ -1,7 +1,7 @@
-"""Keys of a terminal that steer a command while it runs.
+"""Keys of a terminal that control a running command.
 
-Decides that the terminal is as before whenever this process does not have it: at the end, on whatever signal ends or
-stops it. Where standard input is no terminal, or belongs to somebody else, as in the background, no keys are read.
+The mode of the terminal is restored whenever this process gives it up: at the end, and on every signal that ends or
+stops it. No keys are read if standard input is not a terminal, or if the process is in the background.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ if TYPE_CHECKING:
 
 _ARROWS = {b"A": "up", b"B": "down", b"C": "right", b"D": "left"}
 _KEY = re.compile(rb"\x1b[\[O]([A-D])|( )")
-_BEGUN = re.compile(rb"\x1b[\[O]?\Z")
-_ENDING = "SIGHUP", "SIGQUIT"
-"""Signals that end this process at once; SIGINT and SIGTERM end it in order."""
+_INCOMPLETE_KEY = re.compile(rb"\x1b[\[O]?\Z")
+_FATAL_SIGNALS = "SIGHUP", "SIGQUIT"
+"""Signals that end this process immediately; SIGINT and SIGTERM end it in order."""
 
 
 def keys_of(data: bytes) -> tuple[list[str], bytes]:
-    """Which keys these bytes of a terminal are, of ``space up down right left``; and what may be the begin of one."""
-    found = [_ARROWS[one[1]] if one[1] else "space" for one in _KEY.finditer(data)]
-    begun = _BEGUN.search(data)
-    return found, begun[0] if begun else b""
+    """Return the keys in bytes of a terminal (``space up down right left``), and the bytes of an incomplete key."""
+    keys = [_ARROWS[one[1]] if one[1] else "space" for one in _KEY.finditer(data)]
+    incomplete = _INCOMPLETE_KEY.search(data)
+    return keys, incomplete[0] if incomplete else b""
 
 
 @contextmanager
 def read_keys(actions: Mapping[str, Callable[[], object]]) -> Iterator[bool]:
-    """Call an action for each of its keys; on the running loop. Gives whether keys are read."""
+    """Call actions by key on the running loop; yields True if keys are read."""
     try:
         import termios
 
         stream = sys.stdin.fileno()
-        terminal = _Terminal(stream, termios) if _is_ours(stream) else None
+        terminal = _Terminal(stream, termios) if _is_foreground(stream) else None
     except (ImportError, OSError, ValueError):  # Windows; no terminal; closed
         terminal = None
     if terminal is None:
@@ -50,12 +50,12 @@ def read_keys(actions: Mapping[str, Callable[[], object]]) -> Iterator[bool]:
 
     def read() -> None:
         nonlocal rest
-        if not _is_ours(stream):
+        if not _is_foreground(stream):
             return
         data = b""
         with suppress(OSError):
             data = os.read(stream, 1024)
-        if not data:  # the terminal is gone
+        if not data:  # the terminal was closed
             loop.remove_reader(stream)
         names, rest = keys_of(rest + data)
         for name in names:
@@ -70,8 +70,8 @@ def read_keys(actions: Mapping[str, Callable[[], object]]) -> Iterator[bool]:
             loop.remove_reader(stream)
 
 
-def _is_ours(stream: int) -> bool:
-    """Whether this process is in the foreground of its terminal; others are stopped when they touch it."""
+def _is_foreground(stream: int) -> bool:
+    """Return True if this process may access its terminal; a background process would be stopped."""
     try:
         return os.isatty(stream) and os.tcgetpgrp(stream) == os.getpgrp()
     except OSError:
@@ -79,18 +79,18 @@ def _is_ours(stream: int) -> bool:
 
 
 class _Terminal:
-    """Gives keys as they are pressed, and does not show them, while this process has it."""
+    """Terminal in raw mode: keys are reported when they are pressed, and not printed."""
 
     def __init__(self, stream: int, termios: Any) -> None:
         self._stream = stream
         self._termios = termios
-        self._before = termios.tcgetattr(stream)
+        self._original_mode = termios.tcgetattr(stream)
         self._handlers: dict[int, Any] = {}
 
     def __enter__(self) -> None:
         if threading.current_thread() is threading.main_thread():
             for name, handler in (
-                *((name, self._end) for name in _ENDING),
+                *((name, self._end) for name in _FATAL_SIGNALS),
                 ("SIGTSTP", self._stop),
                 ("SIGCONT", self._on_continue),
             ):
@@ -104,7 +104,7 @@ class _Terminal:
         self._restore_mode()
 
     def _set_raw_mode(self) -> None:
-        if not _is_ours(self._stream):
+        if not _is_foreground(self._stream):
             return
         with suppress(self._termios.error):
             raw = self._termios.tcgetattr(self._stream)
@@ -114,9 +114,9 @@ class _Terminal:
             self._termios.tcsetattr(self._stream, self._termios.TCSADRAIN, raw)
 
     def _restore_mode(self) -> None:
-        if _is_ours(self._stream):
+        if _is_foreground(self._stream):
             with suppress(self._termios.error):
-                self._termios.tcsetattr(self._stream, self._termios.TCSADRAIN, self._before)
+                self._termios.tcsetattr(self._stream, self._termios.TCSADRAIN, self._original_mode)
 
     def _end(self, number: int, _: object) -> None:
         self._restore_mode()
@@ -126,7 +126,7 @@ class _Terminal:
     def _stop(self, number: int, _: object) -> None:
         self._restore_mode()
         signal.signal(number, signal.SIG_DFL)
-        os.kill(os.getpid(), number)  # until somebody lets it go on
+        os.kill(os.getpid(), number)  # returns after SIGCONT
         signal.signal(number, self._stop)
 
     def _on_continue(self, number: int, _: object) -> None:

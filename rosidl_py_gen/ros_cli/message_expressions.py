@@ -1,9 +1,9 @@
 """Expressions over a message: conditions such as ``m.pose.position.x > 1``, and paths such as ``poses[0].position``.
 
-Decides which part of Python they may be: the nodes of `_IN_FILTERS`, fields of messages, and calls of `FUNCTIONS`.
-Anything else is refused before the first message; what is left is compiled and run by Python. Lengths and numbers come
-from strangers, so products and powers are kept small, and loops end when one message has taken too much CPU time of
-the thread: on a busy machine, the time that other threads and processes take does not count.
+An expression is the part of Python that consists of the nodes in `_IN_FILTERS`, fields of messages, and calls of
+`FUNCTIONS`. Anything else is rejected before the first message; the rest is compiled and run by Python. Messages come
+from untrusted peers, so products and powers are limited, and loops end when a message has taken too much CPU time of
+the thread. The time of other threads and processes does not count, as it is high on a busy machine.
 """
 
 from __future__ import annotations
@@ -23,50 +23,50 @@ from rosidl_py_gen.base.names import did_you_mean, py_name
 from rosidl_py_gen.cdr import Field, Message
 from rosidl_py_gen.errors import RosidlError
 
-_MAX_TEXT, _MAX_DEPTH, _MAX_BITS, _MAX_CONSTANT, _MAX_S = 1000, 40, 256, 64, 1.0
-_CHECK_EVERY = 16
-"""Elements of a loop between two checks of the CPU time. A check takes 0.3 µs, as much as a short expression."""
+_MAX_TEXT = 1000
+_MAX_DEPTH = 40
+_MAX_BITS = 256
+_MAX_CONSTANT = 64
+_MAX_CPU_S = 1.0
+_CHECK_INTERVAL = 16
+"""Elements of a loop between two checks of the CPU time. A check takes 0.3 µs, as long as a short expression."""
 _IN_PATHS = (ast.Attribute, ast.Subscript, ast.Name, ast.Constant, ast.Slice, ast.UnaryOp, ast.USub)
 _IN_FILTERS = (
     *(*_IN_PATHS, ast.BinOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Tuple, ast.List, ast.Set, ast.Call),
     *(ast.GeneratorExp, ast.comprehension, ast.operator, ast.unaryop, ast.boolop, ast.cmpop),
 )
 _Shape: TypeAlias = "type[Message] | Field | None"
-"""What is known of a value before the first message: its class, the field it is or is an element of, or nothing."""
+"""Static type of a value: a message class, the field that has it or contains it as an element, or None if unknown."""
 
 
 class FilterError(RosidlError, ValueError):
-    """The user's expression is not allowed, names what does not exist, or has no value for a message."""
+    """Raised for an expression that is not allowed, refers to an unknown name, or has no value for a message."""
 
 
 def compile_filter(text: str, cls: type[Message]) -> Callable[[Message], bool]:
-    """A condition on messages of a class, which are called ``m`` in it.
+    """Return a condition on messages of a class, which the expression calls ``m``.
 
     Raises:
-        FilterError: says what is wrong, and in which column. The condition itself raises it when it has no value for
-            a message, such as for an element that is not there.
+        FilterError: the expression is wrong; the text has the column. The condition itself raises it for a message
+            without a value, such as a missing element.
     """
     value = _compiled(_ExpressionChecker(text.strip(), cls).checked(_IN_FILTERS))
     return lambda message: bool(value(message))
 
 
 def compile_path(text: str, cls: type[Message]) -> Callable[[Message], Any]:
-    """What a path such as ``poses[0].position`` leads to in messages of a class.
-
-    Raises:
-        FilterError: as `compile_filter`.
-    """
+    """Return a function for the value of a path such as ``poses[0].position``; raises as `compile_filter`."""
     return _path(text, cls)[0]
 
 
 def path_field(text: str, cls: type[Message]) -> Field | None:
-    """Return the field that a path leads to, or that has the element; None for a message. Raises as `compile_path`."""
+    """Return the field at a path, or the field of an element there; None for a message. Raises as `compile_path`."""
     shape = _path(text, cls)[1]
     return None if isinstance(shape, type) else shape
 
 
 def _path(text: str, cls: type[Message]) -> tuple[Callable[[Message], Any], _Shape]:
-    spelled = re.sub(r"[^\W\d]\w*", lambda found: py_name(found[0]), text.strip().strip("."))
+    spelled = re.sub(r"[^\W\d]\w*", lambda name: py_name(name[0]), text.strip().strip("."))
     try:
         check = _ExpressionChecker(f"m.{spelled}", cls)
         body = check.checked(_IN_PATHS)
@@ -85,7 +85,7 @@ def _compiled(body: ast.expr) -> Callable[[Message], Any]:
 
     def value(message: Message) -> Any:
         try:
-            return function(message, thread_time() + _MAX_S)
+            return function(message, thread_time() + _MAX_CPU_S)
         except FilterError:
             raise
         except (ArithmeticError, AttributeError, LookupError, MemoryError, TypeError, ValueError) as error:
@@ -94,13 +94,10 @@ def _compiled(body: ast.expr) -> Callable[[Message], Any]:
     return value
 
 
-# ------------------------------------------------------------------------------------------- before the first message
-
-
 class _ExpressionChecker(ast.NodeTransformer):
-    """Refuses what is not allowed, and puts in the `_HELPERS` that decide about what only a message shows.
+    """Rejects forbidden syntax, and inserts calls of `_HELPERS` for checks that need the value of a message.
 
-    Arrays of numpy become lists, which are true, equal and ordered as Python's are, but where they are taken `_bare`.
+    Arrays of numpy become lists, which compare as in Python, except where a function takes them as arrays (`_bare`).
     """
 
     def __init__(self, text: str, cls: type[Message]) -> None:
@@ -108,13 +105,13 @@ class _ExpressionChecker(ast.NodeTransformer):
         self._known: dict[str, _Shape] = {"m": cls}
 
     def checked(self, allowed: tuple[type[ast.AST], ...]) -> Any:
-        """The expression as it is to be run."""
+        """Return the expression with the inserted calls."""
         body = _parsed(self._text)
         level: list[ast.AST] = [body]
         for _ in range(_MAX_DEPTH):
             for node in level:
                 if not isinstance(node, allowed) or isinstance(getattr(node, "op", None), ast.MatMult):
-                    self._refuse(node, f"`{self._shown(node)}` is not allowed")
+                    self._refuse(node, f"`{self._source(node)}` is not allowed")
             children = (child for node in level for child in ast.iter_child_nodes(node))
             level = [child for child in children if not isinstance(child, ast.expr_context)]
         if level:
@@ -122,14 +119,14 @@ class _ExpressionChecker(ast.NodeTransformer):
         return self.visit(body)
 
     def shape(self) -> _Shape:
-        """Return what is known of the value of the expression."""
+        """Return the static type of the expression."""
         return self._shape(_parsed(self._text))
 
     def _refuse(self, node: ast.AST, reason: str) -> NoReturn:
         column = len(self._text.encode()[: getattr(node, "col_offset", 0)].decode(errors="ignore")) + 1
         raise FilterError(f"column {column}: {reason}")
 
-    def _shown(self, node: ast.AST) -> str:
+    def _source(self, node: ast.AST) -> str:
         return (ast.get_source_segment(self._text, node) or "")[:80]
 
     def _shape(self, node: ast.expr) -> _Shape:
@@ -146,15 +143,14 @@ class _ExpressionChecker(ast.NodeTransformer):
 
     def _element(self, node: ast.expr, shape: _Shape) -> _Shape:
         if isinstance(shape, type):
-            self._refuse(node, f"{self._shown(node)} is {shape._TYPE.name}, which has no elements")
+            self._refuse(node, f"{self._source(node)} is {shape._TYPE.name}, which has no elements")
         return shape and (shape.cls or shape._replace(type=shape.type.element))
 
     def _known_field(self, node: ast.Attribute) -> Field | None:
-        """The field that is read, if that is known."""
         shape, name = self._shape(node.value), node.attr
         if shape is None and not name.startswith("_"):
             return None
-        text = self._shown(node.value)
+        text = self._source(node.value)
         if shape is None or isinstance(shape, Field):
             self._refuse(node, f"{text} is {shape.type if shape else 'no message'}, which has no fields")
         if field := _field(shape, name):
@@ -165,7 +161,7 @@ class _ExpressionChecker(ast.NodeTransformer):
 
     def visit_Constant(self, node: ast.Constant) -> ast.expr:
         if not (node.value is None or isinstance(node.value, int | float | str)):
-            self._refuse(node, f"`{self._shown(node)}` is not allowed")
+            self._refuse(node, f"`{self._source(node)}` is not allowed")
         if isinstance(node.value, int) and node.value.bit_length() > _MAX_BITS:
             self._refuse(node, f"a number of more than {_MAX_BITS} bits")
         return node
@@ -215,10 +211,10 @@ class _ExpressionChecker(ast.NodeTransformer):
     def visit_Call(self, node: ast.Call) -> ast.expr:
         name = node.func.id if isinstance(node.func, ast.Name) else ""
         if name not in FUNCTIONS:
-            self._refuse(node, f"{self._shown(node.func)}(...) is not allowed; there are {', '.join(FUNCTIONS)}")
-        most = {"max": 100, "min": 100, "round": 2}.get(name, 1)
-        if not 0 < len(node.args) <= most:
-            self._refuse(node, f"{name} takes {'one value' if most == 1 else f'1 to {most} values'}")
+            self._refuse(node, f"{self._source(node.func)}(...) is not allowed; there are {', '.join(FUNCTIONS)}")
+        max_values = {"max": 100, "min": 100, "round": 2}.get(name, 1)
+        if not 0 < len(node.args) <= max_values:
+            self._refuse(node, f"{name} takes {'one value' if max_values == 1 else f'1 to {max_values} values'}")
         for digits in node.args[1:] if name == "round" else ():
             self._require_small(digits)
         visit = self._as_number if FUNCTIONS[name] in _OF_NUMBERS else self.visit
@@ -241,11 +237,11 @@ class _ExpressionChecker(ast.NodeTransformer):
         return node
 
     def _as_number(self, node: ast.expr) -> ast.expr:
-        shape, made = self._shape(node), self.visit(node)
+        shape, visited = self._shape(node), self.visit(node)
         is_number = isinstance(node, ast.BinOp) or isinstance(getattr(node, "value", None), int | float)
         if isinstance(shape, Field):
             is_number = shape.type.arity is Arity.SCALAR and shape.type.primitive is not None
-        return cast("ast.expr", made) if is_number else _call("_number", made)
+        return cast("ast.expr", visited) if is_number else _call("_number", visited)
 
     def _require_small(self, node: ast.expr) -> None:
         value = node.operand if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) else node
@@ -256,7 +252,7 @@ class _ExpressionChecker(ast.NodeTransformer):
 
 def _parsed(text: str) -> ast.expr:
     if len(text) > _MAX_TEXT:
-        raise FilterError(f"an expression of {len(text)} characters; at most {_MAX_TEXT} are taken")
+        raise FilterError(f"an expression of {len(text)} characters; at most {_MAX_TEXT} are allowed")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -276,27 +272,27 @@ def _call(name: str, *values: ast.expr) -> ast.Call:
     return ast.Call(ast.Name(name, ast.Load()), list(values), [])
 
 
-def _with_time_limit(name: str, made: ast.expr) -> ast.expr:
-    return _call(name, made, ast.Name("_end", ast.Load()))
+def _with_time_limit(name: str, node: ast.expr) -> ast.expr:
+    return _call(name, node, ast.Name("_end", ast.Load()))
 
 
-def _bare(made: ast.expr) -> ast.expr:
-    is_list = isinstance(made, ast.Call) and isinstance(made.func, ast.Name) and made.func.id == "_list"
-    return cast("ast.Call", made).args[0] if is_list else made
+def _bare(node: ast.expr) -> ast.expr:
+    is_list = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "_list"
+    return cast("ast.Call", node).args[0] if is_list else node
 
 
-# --------------------------------------------------------------------------------------------------- for each message
+# Helpers that are called for each message.
 
 
 def _list(value: Any, end: float) -> Any:
     if thread_time() > end:
-        raise FilterError(f"takes more than {_MAX_S:g} s of CPU time for one message")
+        raise FilterError(f"takes more than {_MAX_CPU_S:g} s of CPU time for one message")
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def _each(items: Any, end: float) -> Iterator[Any]:
     for number, item in enumerate(_list(items, end)):
-        if not number % _CHECK_EVERY:
+        if not number % _CHECK_INTERVAL:
             _list((), end)
         yield item
 
@@ -329,12 +325,12 @@ def _limited(value: Any) -> Any:
 
 
 def _of_array(function: Callable[..., Any], of_array: Callable[[Any], Any]) -> Callable[..., Any]:
-    """A function that takes an array as a whole: as a list it would take long."""
+    """Return `function` with a fast path for arrays of numpy."""
     return lambda *values: of_array(values[0]).item() if isinstance(values[0], np.ndarray) else function(*values)
 
 
 def _sum(values: Any) -> Any:
-    with np.errstate(all="ignore"):  # numpy would write of a stranger's infinities on the terminal
+    with np.errstate(all="ignore"):  # numpy would print warnings about infinities
         return values.sum(dtype="f8" if values.dtype.kind == "f" else None)
 
 

@@ -1,6 +1,6 @@
-"""Messages as people write and read them: YAML, arrays and strings cut when they are long.
+"""Messages as text: YAML that users read and write, and the `repr` of rclpy.
 
-Decides what is cut: arrays and strings of more than 128 elements, as `ros2 topic echo` does.
+Printed arrays and strings are truncated to 128 elements, as in `ros2 topic echo`.
 """
 
 from __future__ import annotations
@@ -46,88 +46,80 @@ class _DisplayOptions(NamedTuple):
     strings: bool
 
 
-def to_plain(
-    message: Message, *, truncate: int | None = TRUNCATE, arrays: bool = True, strings: bool = True
-) -> dict[str, Any]:
-    """Dicts, lists and scalars with ROS names; what is longer than `truncate` is cut and ends with ``'...'``.
+def to_plain(value: Any, *, truncate: int | None = TRUNCATE, arrays: bool = True, strings: bool = True) -> Any:
+    """Return a message, the value of a field, or a dict of values as dicts, lists and scalars with ROS names.
 
-    Only what is shown is converted, so a 6 MB image costs as little as a small one.
+    Only the part that is printed is converted, so a 6 MB image takes as long as a small one.
 
     Args:
-        arrays: False shows only types and sizes of arrays.
-        strings: False shows only lengths of strings.
+        truncate: maximum length of arrays and strings; longer ones end with ``'...'``.
+        arrays: False replaces arrays of messages by their types and sizes.
+        strings: False replaces strings by their lengths.
     """
-    return _message(message, _DisplayOptions(truncate, arrays, strings))
-
-
-def plain_value(value: Any, *, truncate: int | None = TRUNCATE, arrays: bool = True, strings: bool = True) -> Any:
-    """`to_plain` for the value of a field, or for a dict of such values."""
     return _plain(value, _DisplayOptions(truncate, arrays, strings))
 
 
-def _message(message: Message, shown: _DisplayOptions) -> dict[str, Any]:
-    if shown.arrays:
-        return {field.ros_name: _plain(getattr(message, field.py_name), shown) for field in message._TYPE.fields}
-    return {field.ros_name: _without_arrays(field, message, shown) for field in message._TYPE.fields}
-
-
-def _without_arrays(field: Field, message: Message, shown: _DisplayOptions) -> Any:
-    value = getattr(message, field.py_name)
-    return _plain(value, shown) if field.type.arity is Arity.SCALAR else str(array_summary(field, value))
+def _message(message: Message, options: _DisplayOptions) -> dict[str, Any]:
+    values = ((field, getattr(message, field.py_name)) for field in message._TYPE.fields)
+    return {
+        field.ros_name: _plain(value, options)
+        if options.arrays or field.type.arity is Arity.SCALAR
+        else str(array_summary(field, value))
+        for field, value in values
+    }
 
 
 def array_summary(field: Field, value: Any) -> ArraySummary:
-    """Return type and size of the value of an array field, or of a slice of one."""
+    """Return type and size of the value of an array field or of a slice."""
     kind = field.type
     if kind.arity is Arity.ARRAY and len(value) == kind.capacity:
         return ArraySummary(f"<array type: {kind}>")
     return ArraySummary(f"<sequence type: {kind.element}, length: {len(value)}>")
 
 
-def _plain(value: Any, shown: _DisplayOptions) -> Any:
-    truncate = shown.truncate
+def _plain(value: Any, options: _DisplayOptions) -> Any:
+    truncate = options.truncate
     if isinstance(value, dict):
-        return {name: _plain(item, shown) for name, item in value.items()}
+        return {name: _plain(item, options) for name, item in value.items()}
     if isinstance(value, ArraySummary):
         return str(value)
     if isinstance(value, Message):
-        return _message(value, shown)
+        return _message(value, options)
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, str):
-        if not shown.strings:
+        if not options.strings:
             return f"<string length: {len(value)}>"
         return value if truncate is None or len(value) <= truncate else value[:truncate] + "..."
     if isinstance(value, bytes | bytearray | memoryview):
         value = np.frombuffer(value, np.uint8)
     if isinstance(value, np.ndarray | list | tuple):
-        rest = [] if truncate is None or len(value) <= truncate else ["..."]
-        kept = value if truncate is None else value[:truncate]
-        items = kept.tolist() if isinstance(kept, np.ndarray) else [_plain(item, shown) for item in kept]
-        return [*items, *rest]
+        part = value if truncate is None else value[:truncate]
+        items = part.tolist() if isinstance(part, np.ndarray) else [_plain(item, options) for item in part]
+        return [*items, "..."] if len(part) < len(value) else items
     return value
 
 
 def to_yaml(value: Any, *, flow: bool | None = False) -> str:
-    """YAML of a plain value, keys in their order, with a line break at the end.
+    """Return a plain value as YAML with a line break at the end; keys stay in their order.
 
-    Where a character may not be printed, all characters beyond ASCII are escaped: reading it gives the same value.
+    If it contains an unprintable character, all characters beyond ASCII are escaped, so that it can be parsed again.
 
     Args:
-        flow: on one line; None: only what holds nothing but scalars is on one line.
+        flow: True prints everything on one line; None only lists and mappings of scalars.
     """
     style = {"Dumper": _Dumper, "sort_keys": False, "default_flow_style": flow, "width": 1 << 30}
     text: str = yaml.dump(value, allow_unicode=True, **style)
     if not text.isascii() and printable_lines(text) != text:
         text = yaml.dump(value, allow_unicode=False, **style)
-    return text.removesuffix("...\n") if text.endswith("\n...\n") else text  # the end mark behind a scalar
+    return text.removesuffix("...\n") if text.endswith("\n...\n") else text  # the end mark after a scalar
 
 
 def type_and_values(words: Sequence[str], *, stdin: bool = False) -> tuple[str | None, str]:
-    """What ``[TYPE] [VALUES]`` on a command line mean: both may be left out, a type has a ``/`` and no blanks.
+    """Return type and values of ``[TYPE] [VALUES]``, which are both optional; a type has a ``/`` and no blanks.
 
     Args:
-        stdin: the values are what standard input says.
+        stdin: read the values from standard input.
 
     Raises:
         ToolError: too many words.
@@ -135,7 +127,7 @@ def type_and_values(words: Sequence[str], *, stdin: bool = False) -> tuple[str |
     rest = list(words)
     name = rest.pop(0) if rest and _TYPE.match(rest[0]) else None
     if len(rest) > (0 if stdin else 1):
-        expected = "no values beside --stdin" if stdin else "values in one word: put them between '"
+        expected = "no values with --stdin" if stdin else "values in one word: put them between '"
         raise ToolError(f"cannot make sense of {' '.join(rest)[:200]!r}; expected {expected}")
     if stdin:
         return name, sys.stdin.read(values.MAX_JSON + 1)
@@ -143,18 +135,14 @@ def type_and_values(words: Sequence[str], *, stdin: bool = False) -> tuple[str |
 
 
 def message_from(cls: type[M], text: str) -> M:
-    """A message from YAML or JSON; what is left out has its default, as with ``ros2 topic pub``.
-
-    Raises:
-        ToolError: names the field, what was found and what was expected.
-    """
+    """Return a message from YAML or JSON; omitted fields have their defaults. Raises `ToolError`."""
     message, stamps = message_and_stamps(cls, text)
     set_stamps(stamps)
     return message
 
 
 def message_and_stamps(cls: type[M], text: str) -> tuple[M, list[Any]]:
-    """A message, as of `message_from`, and the times in it that shall be now: ``header: auto``, ``stamp: now``."""
+    """Return a message, and its stamps to set to the current time, written ``header: auto`` or ``stamp: now``."""
     value = values.parse_value(text) if text.strip() else {}
     if value is None:
         value = {}
@@ -170,15 +158,16 @@ def message_and_stamps(cls: type[M], text: str) -> tuple[M, list[Any]]:
 
 
 def set_stamps(stamps: Sequence[Any]) -> None:
-    """Set times of a message to now."""
+    """Set stamps to the current time."""
     now_ns = time_ns()
     for stamp in stamps:
         set_stamp(stamp, now_ns)
 
 
-_HEADER, _TIME = "std_msgs/msg/Header", "builtin_interfaces/msg/Time"
+_HEADER = "std_msgs/msg/Header"
+_TIME = "builtin_interfaces/msg/Time"
 _Path = tuple[str | int, ...]
-"""Attributes and indices, from a message to a time in it."""
+"""Attributes and indices from a message to a stamp."""
 
 
 def _follow(value: Any, step: str | int) -> Any:
@@ -186,27 +175,27 @@ def _follow(value: Any, step: str | int) -> Any:
 
 
 def _without_stamps(cls: type[Message], value: Any, here: _Path, paths: list[_Path]) -> Any:
-    """The value with each ``auto`` and ``now`` taken out; `paths` is told where they were."""
+    """Return the value without each ``auto`` and ``now``, whose paths are added to `paths`."""
     if not isinstance(value, dict):
         return value
     fields = {field.ros_name: field for field in cls._TYPE.fields if field.cls is not None}
-    kept = dict(value)
+    result = dict(value)
     for name, field in fields.items():
-        if name not in kept or field.cls is None:
+        if name not in result or field.cls is None:
             continue
-        path, inside = (*here, field.py_name), kept[name]
+        path, inside = (*here, field.py_name), result[name]
         if isinstance(inside, list):
             items = enumerate(inside)
-            kept[name] = [_without_stamps(field.cls, item, (*path, index), paths) for index, item in items]
+            result[name] = [_without_stamps(field.cls, item, (*path, index), paths) for index, item in items]
         elif (inside, field.cls._TYPE.name) == ("auto", _HEADER):
-            kept[name] = {}
+            result[name] = {}
             paths.append((*path, "stamp"))
         elif (inside, field.cls._TYPE.name) == ("now", _TIME):
-            kept[name] = {}
+            result[name] = {}
             paths.append(path)
         else:
-            kept[name] = _without_stamps(field.cls, inside, path, paths)
-    return kept
+            result[name] = _without_stamps(field.cls, inside, path, paths)
+    return result
 
 
 def _example(cls: type[Message]) -> str:
@@ -214,21 +203,23 @@ def _example(cls: type[Message]) -> str:
     return ", ".join(f"{name}: ..." for name in names[:3])
 
 
-def shown(value: Any, truncate: int | None) -> str:
-    """A message as rclpy shows it: ``std_msgs.msg.ColorRGBA(r=1.0, g=0.0, b=0.0, a=1.0)``, arrays as lists.
+def rclpy_repr(value: Any, truncate: int | None) -> str:
+    """Return the `repr` of rclpy, such as ``std_msgs.msg.ColorRGBA(r=1.0, g=0.0, b=0.0, a=1.0)``; arrays are lists.
 
     Args:
-        truncate: after so many elements or characters comes ``...``; None shows all.
+        truncate: number of elements or characters after which ``...`` follows; None means all.
     """
     if isinstance(value, Message):
-        fields = (f"{field.ros_name}={shown(getattr(value, field.py_name), truncate)}" for field in value._TYPE.fields)
+        fields = (
+            f"{field.ros_name}={rclpy_repr(getattr(value, field.py_name), truncate)}" for field in value._TYPE.fields
+        )
         return f"{value._TYPE.name.replace('/', '.')}({', '.join(fields)})"
     if isinstance(value, bytes | bytearray | memoryview):
         value = np.frombuffer(value, np.uint8)
     if isinstance(value, np.ndarray | list | tuple):
-        kept = value if truncate is None else value[:truncate]
-        items = [shown(item, truncate) for item in (kept.tolist() if isinstance(kept, np.ndarray) else kept)]
-        return f"[{', '.join([*items, '...'] if len(kept) < len(value) else items)}]"
+        part = value if truncate is None else value[:truncate]
+        items = [rclpy_repr(item, truncate) for item in (part.tolist() if isinstance(part, np.ndarray) else part)]
+        return f"[{', '.join([*items, '...'] if len(part) < len(value) else items)}]"
     if isinstance(value, str) and truncate is not None and len(value) > truncate:
         return f"{value[:truncate]!r}..."
     return repr(value.item() if isinstance(value, np.generic) else value)

@@ -1,4 +1,4 @@
-"""Names that a command was given, or finds: what ROS tools hide, who serves something, and waiting for one of them."""
+"""Names of the ROS graph: hidden ones, nodes that serve a type, actions, and waiting for a name to appear."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import asyncio
 import re
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.runtime import validate_full_name
@@ -18,9 +17,9 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node
 
 LIST_PARAMETERS = "/list_parameters", "rcl_interfaces/srv/ListParameters"
-"""How the name of a service ends that every node with parameters has, and its type."""
-_SILENT_S = 2.0
-"""Fast DDS robots are found within 1.2 s."""
+"""Suffix and type of a service that every node with parameters has."""
+_WAITING_NOTE_DELAY_S = 2.0
+"""Delay of the note that a topic is waited for; Fast DDS nodes are found within 1.2 s."""
 _FEEDBACK, _FEEDBACK_TYPE, _SEND_GOAL = "/_action/feedback", "_FeedbackMessage", "/_action/send_goal"
 _EVENT = "/_service_event"
 _ACTION = "/_action/"
@@ -34,24 +33,22 @@ _ACTION_TYPE = re.compile(rf"action_msgs/msg/GoalStatusArray\Z|.+{_FEEDBACK_TYPE
 
 
 def is_hidden(name: str) -> bool:
-    """Whether ROS tools leave a topic or a service out: a part of its name begins with an underscore."""
+    """Return True for a topic or service that ROS tools hide: a part of its name begins with an underscore."""
     return "/_" in name
 
 
 def full_topic_name(session: CommandNode, topic: str) -> str:
-    """The full name of a topic that need not be there. Raises `InvalidNameError`."""
+    """Return the full name of a topic, which need not exist. Raises `InvalidNameError`."""
     return session.node.resolve_topic_name(topic if topic.startswith("/") else f"/{topic}")
 
 
 async def find_topic(session: CommandNode, topic: str, timeout_s: float | None) -> str:
-    """The full name of a topic that somebody publishes or subscribes to; waits for it, and says so after 2 s.
-
-    Raises:
-        ToolError: it did not appear. InvalidNameError.
-    """
+    """Wait for a topic and return its full name; a note is printed after 2 s. Raises as `CommandNode.find`."""
     node = session.node
     waiting = asyncio.get_running_loop().call_later(
-        _SILENT_S, terminal_output.note, f"topic {topic} does not appear to be published yet; waiting for it"
+        _WAITING_NOTE_DELAY_S,
+        terminal_output.note,
+        f"topic {topic} does not appear to be published yet; waiting for it",
     )
     try:
         return await session.find("topic", topic, lambda: [*dict(node.get_topic_names_and_types())], timeout_s)
@@ -59,25 +56,16 @@ async def find_topic(session: CommandNode, topic: str, timeout_s: float | None) 
         waiting.cancel()
 
 
-def is_one_of(wanted: str, types: list[str], kind: str) -> bool:
-    """Whether a type, perhaps in the short form ``pkg/Name``, is among `types`.
-
-    Raises:
-        InvalidNameError: it is no name of a type.
-    """
-    return str(split_ros_name(wanted, kind)) in types
-
-
 # ---------------------------------------------------------------------------------------------------------------- nodes
 
 
 def is_hidden_node(name: str) -> bool:
-    """Whether ROS tools leave a node out, by its full name: they hide themselves like that."""
+    """Return True for the full name of a node that ROS tools hide."""
     return name.rpartition("/")[2].startswith("_")
 
 
 def has_server(node: Node, service: str) -> bool:
-    """Whether somebody serves it; never for a name that ROS refuses, which DDS programs may use."""
+    """Return True if a service has a server; False for a name that ROS does not allow, which DDS programs may use."""
     try:
         validate_full_name(service)
     except InvalidNameError:
@@ -86,17 +74,17 @@ def has_server(node: Node, service: str) -> bool:
 
 
 def nodes_serving(node: Node, ending: str, type_name: str, *, hidden: bool) -> list[str]:
-    """Full names, sorted, of the nodes with a service of that type below their own name; clients alone do not count."""
-    found = [
+    """Return the sorted full names of the nodes that serve `ending` of type `type_name` below their own name."""
+    names = [
         name.removesuffix(ending)
         for name, types in node.get_service_names_and_types()
         if name.endswith(ending) and type_name in types and has_server(node, name)
     ]
-    return [name for name in found if hidden or not is_hidden_node(name)]
+    return [name for name in names if hidden or not is_hidden_node(name)]
 
 
 async def find_node(session: CommandNode, node: str, timeout_s: float | None = None) -> str:
-    """The full name; raises as `Session.find`."""
+    """Wait for a node and return its full name; raises as `CommandNode.find`."""
     return await session.find("node", node, session.node.get_node_names, timeout_s)
 
 
@@ -104,7 +92,7 @@ async def find_node(session: CommandNode, node: str, timeout_s: float | None = N
 
 
 def actions(topics: Iterable[tuple[str, list[str]]]) -> list[tuple[str, list[str]]]:
-    """The actions among topics, by their feedback as for ``ros2 action``: servers publish it, clients subscribe."""
+    """Return names and types of the actions among topics, found by their feedback topics as in ``ros2 action``."""
     ends = len(_FEEDBACK_TYPE)
     return [
         (name.removesuffix(_FEEDBACK), [one[:-ends] for one in types if one.endswith(_FEEDBACK_TYPE)])
@@ -114,7 +102,7 @@ def actions(topics: Iterable[tuple[str, list[str]]]) -> list[tuple[str, list[str
 
 
 async def find_action(session: CommandNode, action: str, timeout_s: float | None = None) -> str:
-    """The full name, once its services are known, too; raises as `Session.find`."""
+    """Wait for an action and its services, and return its full name; raises as `CommandNode.find`."""
     node = session.node
 
     def known() -> list[str]:
@@ -128,12 +116,12 @@ async def find_action(session: CommandNode, action: str, timeout_s: float | None
 
 
 class TopicOwner(NamedTuple):
-    """What a topic belongs to.
+    """Topic, service or action that a topic belongs to.
 
     Attributes:
         kind: ``topic``, ``service`` or ``action``.
-        name: of the topic itself, the service, or the action.
-        service: whose events these are, of a service or of an action; empty for others.
+        name: name of the topic, service or action.
+        service: service whose events the topic has, also one of an action; empty for other topics.
     """
 
     kind: str
@@ -142,7 +130,7 @@ class TopicOwner(NamedTuple):
 
 
 def topic_owner(topic: str, type_name: str) -> TopicOwner:
-    """What a topic belongs to, by its name and type, as other topics may be called alike."""
+    """Return the owner of a topic by its name and type; the name alone is ambiguous."""
     is_event = topic.endswith(_EVENT) and _EVENT_TYPE.match(type_name) is not None
     service = topic.removesuffix(_EVENT) if is_event else ""
     action, mark, part = (service or topic).rpartition(_ACTION)

@@ -1,16 +1,33 @@
-"""Options and arguments that several commands share, with their completion from the live graph."""
+"""Options and arguments that several commands share.
+
+Help and completion import this module, so it imports nothing that takes time.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeVar
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, TypeVar
 
 import click
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
+    from rosidl_py_gen.runtime import Context
+
 F = TypeVar("F", bound=Callable[..., Any])
+_Completer: TypeAlias = "Callable[[click.Context, click.Parameter, str], list[CompletionItem]]"
+
+
+class NetworkOptions(TypedDict, total=False):
+    """Values of `node_options`, and what `context_opened_early` adds: an open context, or the error of opening it."""
+
+    domain_id: int | None
+    discovery: str | None
+    spin_time_s: float | None
+    context: Context
+    failure: Exception
 
 
 def _complete_directories(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -34,13 +51,13 @@ paths = click.option(
     metavar="DIR",
     shell_complete=_complete_directories,
     callback=_with_project_path,
-    help="Where to look for definitions, before the folders of pyproject.toml, AMENT_PREFIX_PATH and the bundled ones; "
-    "may be given several times.",
+    help="Folder with interface packages; searched before the folders of pyproject.toml and AMENT_PREFIX_PATH, and the "
+    "bundled packages. May be repeated.",
 )
 
 
-def timeout(what: str, default_s: float = 5) -> Callable[[F], F]:
-    """``--timeout``, handed on as `timeout_s`; infinity is welcome. `what` says in the help what is waited for."""
+def timeout(help_text: str, default_s: float = 5) -> Callable[[F], F]:
+    """Add ``--timeout``, passed as `timeout_s`; it may be infinite."""
     return click.option(
         "--timeout",
         "timeout_s",
@@ -48,30 +65,28 @@ def timeout(what: str, default_s: float = 5) -> Callable[[F], F]:
         default=default_s,
         show_default=True,
         metavar="SECONDS",
-        help=what,
+        help=help_text,
     )
 
 
-report_count = click.option(
-    "-n", "--times", type=click.IntRange(1), metavar="COUNT", help="Stop after so many reports."
-)
-node_timeout = timeout("Wait so long for the node, and for its answers.")
+report_count = click.option("-n", "--times", type=click.IntRange(1), metavar="N", help="Stop after N reports.")
+node_timeout = timeout("Maximum time to wait for the node, and for each of its replies.")
 topic_timeout = click.option(
     "--timeout",
     "timeout_s",
     type=click.FloatRange(0),
     metavar="SECONDS",
-    help="How long to wait for a topic that is not there yet.  [default: 5]",
+    help="Maximum time to wait for the topic.  [default: 5]",
 )
 
 
 def count(kind: str) -> Callable[[F], F]:
-    """``--count-topics`` and the like, handed on as `count`."""
-    return click.option("-c", f"--count-{kind}", "count", is_flag=True, help="Print only how many there are.")
+    """Add ``--count-KIND``, passed as `count`."""
+    return click.option("-c", f"--count-{kind}", "count", is_flag=True, help=f"Print only the number of {kind}.")
 
 
 def output_format_options(picture: str) -> Callable[[F], F]:
-    """As what a command shows what it found: text, Mermaid, JSON or a `picture` of this format; and ``--output``."""
+    """Add ``--format`` (text, Mermaid, JSON, or a `picture` of this format), ``--json`` and ``--output``."""
 
     def add(command: F) -> F:
         for option in (
@@ -80,11 +95,14 @@ def output_format_options(picture: str) -> Callable[[F], F]:
                 "--output",
                 metavar="FILE",
                 type=click.Path(dir_okay=False),
-                help=f"Write a file; its ending says what: .{picture}, .mmd, .md (Mermaid for Markdown), .json, .txt.",
+                help=f"Write a file; its suffix selects the format: .{picture}, .mmd, .md (Mermaid), .json, .txt.",
             ),
-            click.option("--json", "as_json", is_flag=True, help="Print JSON for programs; the same as --format json."),
+            click.option("--json", "as_json", is_flag=True, help="Print JSON for programs, as --format json."),
             click.option(
-                "--format", "kind", type=click.Choice(["text", "mermaid", picture, "json"]), help="Default: text."
+                "--format",
+                "kind",
+                type=click.Choice(["text", "mermaid", picture, "json"]),
+                help="Output format.  [default: text]",
             ),
         ):
             command = option(command)
@@ -94,7 +112,7 @@ def output_format_options(picture: str) -> Callable[[F], F]:
 
 
 def node_options(command: F) -> F:
-    """Options of every command that looks at the network; a command hands them on to `session.Session` as `network`."""
+    """Add the options of every command that has a node, passed as `network` (`NetworkOptions`)."""
     for option in reversed(_NODE_OPTIONS):
         command = option(command)
     return command
@@ -119,21 +137,21 @@ _NODE_OPTIONS = (
     _network_option(
         "--discovery",
         type=click.Choice(["localhost", "subnet", "off"]),
-        help="How far to look, instead of ROS_AUTOMATIC_DISCOVERY_RANGE.",
+        help="Range in which peers are discovered, instead of ROS_AUTOMATIC_DISCOVERY_RANGE.",
     ),
     _network_option(
         "--spin-time",
         "spin_time_s",
         type=click.FloatRange(0, 3600),
         metavar="SECONDS",
-        help="Listen this long for others, instead of until nothing new comes.",
+        help="Time to wait for peers. By default a command waits until discovery is quiet, at most 2 s.",
     ),
     click.option(
         "--no-daemon",
         is_flag=True,
         expose_value=False,
         callback=lambda ctx, param, value: None,
-        help="Accepted for compatibility with ros2, without effect: there is no daemon.",
+        help="No effect; accepted for compatibility with ros2, as there is no daemon.",
     ),
 )
 
@@ -142,7 +160,7 @@ _NODE_OPTIONS = (
 
 
 def split_options(command: F) -> F:
-    """When a bag goes on in a new file."""
+    """Add the limits after which a bag continues in a new file."""
     for option in reversed(_SPLITS):
         command = option(command)
     return command
@@ -160,7 +178,7 @@ _SPLITS = (
         type=click.IntRange(0),
         callback=_none_for_zero,
         metavar="BYTES",
-        help="Begin a new file after so many; 0 for never.",
+        help="Maximum size of a file; 0 means no limit.",
     ),
     click.option(
         "-d",
@@ -169,7 +187,7 @@ _SPLITS = (
         type=click.FloatRange(0),
         callback=_none_for_zero,
         metavar="SECONDS",
-        help="Begin a new file after so long; 0 for never.",
+        help="Maximum duration of a file; 0 means no limit.",
     ),
 )
 
@@ -178,9 +196,9 @@ _SPLITS = (
 
 
 class MultiValueOption(click.Option):
-    """An option that takes one word or more, as options of ros2 do: ``--topics /a /b``, or ``--topics /a --topics /b``.
+    """Option with one or more values, as in ros2: ``--topics /a /b``, or ``--topics /a --topics /b``.
 
-    For a command whose ``cls`` is `MultiValueCommand`.
+    The ``cls`` of its command is `MultiValueCommand`.
     """
 
     def __init__(self, *arguments: Any, **settings: Any) -> None:
@@ -206,7 +224,7 @@ compression = click.option(
     type=click.Choice(["zstd", "lz4", "none"]),
     default="zstd",
     show_default=True,
-    help="Of chunks inside the file.",
+    help="Compression of the chunks in the file.",
 )
 skip_damaged = click.option(
     "--skip-damaged",
@@ -219,14 +237,20 @@ skip_damaged = click.option(
 def bag_selection(command: F) -> F:
     """Add options that select topics and a time range of a bag; the ``cls`` of the command is `MultiValueCommand`."""
     for option in (
-        click.option("--duration", "duration_s", type=click.FloatRange(0), metavar="SECONDS", help="Only so long."),
+        click.option(
+            "--duration",
+            "duration_s",
+            type=click.FloatRange(0),
+            metavar="SECONDS",
+            help="Duration of the selected part.",
+        ),
         click.option(
             "--start-offset",
             "offset_s",
             type=click.FloatRange(0),
             default=0.0,
             metavar="SECONDS",
-            help="Leave out the beginning.",
+            help="Time to skip at the beginning.",
         ),
         topics,
     ):
@@ -235,23 +259,21 @@ def bag_selection(command: F) -> F:
 
 
 class MultiValueCommand(click.Command):
-    """Gives all words behind an option of `MultiValueOption` to it, up to the next option; completes by the other
-    arguments.
+    """Command whose `MultiValueOption` options take all words up to the next option.
 
-    Until the command has the arguments it needs, such an option takes only one: in ``--topics /a my_bag``, the bag
-    is none of the topics. Words behind ``--`` count as arguments: ``--topics /a /b -- my_bag``.
+    Until the command has its required arguments, such an option takes one word only: in ``--topics /a my_bag`` the
+    bag is an argument. Words after ``--`` are arguments: ``--topics /a /b -- my_bag``.
     """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         return super().parse_args(ctx, self._spread(ctx, args))
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Further words of an option are completed as its first."""
-        option = ctx.meta.get(_OPEN)
+        """Complete further values of an option as its first one."""
+        option: click.Option | None = ctx.meta.get(_OPEN)
         if option is None or _is_option(incomplete):
             return super().shell_complete(ctx, incomplete)
-        found: list[CompletionItem] = option.shell_complete(ctx, incomplete)
-        return found
+        return option.shell_complete(ctx, incomplete)
 
     def _spread(self, ctx: click.Context, args: list[str]) -> list[str]:
         options = {
@@ -288,22 +310,17 @@ class MultiValueCommand(click.Command):
 
 
 class SeveralArgument(click.Argument):
-    """An argument of any number of words, of a `MultiValueCommand`; words behind a `MultiValueOption` option are
-    none of them.
-    """
+    """Argument with any number of words, of a `MultiValueCommand`."""
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        option = ctx.meta.get(_OPEN)
-        if option is None:
-            return super().shell_complete(ctx, incomplete)
-        found: list[CompletionItem] = option.shell_complete(ctx, incomplete)
-        return found
+        option: click.Option | None = ctx.meta.get(_OPEN)
+        return super().shell_complete(ctx, incomplete) if option is None else option.shell_complete(ctx, incomplete)
 
 
 _OPEN = f"{__name__}.open"
-"""In a context: the option that the next word belongs to, if it is none itself."""
+"""Key in a click context: the option that takes the next word."""
 _INSTEAD = "inputs"
-"""Stands for arguments, where a command has it."""
+"""Name of an option that replaces the arguments of its command."""
 
 
 def _is_option(word: str) -> bool:
@@ -313,76 +330,50 @@ def _is_option(word: str) -> bool:
 # -------------------------------------------------------------------------------------------------------- completion
 
 
-def completion(what: str) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem]]:
+def _completer(function: str, *arguments: str) -> _Completer:
+    """Return a callback that imports `ros_cli.completion` when it is called."""
+
+    def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        module = import_module("rosidl_py_gen.ros_cli.completion")
+        items: list[CompletionItem] = getattr(module, function)(*arguments, ctx, incomplete)
+        return items
+
+    return complete
+
+
+def completion(what: str) -> _Completer:
     """Complete names.
 
     Args:
         what: ``topics``, ``services``, ``actions``, ``nodes`` or ``parameters`` of the live graph; ``types``,
             ``service types``, ``action types``, ``interfaces`` (all three) or ``packages`` of the search path.
     """
-
-    def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        from rosidl_py_gen.ros_cli.completion import complete_names
-
-        return complete_names(what, ctx, incomplete)
-
-    return complete
+    return _completer("complete_names", what)
 
 
-def call_completion(kind: str) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem]]:
-    """Complete ``[TYPE] [VALUES]`` of a `kind`: topic, service or action."""
-
-    def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        from rosidl_py_gen.ros_cli.completion import complete_call
-
-        return complete_call(kind, ctx, incomplete)
-
-    return complete
+def call_completion(kind: str) -> _Completer:
+    """Complete ``[TYPE] [VALUES]`` of a topic, service or action (`kind`)."""
+    return _completer("complete_call", kind)
 
 
-def field_completion(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Complete the path of a field of the topic's messages."""
-    from rosidl_py_gen.ros_cli.completion import complete_fields
-
-    return complete_fields(ctx, incomplete)
+def bag_completion(kind: str) -> _Completer:
+    """Complete topics, services or actions (`kind`) of the bag on the command line."""
+    return _completer("complete_bag_names", kind)
 
 
-def bag_completion(kind: str) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem]]:
-    """Completes names of the bag that is on the command line: `kind` is topic, service or action."""
-
-    def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        from rosidl_py_gen.ros_cli.completion import complete_bag_names
-
-        return complete_bag_names(kind, ctx, incomplete)
-
-    return complete
+field_completion = _completer("complete_fields")
 
 
-def topic_argument(name: str = "topic", **settings: Any) -> Callable[[F], F]:
-    """A topic name."""
-    return click.argument(name, shell_complete=completion("topics"), **settings)
+def _argument(default_name: str, what: str) -> Callable[..., Callable[[F], F]]:
+    def argument(name: str = default_name, **settings: Any) -> Callable[[F], F]:
+        return click.argument(name, shell_complete=completion(what), **settings)
+
+    return argument
 
 
-def service_argument(name: str = "service", **settings: Any) -> Callable[[F], F]:
-    """A service name."""
-    return click.argument(name, shell_complete=completion("services"), **settings)
-
-
-def action_argument(name: str = "action", **settings: Any) -> Callable[[F], F]:
-    """An action name."""
-    return click.argument(name, shell_complete=completion("actions"), **settings)
-
-
-def node_argument(name: str = "node", **settings: Any) -> Callable[[F], F]:
-    """A node name."""
-    return click.argument(name, shell_complete=completion("nodes"), **settings)
-
-
-def parameter_argument(name: str = "name", **settings: Any) -> Callable[[F], F]:
-    """A parameter name."""
-    return click.argument(name, shell_complete=completion("parameters"), **settings)
-
-
-def interface_argument(name: str, **settings: Any) -> Callable[[F], F]:
-    """A name of a message, service or action, or several."""
-    return click.argument(name, shell_complete=completion("interfaces"), **settings)
+topic_argument = _argument("topic", "topics")
+service_argument = _argument("service", "services")
+action_argument = _argument("action", "actions")
+node_argument = _argument("node", "nodes")
+parameter_argument = _argument("name", "parameters")
+interface_argument = _argument("name", "interfaces")

@@ -1,6 +1,6 @@
-"""How answers look: tables and colours on a terminal, plain text elsewhere, JSON for programs.
+"""Output of commands: tables and colours on a terminal, plain text elsewhere, JSON for programs.
 
-Text of peers is not trusted: what could steer a terminal is replaced, and line breaks in names are escaped.
+Text of peers is not trusted: control characters are replaced, and line breaks in names are escaped.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def is_terminal() -> bool:
-    """Whether standard output is a terminal that shall have colours: ``NO_COLOR`` is respected."""
+    """Return True if standard output is a terminal with colours; ``NO_COLOR`` is respected."""
     return sys.stdout.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
 
@@ -27,10 +27,10 @@ def line(text: str = "", style: str = "") -> None:
     """Print one line; line breaks in it are escaped.
 
     Args:
-        style: of rich (``"bold cyan"``), for terminals.
+        style: style of rich (``"bold cyan"``), for terminals.
 
     Raises:
-        BrokenPipeError: nobody reads any more.
+        BrokenPipeError: the reader has closed the pipe.
     """
     _write(printable_line(text), style)
 
@@ -42,7 +42,7 @@ def lines(texts: Iterable[str]) -> None:
 
 
 def block(text: str, style: str = "") -> None:
-    """Print text with its line breaks: YAML, pictures, values. Names in it must be escaped already."""
+    """Print a text with its line breaks, such as YAML; names in it must be escaped already."""
     _write(printable_lines(text), style)
 
 
@@ -56,50 +56,53 @@ def _write(text: str, style: str = "") -> None:
 
 
 def records(texts: Iterable[str]) -> None:
-    """Print any number of records of CSV or JSON, each with its own line breaks. Raises as `line`."""
+    """Print records of CSV or JSON, which may contain line breaks. Raises as `line`."""
     sys.stdout.writelines(printable_lines(text) + "\n" for text in texts)
     sys.stdout.flush()
 
 
 def mermaid_label(text: str) -> str:
-    """Text inside quotes: everything that is not plain becomes a character code, which Mermaid shows as it is."""
+    """Return a label for Mermaid; special characters become character codes, which Mermaid does not interpret."""
     return re.sub(r"[^A-Za-z0-9_/ .,()-]", lambda found: f"#{ord(found[0])};", printable(text))
 
 
 def note(text: str) -> None:
-    """A line on standard error, for what is no part of the answer."""
+    """Print one line on standard error, next to the output of a command."""
     print(printable_line(text), file=sys.stderr, flush=True)
 
 
-def names(found: Sequence[dict[str, Any]], count: bool, show_types: bool, as_json: bool) -> None:
-    """What a list command found: each has a name and types, and what else belongs into the JSON."""
+def names(rows: Sequence[dict[str, Any]], count: bool, show_types: bool, as_json: bool) -> None:
+    """Print the rows of a list command; each has ``name`` and ``types``, and further values for JSON."""
     if as_json:
-        document(found)
+        document(rows)
     elif count:
-        line(str(len(found)))
+        line(str(len(rows)))
     else:
-        lines(f"{one['name']} [{', '.join(one['types'])}]" if show_types else one["name"] for one in found)
+        lines(f"{row['name']} [{', '.join(row['types'])}]" if show_types else row["name"] for row in rows)
 
 
 def document(data: Any, *, in_stream: bool = False) -> None:
-    """JSON; NaN and infinities become strings, as `rosidl_py_gen.to_json` does it.
+    """Print JSON; NaN and infinities become strings, as in `rosidl_py_gen.to_json`.
 
     Args:
-        in_stream: one of several, each of which takes one line.
+        in_stream: print on one line, also on terminals, as one of several values.
     """
     _write(json_text(data, indent=2 if is_terminal() and not in_stream else None))
 
 
-def json_line(data: Any) -> None:
-    """JSON on one line, also on terminals: one of a stream of values."""
-    _write(json_text(data))
+def values(texts: Sequence[str], as_json: bool) -> None:
+    """Print texts, one on a line, or as a JSON list."""
+    if as_json:
+        document(texts)
+    else:
+        lines(texts)
 
 
 def table(rows: Iterable[Sequence[str]], *headings: str, fields_of_wide_rows: bool = False) -> None:
-    """Columns: fitted into the terminal; elsewhere separated by tabs, without headings, for cut and awk.
+    """Print a table that fits into the terminal; elsewhere columns separated by tabs, without headings.
 
     Args:
-        fields_of_wide_rows: a table that is wider than the terminal is printed as one line for each field.
+        fields_of_wide_rows: print a table that is wider than the terminal as one line for each field.
     """
     headings = tuple(map(printable_line, headings))
     rows = [[printable_line(cell) for cell in row] for row in rows]
@@ -115,16 +118,16 @@ def table(rows: Iterable[Sequence[str]], *headings: str, fields_of_wide_rows: bo
     if fields_of_wide_rows and _width([headings, *rows]) > shutil.get_terminal_size().columns:
         _fields(rows, headings)
         return
-    shown = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, header_style="bold")
+    styled = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, header_style="bold")
     for heading in headings:
-        shown.add_column(Text(heading), overflow="fold")  # in a string, rich would find its own markup
+        styled.add_column(Text(heading), overflow="fold")  # rich interprets markup in a str
     for row in rows:
-        shown.add_row(*(Text(cell) for cell in row))
-    Console(no_color=not is_terminal(), highlight=False).print(shown)
+        styled.add_row(*(Text(cell) for cell in row))
+    Console(no_color=not is_terminal(), highlight=False).print(styled)
 
 
 def _width(rows: Sequence[Sequence[str]]) -> int:
-    """Columns of the terminal that a table takes, with three spaces between its own."""
+    """Return the width of a table in terminal columns, with three spaces between its columns."""
     from rich.cells import cell_len
 
     return sum(max(map(cell_len, column)) + 3 for column in zip(*rows, strict=True)) - 3

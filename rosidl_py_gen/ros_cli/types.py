@@ -1,8 +1,7 @@
-"""The classes a command works with: of a name the user gave, or of what is announced on the network.
+"""Classes of the topics, services and actions that a command uses.
 
-Decides where a definition comes from. What somebody announces is asked of the node, which compares hashes and asks its
-peers for what is known nowhere here; a type that nobody announces has to be importable, in the folders of ``--path``,
-in AMENT_PREFIX_PATH, or bundled.
+A type that a node announces is resolved by the command's node, which compares hashes and requests unknown definitions
+from peers. Any other type must be in the folders of ``--path``, in AMENT_PREFIX_PATH, or bundled.
 """
 
 from __future__ import annotations
@@ -18,96 +17,90 @@ from rosidl_py_gen.ros_cli import ToolError
 from rosidl_py_gen.type_loading.class_lookup import load_compiler
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Sequence
+    from collections.abc import Awaitable, Callable, Sequence
 
     from rosidl_py_gen.cdr import Action, Service
     from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.ros_cli.options import NetworkOptions
 
 T = TypeVar("T")
 
-_PATIENCE_S = 10.0
-"""How long somebody may take to describe a type that is known nowhere else."""
-_A_WHILE_S = 0.02
-"""Peers on a quiet network are found before; with them loading would only compete with what the command does next, and
-the type may be ready-made."""
+_DESCRIPTION_TIMEOUT_S = 10.0
+"""Maximum time to wait for a node's description of an unknown type."""
+_PRELOAD_DELAY_S = 0.02
+"""Delay before the compiler is imported. On a quiet network peers are found earlier; importing would delay the command
+then, and its type may be generated already."""
 _GOAL_SERVICE, _GOAL_TYPE = "/_action/send_goal", "_SendGoal"
 
 
-async def preload_while_waiting(others: Awaitable[T]) -> T:
-    """Wait for others; if that takes a while, what making classes needs is loaded meanwhile, in a thread."""
-    loading = asyncio.get_running_loop().call_later(_A_WHILE_S, _preload_compiler)
+async def preload_while_waiting(awaitable: Awaitable[T]) -> T:
+    """Await; if that takes long, import the compiler in a thread at the same time."""
+    loading = asyncio.get_running_loop().call_later(_PRELOAD_DELAY_S, _preload_compiler)
     try:
-        return await others
+        return await awaitable
     finally:
         loading.cancel()
 
 
 def _preload_compiler() -> None:
     loading = asyncio.get_running_loop().run_in_executor(None, load_compiler)
-    loading.add_done_callback(lambda done: done.cancelled() or done.exception())  # whoever needs it meets that again
+    loading.add_done_callback(lambda done: done.cancelled() or done.exception())  # the next import raises it again
 
 
 async def message_class(
     session: CommandNode, topic: str, type_name: str | None = None, paths: Sequence[str] = ()
 ) -> type[Message]:
-    """The class of a topic's messages.
+    """Return the class of a topic's messages.
 
     Args:
-        topic: full name; somebody has it when `type_name` is None.
+        topic: full name; a node must have it if `type_name` is None.
         type_name: ``pkg/msg/Name`` or ``pkg/Name``.
 
     Raises:
         ToolError: the topic has several types.
-        TypeNotFoundError, TypeDescriptionError, InvalidNameError, DefinitionError: as their names say.
+        RosidlError: `type_name` is invalid, or the type cannot be found, described or compiled.
     """
     types = _topic_types(session, topic)
     name = _only("topic", topic, types) if type_name is None else str(split_ros_name(type_name, "msg"))
     if name not in types:
         return get_message(name, path=paths)
-    return await session.node.resolve_type(topic, name, path=paths, timeout_s=_PATIENCE_S)
+    return await session.node.resolve_type(topic, name, path=paths, timeout_s=_DESCRIPTION_TIMEOUT_S)
 
 
 async def service_class(
     session: CommandNode, service: str, type_name: str | None = None, paths: Sequence[str] = ()
 ) -> type[Service[Any, Any]]:
-    """The class of a service; as `message_class`.
+    """Return the class of a service.
 
     Raises:
-        ToolError: a type was given, and all who have the service say another.
+        ToolError: the service has several types, or another one than `type_name`.
+        RosidlError: see `message_class`.
     """
     types = _services(session).get(service, [])
     name = _given_or_only("service", service, types, type_name)
     if name not in types:
         return get_service(name, path=paths)
-    return await session.node.resolve_service_type(service, name, path=paths, timeout_s=_PATIENCE_S)
+    return await session.node.resolve_service_type(service, name, path=paths, timeout_s=_DESCRIPTION_TIMEOUT_S)
 
 
 async def action_class(
     session: CommandNode, action: str, type_name: str | None = None, paths: Sequence[str] = ()
 ) -> type[Action[Any, Any, Any]]:
-    """The class of an action; as `service_class`."""
+    """Return the class of an action; raises as `service_class`."""
     name = _given_or_only("action", action, types := _action_types(session, action), type_name)
     if name not in types:
         return get_action(name, path=paths)
-    return await session.node.resolve_action_type(action, name, path=paths, timeout_s=_PATIENCE_S)
-
-
-def topic_type(session: CommandNode, topic: str) -> str:
-    """The one type of a topic that somebody has.
-
-    Raises:
-        ToolError: it has several; the user has to say which one.
-    """
-    return _only("topic", topic, _topic_types(session, topic))
+    return await session.node.resolve_action_type(action, name, path=paths, timeout_s=_DESCRIPTION_TIMEOUT_S)
 
 
 def opaque_class(session: CommandNode, topic: str, type_name: str | None = None) -> type[Message]:
-    """A class with the name and hash of a topic's messages and nothing else, for subscribing to their bytes.
+    """Return a class without fields that has the name and hash of a topic's messages, for subscriptions to bytes.
 
     Raises:
-        ToolError: the topic has several types. InvalidNameError.
+        ToolError: the topic has several types.
+        InvalidNameError: `type_name` is invalid.
     """
-    name = str(split_ros_name(type_name, "msg")) if type_name else topic_type(session, topic)
+    name = str(split_ros_name(type_name, "msg")) if type_name else _only("topic", topic, _topic_types(session, topic))
     endpoints = [
         *session.node.get_publishers_info_by_topic(topic),
         *session.node.get_subscriptions_info_by_topic(topic),
@@ -122,11 +115,7 @@ def opaque_class(session: CommandNode, topic: str, type_name: str | None = None)
 
 
 def interface_names(kind: str = "msg", paths: Sequence[str] = ()) -> list[str]:
-    """Full names of the definitions on the search path, sorted.
-
-    Raises:
-        DefinitionError: a folder cannot be used.
-    """
+    """Return the full names of the definitions on the search path, sorted; raises `DefinitionError`."""
     from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 
     packages = scan_search_path(paths).packages.values()
@@ -134,13 +123,23 @@ def interface_names(kind: str = "msg", paths: Sequence[str] = ()) -> list[str]:
 
 
 def announced_types(session: CommandNode, kind: str, name: str) -> list[str]:
-    """Return the types with which nodes have a topic, service or action; `kind` is one of these words."""
+    """Return the types that nodes announce for a topic, service or action (`kind`)."""
     match kind:
         case "topic":
             return _topic_types(session, name)
         case "service":
             return _services(session).get(name, [])
     return _action_types(session, name)
+
+
+async def announced_types_of(
+    network: NetworkOptions, kind: str, find: Callable[[CommandNode], Awaitable[str]]
+) -> list[str]:
+    """Return the announced types of the topic, service or action whose name `find` returns."""
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
+
+    async with CommandNode(network) as session:
+        return announced_types(session, kind, await find(session))
 
 
 def _topic_types(session: CommandNode, topic: str) -> list[str]:
@@ -156,7 +155,6 @@ def _action_types(session: CommandNode, action: str) -> list[str]:
 
 
 def _given_or_only(kind: str, name: str, types: Sequence[str], type_name: str | None) -> str:
-    """The type somebody named, unless nobody has it: nobody would answer then."""
     if type_name is None:
         return _only(kind, name, types)
     wanted = str(split_ros_name(type_name, "srv" if kind == "service" else kind))
@@ -167,7 +165,9 @@ def _given_or_only(kind: str, name: str, types: Sequence[str], type_name: str | 
 
 def _only(kind: str, name: str, types: Sequence[str]) -> str:
     if not types:
-        raise TypeNotFoundError(f"nobody says which type {kind} {name} has; give the type")
+        raise TypeNotFoundError(f"no node announces the type of {kind} {name}; add the type to the command line")
     if len(types) > 1:
-        raise ToolError(f"{kind} {name} has more than one type: {', '.join(types)}; give the one you mean")
+        raise ToolError(
+            f"{kind} {name} has more than one type: {', '.join(types)}; add one of them to the command line"
+        )
     return types[0]

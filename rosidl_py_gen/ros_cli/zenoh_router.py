@@ -1,4 +1,4 @@
-"""``rosidl-py zenoh-router``: a router in this process until a signal ends it."""
+"""``rosidl-py zenoh-router``: a Zenoh router in this process, until a signal ends it."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
     "--listen",
     multiple=True,
     metavar="ENDPOINT",
-    help="Where to listen instead of tcp/[::]:7447, which is every interface; may be given several times.",
+    help="Endpoint to listen on. May be repeated.  [default: tcp/[::]:7447, all interfaces]",
 )
 @click.option(
     "--connect",
     multiple=True,
     metavar="ENDPOINT",
-    help="Another router to connect with, as tcp/192.168.1.5:7447; may be given several times.",
+    help="Endpoint of another router to connect to, such as tcp/192.168.1.5:7447. May be repeated.",
 )
 @verb
 def zenoh_router(listen: Sequence[str], connect: Sequence[str]) -> AsyncCommand:
-    """Run a Zenoh router, through which nodes on rmw_zenoh find each other, until Ctrl-C.
+    """Run a Zenoh router until Ctrl-C. Nodes on rmw_zenoh discover each other through it.
 
-    One is needed on each machine; its settings are those of rmw_zenohd. ZENOH_ROUTER_CONFIG_URI and
-    ZENOH_CONFIG_OVERRIDE count. Whoever reaches it can join: see the guide for TLS and passwords.
+    Each machine needs one. Its settings are those of rmw_zenohd, ZENOH_ROUTER_CONFIG_URI and ZENOH_CONFIG_OVERRIDE.
+    Every host that reaches it can join: see the guide for TLS and passwords.
 
     \b
     rosidl-py zenoh-router

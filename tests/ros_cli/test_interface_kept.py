@@ -56,7 +56,7 @@ async def test_what_a_node_described_is_shown_later(memory: World, run: Run) -> 
     memory.close()
     code, out, err = run("show", told.name)
     assert (code, out) == (0, "# how fast\nfloat64 speed 1.5\nint32 MOST=7\n")
-    assert err == f"{told.name} is not on the search path: this is what a node said of it once ({told.hash})\n"
+    assert err == f"{told.name} is not on the search path; using the cached definition {told.hash}\n"
     assert run("show", told.name.replace("/msg/", "/"))[1] == out
     assert run("hash", told.name)[1] == f"{told.hash}  {told.name}\n"
     assert json.loads(run("proto", "--json", told.name)[1]) == {"speed": 1.5}
@@ -102,7 +102,7 @@ def test_of_several_definitions_the_newest_is_shown_and_the_others_are_named(run
         os.utime(cache / f"{told.hash}.cdr", (age, age))
     _, out, err = run("show", old.name)
     assert out == "int8 x\nint8 y\n"
-    assert err.endswith(f"({new.hash}); other definitions of it are kept, too: {old.hash}\n")
+    assert err.endswith(f"{new.hash}; other cached definitions: {old.hash}\n")
 
 
 def test_halves_of_several_definitions_are_not_put_together(run: Run) -> None:
@@ -112,7 +112,7 @@ def test_halves_of_several_definitions_are_not_put_together(run: Run) -> None:
     keep(new, "_Request")
     code, out, err = run("show", old.name)
     assert (code, out) == (1, "")
-    assert f"is of several definitions of {old.name}_Request" in err
+    assert f"several definitions of {old.name}_Request" in err
 
 
 def test_what_was_changed_on_disk_is_not_shown(run: Run, cache: Path) -> None:

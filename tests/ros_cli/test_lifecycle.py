@@ -46,7 +46,7 @@ async def test_what_cannot_be_done_says_why(memory: World, tool: Tool) -> None:
             tool("lifecycle", "list", "/camera", "-a", "--json"),
         )
     assert "possible now: configure [1]" in unknown.err
-    assert plain.err == "error: /plain is no lifecycle node: it serves no /plain/get_state\n"
+    assert plain.err == "error: /plain is not a lifecycle node: it does not serve /plain/get_state\n"
     assert 'did you mean "/camera"?' in missing.err
     assert {unknown.code, plain.code, missing.code} == {1}
     assert len(json.loads(every.out)) > 20

@@ -15,7 +15,7 @@ from std_msgs.msg import String
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagWriter
 from rosidl_py_gen.ros_cli import terminal_output
-from rosidl_py_gen.ros_cli.log.lines import Lines
+from rosidl_py_gen.ros_cli.log.lines import LogPrinter
 from rosidl_py_gen.runtime import QoSProfile
 
 if TYPE_CHECKING:
@@ -126,17 +126,17 @@ def test_bags_need_no_network(tmp_path: Path, run_here: Any) -> None:
 
 def test_a_recording_has_nothing_new(run_here: Any) -> None:
     code, said, err = run_here("log", "--bag", "x.mcap", "--new")
-    assert (code, said) == (2, "") and "give --bag or --new" in err
+    assert (code, said) == (2, "") and "use either --bag or --new" in err
 
 
 def test_what_is_no_expression_is_told(run_here: Any) -> None:
     code, _, err = run_here("log", "--bag", "x", "--text", "(")
-    assert code == 1 and err.startswith("error: --text: no regular expression: ")
+    assert code == 1 and err.startswith("error: --text '(' is not a regular expression: ")
 
 
 def test_levels_have_their_colours_on_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     monkeypatch.setattr(terminal_output, "is_terminal", lambda: True)
-    lines = Lines("debug", (), None, times=None, verbose=False, as_json=False)
+    lines = LogPrinter("debug", (), None, times=None, verbose=False, as_json=False)
     for level in (10, 20, 30, 40, 50):
         lines.show(Log(level=level, name="n", msg="m"))
     shown = capsys.readouterr().out.splitlines()

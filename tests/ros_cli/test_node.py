@@ -29,7 +29,7 @@ async def test_list_shows_names_and_leaves_hidden_ones_out(memory: World, tool: 
         *(tool("node", "list", *words, "--spin-time", "1.5") for words in ([], ["-c"], ["-a", "--json"]))
     )
     assert plain.out == "/left/talker\n/twin\n/twin\n"
-    assert plain.err == "several nodes share one name, which confuses all who look for them: /twin\n"
+    assert plain.err == "several nodes have one name, so their services are mixed up: /twin\n"
     assert (count.code, count.out) == (0, "3\n")
     assert "/_secret" in [one["name"] for one in json.loads(every.out)]
 

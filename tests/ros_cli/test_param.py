@@ -68,7 +68,7 @@ async def test_what_cannot_be_read_says_why(memory: World, tool: Tool, words: li
 async def test_a_node_without_parameter_services_says_so(memory: World, tool: Tool) -> None:
     memory.node("bare", start_services=False)
     ended = await tool("param", "get", "/bare", "speed", "--timeout", "1")
-    assert ended.err == "error: node /bare is there, but offered no parameter services in 1 s\n"
+    assert ended.err == "error: node /bare exists, but offered no parameter services in 1 s\n"
 
 
 async def test_set_reads_values_as_parameter_files_do(memory: World, tool: Tool) -> None:

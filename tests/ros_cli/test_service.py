@@ -15,7 +15,7 @@ from std_msgs.msg import UInt8MultiArray
 from support.node_fixtures import until
 
 from rosidl_py_gen import ros_cli
-from rosidl_py_gen.ros_cli.message_text import shown
+from rosidl_py_gen.ros_cli.message_text import rclpy_repr
 from rosidl_py_gen.runtime import IntrospectionState
 from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
 
@@ -167,12 +167,12 @@ async def test_echo_says_when_introspection_is_off(memory: World, tool: Tool) ->
 
 
 def test_messages_are_shown_as_rclpy_shows_them() -> None:
-    assert shown(UInt8MultiArray(data=np.arange(3, dtype=np.uint8)), None) == (
+    assert rclpy_repr(UInt8MultiArray(data=np.arange(3, dtype=np.uint8)), None) == (
         "std_msgs.msg.UInt8MultiArray(layout=std_msgs.msg.MultiArrayLayout(dim=[], data_offset=0), data=[0, 1, 2])"
     )
-    assert shown(UInt8MultiArray(data=np.zeros(200, np.uint8)), 2).endswith("data=[0, 0, ...])")
-    assert shown(TransformStamped(child_frame_id="a" * 5), 3).count("child_frame_id='aaa'...") == 1
-    assert shown(Polygon(), 3) == "geometry_msgs.msg.Polygon(points=[])"
+    assert rclpy_repr(UInt8MultiArray(data=np.zeros(200, np.uint8)), 2).endswith("data=[0, 0, ...])")
+    assert rclpy_repr(TransformStamped(child_frame_id="a" * 5), 3).count("child_frame_id='aaa'...") == 1
+    assert rclpy_repr(Polygon(), 3) == "geometry_msgs.msg.Polygon(points=[])"
 
 
 @pytest.mark.parametrize("words", [["list"], ["call"], ["echo"], ["info"], ["type"], ["find"]])

@@ -131,7 +131,7 @@ async def test_files_that_cannot_be_written_are_told_before_anybody_waits(memory
         tool("tf", "tree", "-o", "frames.bmp"), tool("tf", "tree", "--format", "png")
     )
     assert ending.code == 1 and "expected one of .png, .mmd" in ending.err
-    assert no_file.code == 1 and "give a file: -o frames.png" in no_file.err
+    assert no_file.code == 1 and "write it to a file: -o frames.png" in no_file.err
 
 
 async def test_what_is_wrong_with_the_whole_is_told(memory: World, tool: Tool) -> None:
@@ -146,7 +146,7 @@ async def test_what_is_wrong_with_the_whole_is_told(memory: World, tool: Tool) -
     done = await tool("tf", "tree", "--wait-time", "1")
     assert done.err == (
         'ignored a transform: "x": frame_id and child_frame_id are the same\n'
-        "warning: 2 trees, between which nothing is known: bench, map\n"
+        "warning: 2 trees that are not connected: bench, map\n"
         "warning: frames that form a loop, or are below one: a, b, c, d\n"
         "warning: odom comes from 2 publishers\n"
     )
@@ -187,7 +187,7 @@ async def test_monitor_of_what_is_not_connected_says_so(memory: World, tool: Too
     done = await tool.end(process)
     assert 'the source frame "nowhere" is not known' in done.err
     one, same = await asyncio.gather(tool("tf", "monitor", "map"), tool("tf", "monitor", "map", "map"))
-    assert one.code == same.code == 1 and "no frame or two" in one.err and "the same frame" in same.err
+    assert one.code == same.code == 1 and "no frames or two" in one.err and "two different frames" in same.err
 
 
 def bag(path: Path) -> str:
@@ -246,7 +246,7 @@ def test_boxes_of_a_picture_do_not_overlap() -> None:
         + [moved("bench", "tool")]
     )
     big, small = ImageFont.load_default(16), ImageFont.load_default(12)
-    places = png._places(frames, {"peer": "/a_node_with_a_name"}, big, small)
+    places = png._boxes(frames, {"peer": "/a_node_with_a_name"}, big, small)
     assert len(places) == 43
     by_level: dict[int, list[Any]] = {}
     for one in places:

@@ -62,7 +62,7 @@ def test_messages_look_as_ros2_shows_them(topic_peer: tuple[str, str], run_here:
 def test_messages_the_filter_has_no_value_for_are_noted_once(topic_peer: tuple[str, str], run_here: Any) -> None:
     words = ("--once", "--filter", "m.ranges[0] > 1", "--field", "ranges")
     code, out, err = run_here("topic", "echo", "/demo/_scans", *words, *topic_peer)
-    assert (code, out, WAITS.sub("", err)) == (0, "- 4.0\n---\n", "left out a message: there is no element 0 among 0\n")
+    assert (code, out, WAITS.sub("", err)) == (0, "- 4.0\n---\n", "skipped a message: there is no element 0 among 0\n")
 
 
 async def test_only_what_the_filter_lets_through_is_shown(network: World, tool: Any) -> None:
@@ -184,7 +184,7 @@ async def test_no_more_are_shown_than_the_rate_allows(memory: World, tool: Any) 
     ended = await tool.end(process)
     assert (ended.code, ended.out) == (1, "0\n4\n8\n12\n16\n")
     said = "5 messages were dropped, as --max-rate is 2.5\n"
-    assert ended.err.startswith(said + "error: no message that the filter lets through on /count")
+    assert ended.err.startswith(said + "error: no message that passes the filter on /count")
 
 
 @pytest.mark.parametrize("rate", ["1000", None])

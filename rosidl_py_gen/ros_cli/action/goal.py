@@ -1,7 +1,6 @@
 """``action send_goal``.
 
-Decides what Ctrl-C does at each moment: before the goal is sent it ends the command; afterwards it cancels the goal,
-which may mean to hear first whether it was accepted at all.
+Before the goal is sent, Ctrl-C ends the command. Afterwards it cancels the goal, as soon as the goal is accepted.
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     import asyncio
 
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.ros_cli.command_node import NetworkOptions
     from rosidl_py_gen.runtime import ActionClient, ClientGoal, GoalStatus
 
 
@@ -26,13 +24,13 @@ if TYPE_CHECKING:
 @click.argument("words", nargs=-1, metavar="[TYPE] [GOAL]", shell_complete=options.call_completion("action"))
 @click.option("--stdin", is_flag=True, help="Read the goal from standard input.")
 @click.option("-f", "--feedback", "show_feedback", is_flag=True, help="Print the feedback.")
-@options.timeout("Wait so long for the server and its answers; the result is waited for without a limit.", default_s=10)
+@options.timeout("Maximum time to wait for the server and for each reply, except the result.", default_s=10)
 @options.paths
 @options.as_json
 @options.node_options
 @verb
 async def send_goal(
-    network: NetworkOptions,
+    network: options.NetworkOptions,
     action: str,
     words: tuple[str, ...],
     stdin: bool,
@@ -41,9 +39,9 @@ async def send_goal(
     paths: tuple[str, ...],
     as_json: bool,
 ) -> int:
-    """Send a goal and wait for its result; GOAL is YAML or JSON, what it leaves out has its default.
+    """Send a goal and wait for its result. GOAL is YAML or JSON; omitted fields have their defaults.
 
-    Ctrl-C cancels the goal, and again does not wait for the answer. The exit code is 0 when the goal succeeded, 1 when
+    Ctrl-C cancels the goal; a second Ctrl-C does not wait for the reply. The exit code is 0 if the goal succeeded, 1 if
     it was rejected, aborted or canceled, 130 after Ctrl-C.
 
     \b
@@ -74,7 +72,7 @@ async def send_goal(
 async def _follow(
     client: ActionClient[Any], goal: Message, show: _Printer, show_feedback: bool, timeout_s: float
 ) -> int:
-    """From sending the goal to its end; returns the exit code."""
+    """Send the goal and print feedback and result; returns the exit code."""
     import asyncio
 
     from rosidl_py_gen.runtime import GoalRejectedError, GoalStatus
@@ -103,11 +101,7 @@ async def _end(handle: ClientGoal[Any], show: _Printer, timeout_s: float | None 
 
 
 async def _cancel(sending: asyncio.Task[ClientGoal[Any]], show: _Printer, timeout_s: float) -> None:
-    """Cancel the goal, if it is accepted, and wait for its end.
-
-    Raises:
-        ToolError: it may still be running; says why.
-    """
+    """Cancel the goal, if it is accepted, and wait for its end. Raises `ToolError` if it may still be running."""
     from rosidl_py_gen.runtime import ActionTimeoutError, CancelError, GoalRejectedError
 
     terminal_output.note("Canceling goal...")
@@ -124,39 +118,39 @@ async def _cancel(sending: asyncio.Task[ClientGoal[Any]], show: _Printer, timeou
 
 
 class _Printer:
-    """What happens to a goal, as ``ros2 action send_goal`` prints it, or lines of JSON: each feedback, and the end."""
+    """Output in the form of ``ros2 action send_goal``, or a line of JSON for each feedback and for the result."""
 
     def __init__(self, as_json: bool) -> None:
         self._as_json = as_json
 
     def say(self, text: str, style: str = "") -> None:
-        """Only for people."""
+        """Print a line, unless the output is JSON."""
         if not self._as_json:
             terminal_output.line(text, style)
 
     def message(self, heading: str, message: Message) -> None:
-        """Only for people."""
+        """Print a message below a heading, unless the output is JSON."""
         from rosidl_py_gen.ros_cli import message_text
 
         if not self._as_json:
-            shown = message_text.to_yaml(message_text.to_plain(message)).rstrip("\n").replace("\n", "\n    ")
-            terminal_output.block(f"{heading}:\n    {shown}\n")
+            text = message_text.to_yaml(message_text.to_plain(message)).rstrip("\n").replace("\n", "\n    ")
+            terminal_output.block(f"{heading}:\n    {text}\n")
 
     def feedback(self, feedback: Message) -> None:
-        """One of many."""
+        """Print a feedback message."""
         from rosidl_py_gen import to_dict
 
         self.message("Feedback", feedback)
         if self._as_json:
-            terminal_output.json_line({"feedback": to_dict(feedback)})
+            terminal_output.document({"feedback": to_dict(feedback)}, in_stream=True)
 
     def result(self, goal_id: bytes, status: GoalStatus, result: Message) -> None:
-        """The end."""
+        """Print the result of the goal."""
         from rosidl_py_gen import to_dict
         from rosidl_py_gen.runtime import GoalStatus
 
         self.message("Result", result)
         self.say(f"Goal finished with status: {status.name}", "green" if status is GoalStatus.SUCCEEDED else "red")
         if self._as_json:
-            found = {"goal_id": goal_id.hex(), "status": status.name, "result": to_dict(result)}
-            terminal_output.json_line(found)
+            row = {"goal_id": goal_id.hex(), "status": status.name, "result": to_dict(result)}
+            terminal_output.document(row, in_stream=True)

@@ -11,61 +11,42 @@ from rosidl_py_gen.ros_cli import options, terminal_output, verb
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.ros_cli.command_node import NetworkOptions
     from rosidl_py_gen.runtime import Node
 
 
-async def _show(
-    network: NetworkOptions,
-    action: str,
-    as_json: bool,
-    only_type: bool = False,
-    show_types: bool = False,
-    count: bool = False,
-) -> int:
-    """Print the type of an action, or also who serves and uses it."""
+@click.command("info")
+@options.action_argument()
+@options.show_types
+@click.option("-c", "--count", is_flag=True, help="Print only the numbers of clients and servers.")
+@options.as_json
+@options.node_options
+@verb
+async def info(network: options.NetworkOptions, action: str, show_types: bool, count: bool, as_json: bool) -> int:
+    """Print the nodes with a server or a client of an action.
+
+    \b
+    rosidl-py action info /fibonacci -t
+    """
     from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.ros_cli.name_lookup import actions, find_action
 
     async with CommandNode(network) as session:
         node = session.node
         name = await find_action(session, action)
-        if not only_type:
-            await session.wait_for_node_names()
+        await session.wait_for_node_names()
         types = dict(actions(node.get_topic_names_and_types())).get(name, [])
-        clients = _users(node, name, node.get_subscriber_names_and_types_by_node)
-        servers = _users(node, name, node.get_publisher_names_and_types_by_node)
+        clients = _nodes_with(name, node, node.get_subscriber_names_and_types_by_node)
+        servers = _nodes_with(name, node, node.get_publisher_names_and_types_by_node)
     if as_json:
-        terminal_output.document(
-            types if only_type else {"name": name, "types": types, "clients": clients, "servers": servers}
-        )
-    elif only_type:
-        terminal_output.lines(types)
-    else:
-        terminal_output.line(f"Action: {name}")
-        for kind, users in (("clients", clients), ("servers", servers)):
-            terminal_output.line(f"Action {kind}: {len(users)}")
-            for one in () if count else users:
-                terminal_output.line(
-                    f"    {one['node']} [{', '.join(one['types'])}]" if show_types else f"    {one['node']}"
-                )
+        terminal_output.document({"name": name, "types": types, "clients": clients, "servers": servers})
+        return 0
+    terminal_output.line(f"Action: {name}")
+    for kind, users in (("clients", clients), ("servers", servers)):
+        terminal_output.line(f"Action {kind}: {len(users)}")
+        for user in () if count else users:
+            suffix = f" [{', '.join(user['types'])}]" if show_types else ""
+            terminal_output.line(f"    {user['node']}{suffix}")
     return 0
-
-
-@click.command("info")
-@options.action_argument()
-@options.show_types
-@click.option("-c", "--count", is_flag=True, help="Print only how many clients and servers there are.")
-@options.as_json
-@options.node_options
-@verb
-def info(**arguments: Any) -> Any:
-    """Print which nodes serve an action, and which have clients of it.
-
-    \b
-    rosidl-py action info /fibonacci -t
-    """
-    return _show(**arguments)
 
 
 @click.command("type")
@@ -73,19 +54,25 @@ def info(**arguments: Any) -> Any:
 @options.as_json
 @options.node_options
 @verb
-def type_(**arguments: Any) -> Any:
+async def type_(network: options.NetworkOptions, action: str, as_json: bool) -> int:
     """Print the type of an action.
 
     \b
     rosidl-py action type /fibonacci
     """
-    return _show(only_type=True, **arguments)
+    from rosidl_py_gen.ros_cli.name_lookup import find_action
+    from rosidl_py_gen.ros_cli.types import announced_types_of
+
+    terminal_output.values(
+        await announced_types_of(network, "action", lambda session: find_action(session, action)), as_json
+    )
+    return 0
 
 
-def _users(
-    node: Node, action: str, topics_of: Callable[[str, str], list[tuple[str, list[str]]]]
+def _nodes_with(
+    action: str, node: Node, topics_of: Callable[[str, str], list[tuple[str, list[str]]]]
 ) -> list[dict[str, Any]]:
-    """The nodes among whose topics the action is."""
+    """Return the nodes that have the topics of an action among `topics_of` them."""
     from rosidl_py_gen.ros_cli.name_lookup import actions
 
     return [

@@ -1,19 +1,15 @@
-"""``rosidl-py lifecycle``: a module for each command, or for several that do nearly the same."""
-
-import click
+"""Command group ``rosidl-py lifecycle``."""
 
 from rosidl_py_gen.ros_cli.groups import LazyGroup
 
-
-@click.group(
-    cls=LazyGroup,
+lifecycle = LazyGroup(
+    "lifecycle",
     package=__name__,
+    help="Lifecycle nodes: list them, get and set their states, list their transitions.",
     verbs={
-        "get": ("get", "Print the state of a node, or of all lifecycle nodes, which are asked at once."),
-        "list": ("list", "Print the transitions that are possible in the state a node has."),
-        "nodes": ("nodes", "Print the lifecycle nodes there are."),
-        "set": ("set", "Change the state of a node."),
+        "get": ("states", "Print the state of a node, or of all lifecycle nodes."),
+        "list": ("states", "Print the transitions that are possible in the state of a node."),
+        "nodes": ("states", "Print the lifecycle nodes."),
+        "set": ("states", "Change the state of a node."),
     },
 )
-def lifecycle() -> None:
-    """Lifecycle nodes: list them, get and set their states, list their transitions."""

@@ -1,1 +1,1 @@
-"""What ``rosidl-py log`` does: what nodes log, live and out of bags."""
+"""Command ``rosidl-py log``."""

@@ -1,6 +1,6 @@
-"""``log``: what nodes log now and keep of before, or what was logged in a recording.
+"""``log``: messages that nodes log and have retained, or those of a recording.
 
-Decides that what nodes kept is printed in the order of its times: it comes node by node.
+Retained messages arrive node by node and are printed in the order of their stamps.
 """
 
 from __future__ import annotations
@@ -14,14 +14,15 @@ from rosidl_py_gen.base.stamps import stamp_ns
 from rosidl_py_gen.ros_cli import AsyncCommand, ToolError, options, terminal_output, verb
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions
-    from rosidl_py_gen.ros_cli.log.lines import Lines
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.ros_cli.log.lines import LogPrinter
     from rosidl_py_gen.runtime import AdaptiveSubscription, QoSProfile
 
-
-_TOPIC, _TYPE, _DEPTH = "/rosout", "rcl_interfaces/msg/Log", 1000
-_KEPT_S = 0.3
-"""How long what was kept may take; nodes send it at once."""
+_TOPIC = "/rosout"
+_TYPE = "rcl_interfaces/msg/Log"
+_DEPTH = 1000
+_RETAINED_S = 0.3
+"""Time in which retained messages are collected; nodes send them at once."""
 
 
 @click.command("log")
@@ -30,7 +31,7 @@ _KEPT_S = 0.3
     "--level",
     type=click.Choice(["debug", "info", "warn", "error", "fatal"], case_sensitive=False),
     default="debug",
-    help="Only this level and above.",
+    help="Minimum level.",
 )
 @click.option(
     "--node",
@@ -38,18 +39,18 @@ _KEPT_S = 0.3
     multiple=True,
     metavar="NAME",
     shell_complete=options.completion("nodes"),
-    help="Only loggers of this node, /ns/name or ns.name; * stands for anything, may be given several times.",
+    help="Only loggers of a node, /ns/name or ns.name; * matches any text. May be repeated.",
 )
-@click.option("-t", "--text", "pattern", metavar="REGEX", help="Only texts in which this is found.")
-@click.option("-n", "--times", type=click.IntRange(1), metavar="COUNT", help="Stop after so many.")
-@click.option("--new", "only_new", is_flag=True, help="Nothing of before now, which nodes keep for ten seconds.")
-@click.option("-v", "--verbose", is_flag=True, help="Show file, line and function, too.")
-@click.option("--bag", metavar="PATH", type=click.Path(), help="What was logged in a recording, and then end.")
+@click.option("-t", "--text", "pattern", metavar="REGEX", help="Only messages in which REGEX matches.")
+@click.option("-n", "--times", type=click.IntRange(1), metavar="N", help="Stop after N messages.")
+@click.option("--new", "only_new", is_flag=True, help="Skip the messages of the last ten seconds, which nodes retain.")
+@click.option("-v", "--verbose", is_flag=True, help="Show also file, line and function.")
+@click.option("--bag", metavar="PATH", type=click.Path(), help="Print the messages of a recording and end.")
 @options.as_json
 @options.node_options
 @verb
 def log(
-    network: NetworkOptions,
+    network: options.NetworkOptions,
     level: str,
     nodes: Sequence[str],
     pattern: str | None,
@@ -59,38 +60,38 @@ def log(
     as_json: bool,
     bag: str | None,
 ) -> AsyncCommand | int:
-    """Follow what all nodes log, from /rosout.
+    """Print the log messages of all nodes, from /rosout.
 
     \b
     rosidl-py log
     rosidl-py log --level warn --node '/camera*'
     rosidl-py log --bag drive.mcap --text 'lost|late'
     """
-    from rosidl_py_gen.ros_cli.log.lines import Lines
+    from rosidl_py_gen.ros_cli.log.lines import LogPrinter
 
     if bag is not None and only_new:
-        raise click.UsageError("nothing is new in a recording: give --bag or --new")
-    lines = Lines(level, nodes, pattern, times=times, verbose=verbose, as_json=as_json)
+        raise click.UsageError("--new has no meaning for a recording; use either --bag or --new")
+    printer = LogPrinter(level, nodes, pattern, times=times, verbose=verbose, as_json=as_json)
     if bag is None:
-        return AsyncCommand(_follow(network, lines, only_new), endless=times is None)
-    return _show_recorded(bag, lines)
+        return AsyncCommand(_follow(network, printer, only_new), endless=times is None)
+    return _print_recorded(bag, printer)
 
 
-def _show_recorded(path: str, lines: Lines) -> int:
+def _print_recorded(path: str, printer: LogPrinter) -> int:
     from rosidl_py_gen.bags import BagReader
 
     with BagReader(path) as reader:
         topics = [name for name, topic in reader.topics.items() if topic.type_name == _TYPE]
         if not topics:
-            raise ToolError(f"{path} has no topic of {_TYPE}: nothing that nodes logged was recorded")
+            raise ToolError(f"{path} has no topic of {_TYPE}, so it contains no log messages")
         for one in reader.messages(topics):
-            if lines.is_done:
+            if printer.is_done:
                 break
-            lines.show(one.message)
+            printer.show(one.message)
     return 0
 
 
-async def _follow(network: NetworkOptions, lines: Lines, only_new: bool) -> int:
+async def _follow(network: options.NetworkOptions, printer: LogPrinter, only_new: bool) -> int:
     from rosidl_py_gen import get_message
     from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.runtime import AdaptiveSubscription
@@ -99,20 +100,20 @@ async def _follow(network: NetworkOptions, lines: Lines, only_new: bool) -> int:
         await session.wait_for_discovery()
         cls: Any = get_message(_TYPE)
         qos = _profile(session, only_new)
-        following: AdaptiveSubscription[Any] = AdaptiveSubscription(
+        subscription: AdaptiveSubscription[Any] = AdaptiveSubscription(
             session.node, _TOPIC, cls, qos=qos, depth=_DEPTH, note=terminal_output.note
         )
-        async with following as messages:
-            for message in await _kept(messages):
-                lines.show(message)
-            while not lines.is_done:
+        async with subscription as messages:
+            for message in await _retained(messages):
+                printer.show(message)
+            while not printer.is_done:
                 message, _ = await messages.receive_with_info()
-                lines.show(message)
+                printer.show(message)
     return 0
 
 
 def _profile(session: CommandNode, only_new: bool) -> QoSProfile | None:
-    """What nodes offer, so that those that come later are heard from their first word; None if any offers less."""
+    """Return the QoS that nodes offer, to receive all messages of later nodes; None if any node offers less."""
     from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability
 
     if only_new:
@@ -124,15 +125,15 @@ def _profile(session: CommandNode, only_new: bool) -> QoSProfile | None:
     return QoSProfile(depth=_DEPTH).transient_local()
 
 
-async def _kept(messages: AdaptiveSubscription[Any]) -> list[Any]:
+async def _retained(messages: AdaptiveSubscription[Any]) -> list[Any]:
     from rosidl_py_gen.ros_cli.command_node import now_s
     from rosidl_py_gen.runtime import WaitTimeoutError
 
-    found = []
-    end_s = now_s() + _KEPT_S
+    received = []
+    end_s = now_s() + _RETAINED_S
     try:
         while (left_s := end_s - now_s()) > 0:
-            found.append((await messages.receive_with_info(left_s))[0])
+            received.append((await messages.receive_with_info(left_s))[0])
     except WaitTimeoutError:
         pass
-    return sorted(found, key=lambda message: stamp_ns(message.stamp))
+    return sorted(received, key=lambda message: stamp_ns(message.stamp))

@@ -1,4 +1,4 @@
-"""Which log messages are wanted, and how they look: as on the console of a node."""
+"""Selection of log messages, and their text, which is that of the console of a node."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ _NAMES = {number: name.upper() for name, number in LEVELS.items()}
 _STYLES = {10: "green", 30: "yellow", 40: "red", 50: "bold red"}
 
 
-class Lines:
+class LogPrinter:
     """Prints messages of ``rcl_interfaces/msg/Log``.
 
     Args:
-        level: the name of the lowest.
-        nodes: patterns; none means all.
-        times: after so many `is_done`; None means never.
+        level: minimum level.
+        nodes: patterns for names of nodes; empty means all.
+        pattern: regular expression for texts.
+        times: number of messages after which `is_done` is True; None means no limit.
     """
 
     def __init__(
@@ -38,27 +39,27 @@ class Lines:
         as_json: bool,
     ) -> None:
         self._level = LEVELS[level.lower()]
-        # Loggers have dots where nodes have slashes, and a node's may have others below it.
+        # Names of loggers have dots in place of slashes, and a node may have child loggers.
         self._names = [one.strip("/").replace("/", ".") for one in nodes]
         try:
             self._pattern = re.compile(pattern) if pattern else None
         except re.error as error:
-            raise ToolError(f"--text: no regular expression: {error}: {pattern!r:.100}") from None
+            raise ToolError(f"--text {pattern!r:.100} is not a regular expression: {error}") from None
         self._left, self._verbose, self._as_json = times, verbose, as_json
 
     @property
     def is_done(self) -> bool:
-        """Whether there are enough."""
+        """True once the requested number of messages has been printed."""
         return self._left == 0
 
     def show(self, message: Any) -> None:
-        """Print it, if it is wanted."""
-        if self.is_done or not self._wants(message):
+        """Print a message, if it is selected."""
+        if self.is_done or not self._is_selected(message):
             return
         if self._left is not None:
             self._left -= 1
         if self._as_json:
-            terminal_output.document(_plain(message), in_stream=True)
+            terminal_output.document(_row(message), in_stream=True)
             return
         seconds, rest = sec_nanosec(stamp_ns(message.stamp))
         head = printable_line(f"[{_level_name(message.level)}] [{seconds}.{rest:09}] [{message.name}]: ")
@@ -67,15 +68,15 @@ class Lines:
             rows.append(printable_line(f"at {message.file}:{message.line} in {message.function}"))
         terminal_output.block("\n".join(rows).replace("\n", "\n    "), _STYLES.get(message.level // 10 * 10, ""))
 
-    def _wants(self, message: Any) -> bool:
+    def _is_selected(self, message: Any) -> bool:
         return (
             message.level >= self._level
-            and (not self._names or any(_is_of(message.name, one) for one in self._names))
+            and (not self._names or any(_matches(message.name, pattern) for pattern in self._names))
             and (self._pattern is None or self._pattern.search(message.msg) is not None)
         )
 
 
-def _is_of(logger: str, pattern: str) -> bool:
+def _matches(logger: str, pattern: str) -> bool:
     return fnmatchcase(logger, pattern) or fnmatchcase(logger, f"{pattern}.*")
 
 
@@ -83,7 +84,7 @@ def _level_name(level: int) -> str:
     return _NAMES.get(level, str(level))
 
 
-def _plain(message: Any) -> dict[str, Any]:
+def _row(message: Any) -> dict[str, Any]:
     return {
         "time_ns": stamp_ns(message.stamp),
         "level": _level_name(message.level),

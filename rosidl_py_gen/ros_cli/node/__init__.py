@@ -1,17 +1,13 @@
-"""``rosidl-py node``: a module for each command, or for several that do nearly the same."""
-
-import click
+"""Command group ``rosidl-py node``."""
 
 from rosidl_py_gen.ros_cli.groups import LazyGroup
 
-
-@click.group(
-    cls=LazyGroup,
+node = LazyGroup(
+    "node",
     package=__name__,
+    help="Nodes: list, info.",
     verbs={
-        "info": ("info", "Print what a node subscribes to, publishes and serves."),
-        "list": ("list", "Print the nodes there are."),
+        "info": ("info", "Print the topics, services and actions of a node."),
+        "list": ("list", "Print the nodes."),
     },
 )
-def node() -> None:
-    """Nodes: list, info."""

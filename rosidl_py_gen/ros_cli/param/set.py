@@ -1,7 +1,7 @@
-"""``param set`` and ``param delete``, which sets no value.
+"""``param set`` and ``param delete``.
 
-A value is read as in a parameter file. Where the node refuses that, the value is converted to the type of the
-parameter: `3.0` to an integer, `"NaN"` to a double, `[1, 2.5]` to doubles, `5` to a text.
+A value is read as in a parameter file. If the node rejects it, it is converted to the type of the parameter and sent
+again: `3.0` to an integer, `"NaN"` to a double, `[1, 2.5]` to doubles, `5` to a string.
 """
 
 from __future__ import annotations
@@ -13,15 +13,13 @@ import click
 from rosidl_py_gen.ros_cli import ToolError, options, terminal_output, verb
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.ros_cli.command_node import NetworkOptions
     from rosidl_py_gen.runtime import ParameterClient, ParameterType, ParameterValue, SetResult
 
 
-async def _set_value(
-    network: NetworkOptions, node: str, name: str, value: str | None, timeout_s: float, as_json: bool
+async def _set_or_delete(
+    network: options.NetworkOptions, node: str, name: str, value: str | None, timeout_s: float, as_json: bool
 ) -> int:
-    """Set a parameter, or delete it if there is no value."""
-    from rosidl_py_gen.ros_cli.param.remote import parameters_of
+    from rosidl_py_gen.ros_cli.param.parameter_access import parameters_of
 
     async with parameters_of(network, node, timeout_s) as client:
         result = await _set(client, name, value, timeout_s)
@@ -31,8 +29,8 @@ async def _set_value(
     elif not result.successful:
         raise ToolError(f"{'Deleting' if value is None else 'Setting'} parameter failed{reason}")
     else:
-        done = "Deleted parameter successfully" if value is None else "Set parameter successful"
-        terminal_output.line(f"{done}{reason}")
+        success = "Deleted parameter successfully" if value is None else "Set parameter successful"
+        terminal_output.line(f"{success}{reason}")
     return 0 if result.successful else 1
 
 
@@ -45,13 +43,15 @@ async def _set_value(
 @options.node_options
 @verb
 def set_(**arguments: Any) -> Any:
-    """Set a parameter; VALUE is read as in a parameter file: 1 is an integer, 1.0 a double, on is true, '"1"' a text.
+    """Set a parameter.
+
+    VALUE is read as in a parameter file: 1 is an integer, 1.0 a double, on is true, '"1"' a string.
 
     \b
     rosidl-py param set /talker rate 2.5
     rosidl-py param set /talker names '[left, right]'
     """
-    return _set_value(**arguments)
+    return _set_or_delete(**arguments)
 
 
 @click.command("delete")
@@ -62,12 +62,12 @@ def set_(**arguments: Any) -> Any:
 @options.node_options
 @verb
 def delete(**arguments: Any) -> Any:
-    """Delete a parameter, if the node lets us.
+    """Delete a parameter, if the node allows it.
 
     \b
     rosidl-py param delete /talker label
     """
-    return _set_value(value=None, **arguments)
+    return _set_or_delete(value=None, **arguments)
 
 
 async def _set(client: ParameterClient, name: str, text: str | None, timeout_s: float) -> SetResult:
@@ -79,29 +79,29 @@ async def _set(client: ParameterClient, name: str, text: str | None, timeout_s: 
         parse_parameter_value,
     )
 
-    wanted, wrong, result = ParameterValue(), None, None
+    requested, file_error, result = ParameterValue(), None, None
     try:
-        wanted = ParameterValue() if text is None else parse_parameter_value(text)
-        (result,) = await client.set([Parameter(name, wanted)], timeout_s)
+        requested = ParameterValue() if text is None else parse_parameter_value(text)
+        (result,) = await client.set([Parameter(name, requested)], timeout_s)
         if result.successful or text is None:
             return result
     except ParameterFileError as error:
-        wrong = error
+        file_error = error
     assert text is not None
     try:
         fitted = fit_parameter(text, await client.get_types(name, timeout_s))
     except (ToolError, ParameterNotDeclaredError):
         fitted = None
-    if fitted is None or fitted == wanted:
+    if fitted is None or fitted == requested:
         if result is None:
-            raise wrong or AssertionError
+            raise file_error or AssertionError
         return result
     (result,) = await client.set([Parameter(name, fitted)], timeout_s)
     return result
 
 
 def fit_parameter(text: str, kind: ParameterType) -> ParameterValue | None:
-    """Return the parameter value of this type that a text means; None if it does not mean one."""
+    """Return a text as a parameter value of a type; None if it cannot be converted."""
     from rosidl_py_gen.ros_cli.values import as_bool, as_float, as_integer, as_text, parse_value
     from rosidl_py_gen.runtime import InvalidParameterValueError, ParameterType, parameter_value
 
@@ -116,7 +116,7 @@ def fit_parameter(text: str, kind: ParameterType) -> ParameterValue | None:
     if scalar not in convert or isinstance(parsed, list) is not kind.is_array:
         return None
     try:
-        found = [convert[scalar](item) for item in parsed] if kind.is_array else convert[scalar](parsed)
-        return parameter_value(found, kind)
+        value = [convert[scalar](item) for item in parsed] if kind.is_array else convert[scalar](parsed)
+        return parameter_value(value, kind)
     except (InvalidParameterValueError, OverflowError):
         return None

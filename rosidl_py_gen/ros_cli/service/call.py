@@ -1,7 +1,4 @@
-"""``service call``.
-
-Decides that requests and responses are shown as rclpy's own `repr` shows them, as with ``ros2 service call``.
-"""
+"""``service call``: messages are printed as by rclpy's `repr`, as in ``ros2 service call``."""
 
 from __future__ import annotations
 
@@ -13,7 +10,6 @@ from rosidl_py_gen.ros_cli import AsyncCommand, options, terminal_output, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.ros_cli.command_node import NetworkOptions
     from rosidl_py_gen.runtime import Client
 
 
@@ -22,16 +18,16 @@ if TYPE_CHECKING:
 @click.argument("words", nargs=-1, metavar="[TYPE] [VALUES]", shell_complete=options.call_completion("service"))
 @click.option("--stdin", is_flag=True, help="Read the values from standard input.")
 @click.option(
-    "-r", "--rate", type=click.FloatRange(0, min_open=True), metavar="HZ", help="Call again and again, so often."
+    "-r", "--rate", type=click.FloatRange(0, min_open=True), metavar="HZ", help="Calls per second; repeat until Ctrl-C."
 )
-@click.option("-f", "--full-length", is_flag=True, help="Show long arrays and texts in full.")
-@options.timeout("Wait so long for the server, and for each response.", default_s=10)
+@click.option("-f", "--full-length", is_flag=True, help="Print long arrays and strings in full.")
+@options.timeout("Maximum time to wait for the server, and for each response.", default_s=10)
 @options.paths
 @options.as_json
 @options.node_options
 @verb
 def call(
-    network: NetworkOptions,
+    network: options.NetworkOptions,
     service: str,
     words: tuple[str, ...],
     stdin: bool,
@@ -41,9 +37,9 @@ def call(
     paths: tuple[str, ...],
     as_json: bool,
 ) -> AsyncCommand:
-    """Call a service; VALUES are YAML or JSON, what they leave out has its default.
+    """Call a service. VALUES are YAML or JSON; omitted fields have their defaults.
 
-    The type is found out when it is not given. --json prints the response alone.
+    TYPE may be omitted. --json prints only the response.
 
     \b
     rosidl-py service call /add_two_ints '{a: 1, b: 2}'
@@ -66,20 +62,20 @@ def call(
             client = session.node.create_client(cls, name)
             loop = asyncio.get_running_loop()
             while True:
-                began = loop.time()
+                start_s = loop.time()
                 await one_call(client, request)
                 if rate is None:
                     return 0
-                await asyncio.sleep(began + 1 / rate - loop.time())
+                await asyncio.sleep(start_s + 1 / rate - loop.time())
 
     async def one_call(client: Client[Any, Any], request: Message) -> None:
         truncate = None if full_length else message_text.TRUNCATE
         if not as_json:
-            terminal_output.lines([f"requester: making request: {message_text.shown(request, truncate)}", ""])
+            terminal_output.lines([f"requester: making request: {message_text.rclpy_repr(request, truncate)}", ""])
         response = await client.call(request, timeout_s)
         if as_json:
-            (terminal_output.document if rate is None else terminal_output.json_line)(to_dict(response))
+            terminal_output.document(to_dict(response), in_stream=rate is not None)
         else:
-            terminal_output.lines(["response:", message_text.shown(response, truncate), ""])
+            terminal_output.lines(["response:", message_text.rclpy_repr(response, truncate), ""])
 
     return AsyncCommand(main(), endless=rate is not None)

@@ -1,7 +1,4 @@
-"""``service echo``: the events of ``<service>/_service_event``.
-
-Decides that an event shows its kind by name. Clients and servers publish these when their introspection is on.
-"""
+"""``service echo``: events that clients and servers with introspection publish on ``<service>/_service_event``."""
 
 from __future__ import annotations
 
@@ -14,25 +11,23 @@ from rosidl_py_gen.ros_cli import AsyncCommand, options, terminal_output, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.ros_cli.command_node import NetworkOptions
 
-
-_PATIENCE_S = 1.0
-"""Whoever publishes events is discovered together with the service."""
+_PUBLISHER_TIMEOUT_S = 1.0
+"""Time to wait for a publisher of events, which is discovered together with the service."""
 
 
 @click.command("echo")
 @options.service_argument()
 @click.argument("type_name", metavar="[TYPE]", required=False, shell_complete=options.call_completion("service"))
-@click.option("--once", is_flag=True, help="End after the first event.")
-@click.option("-f", "--full-length", is_flag=True, help="Show long arrays and texts in full.")
+@click.option("--once", is_flag=True, help="Print one event and end.")
+@click.option("-f", "--full-length", is_flag=True, help="Print long arrays and strings in full.")
 @click.option("--flow-style", is_flag=True, help="Print each event on one line.")
 @options.paths
 @options.as_json
 @options.node_options
 @verb
 def echo(
-    network: NetworkOptions,
+    network: options.NetworkOptions,
     service: str,
     type_name: str | None,
     once: bool,
@@ -41,7 +36,7 @@ def echo(
     paths: tuple[str, ...],
     as_json: bool,
 ) -> AsyncCommand:
-    """Print requests and responses as they pass, of servers and clients whose introspection is on.
+    """Print requests and responses as they pass. Servers or clients must have introspection enabled.
 
     \b
     rosidl-py service echo /add_two_ints
@@ -58,18 +53,18 @@ def echo(
             cls: Any = await types.service_class(session, name, type_name, paths)
             events = session.node.create_subscription(cls.Event, f"{name}/_service_event", qos=SERVICES_DEFAULT)
             try:
-                await events.wait_for_publishers(_PATIENCE_S)
+                await events.wait_for_publishers(_PUBLISHER_TIMEOUT_S)
             except WaitTimeoutError:
                 terminal_output.note(
-                    f"nobody publishes {name}/_service_event: introspection is off at all servers and clients of "
-                    f"{name}; waiting until somebody turns it on (configure_introspection)"
+                    f"no node publishes {name}/_service_event: introspection is off at all servers and clients of "
+                    f"{name}; waiting until it is enabled (configure_introspection)"
                 )
             async for event in events:
-                shown = _plain(event, None if full_length else message_text.TRUNCATE)
+                row = _row(event, None if full_length else message_text.TRUNCATE)
                 if as_json:
-                    (terminal_output.document if once else terminal_output.json_line)(shown)
+                    terminal_output.document(row, in_stream=not once)
                 else:
-                    terminal_output.block(message_text.to_yaml(shown, flow=flow_style) + "---")
+                    terminal_output.block(message_text.to_yaml(row, flow=flow_style) + "---")
                 if once:
                     break
         return 0
@@ -77,11 +72,11 @@ def echo(
     return AsyncCommand(main(), endless=True)
 
 
-def _plain(event: Message, truncate: int | None) -> dict[str, Any]:
+def _row(event: Message, truncate: int | None) -> dict[str, Any]:
     from rosidl_py_gen.ros_cli import message_text
     from rosidl_py_gen.runtime import ServiceEventType
 
-    shown = message_text.to_plain(event, truncate=truncate)
+    row: dict[str, Any] = message_text.to_plain(event, truncate=truncate)
     with suppress(ValueError):  # a peer may send any number
-        shown["info"]["event_type"] = ServiceEventType(shown["info"]["event_type"]).name
-    return shown
+        row["info"]["event_type"] = ServiceEventType(row["info"]["event_type"]).name
+    return row

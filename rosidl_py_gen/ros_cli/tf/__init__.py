@@ -1,24 +1,14 @@
-"""``rosidl-py tf``: a module for each command, or for several that do nearly the same."""
-
-import click
+"""Command group ``rosidl-py tf``."""
 
 from rosidl_py_gen.ros_cli.groups import LazyGroup
 
-
-@click.group(
-    cls=LazyGroup,
+tf = LazyGroup(
+    "tf",
     package=__name__,
+    help="Transforms: frames as a tree, one transform, rates and delays.",
     verbs={
-        "echo": ("echo", "Print where SOURCE is in TARGET, again and again."),
-        "monitor": (
-            "monitor",
-            "Print once a second how often the transform of each frame comes.",
-        ),
-        "tree": (
-            "tree",
-            "Show which frame has which parent.",
-        ),
+        "echo": ("echo", "Print the transform from SOURCE to TARGET repeatedly."),
+        "monitor": ("monitor", "Print once a second the rate and the delay of the transform of each frame."),
+        "tree": ("tree", "Show the parent of each frame."),
     },
 )
-def tf() -> None:
-    """Transforms: frames as a tree, one transform, rates and delays."""

@@ -1,4 +1,4 @@
-"""``tf echo``: one transform, again and again, in the form of tf2_echo."""
+"""``tf echo``: prints one transform repeatedly, in the form of tf2_echo."""
 
 from __future__ import annotations
 
@@ -12,14 +12,13 @@ from rosidl_py_gen.ros_cli import AsyncCommand, ToolError, options, terminal_out
 if TYPE_CHECKING:
     import numpy as np
 
-    from rosidl_py_gen.ros_cli.command_node import NetworkOptions
     from rosidl_py_gen.tf import Transform
 
 
 @click.command("echo")
 @click.argument("target")
 @click.argument("source")
-@click.option("--once", is_flag=True, help="Print one and stop.")
+@click.option("--once", is_flag=True, help="Print one transform and end.")
 @options.report_count
 @click.option(
     "-r",
@@ -32,14 +31,20 @@ if TYPE_CHECKING:
     help="Lookups per second.",
 )
 @click.option(
-    "-p", "--precision", type=click.IntRange(0, 17), metavar="N", default=3, show_default=True, help="Digits."
+    "-p",
+    "--precision",
+    type=click.IntRange(0, 17),
+    metavar="N",
+    default=3,
+    show_default=True,
+    help="Number of decimals.",
 )
-@options.timeout("Wait so long for the first one.", 10)
+@options.timeout("Maximum time to wait for the first transform.", 10)
 @options.as_json
 @options.node_options
 @verb
 def echo(
-    network: NetworkOptions,
+    network: options.NetworkOptions,
     target: str,
     source: str,
     once: bool,
@@ -49,7 +54,7 @@ def echo(
     timeout_s: float,
     as_json: bool,
 ) -> AsyncCommand:
-    """Print where SOURCE is in TARGET, again and again: the transform from SOURCE to TARGET.
+    """Print the transform from SOURCE to TARGET repeatedly: the pose of SOURCE in TARGET.
 
     \b
     rosidl-py tf echo map base_link
@@ -60,10 +65,10 @@ def echo(
     from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.tf import InvalidTransformError, TransformBuffer, TransformError, TransformTimeoutError
 
-    wanted = 1 if once else times
+    count = 1 if once else times
 
     async def main() -> int:
-        left = wanted
+        left = count
         async with CommandNode(network) as session:
             buffer = TransformBuffer(session.node)
             try:
@@ -80,39 +85,39 @@ def echo(
                     await asyncio.sleep(1 / rate_hz)
         return 0
 
-    return AsyncCommand(main(), endless=wanted is None)
+    return AsyncCommand(main(), endless=count is None)
 
 
-def _show(found: Transform, precision: int, as_json: bool) -> None:
+def _show(transform: Transform, precision: int, as_json: bool) -> None:
     import numpy as np
 
     from rosidl_py_gen.numpy import quaternion_to_euler
 
-    euler = np.array(quaternion_to_euler(found.rotation))
+    euler = np.array(quaternion_to_euler(transform.rotation))
     if as_json:
         terminal_output.document(
             {
-                "target": found.target,
-                "source": found.source,
-                "stamp_ns": found.stamp,
-                "translation": found.translation.tolist(),
-                "rotation": found.rotation.tolist(),
+                "target": transform.target,
+                "source": transform.source,
+                "stamp_ns": transform.stamp,
+                "translation": transform.translation.tolist(),
+                "rotation": transform.rotation.tolist(),
                 "euler": euler.tolist(),
             },
             in_stream=True,
         )
         return
 
-    def shown(numbers: np.ndarray[tuple[int, ...], np.dtype[np.float64]], between: str = ", ") -> str:
+    def text(numbers: np.ndarray[tuple[int, ...], np.dtype[np.float64]], between: str = ", ") -> str:
         return between.join(f"{round(number, precision) + 0.0:.{precision}f}" for number in numbers.tolist())
 
-    seconds, rest = sec_nanosec(found.stamp)
-    rows = "\n".join(f"  {shown(row, '  ')}" for row in found.matrix)
+    seconds, rest = sec_nanosec(transform.stamp)
+    rows = "\n".join(f"  {text(row, '  ')}" for row in transform.matrix)
     terminal_output.block(
         f"At time {seconds}.{rest:09}\n"
-        f"- Translation: [{shown(found.translation)}]\n"
-        f"- Rotation: in Quaternion (xyzw) [{shown(found.rotation)}]\n"
-        f"- Rotation: in RPY (radian) [{shown(euler)}]\n"
-        f"- Rotation: in RPY (degree) [{shown(np.degrees(euler))}]\n"
+        f"- Translation: [{text(transform.translation)}]\n"
+        f"- Rotation: in Quaternion (xyzw) [{text(transform.rotation)}]\n"
+        f"- Rotation: in RPY (radian) [{text(euler)}]\n"
+        f"- Rotation: in RPY (degree) [{text(np.degrees(euler))}]\n"
         f"- Matrix:\n{rows}"
     )

@@ -1,6 +1,6 @@
-"""What is known of each frame while one listens: its parent, how often transforms come, how late, and from whom.
+"""Parent, rate, delay and publishers of each frame.
 
-Delays are between the stamp and this machine's clock when it came; between the log time and the stamp in recordings.
+A delay is the arrival time by the clock of this machine minus the stamp; in recordings it is log time minus stamp.
 """
 
 from __future__ import annotations
@@ -23,16 +23,19 @@ if TYPE_CHECKING:
 
 TOPICS = {"/tf": False, "/tf_static": True}
 _DEPTH = 100
-_MOST_NOTES = 10
+_MAX_NOTES = 10
+_MAX_LEVELS = 40
+"""Maximum number of levels for which `walk` returns marks, so that a long chain needs little memory."""
 
 
 @dataclass
 class FrameArrivals:
-    """A frame that has a parent.
+    """Statistics of a frame with a parent.
 
     Attributes:
-        arrivals, delays_ns: of the last transforms, ns.
-        sources: who sends it: nodes, or what a recording has instead.
+        arrivals: arrival times of the last transforms, in ns.
+        delays_ns: delays of the same transforms.
+        sources: publishers of the transform; of a recording, topics.
     """
 
     name: str
@@ -45,21 +48,21 @@ class FrameArrivals:
 
     @property
     def rate_hz(self) -> float | None:
-        """None before there are two."""
+        """Transforms per second; None before the second one."""
         if len(self.arrivals) < 2 or self.arrivals[-1] <= self.arrivals[0]:
             return None
         return (len(self.arrivals) - 1) * NS_PER_S / (self.arrivals[-1] - self.arrivals[0])
 
     @property
     def delay_s(self) -> tuple[float, float] | None:
-        """The mean and the longest; None for a static frame."""
+        """Mean and maximum delay; None for a static frame."""
         if self.is_static or not self.delays_ns:
             return None
         return sum(self.delays_ns) / len(self.delays_ns) / NS_PER_S, max(self.delays_ns) / NS_PER_S
 
 
 class FrameStatistics:
-    """All that were heard of."""
+    """Statistics of all received frames."""
 
     def __init__(self, window: int = 1000) -> None:
         self._window = window
@@ -68,7 +71,7 @@ class FrameStatistics:
         self._noted: set[str] = set()
 
     def add_message(self, message: Any, arrived_ns: int, source: Any, *, static: bool) -> None:
-        """Take in a TFMessage; what is no transform is noted once."""
+        """Add the transforms of a TFMessage; each kind of invalid transform is noted once."""
         for one in message.transforms:
             try:
                 self.buffer.set_transform(one, static=static)
@@ -78,8 +81,8 @@ class FrameStatistics:
             name = without_slash(one.child_frame_id)
             frame = self.frames.get(name)
             if frame is None:
-                room = self._window
-                frame = self.frames[name] = FrameArrivals(name, "", static, deque(maxlen=room), deque(maxlen=room))
+                arrivals, delays_ns = deque[int](maxlen=self._window), deque[int](maxlen=self._window)
+                frame = self.frames[name] = FrameArrivals(name, "", static, arrivals, delays_ns)
             frame.parent, frame.is_static = without_slash(one.header.frame_id), static
             frame.count += 1
             frame.sources.add(source)
@@ -87,25 +90,23 @@ class FrameStatistics:
             frame.delays_ns.append(arrived_ns - stamp_ns(one.header.stamp))
 
     def _note(self, text: str) -> None:
-        if text not in self._noted and len(self._noted) < _MOST_NOTES:
+        if text not in self._noted and len(self._noted) < _MAX_NOTES:
             self._noted.add(text)
             terminal_output.note(text)
 
-    # ------------------------------------------------------------------------------------------------------- the tree
-
     def children(self) -> dict[str, list[FrameArrivals]]:
-        """The frames below each parent, by name."""
-        found: dict[str, list[FrameArrivals]] = {}
+        """Return the child frames of each parent, sorted by name."""
+        children: dict[str, list[FrameArrivals]] = {}
         for frame in sorted(self.frames.values(), key=lambda one: one.name):
-            found.setdefault(frame.parent, []).append(frame)
-        return found
+            children.setdefault(frame.parent, []).append(frame)
+        return children
 
     def roots(self) -> list[str]:
-        """The frames without a parent, by name."""
+        """Return the sorted names of frames without a parent."""
         return sorted({frame.parent for frame in self.frames.values()} - self.frames.keys())
 
     def walk(self) -> Iterator[tuple[str, FrameArrivals | None, tuple[bool, ...]]]:
-        """Every frame below its parent: name, what is known of it, and of each level whether it is the last there."""
+        """Yield each frame after its parent: name, statistics, and for each level True for the last child."""
         children = self.children()
         todo: list[tuple[str, FrameArrivals | None, tuple[bool, ...]]] = [
             (root, None, ()) for root in reversed(self.roots())
@@ -114,30 +115,29 @@ class FrameStatistics:
             name, frame, last = todo.pop()
             yield name, frame, last
             below = children.get(name, [])
-            # Deeper than anybody looks; the mark of each level would be kept for each frame.
-            level = last[-_MOST_LEVELS:]
+            level = last[-_MAX_LEVELS:]
             todo += [(one.name, one, (*level, one is below[-1])) for one in reversed(below)]
 
     def frames_in_cycles(self) -> list[str]:
-        """Frames that no root leads to, by name."""
+        """Return the sorted names of frames that are not below a root."""
         return sorted(self.frames.keys() - {name for name, _, _ in self.walk()})
 
     def between(self, target: str, source: str) -> list[FrameArrivals]:
-        """The frames whose transforms lead from one to the other; raises `TransformError` as a lookup does."""
+        """Return the frames on the path between two frames; raises `TransformError` as a lookup does."""
         self.buffer.lookup_transform(target, source)
-        ways = [self._up(target), self._up(source)]
-        shared = {one.name for one in ways[0]} & {one.name for one in ways[1]}
-        return [one for way in ways for one in way if one.name not in shared]
+        paths = [self._path_to_root(target), self._path_to_root(source)]
+        shared = {one.name for one in paths[0]} & {one.name for one in paths[1]}
+        return [one for path in paths for one in path if one.name not in shared]
 
-    def _up(self, name: str) -> list[FrameArrivals]:
-        way: list[FrameArrivals] = []
-        while (frame := self.frames.get(name)) is not None and len(way) <= len(self.frames):
-            way.append(frame)
+    def _path_to_root(self, name: str) -> list[FrameArrivals]:
+        path: list[FrameArrivals] = []
+        while (frame := self.frames.get(name)) is not None and len(path) <= len(self.frames):
+            path.append(frame)
             name = frame.parent
-        return way
+        return path
 
     def age_ns(self, target: str, source: str, now_ns: int) -> int | None:
-        """How old the newest is that is known of the whole way; None when it is static, or not known."""
+        """Return the age of the newest transform between two frames; None if it is static or unknown."""
         try:
             stamp = self.buffer.lookup_transform(target, source).stamp
         except TransformError:
@@ -145,11 +145,8 @@ class FrameStatistics:
         return now_ns - stamp if stamp else None
 
 
-_MOST_LEVELS = 40
-
-
 def listeners(node: Node, frames: FrameStatistics, then: Callable[[int], None] = lambda arrived_ns: None) -> list[Any]:
-    """What feeds the frames, as coroutines that go on for ever; `then` is called behind each message."""
+    """Return coroutines that add received messages to the statistics without end; `then` is called after each one."""
     cls: Any = get_message("tf2_msgs/msg/TFMessage")
 
     async def listen(topic: str, qos: QoSProfile, static: bool) -> None:
@@ -165,12 +162,12 @@ def listeners(node: Node, frames: FrameStatistics, then: Callable[[int], None] =
 
 
 def sources(frame: FrameArrivals, names: dict[Any, str]) -> list[str]:
-    """In words, from `names_of`."""
+    """Return the names of a frame's publishers, from `names_of`."""
     return sorted({names.get(one, "(gone)") for one in frame.sources})
 
 
 def names_of(node: Node) -> dict[Any, str]:
-    """The node behind each source."""
+    """Return the node name of each publisher of transforms."""
     return {
         (topic, one.endpoint_gid): one.node_text for topic in TOPICS for one in node.get_publishers_info_by_topic(topic)
     }

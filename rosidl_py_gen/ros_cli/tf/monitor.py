@@ -1,4 +1,4 @@
-"""``tf monitor``: how often transforms come and how late they are, once a second."""
+"""``tf monitor``: prints the rates and delays of transforms once a second."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from rosidl_py_gen.ros_cli import AsyncCommand, ToolError, options, terminal_out
 if TYPE_CHECKING:
     from collections import deque
 
-    from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameArrivals
 
 
-_EVERY_S = 1.0
+_REPORT_INTERVAL_S = 1.0
 _HEADINGS = ("frame", "parent", "rate", "delay", "max_delay", "publishers")
 
 
@@ -31,41 +31,41 @@ _HEADINGS = ("frame", "parent", "rate", "delay", "max_delay", "publishers")
     default=1000,
     show_default=True,
     metavar="COUNT",
-    help="How many transforms of each frame count.",
+    help="Number of the last transforms of each frame to compute with.",
 )
 @options.as_json
 @options.node_options
 @verb
 def monitor(
-    network: NetworkOptions, frames: Sequence[str], times: int | None, window: int, as_json: bool
+    network: options.NetworkOptions, frames: Sequence[str], times: int | None, window: int, as_json: bool
 ) -> AsyncCommand:
-    """Print once a second how often the transform of each frame comes, and how old it is then.
+    """Print once a second the rate and the delay of the transform of each frame.
 
-    With two FRAMES only those between them, and how old what is known of the whole way is.
+    With two FRAMES, print only the frames between them, and the age of the transform from one to the other.
 
     \b
     rosidl-py tf monitor
     rosidl-py tf monitor map lidar
     """
     if len(frames) not in (0, 2):
-        raise ToolError(f"expected no frame or two, between which to look, got {len(frames)}")
+        raise ToolError(f"expected no frames or two, got {len(frames)}")
     if len({*frames}) == 1:
-        raise ToolError(f"{frames[0]} and {frames[1]} are the same frame; expected two")
+        raise ToolError(f"expected two different frames, got {frames[0]} twice")
     return AsyncCommand(_Monitor(frames, times, window, as_json).run(network), endless=times is None)
 
 
 class _Monitor:
-    def __init__(self, way: Sequence[str], times: int | None, window: int, as_json: bool) -> None:
+    def __init__(self, path: Sequence[str], times: int | None, window: int, as_json: bool) -> None:
         from collections import deque
 
         from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameStatistics
 
-        self._way, self._times, self._as_json = way, times, as_json
+        self._path, self._times, self._as_json = path, times, as_json
         self._frames = FrameStatistics(window)
         self._ages_ns: deque[int] = deque(maxlen=window)
-        self._noted = ""
+        self._last_note = ""
 
-    async def run(self, network: NetworkOptions) -> int:
+    async def run(self, network: options.NetworkOptions) -> int:
         from rosidl_py_gen.ros_cli.command_node import CommandNode, first_of
         from rosidl_py_gen.ros_cli.tf.frame_statistics import listeners
 
@@ -76,7 +76,7 @@ class _Monitor:
         return 0
 
     def _note_age(self, arrived_ns: int) -> None:
-        if self._way and (age_ns := self._frames.age_ns(self._way[0], self._way[1], arrived_ns)) is not None:
+        if self._path and (age_ns := self._frames.age_ns(self._path[0], self._path[1], arrived_ns)) is not None:
             self._ages_ns.append(age_ns)
 
     async def _report(self, session: CommandNode) -> None:
@@ -87,42 +87,42 @@ class _Monitor:
 
         left = self._times
         while left is None or left > 0:
-            await asyncio.sleep(_EVERY_S)
-            shown = self._wanted()
-            if not shown:
+            await asyncio.sleep(_REPORT_INTERVAL_S)
+            frames = self._selected_frames()
+            if not frames:
                 continue
             names = names_of(session.node)
             if self._as_json:
-                age = _mean_and_most(self._ages_ns)
-                whole = {"net_delay_s": age and {"mean": age[0], "max": age[1]}} if self._way else {}
-                terminal_output.document({"frames": [plain(one, names) for one in shown], **whole}, in_stream=True)
+                age = _mean_and_max(self._ages_ns)
+                whole = {"net_delay_s": age and {"mean": age[0], "max": age[1]}} if self._path else {}
+                terminal_output.document({"frames": [plain(one, names) for one in frames], **whole}, in_stream=True)
             else:
-                terminal_output.table((_row(one, names) for one in shown), *_HEADINGS)
-                if self._way and (age := _mean_and_most(self._ages_ns)) is not None:
-                    target, source = self._way
+                terminal_output.table((_row(one, names) for one in frames), *_HEADINGS)
+                if self._path and (age := _mean_and_max(self._ages_ns)) is not None:
+                    target, source = self._path
                     terminal_output.line(f"{source} in {target}: net delay {age[0]:.3f} s, max {age[1]:.3f} s", "bold")
             left = None if left is None else left - 1
 
-    def _wanted(self) -> list[FrameArrivals]:
+    def _selected_frames(self) -> list[FrameArrivals]:
         from rosidl_py_gen.tf import TransformError
 
-        if not self._way:
+        if not self._path:
             if not self._frames.frames:
-                self._say("no transforms yet")
+                self._note("no transforms yet")
             return sorted(self._frames.frames.values(), key=lambda one: one.name)
         try:
-            return self._frames.between(*self._way)
+            return self._frames.between(*self._path)
         except TransformError as error:
-            self._say(str(error))
+            self._note(str(error))
         return []
 
-    def _say(self, text: str) -> None:
-        if text != self._noted:
-            self._noted = text
+    def _note(self, text: str) -> None:
+        if text != self._last_note:
+            self._last_note = text
             terminal_output.note(text)
 
 
-def _mean_and_most(values_ns: deque[int]) -> tuple[float, float] | None:
+def _mean_and_max(values_ns: deque[int]) -> tuple[float, float] | None:
     return (sum(values_ns) / len(values_ns) / NS_PER_S, max(values_ns) / NS_PER_S) if values_ns else None
 
 

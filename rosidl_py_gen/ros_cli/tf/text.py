@@ -1,4 +1,4 @@
-"""Frames as text for people, as Mermaid and as JSON. Names of peers are not trusted: what these read is escaped."""
+"""Frames as text, Mermaid and JSON. Names of peers are not trusted and therefore escaped."""
 
 from __future__ import annotations
 
@@ -12,8 +12,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 
-def facts(frame: FrameArrivals, names: dict[Any, str]) -> str:
-    """How often, how late, from whom."""
+_MAX_COLUMNS = 60
+
+
+def summary(frame: FrameArrivals, names: dict[Any, str]) -> str:
+    """Return the rate, the delay and the publishers of a frame."""
     parts = ["static"] if frame.is_static else []
     if not frame.is_static and (rate := frame.rate_hz) is not None:
         parts.append(f"{rate:.1f} Hz")
@@ -25,27 +28,24 @@ def facts(frame: FrameArrivals, names: dict[Any, str]) -> str:
 
 
 def lines(frames: FrameStatistics, names: dict[Any, str]) -> Iterator[tuple[str, str]]:
-    """A line for each frame, with a style of rich."""
+    """Yield a line for each frame, and its style of rich."""
     rows = []
     for name, frame, last in frames.walk():
         marks = "".join("   " if one else "│  " for one in last[:-1])
         branch = "" if frame is None else "└─ " if last[-1] else "├─ "
-        rows.append((f"{marks}{branch}{name}", "" if frame is None else facts(frame, names)))
-    width = min(max((len(row[0]) for row in rows), default=0), _MOST_COLUMNS)
-    for tree, told in rows:
-        yield f"{tree:<{width}}  {told}".rstrip(), "" if told else "bold"
+        rows.append((f"{marks}{branch}{name}", "" if frame is None else summary(frame, names)))
+    width = min(max((len(row[0]) for row in rows), default=0), _MAX_COLUMNS)
+    for tree, text in rows:
+        yield f"{tree:<{width}}  {text}".rstrip(), "" if text else "bold"
     if not rows and not frames.frames:
         yield "no transforms", ""
 
 
-_MOST_COLUMNS = 60
-
-
 def problems(frames: FrameStatistics) -> Iterator[str]:
-    """What is wrong with the whole."""
+    """Yield warnings about the whole tree."""
     roots = frames.roots()
     if len(roots) > 1:
-        yield f"{len(roots)} trees, between which nothing is known: {', '.join(roots[:20])}"
+        yield f"{len(roots)} trees that are not connected: {', '.join(roots[:20])}"
     if loop := frames.frames_in_cycles():
         yield f"frames that form a loop, or are below one: {', '.join(loop[:20])}"
     for frame in frames.frames.values():
@@ -54,20 +54,20 @@ def problems(frames: FrameStatistics) -> Iterator[str]:
 
 
 def mermaid(frames: FrameStatistics, names: dict[Any, str]) -> str:
-    """A flowchart from top to bottom; what is told of a frame stands at the arrow that leads to it."""
+    """Return a flowchart from top to bottom, with the summary of a frame at the arrow to it."""
     every = sorted({*frames.frames, *(frame.parent for frame in frames.frames.values())})
     ids = {name: f"f{number}" for number, name in enumerate(every)}
     out = ["flowchart TD"]
     out += [f'  {mark}["{terminal_output.mermaid_label(name)}"]' for name, mark in ids.items()]
     for frame in sorted(frames.frames.values(), key=lambda one: one.name):
         line = "-.->" if frame.is_static else "-->"
-        told = terminal_output.mermaid_label(facts(frame, names))
-        out.append(f'  {ids[frame.parent]} {line}|"{told}"| {ids[frame.name]}')
+        text = terminal_output.mermaid_label(summary(frame, names))
+        out.append(f'  {ids[frame.parent]} {line}|"{text}"| {ids[frame.name]}')
     return "\n".join(out) + "\n"
 
 
 def plain(frame: FrameArrivals, names: dict[Any, str]) -> dict[str, Any]:
-    """A frame for programs."""
+    """Return a frame for JSON."""
     delay = frame.delay_s
     return {
         "frame": frame.name,
@@ -81,6 +81,6 @@ def plain(frame: FrameArrivals, names: dict[Any, str]) -> dict[str, Any]:
 
 
 def as_json(frames: FrameStatistics, names: dict[Any, str]) -> str:
-    """One object: the roots, and all other frames."""
-    found = [plain(frame, names) for frame in sorted(frames.frames.values(), key=lambda one: one.name)]
-    return json_text({"roots": frames.roots(), "frames": found}, indent=2) + "\n"
+    """Return a JSON object with the roots and all other frames."""
+    rows = [plain(frame, names) for frame in sorted(frames.frames.values(), key=lambda one: one.name)]
+    return json_text({"roots": frames.roots(), "frames": rows}, indent=2) + "\n"

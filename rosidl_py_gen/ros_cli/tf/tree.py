@@ -1,4 +1,4 @@
-"""``tf tree``: listen for a while, or read a recording, then show the frames."""
+"""``tf tree``: shows the frames of the network or of a recording."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from rosidl_py_gen.base.output import printable_line
 from rosidl_py_gen.ros_cli import AsyncCommand, ToolError, options, terminal_output, verb
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.ros_cli.command_node import NetworkOptions
     from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameStatistics
 
 
 _TYPE = "tf2_msgs/msg/TFMessage"
-_ENDINGS = {".png": "png", ".mmd": "mermaid", ".mermaid": "mermaid", ".md": "markdown", ".json": "json", ".txt": "text"}
+_FORMATS = {".png": "png", ".mmd": "mermaid", ".mermaid": "mermaid", ".md": "markdown", ".json": "json", ".txt": "text"}
 
 
 @click.command("tree")
@@ -28,26 +27,28 @@ _ENDINGS = {".png": "png", ".mmd": "mermaid", ".mermaid": "mermaid", ".md": "mar
     default=2.0,
     show_default=True,
     metavar="SECONDS",
-    help="How long to listen.",
+    help="Time to listen.",
 )
-@click.option("--bag", metavar="PATH", type=click.Path(), help="The frames of a recording, nothing of the network.")
+@click.option("--bag", metavar="PATH", type=click.Path(), help="Show the frames of a recording instead of the network.")
 @options.node_options
 @verb
 def tree(
-    network: NetworkOptions, kind: str | None, as_json: bool, output: str | None, wait_s: float, bag: str | None
+    network: options.NetworkOptions, kind: str | None, as_json: bool, output: str | None, wait_s: float, bag: str | None
 ) -> AsyncCommand | int:
-    """Show which frame has which parent, how often transforms come, how late, and from which node.
+    """Show the parent of each frame, and the rate, delay and node of its transform.
 
     \b
     rosidl-py tf tree
     rosidl-py tf tree -o frames.png
     rosidl-py tf tree --bag drive.mcap --format mermaid
     """
-    kind = _kind_of(kind, as_json, output)
-    return AsyncCommand(_of_network(network, kind, output, wait_s)) if bag is None else _of_recording(bag, kind, output)
+    kind = _output_format(kind, as_json, output)
+    if bag is not None:
+        return _show_recorded(bag, kind, output)
+    return AsyncCommand(_show_live(network, kind, output, wait_s))
 
 
-async def _of_network(network: NetworkOptions, kind: str, output: str | None, wait_s: float) -> int:
+async def _show_live(network: options.NetworkOptions, kind: str, output: str | None, wait_s: float) -> int:
     import asyncio
 
     from rosidl_py_gen.ros_cli.command_node import CommandNode, first_of
@@ -63,8 +64,7 @@ async def _of_network(network: NetworkOptions, kind: str, output: str | None, wa
     return 0
 
 
-def _of_recording(path: str, kind: str, output: str | None) -> int:
-    """Show the frames of a recording, at its end."""
+def _show_recorded(path: str, kind: str, output: str | None) -> int:
     from rosidl_py_gen.bags import BagReader
     from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameStatistics
 
@@ -79,26 +79,22 @@ def _of_recording(path: str, kind: str, output: str | None) -> int:
     return 0
 
 
-def _kind_of(kind: str | None, as_json: bool, output: str | None) -> str:
-    """How it is to be drawn; raises `ToolError` for an ending that does not say."""
+def _output_format(kind: str | None, as_json: bool, output: str | None) -> str:
+    """Return the format; raises `ToolError` if it cannot be determined."""
     if as_json or kind is not None or output is None:
-        found = "json" if as_json else kind or "text"
+        kind = "json" if as_json else kind or "text"
+    elif (suffix := Path(output).suffix.lower()) in _FORMATS:
+        kind = _FORMATS[suffix]
     else:
-        ending = Path(output).suffix.lower()
-        if ending not in _ENDINGS:
-            raise ToolError(
-                f"{output}: the ending says how to draw; expected one of {', '.join(_ENDINGS)}, or --format"
-            )
-        found = _ENDINGS[ending]
-    if found == "png":
+        raise ToolError(f"{output}: the suffix selects the format; expected one of {', '.join(_FORMATS)}, or --format")
+    if kind == "png":
         if output is None:
-            raise ToolError("a PNG picture is no text; give a file: -o frames.png")
-        from rosidl_py_gen.ros_cli.tf import png  # noqa: F401 - what is missing is told before anybody waits
-    return found
+            raise ToolError("a PNG picture cannot be printed; write it to a file: -o frames.png")
+        from rosidl_py_gen.ros_cli.tf import png  # noqa: F401 - a missing Pillow is reported before the wait
+    return kind
 
 
 def _show(frames: FrameStatistics, names: dict[Any, str], kind: str, output: str | None) -> None:
-    """Print it, or write the file."""
     from rosidl_py_gen.ros_cli.tf import text
 
     for problem in text.problems(frames):
@@ -112,14 +108,14 @@ def _show(frames: FrameStatistics, names: dict[Any, str], kind: str, output: str
         for line, style in text.lines(frames, names):
             terminal_output.line(line, style)
     elif output is None:
-        terminal_output.block(_drawn(frames, names, kind).rstrip("\n"))
+        terminal_output.block(_text(frames, names, kind).rstrip("\n"))
     else:
-        Path(output).write_text(_drawn(frames, names, kind), encoding="utf-8")
+        Path(output).write_text(_text(frames, names, kind), encoding="utf-8")
     if output is not None:
         terminal_output.note(f"wrote {output}: {len(frames.frames) + len(frames.roots())} frames")
 
 
-def _drawn(frames: FrameStatistics, names: dict[Any, str], kind: str) -> str:
+def _text(frames: FrameStatistics, names: dict[Any, str], kind: str) -> str:
     from rosidl_py_gen.ros_cli.tf import text
 
     if kind == "json":

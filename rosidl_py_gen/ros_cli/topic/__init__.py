@@ -1,24 +1,20 @@
-"""``rosidl-py topic``: a module for each command, or for several that do nearly the same."""
-
-import click
+"""Command group ``rosidl-py topic``."""
 
 from rosidl_py_gen.ros_cli.groups import LazyGroup
 
-
-@click.group(
-    cls=LazyGroup,
+topic = LazyGroup(
+    "topic",
     package=__name__,
+    help="Topics: list, info, echo, pub, hz, bw, delay, type, find.",
     verbs={
-        "bw": ("measure", "Print how many bytes per second arrive."),
-        "delay": ("measure", "Print how old messages are when they arrive, by the stamp in their headers."),
+        "bw": ("measure", "Print the received bytes per second."),
+        "delay": ("measure", "Print the age of messages at their arrival, by the stamp in their headers."),
         "echo": ("echo", "Print the messages of a topic."),
         "find": ("list", "Print the topics of a type."),
-        "hz": ("measure", "Print how often messages arrive."),
-        "info": ("info", "Print the type of a topic, and who publishes and subscribes."),
-        "list": ("list", "Print the topics there are."),
+        "hz": ("measure", "Print the rate of messages."),
+        "info": ("info", "Print the type of a topic, and its publishers and subscriptions."),
+        "list": ("list", "Print the topics."),
         "pub": ("pub", "Publish messages."),
         "type": ("info", "Print the type of a topic."),
     },
 )
-def topic() -> None:
-    """Topics: list, info, echo, pub, hz, bw, delay, type, find."""

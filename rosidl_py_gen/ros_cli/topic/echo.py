@@ -12,14 +12,13 @@ from rosidl_py_gen.ros_cli.topic import qos as topic_qos
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.ros_cli.topic.formats import Style
     from rosidl_py_gen.runtime import AdaptiveSubscription
 
-
-_LOST_EVERY_S = 1.0
+_LOST_NOTE_INTERVAL_S = 1.0
 _EARLY = 0.25
-"""Of the period of ``--max-rate``: so much earlier than due a message is printed."""
+"""Fraction of the period of ``--max-rate`` by which a message may be printed early."""
 
 
 @click.command("echo", cls=options.MultiValueCommand)
@@ -32,47 +31,55 @@ _EARLY = 0.25
     multiple=True,
     metavar="PATH",
     shell_complete=options.field_completion,
-    help="Print only a field: pose.position, poses[0].x, ranges[0:5]. May be repeated.",
+    help="Print only a field, such as pose.position, poses[0].x or ranges[0:5]. May be repeated.",
 )
-@click.option("--filter", "filter_text", metavar="EXPR", help="Print only messages m for which this holds.")
+@click.option("--filter", "filter_text", metavar="EXPR", help="Print only messages m for which EXPR is true.")
 @click.option(
     "--max-rate",
     "max_rate_hz",
     type=click.FloatRange(0, min_open=True),
     metavar="HZ",
-    help="Print at most so many messages a second, drop the others, and say at the end how many.",
+    help="Maximum number of printed messages per second; the number of dropped ones is printed at the end.",
 )
-@click.option("--csv", "style", flag_value="csv", help="Print all values of a message on a line.")
-@click.option("--json", "style", flag_value="json", help="Print a line of JSON for each message, nothing cut.")
-@click.option("--flow-style", "style", flag_value="flow", help="Print a line of YAML for each message.")
-@click.option("--raw", is_flag=True, help="Print the bytes of messages; needs no definition.")
+@click.option("--csv", "style", flag_value="csv", help="Print each message as a line of CSV.")
+@click.option("--json", "style", flag_value="json", help="Print each message as a line of JSON, in full.")
+@click.option("--flow-style", "style", flag_value="flow", help="Print each message as a line of YAML.")
+@click.option("--raw", is_flag=True, help="Print the bytes of messages; no definition is needed.")
 @click.option("-f", "--full-length", is_flag=True, help="Print long arrays and strings in full.")
 @click.option(
-    "-l", "--truncate-length", type=click.IntRange(0), metavar="N", help="Cut arrays and strings here.  [default: 128]"
+    "-l",
+    "--truncate-length",
+    type=click.IntRange(0),
+    metavar="N",
+    help="Maximum length of printed arrays and strings.  [default: 128]",
 )
-@click.option("--no-arr", "arrays", is_flag=True, flag_value=False, default=True, help="Print no elements of arrays.")
-@click.option("--no-str", "strings", is_flag=True, flag_value=False, default=True, help="Print no strings.")
+@click.option(
+    "--no-arr", "arrays", is_flag=True, flag_value=False, default=True, help="Print types and sizes of arrays only."
+)
+@click.option(
+    "--no-str", "strings", is_flag=True, flag_value=False, default=True, help="Print lengths of strings only."
+)
 @click.option(
     "--no-lost-messages",
     "lost_messages",
     is_flag=True,
     flag_value=False,
     default=True,
-    help="Do not tell when messages come faster than they are printed.",
+    help="Print no note if messages arrive faster than they are printed.",
 )
 @click.option(
     "--timeout",
     "timeout_s",
     type=click.FloatRange(0),
     metavar="SECONDS",
-    help="How long to wait for the topic, 5 if not given, and for a message, without end if not given.",
+    help="Maximum time to wait for the topic, and for each message.  [default: 5, and no limit]",
 )
 @topic_qos.qos_options
 @options.paths
 @options.node_options
 @verb
 def echo(
-    network: NetworkOptions,
+    network: options.NetworkOptions,
     topic: str,
     type_name: str | None,
     once: bool,
@@ -97,8 +104,8 @@ def echo(
     rosidl-py topic echo /odom --field pose.pose.position --csv
     rosidl-py topic echo /rosout --filter 'm.level >= 30 and "lidar" in m.name'
 
-    Without --qos-... options, it asks for what all publishers offer. In --filter there are comparisons, arithmetic, and
-    or not in, abs all any bool float int isfinite isinf isnan len max min round sqrt sum, and
+    Without --qos-... options, the QoS is what all publishers offer. --filter supports comparisons, arithmetic, and or
+    not in, abs all any bool float int isfinite isinf isnan len max min round sqrt sum, and
     any(x < 1 for x in m.ranges).
     """
     from rosidl_py_gen.ros_cli import types
@@ -109,7 +116,7 @@ def echo(
     from rosidl_py_gen.runtime import AdaptiveSubscription, WaitTimeoutError
     from rosidl_py_gen.runtime import qos as presets
 
-    pace = _RateLimit(max_rate_hz, now_s)
+    rate_limit = _RateLimit(max_rate_hz, now_s)
 
     async def main() -> int:
         async with CommandNode(network) as session:
@@ -119,25 +126,25 @@ def echo(
             cls: Any
             if raw:
                 cls = types.opaque_class(session, name, type_name)
-                show = _shows(lambda value: value, lambda value: True, pace, printer)
+                show = _message_printer(lambda value: value, lambda value: True, rate_limit, printer)
             else:
                 cls = await types.message_class(session, name, type_name, paths)
                 field = _fields(cls, fields, arrays)
                 condition = compile_filter(filter_text, cls) if filter_text else lambda value: True
-                show = _shows(field, condition, pace, printer)
-            given = topic_qos.given(qos, presets.SENSOR_DATA)
-            following: AdaptiveSubscription[Any] = AdaptiveSubscription(
-                session.node, name, cls, raw=raw, qos=given, note=terminal_output.note
+                show = _message_printer(field, condition, rate_limit, printer)
+            profile = topic_qos.requested_profile(qos, presets.SENSOR_DATA)
+            subscription: AdaptiveSubscription[Any] = AdaptiveSubscription(
+                session.node, name, cls, raw=raw, qos=profile, note=terminal_output.note
             )
-            async with following as messages:
+            async with subscription as messages:
                 try:
                     await print_from(messages, name, show)
                 finally:
-                    pace.tell()
+                    rate_limit.report_dropped()
         return 0
 
     async def full_name(session: CommandNode) -> str:
-        """The full name of the topic, once its publishers had time to be seen."""
+        """Return the full name of the topic after its publishers had time to be discovered."""
         if type_name is None:
             return await find_topic(session, topic, timeout_s)
         name = full_topic_name(session, topic)
@@ -145,19 +152,19 @@ def echo(
         return name
 
     async def print_from(messages: AdaptiveSubscription[Any], name: str, show: Callable[[Any], bool]) -> None:
-        lost, has_received, shown_at = _Lost(now_s), False, now_s()
+        lost, has_received, printed_s = _LostNotes(now_s), False, now_s()
         while True:
-            left_s = None if timeout_s is None else max(0.0, shown_at + timeout_s - now_s())
+            left_s = None if timeout_s is None else max(0.0, printed_s + timeout_s - now_s())
             try:
                 message, _ = await messages.receive_with_info(left_s)
             except WaitTimeoutError as error:
                 text = f"on {name} in {timeout_s:g} s"
                 if filter_text and has_received:
-                    raise ToolError(f"no message that the filter lets through {text}") from None
+                    raise ToolError(f"no message that passes the filter {text}") from None
                 raise ToolError(f"no message {text}: {error.reason}") from None
             has_received = True
             if show(message):
-                shown_at = now_s()
+                printed_s = now_s()
                 if once:
                     return
             if lost_messages:
@@ -166,21 +173,21 @@ def echo(
     return AsyncCommand(main(), endless=not once)
 
 
-class _Lost:
-    """Tells from time to time how many messages came faster than they were printed."""
+class _LostNotes:
+    """Notes about messages that arrived faster than they were printed."""
 
     def __init__(self, now_s: Callable[[], float]) -> None:
-        self._noted, self._noted_at, self._now_s = 0, 0.0, now_s
+        self._total, self._noted_s, self._now_s = 0, 0.0, now_s
 
     def note(self, total: int) -> None:
-        """Print a note if more were lost since the last one, which is a while ago."""
-        if total > self._noted and (now := self._now_s()) > self._noted_at + _LOST_EVERY_S:
-            terminal_output.note(f"{total - self._noted} messages came faster than they were printed ({total} in all)")
-            self._noted, self._noted_at = total, now
+        if total > self._total and (now := self._now_s()) > self._noted_s + _LOST_NOTE_INTERVAL_S:
+            text = f"{total - self._total} messages arrived faster than they were printed ({total} in total)"
+            terminal_output.note(text)
+            self._total, self._noted_s = total, now
 
 
 def _fields(cls: type[Message], paths: Sequence[str], arrays: bool) -> Callable[[Message], Any]:
-    """Return what gives the values to print: the message, the value of one path, or a dict of several."""
+    """Return a function for the value to print: the message, the value of one path, or a dict of several."""
     from rosidl_py_gen.base.fieldtype import Arity
     from rosidl_py_gen.ros_cli.message_expressions import compile_path, path_field
     from rosidl_py_gen.ros_cli.message_text import array_summary
@@ -188,22 +195,22 @@ def _fields(cls: type[Message], paths: Sequence[str], arrays: bool) -> Callable[
     if not paths:
         return lambda message: message
 
-    def one(path: str) -> Callable[[Message], Any]:
+    def field_value(path: str) -> Callable[[Message], Any]:
         value, field = compile_path(path, cls), None if arrays else path_field(path, cls)
         if field is None or field.type.arity is Arity.SCALAR:
             return value
         return lambda message: array_summary(field, value(message))
 
-    values = {path: one(path) for path in paths}
+    values = {path: field_value(path) for path in paths}
     if len(values) == 1:
         return values[paths[0]]
     return lambda message: {path: value(message) for path, value in values.items()}
 
 
 class _RateLimit:
-    """Decides which messages are printed when at most `max_hz` a second may be: None for all.
+    """Limit of ``--max-rate``; `max_hz` None means no limit.
 
-    One may come a little early, at the cost of the next: of a topic that is just as fast, all are printed.
+    A message may be printed a little early, which delays the next one: of a topic with this rate all are printed.
     """
 
     def __init__(self, max_hz: float | None, now_s: Callable[[], float]) -> None:
@@ -213,7 +220,7 @@ class _RateLimit:
         self._dropped = 0
 
     def allows(self) -> bool:
-        """Whether one may be printed now; counts those that may not."""
+        """Return True if a message may be printed now, else count it as dropped."""
         if self._max_hz is None:
             return True
         now = self._now_s()
@@ -223,24 +230,24 @@ class _RateLimit:
         self._next_s = max(now, self._next_s) + self._period_s
         return True
 
-    def tell(self) -> None:
-        """Say how many were not printed, if any."""
+    def report_dropped(self) -> None:
+        """Print a note about dropped messages."""
         if self._dropped:
             terminal_output.note(f"{self._dropped} messages were dropped, as --max-rate is {self._max_hz:g}")
 
 
-def _shows(
-    field: Callable[[Any], Any], condition: Callable[[Any], bool], pace: _RateLimit, show: Callable[[Any], None]
+def _message_printer(
+    field: Callable[[Any], Any], condition: Callable[[Any], bool], rate_limit: _RateLimit, show: Callable[[Any], None]
 ) -> Callable[[Any], bool]:
-    """Prints a message that meets the condition, when it is time for one, and says whether it met it.
+    """Return a function that prints messages for which the condition is true, and returns that result.
 
-    What has no value is noted once.
+    A message without a value for the filter or field is skipped; each reason is noted once.
     """
     from rosidl_py_gen.ros_cli.message_expressions import FilterError
 
     noted: set[str] = set()
 
-    def shows(message: Any) -> bool:
+    def print_message(message: Any) -> bool:
         try:
             if not condition(message):
                 return False
@@ -248,10 +255,10 @@ def _shows(
         except FilterError as error:
             if str(error) not in noted and len(noted) < 10:
                 noted.add(str(error))
-                terminal_output.note(f"left out a message: {error}")
+                terminal_output.note(f"skipped a message: {error}")
             return False
-        if pace.allows():
+        if rate_limit.allows():
             show(value)
         return True
 
-    return shows
+    return print_message

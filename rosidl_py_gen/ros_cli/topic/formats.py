@@ -1,7 +1,7 @@
-"""How ``topic echo`` shows a message, or the field of it that was asked for.
+"""Output formats of ``topic echo``.
 
-Decides what each format cuts: YAML and CSV as `ros2 topic echo` does; JSON is for programs and cut only when the user
-says where, and so is a string that was asked for by itself.
+YAML and CSV truncate long values as `ros2 topic echo` does. JSON, and a string that is printed alone, are truncated
+only if the user sets a length.
 """
 
 from __future__ import annotations
@@ -14,18 +14,14 @@ from functools import partial
 from typing import Any, Literal
 
 from rosidl_py_gen.ros_cli import terminal_output
-from rosidl_py_gen.ros_cli.message_text import TRUNCATE, plain_value, to_yaml
+from rosidl_py_gen.ros_cli.message_text import TRUNCATE, to_plain, to_yaml
 
 Style = Literal["yaml", "flow", "csv", "json"]
 
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """What the options of ``topic echo`` say.
-
-    Attributes:
-        truncate_length: None when the user did not say.
-    """
+    """Format options of ``topic echo``."""
 
     style: Style = "yaml"
     full_length: bool = False
@@ -34,11 +30,11 @@ class Format:
     strings: bool = True
 
     def printer(self) -> Callable[[Any], None]:
-        """A function that prints a message, a value of a field, or the bytes of a message."""
-        usual = None if self.style == "json" else TRUNCATE
-        truncate = usual if self.truncate_length is None else self.truncate_length
+        """Return a function that prints a message, the value of a field, or the bytes of a message."""
+        default = None if self.style == "json" else TRUNCATE
+        truncate = default if self.truncate_length is None else self.truncate_length
         plain = partial(
-            plain_value,
+            to_plain,
             truncate=None if self.full_length else truncate,
             arrays=self.arrays,
             strings=self.strings,
@@ -62,7 +58,7 @@ class Format:
 
 
 def to_csv(value: Any) -> str:
-    """All scalars of a plain value, one behind the other."""
+    """Return all scalars of a plain value as a line of CSV."""
     text = io.StringIO()
     csv.writer(text, lineterminator="").writerow(_scalars(value))
     return text.getvalue()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -10,19 +9,25 @@ import click
 from rosidl_py_gen.ros_cli import options, terminal_output, verb
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.ros_cli.command_node import NetworkOptions
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.runtime import QoSProfile, TopicEndpointInfo
 
 
-async def _show_topic(
-    network: NetworkOptions,
-    topic: str,
-    timeout_s: float | None,
-    as_json: bool,
-    verbose: bool = False,
-    only_type: bool = False,
+@click.command("info")
+@options.topic_argument()
+@click.option("-v", "--verbose", is_flag=True, help="Show node, type, GID and QoS of each publisher and subscription.")
+@options.topic_timeout
+@options.as_json
+@options.node_options
+@verb
+async def info(
+    network: options.NetworkOptions, topic: str, timeout_s: float | None, verbose: bool, as_json: bool
 ) -> int:
-    """Print the type of a topic, or also who publishes and subscribes."""
+    """Print the type of a topic, and its publishers and subscriptions.
+
+    \b
+    rosidl-py topic info /scan -v
+    """
     from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.ros_cli.name_lookup import find_topic
 
@@ -32,40 +37,25 @@ async def _show_topic(
         node = session.node
         types = dict(node.get_topic_names_and_types()).get(name, [])
         publishers = node.get_publishers_info_by_topic(name)
-        subscribers = node.get_subscriptions_info_by_topic(name)
-        apart = [
+        subscriptions = node.get_subscriptions_info_by_topic(name)
+        incompatible = [
             f"no messages from {one.writer.node_text} to {one.reader.node_text}: {one.reason}"
             for one in node.incompatible_endpoints_of_topic(name)
         ]
-    if only_type:
-        if as_json:
-            terminal_output.document(types)
-        else:
-            terminal_output.lines(types)
-    elif as_json:
-        ends = {"publishers": [*map(_plain, publishers)], "subscribers": [*map(_plain, subscribers)]}
-        terminal_output.document({"name": name, "types": types, **ends, "mismatches": apart})
-    else:
-        _show(types, publishers, subscribers, verbose)
-        for text in apart if verbose else ():
-            terminal_output.line(f"warning: {text}", "yellow")
+    if as_json:
+        endpoints = {"publishers": [*map(_row, publishers)], "subscribers": [*map(_row, subscriptions)]}
+        terminal_output.document({"name": name, "types": types, **endpoints, "mismatches": incompatible})
+        return 0
+    separator = [""] if verbose else []
+    terminal_output.lines([f"Type: {types[0] if len(types) == 1 else types}", *separator])
+    for heading, endpoints_of_kind in (("Publisher", publishers), ("Subscription", subscriptions)):
+        terminal_output.line(f"{heading} count: {len(endpoints_of_kind)}", "bold" if verbose else "")
+        terminal_output.lines(separator)
+        for endpoint in endpoints_of_kind if verbose else ():
+            terminal_output.lines([*_description(endpoint), ""])
+    for text in incompatible if verbose else ():
+        terminal_output.line(f"warning: {text}", "yellow")
     return 0
-
-
-@click.command("info")
-@options.topic_argument()
-@click.option("-v", "--verbose", is_flag=True, help="Show every publisher and subscription: node, type, GID, QoS.")
-@options.topic_timeout
-@options.as_json
-@options.node_options
-@verb
-def info(**arguments: Any) -> Any:
-    """Print the type of a topic, and who publishes and subscribes.
-
-    \b
-    rosidl-py topic info /scan -v
-    """
-    return _show_topic(**arguments)
 
 
 @click.command("type")
@@ -74,41 +64,37 @@ def info(**arguments: Any) -> Any:
 @options.as_json
 @options.node_options
 @verb
-def type_(**arguments: Any) -> Any:
+async def type_(network: options.NetworkOptions, topic: str, timeout_s: float | None, as_json: bool) -> int:
     """Print the type of a topic.
 
     \b
     rosidl-py interface show $(rosidl-py topic type /scan)
     """
-    return _show_topic(only_type=True, **arguments)
+    from rosidl_py_gen.ros_cli.name_lookup import find_topic
+    from rosidl_py_gen.ros_cli.types import announced_types_of
+
+    async def find(session: CommandNode) -> str:
+        name = await find_topic(session, topic, timeout_s)
+        await session.wait_for_discovery()
+        return name
+
+    terminal_output.values(await announced_types_of(network, "topic", find), as_json)
+    return 0
 
 
-def _show(
-    types: list[str], publishers: Sequence[TopicEndpointInfo], subscribers: Sequence[TopicEndpointInfo], verbose: bool
-) -> None:
-    end = [""] if verbose else []
-    terminal_output.lines([f"Type: {types[0] if len(types) == 1 else types}", *end])
-    for heading, infos in (("Publisher", publishers), ("Subscription", subscribers)):
-        terminal_output.line(f"{heading} count: {len(infos)}", "bold" if verbose else "")
-        terminal_output.lines(end)
-        if verbose:
-            for info in infos:
-                terminal_output.lines([*_described(info), ""])
-
-
-def _described(info: TopicEndpointInfo) -> list[str]:
-    """An endpoint in the words of rclpy."""
+def _description(endpoint: TopicEndpointInfo) -> list[str]:
+    """Return lines in the form of rclpy's ``TopicEndpointInfo``."""
     from rosidl_py_gen.runtime import History
 
-    qos = info.qos_profile
+    qos = endpoint.qos_profile
     depth = f" ({qos.depth})" if qos.history is History.KEEP_LAST else ""
     return [
-        f"Node name: {info.node_name}",
-        f"Node namespace: {info.node_namespace}",
-        f"Topic type: {info.topic_type}",
-        f"Topic type hash: {info.topic_type_hash or 'INVALID'}",
-        f"Endpoint type: {info.endpoint_type.name}",
-        f"GID: {_gid(info)}",
+        f"Node name: {endpoint.node_name}",
+        f"Node namespace: {endpoint.node_namespace}",
+        f"Topic type: {endpoint.topic_type}",
+        f"Topic type hash: {endpoint.topic_type_hash or 'INVALID'}",
+        f"Endpoint type: {endpoint.endpoint_type.name}",
+        f"GID: {endpoint.endpoint_gid.hex('.')}",
         "QoS profile:",
         f"  Reliability: {qos.reliability.name}",
         f"  History (Depth): {qos.history.name}{depth}",
@@ -120,18 +106,18 @@ def _described(info: TopicEndpointInfo) -> list[str]:
     ]
 
 
-def _plain(info: TopicEndpointInfo) -> dict[str, Any]:
+def _row(endpoint: TopicEndpointInfo) -> dict[str, Any]:
     return {
-        "node": info.node_name,
-        "namespace": info.node_namespace,
-        "type": info.topic_type,
-        "type_hash": info.topic_type_hash,
-        "gid": _gid(info),
-        "qos": _plain_qos(info.qos_profile),
+        "node": endpoint.node_name,
+        "namespace": endpoint.node_namespace,
+        "type": endpoint.topic_type,
+        "type_hash": endpoint.topic_type_hash,
+        "gid": endpoint.endpoint_gid.hex("."),
+        "qos": _qos_row(endpoint.qos_profile),
     }
 
 
-def _plain_qos(qos: QoSProfile) -> dict[str, Any]:
+def _qos_row(qos: QoSProfile) -> dict[str, Any]:
     return {
         "reliability": qos.reliability.name.lower(),
         "history": qos.history.name.lower(),
@@ -142,10 +128,6 @@ def _plain_qos(qos: QoSProfile) -> dict[str, Any]:
         "liveliness": qos.liveliness.name.lower(),
         "liveliness_lease_ns": qos.liveliness_lease_ns,
     }
-
-
-def _gid(info: TopicEndpointInfo) -> str:
-    return info.endpoint_gid.hex(".")
 
 
 def _period(period_ns: int) -> str:

@@ -10,7 +10,7 @@ from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.ros_cli import options, terminal_output, verb
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.ros_cli.command_node import NetworkOptions
+    from rosidl_py_gen.runtime import Node
 
 _hidden = click.option(
     "-a",
@@ -18,58 +18,41 @@ _hidden = click.option(
     "--include-hidden",
     "hidden",
     is_flag=True,
-    help="Show hidden ones, which begin with _, too.",
+    help="Include hidden topics: those with a part that begins with _.",
 )
-
-
-async def _list(
-    network: NetworkOptions,
-    show_types: bool,
-    verbose: bool,
-    count: bool,
-    hidden: bool,
-    as_json: bool,
-    type_name: str | None = None,
-) -> int:
-    """Print the topics, all or those of a type."""
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
-    from rosidl_py_gen.ros_cli.name_lookup import is_hidden
-
-    wanted = type_name and str(split_ros_name(type_name, "msg"))
-    async with CommandNode(network) as session:
-        await session.wait_for_discovery()
-        node = session.node
-        found: list[dict[str, Any]] = [
-            {"name": name, "types": types, "publishers": node.count_publishers(name), "subscribers": subscribers}
-            for name, types in node.get_topic_names_and_types()
-            if (hidden or not is_hidden(name)) and (wanted is None or wanted in types)
-            for subscribers in (node.count_subscribers(name),)
-        ]
-        session.note_if_alone()
-    if verbose and not (as_json or count):
-        _show_ends(found, "Published", "publisher")
-        _show_ends(found, "Subscribed", "subscriber")
-    else:
-        terminal_output.names(found, count, show_types, as_json)
-    return 0
 
 
 @click.command("list")
 @options.show_types
-@click.option("-v", "--verbose", is_flag=True, help="Show what is published and subscribed, and by how many.")
+@click.option("-v", "--verbose", is_flag=True, help="Show published and subscribed topics, and the numbers of each.")
 @options.count("topics")
 @_hidden
 @options.as_json
 @options.node_options
 @verb
-def list_(**arguments: Any) -> Any:
-    """Print the topics there are.
+async def list_(
+    network: options.NetworkOptions, show_types: bool, verbose: bool, count: bool, hidden: bool, as_json: bool
+) -> int:
+    """Print the topics.
 
     \b
     rosidl-py topic list -t
     rosidl-py topic list --json | jq '.[].name'
     """
-    return _list(**arguments)
+    from rosidl_py_gen.ros_cli.command_node import list_graph
+
+    rows = await list_graph(network, _topics, hidden=hidden)
+    if not verbose or as_json or count:
+        terminal_output.names(rows, count, show_types, as_json)
+        return 0
+    for heading, kind in (("Published", "publisher"), ("Subscribed", "subscriber")):
+        terminal_output.line(f"{heading} topics:", "bold")
+        for row in rows:
+            if number := row[f"{kind}s"]:
+                plural = "s" if number > 1 else ""
+                terminal_output.line(f" * {row['name']} [{', '.join(row['types'])}] {number} {kind}{plural}")
+        terminal_output.line()
+    return 0
 
 
 @click.command("find")
@@ -79,20 +62,26 @@ def list_(**arguments: Any) -> Any:
 @options.as_json
 @options.node_options
 @verb
-def find(**arguments: Any) -> Any:
+async def find(network: options.NetworkOptions, type_name: str, count: bool, hidden: bool, as_json: bool) -> int:
     """Print the topics of a type.
 
     \b
     rosidl-py topic find sensor_msgs/msg/LaserScan
     """
-    return _list(show_types=False, verbose=False, **arguments)
+    from rosidl_py_gen.ros_cli.command_node import list_graph
+
+    rows = await list_graph(network, _topics, hidden=hidden, type_name=split_ros_name(type_name, "msg"))
+    terminal_output.names(rows, count, False, as_json)
+    return 0
 
 
-def _show_ends(found: list[dict[str, Any]], heading: str, end: str) -> None:
-    terminal_output.line(f"{heading} topics:", "bold")
-    for one in found:
-        if number := one[f"{end}s"]:
-            terminal_output.line(
-                f" * {one['name']} [{', '.join(one['types'])}] {number} {end}{'s' if number > 1 else ''}"
-            )
-    terminal_output.line()
+def _topics(node: Node) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": name,
+            "types": types,
+            "publishers": node.count_publishers(name),
+            "subscribers": node.count_subscribers(name),
+        }
+        for name, types in node.get_topic_names_and_types()
+    ]

@@ -1,7 +1,7 @@
-"""``topic hz``, ``bw`` and ``delay``: figures of one or several topics, once a second.
+"""``topic hz``, ``bw`` and ``delay``: statistics of one or several topics, once a second.
 
-Decides what is received: the bytes of messages, best effort, which every publisher offers. Messages are decoded only
-where a filter, or a header that is not their first field, needs it. What is computed is in `topic/statistics.py`.
+The subscriptions are best effort, which is compatible with every publisher, and receive bytes. Messages are decoded
+only for a filter, or for a header that is not their first field. `topic/statistics.py` computes the statistics.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from rosidl_py_gen.ros_cli import AsyncCommand, ToolError, options, terminal_out
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.ros_cli.topic.statistics import TopicStatistics
     from rosidl_py_gen.runtime import Subscription
 
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-_EVERY_S = 1.0
+_REPORT_INTERVAL_S = 1.0
 _DEPTH = 1000
 _TABLE_COLUMNS = 72
 _HEADER = "std_msgs/msg/Header"
@@ -36,24 +36,23 @@ _Value = Callable[[Any], "int | None"]
 
 @dataclass(frozen=True, slots=True)
 class _TopicMeter:
-    """One topic: where messages come from, what is taken of each (None: it does not count), and the figures."""
+    """Subscription and statistics of one topic; messages for which `value` returns None do not count."""
 
     topic: str
     subscription: Subscription[Any]
     value: _Value
-    figures: TopicStatistics
+    statistics: TopicStatistics
 
-    async def feed(self) -> None:
-        """Take messages in, for ever."""
-        receive, value, add = self.subscription.receive_with_info, self.value, self.figures.add
+    async def run(self) -> None:
+        """Add received messages to the statistics, without end."""
+        receive, value, add = self.subscription.receive_with_info, self.value, self.statistics.add
         while True:
             message, info = await receive()
-            if (found := value(message)) is not None:
-                add(info.received_timestamp_ns, found)
+            if (number := value(message)) is not None:
+                add(info.received_timestamp_ns, number)
 
 
 def _meter_options(window: int) -> Callable[[F], F]:
-    """Arguments and options of the commands that measure."""
 
     def add(command: F) -> F:
         for option in reversed(
@@ -66,9 +65,9 @@ def _meter_options(window: int) -> Callable[[F], F]:
                     default=window,
                     show_default=True,
                     metavar="N",
-                    help="How many messages count.",
+                    help="Number of the last messages to compute with.",
                 ),
-                click.option("-n", "--times", type=click.IntRange(1), metavar="N", help="End after N reports."),
+                options.report_count,
                 options.topic_timeout,
                 options.paths,
                 options.as_json,
@@ -81,16 +80,16 @@ def _meter_options(window: int) -> Callable[[F], F]:
     return add
 
 
-def _measuring(network: NetworkOptions, times: int | None, **arguments: Any) -> AsyncCommand:
+def _measuring(network: options.NetworkOptions, times: int | None, **arguments: Any) -> AsyncCommand:
     return AsyncCommand(_measure(network, times=times, **arguments), endless=times is None)
 
 
 @click.command("hz")
 @_meter_options(10000)
-@click.option("--filter", "filter_text", metavar="EXPR", help="Count only messages m for which this holds.")
+@click.option("--filter", "filter_text", metavar="EXPR", help="Count only messages m for which EXPR is true.")
 @verb
 def hz(**arguments: Any) -> AsyncCommand:
-    """Print how often messages arrive.
+    """Print the rate of messages.
 
     \b
     rosidl-py topic hz /scan
@@ -103,7 +102,7 @@ def hz(**arguments: Any) -> AsyncCommand:
 @_meter_options(100)
 @verb
 def bw(**arguments: Any) -> AsyncCommand:
-    """Print how many bytes per second arrive.
+    """Print the received bytes per second.
 
     \b
     rosidl-py topic bw /camera/image_raw
@@ -115,7 +114,7 @@ def bw(**arguments: Any) -> AsyncCommand:
 @_meter_options(10000)
 @verb
 def delay(**arguments: Any) -> AsyncCommand:
-    """Print how old messages are when they arrive, by the stamp in their headers.
+    """Print the age of messages at their arrival, by the stamp in their headers.
 
     \b
     rosidl-py topic delay /scan
@@ -124,7 +123,7 @@ def delay(**arguments: Any) -> AsyncCommand:
 
 
 async def _measure(
-    network: NetworkOptions,
+    network: options.NetworkOptions,
     kind: str,
     topics: tuple[str, ...],
     window: int,
@@ -157,7 +156,7 @@ async def _measure(
             meters.append(_TopicMeter(name, subscription, value, kinds[kind](window)))
             if not as_json and (kind == "bw" or len(topics) > 1):
                 terminal_output.line(f"Subscribed to [{name}]")
-        await first_of(_report(meters, times, as_json), *(meter.feed() for meter in meters))
+        await first_of(_report(meters, times, as_json), *(meter.run() for meter in meters))
     return 0
 
 
@@ -166,8 +165,8 @@ async def _report(meters: Sequence[_TopicMeter], times: int | None, as_json: boo
 
     silent = False
     while times is None or times > 0:
-        await asyncio.sleep(_EVERY_S)
-        reports = [(meter, report) for meter in meters if (report := meter.figures.report()) is not None]
+        await asyncio.sleep(_REPORT_INTERVAL_S)
+        reports = [(meter, report) for meter in meters if (report := meter.statistics.report()) is not None]
         if not reports and not silent:
             terminal_output.note("no new messages")
         silent = not reports
@@ -178,29 +177,28 @@ async def _report(meters: Sequence[_TopicMeter], times: int | None, as_json: boo
             for meter, report in reports:
                 if len(meters) > 1:
                     terminal_output.line(meter.topic)
-                terminal_output.block(meter.figures.text(report))
+                terminal_output.block(meter.statistics.text(report))
         elif reports:
-            rows = [[meter.topic, *meter.figures.row(report)] for meter, report in reports]
-            terminal_output.table(rows, "topic", *meters[0].figures.HEADINGS)
+            rows = [[meter.topic, *meter.statistics.row(report)] for meter, report in reports]
+            terminal_output.table(rows, "topic", *meters[0].statistics.HEADINGS)
         if times is not None and reports:
             times -= 1
 
 
 def _is_narrow() -> bool:
-    """Whether a table would break its numbers."""
     return sys.stdout.isatty() and shutil.get_terminal_size().columns < _TABLE_COLUMNS
 
 
 async def _value_extractor(
     session: CommandNode, topic: str, kind: str, paths: Sequence[str], filter_text: str | None
 ) -> tuple[type[Message] | None, _Value]:
-    """The class to decode messages with, None to leave them as bytes, and what is taken of each."""
+    """Return the class to decode messages with, or None for bytes, and a function for the value of a message."""
     from rosidl_py_gen.ros_cli import types
     from rosidl_py_gen.ros_cli.message_expressions import compile_filter
 
     if filter_text is not None:
         cls = await types.message_class(session, topic, paths=paths)
-        return cls, _where(compile_filter(filter_text, cls))
+        return cls, _zero_if(compile_filter(filter_text, cls))
     if kind != "delay":
         return None, len
     cls = await types.message_class(session, topic, paths=paths)
@@ -210,7 +208,7 @@ async def _value_extractor(
     return (None, _first_stamp) if cls._TYPE.fields[0].ros_name == "header" else (cls, _stamp)
 
 
-def _where(condition: Callable[[Message], bool]) -> _Value:
+def _zero_if(condition: Callable[[Message], bool]) -> _Value:
     from rosidl_py_gen.ros_cli.message_expressions import FilterError
 
     def value(message: Message) -> int | None:
@@ -227,7 +225,7 @@ def _stamp(message: Any) -> int:
 
 
 def _first_stamp(data: bytes) -> int | None:
-    """The stamp at the beginning of a serialized message; byte 1 of it tells the byte order."""
+    """Return the stamp at the beginning of a serialized message; byte 1 contains the byte order."""
     if len(data) < 12:
         return None
     sec, nanosec = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)

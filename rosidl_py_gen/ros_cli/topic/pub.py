@@ -1,7 +1,4 @@
-"""``topic pub``.
-
-Decides when messages go out: one text is published again and again, each of the documents of standard input once.
-"""
+"""``topic pub``: publishes one message repeatedly, or each document of standard input once."""
 
 from __future__ import annotations
 
@@ -16,12 +13,11 @@ from rosidl_py_gen.ros_cli.topic import qos as topic_qos
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.ros_cli.command_node import NetworkOptions
     from rosidl_py_gen.runtime import Publisher, Rate
 
-
-_ACKNOWLEDGED_S = 5.0
-_NOTE_EVERY_S = 1.0
+_ACKNOWLEDGE_TIMEOUT_S = 5.0
+"""Maximum time at the end until subscribers have acknowledged all messages."""
+_WAITING_NOTE_INTERVAL_S = 1.0
 _STDIN = "-"
 
 
@@ -29,7 +25,7 @@ _STDIN = "-"
 @options.topic_argument()
 @click.argument("words", metavar="[TYPE] [VALUES]", nargs=-1, shell_complete=options.call_completion("topic"))
 @click.option(
-    "-r", "--rate", type=click.FloatRange(0, min_open=True), metavar="HZ", help="Messages a second.  [default: 1]"
+    "-r", "--rate", type=click.FloatRange(0, min_open=True), metavar="HZ", help="Messages per second.  [default: 1]"
 )
 @click.option("-1", "--once", is_flag=True, help="Publish one message and end.")
 @click.option("-t", "--times", type=click.IntRange(1), metavar="N", help="Publish N messages and end.")
@@ -39,7 +35,7 @@ _STDIN = "-"
     "wait",
     type=click.IntRange(0),
     metavar="N",
-    help="Wait for so many subscriptions first.  [default: 1 with --once, --times or -, else 0]",
+    help="Number of subscriptions to wait for.  [default: 1 with --once, --times or -, else 0]",
 )
 @click.option(
     "--timeout",
@@ -47,7 +43,7 @@ _STDIN = "-"
     "timeout_s",
     type=click.FloatRange(0),
     metavar="SECONDS",
-    help="How long to wait for the topic, 5 if not given, and for subscriptions, without end if not given.",
+    help="Maximum time to wait for the topic, and for subscriptions.  [default: 5, and no limit]",
 )
 @click.option(
     "-p",
@@ -56,7 +52,7 @@ _STDIN = "-"
     type=click.IntRange(0),
     default=1,
     metavar="N",
-    help="Print every N-th message only; 0 prints none.",
+    help="Print every N-th message; 0 prints none.",
 )
 @click.option(
     "--keep-alive",
@@ -65,7 +61,7 @@ _STDIN = "-"
     default=0.1,
     show_default=True,
     metavar="SECONDS",
-    help="Stay this long after the last message.",
+    help="Time to stay after the last message.",
 )
 @topic_qos.qos_options
 @options.paths
@@ -73,7 +69,7 @@ _STDIN = "-"
 @options.node_options
 @verb
 def pub(
-    network: NetworkOptions,
+    network: options.NetworkOptions,
     topic: str,
     words: tuple[str, ...],
     rate: float | None,
@@ -94,19 +90,19 @@ def pub(
     rosidl-py topic pub --once /goal geometry_msgs/msg/PoseStamped '{header: auto, pose: {position: {x: 1}}}'
     rosidl-py topic echo --json /a | rosidl-py topic pub /b -
 
-    VALUES is YAML or JSON; what it leaves out has its default. "header: auto" and "stamp: now" are set for each
-    message. With - each document of standard input is published once. TYPE may be left out for a topic that is there.
+    VALUES is YAML or JSON; omitted fields have their defaults. "header: auto" and "stamp: now" are set for each
+    message. With - each document of standard input is published once. TYPE may be omitted for an existing topic.
     """
     import asyncio
 
     from rosidl_py_gen.ros_cli import message_text, types
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.ros_cli.command_node import CommandNode, now_s
     from rosidl_py_gen.ros_cli.name_lookup import find_topic, full_topic_name
     from rosidl_py_gen.runtime import WaitTimeoutError
     from rosidl_py_gen.runtime import qos as presets
 
     type_name, text = message_text.type_and_values(words)
-    most = 1 if once else times
+    max_count = 1 if once else times
 
     async def main() -> int:
         async with CommandNode(network) as session:
@@ -115,62 +111,56 @@ def pub(
             else:
                 name = full_topic_name(session, topic)
             cls = await types.message_class(session, name, type_name, paths)
-            ready = (
-                None if text == _STDIN else message_text.message_and_stamps(cls, text)
-            )  # before anybody is waited for
-            profile = topic_qos.given(qos, presets.DEFAULT) or presets.DEFAULT
+            # Before the wait for subscriptions, so that errors in the text are reported at once.
+            template = None if text == _STDIN else message_text.message_and_stamps(cls, text)
+            profile = topic_qos.requested_profile(qos, presets.DEFAULT) or presets.DEFAULT
             publisher: Publisher[Any] = session.node.create_publisher(cls, name, profile)
-            ends = most is not None or ready is None
-            await _subscribed(publisher, int(ends) if wait is None else wait, timeout_s)
+            ends = max_count is not None or template is None
+            await _wait_for_subscriptions(publisher, int(ends) if wait is None else wait, timeout_s)
             if not as_json:
                 terminal_output.line("publisher: beginning loop")
-            made = _again_and_again(*ready) if ready else _from_stdin(cls)
-            hz = rate or (1.0 if ready else None)
-            async with aclosing(made) as several:
-                await publish_each(publisher, several, None if hz is None else session.node.create_rate(hz))
-            began = asyncio.get_running_loop().time()
+            hz = rate or (1.0 if template else None)
+            async with aclosing(_repeated(*template) if template else _from_stdin(cls)) as messages:
+                await publish_each(publisher, messages, None if hz is None else session.node.create_rate(hz))
+            published_s = now_s()
             with suppress(WaitTimeoutError):
-                await publisher.wait_for_acknowledged(_ACKNOWLEDGED_S)
-            await asyncio.sleep(began + keep_alive_s - asyncio.get_running_loop().time())
+                await publisher.wait_for_acknowledged(_ACKNOWLEDGE_TIMEOUT_S)
+            await asyncio.sleep(published_s + keep_alive_s - now_s())
         return 0
 
-    async def publish_each(publisher: Publisher[Any], several: AsyncIterator[Message], pace: Rate | None) -> None:
+    async def publish_each(publisher: Publisher[Any], messages: AsyncIterator[Message], pace: Rate | None) -> None:
         number = 0
-        async for message in several:
+        async for message in messages:
             number += 1
             if print_every and number % print_every == 0:
                 _show(number, message, as_json)
             publisher.publish(message)
-            if number == most:
+            if number == max_count:
                 return
             if pace is not None:
                 await pace.sleep()
 
-    return AsyncCommand(main(), endless=most is None and text != _STDIN)
+    return AsyncCommand(main(), endless=max_count is None and text != _STDIN)
 
 
-async def _subscribed(publisher: Publisher[Any], count: int, limit_s: float | None) -> None:
-    """Wait for so many subscriptions, and say so."""
-    import asyncio
-
+async def _wait_for_subscriptions(publisher: Publisher[Any], count: int, limit_s: float | None) -> None:
+    from rosidl_py_gen.ros_cli.command_node import now_s
     from rosidl_py_gen.runtime import WaitTimeoutError
 
-    loop = asyncio.get_running_loop()
-    began = loop.time()
-    patience_s = 0.1  # most are there at once, and need no note
+    start_s = now_s()
+    wait_s = 0.1  # most subscriptions are found at once, without a note
     while True:
         try:
-            await publisher.wait_for_subscribers(patience_s, count=count)
+            await publisher.wait_for_subscribers(wait_s, count=count)
             return
         except WaitTimeoutError as error:
             reason = f": {error.reason}" if error.reason else ""
-        waited_s = loop.time() - began
+        waited_s = now_s() - start_s
         if limit_s is not None and waited_s >= limit_s:
-            there = publisher.subscription_count
-            found = f"{there} subscriptions on {publisher.topic} in {limit_s:g} s, expected at least {count}"
-            raise ToolError(found + reason)
+            found = f"{publisher.subscription_count} subscriptions on {publisher.topic} in {limit_s:g} s"
+            raise ToolError(f"{found}, expected at least {count}{reason}")
         terminal_output.note(f"Waiting for at least {count} matching subscription(s) on {publisher.topic}...")
-        patience_s = _NOTE_EVERY_S if limit_s is None else min(_NOTE_EVERY_S, limit_s - waited_s)
+        wait_s = _WAITING_NOTE_INTERVAL_S if limit_s is None else min(_WAITING_NOTE_INTERVAL_S, limit_s - waited_s)
 
 
 def _show(number: int, message: Message, as_json: bool) -> None:
@@ -181,10 +171,10 @@ def _show(number: int, message: Message, as_json: bool) -> None:
             {"number": number, "message": message_text.to_plain(message, truncate=None)}, in_stream=True
         )
     else:
-        terminal_output.lines([f"publishing #{number}: {message_text.shown(message, message_text.TRUNCATE)}", ""])
+        terminal_output.lines([f"publishing #{number}: {message_text.rclpy_repr(message, message_text.TRUNCATE)}", ""])
 
 
-async def _again_and_again(message: Message, stamps: Sequence[Any]) -> AsyncGenerator[Message, None]:
+async def _repeated(message: Message, stamps: Sequence[Any]) -> AsyncGenerator[Message, None]:
     from rosidl_py_gen.ros_cli import message_text
 
     while True:

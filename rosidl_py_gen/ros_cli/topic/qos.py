@@ -1,4 +1,4 @@
-"""The options for quality of service of the commands of topics, and the profile that they say."""
+"""QoS options of topic commands."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _PRESETS = {"action_status_default": "ACTION_STATUS", "rosout_default": "ROSOUT"
 
 
 def qos_options(command: F) -> F:
-    """Add the ``--qos-...`` options, handed on as `qos`: what the user said, None for the rest."""
+    """Add the ``--qos-...`` options, passed as the dict `qos`; its values are None for options that are not used."""
     for option in reversed(_QOS_OPTIONS):
         command = option(command)
     return command
@@ -40,9 +40,9 @@ _QOS_OPTIONS = (
                 *("action_status_default", "rosout_default", "best_available"),
             ]
         ),
-        help="A preset; the other options change it.",
+        help="Preset that the other options change.",
     ),
-    _qos_option("--qos-depth", "depth", type=click.IntRange(0), metavar="N", help="Queue length."),
+    _qos_option("--qos-depth", "depth", type=click.IntRange(0), metavar="N", help="Depth of the queue."),
     _qos_option("--qos-history", "history", type=click.Choice(["system_default", "keep_last", "keep_all"])),
     _qos_option(
         "--qos-reliability",
@@ -65,30 +65,27 @@ _QOS_OPTIONS = (
 )
 
 
-def given(qos: dict[str, Any], default: QoSProfile) -> QoSProfile | None:
-    """The profile that the ``--qos-...`` options say; None when there are none.
-
-    Args:
-        default: what is not said.
+def requested_profile(qos: dict[str, Any], default: QoSProfile) -> QoSProfile | None:
+    """Return the profile of the ``--qos-...`` options, based on `default`; None without such options.
 
     Raises:
-        InvalidQoSError: what is said cannot be.
+        InvalidQoSError: the options contradict each other.
     """
     from rosidl_py_gen.runtime import Durability, History, Liveliness, QoSProfile, Reliability
     from rosidl_py_gen.runtime import qos as presets
 
     kinds = {"history": History, "reliability": Reliability, "durability": Durability, "liveliness": Liveliness}
-    said = {name: value for name, value in qos.items() if value is not None}
-    if not said:
+    requested = {name: value for name, value in qos.items() if value is not None}
+    if not requested:
         return None
     profile: QoSProfile = default
-    if (preset := said.pop("preset", None)) is not None:
+    if (preset := requested.pop("preset", None)) is not None:
         profile = getattr(presets, _PRESETS.get(preset, preset.upper()))
-    lease_s = said.pop("liveliness_lease_s", None)
+    lease_s = requested.pop("liveliness_lease_s", None)
     for name, kind in kinds.items():
-        if name in said:
-            said[name] = kind[said[name].upper()]
-    profile = replace(profile, **said)
+        if name in requested:
+            requested[name] = kind[requested[name].upper()]
+    profile = replace(profile, **requested)
     if profile.durability is Durability.TRANSIENT_LOCAL and profile.depth == 0:
         profile = replace(profile, depth=1)
     if lease_s is not None:

@@ -1,6 +1,6 @@
-"""What ``topic hz``, ``bw`` and ``delay`` compute from the last messages of a topic, and the words for it.
+"""Statistics of ``topic hz``, ``bw`` and ``delay``, and their text.
 
-Times are integer ns. The last `window` values count; time that goes back begins a new window.
+Times are integer ns. They are computed from the last `window` values; a jump back in time starts a new window.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from rosidl_py_gen.base.stamps import NS_PER_S
 
 
 class TopicStatistics(ABC):
-    """Values of the messages of one topic."""
+    """Statistics of the messages of one topic."""
 
     HEADINGS: ClassVar[tuple[str, ...]]
 
@@ -28,41 +28,41 @@ class TopicStatistics(ABC):
         self._is_new = False
 
     def add(self, received_ns: int, value: int) -> None:
-        """Take in a message; what `value` is, each kind says."""
+        """Add a message; the subclass defines its value."""
         if received_ns < self._last_ns:
             self.reset()
         self.add_value(received_ns, value)
         self._last_ns, self._is_new = received_ns, True
 
     def reset(self) -> None:
-        """Forget all messages."""
+        """Remove all values."""
         self._values.clear()
         self._last_ns = 0
 
     @abstractmethod
     def add_value(self, received_ns: int, value: int) -> None:
-        """Keep what a message adds."""
+        """Store the value of a message."""
 
     def report(self) -> dict[str, float] | None:
-        """The figures; None when no message came since the last report, or not enough to tell."""
+        """Return the statistics; None if no message arrived since the last report, or too few did."""
         is_new, self._is_new = self._is_new, False
         return self.computed() if is_new and self._values else None
 
     @abstractmethod
     def computed(self) -> dict[str, float]:
-        """The figures of the values there are."""
+        """Return the statistics of the stored values."""
 
     @abstractmethod
     def text(self, report: dict[str, Any]) -> str:
-        """The figures of one topic in the form of ros2."""
+        """Return the text of a report in the form of ros2."""
 
     @abstractmethod
     def row(self, report: dict[str, Any]) -> list[str]:
-        """The figures as columns, for several topics."""
+        """Return the columns of a report."""
 
 
 class RateStatistics(TopicStatistics):
-    """How often messages arrive; the values are the times between them."""
+    """Rate of messages; the values are the times between them."""
 
     HEADINGS = ("rate", "min_delta", "max_delta", "std_dev", "window")
 
@@ -84,7 +84,7 @@ class RateStatistics(TopicStatistics):
 
 
 class DelayStatistics(TopicStatistics):
-    """How old messages are when they arrive; the values are ``header.stamp``."""
+    """Age of messages at their arrival; the values are ``header.stamp``."""
 
     HEADINGS = ("delay", "min", "max", "std_dev", "window")
 
@@ -103,7 +103,7 @@ class DelayStatistics(TopicStatistics):
 
 
 class BandwidthStatistics(TopicStatistics):
-    """How many bytes arrive; the values are the sizes of messages."""
+    """Received bytes; the values are the sizes of messages."""
 
     HEADINGS = ("bandwidth", "mean", "min", "max", "window")
 
@@ -120,7 +120,7 @@ class BandwidthStatistics(TopicStatistics):
         self._times.append(received_ns)
 
     def report(self) -> dict[str, float] | None:
-        """None when there are less than two messages; else a topic that fell silent shows less and less."""
+        """Return None with less than two messages; after the last message the bandwidth decreases."""
         return self.computed() if len(self._values) > 1 else None
 
     def computed(self) -> dict[str, float]:
@@ -150,7 +150,6 @@ _SPREAD = "min: {min:.3f}s max: {max:.3f}s std dev: {std_dev:.5f}s window: {wind
 
 
 def _spread(values_ns: deque[int]) -> dict[str, float]:
-    """In seconds."""
     values = np.fromiter(values_ns, np.int64) / NS_PER_S
     return {
         "mean": float(values.mean()),
@@ -166,7 +165,7 @@ def _columns(report: dict[str, Any]) -> list[str]:
 
 
 def _unit(bytes_per_s: float) -> tuple[str, int, int]:
-    """One unit for all figures of a line: its name, its bytes, and digits behind the point."""
+    """Return the unit for all numbers of a line: its name, its bytes, and the number of decimals."""
     if bytes_per_s < 1000:
         return "B", 1, 0
     return ("KB", 1000, 2) if bytes_per_s < 1_000_000 else ("MB", 1_000_000, 2)

@@ -1,7 +1,6 @@
-"""Documents that come over standard input, one by one as they come.
+"""Documents of standard input, each as soon as it is complete.
 
-Decides where one ends: at a line ``---``, as ``topic echo`` writes it, or at the end of a line that is JSON, as
-``topic echo --json`` writes it.
+A document ends at a line ``---``, as ``topic echo`` prints it, or at the end of a line of JSON, as with ``--json``.
 """
 
 from __future__ import annotations
@@ -16,11 +15,12 @@ from concurrent.futures import CancelledError
 from rosidl_py_gen.ros_cli import ToolError
 from rosidl_py_gen.ros_cli.values import MAX_JSON, MAX_TEXT
 
-_AT_ONCE, _AHEAD = 1 << 16, 16
+_CHUNK_BYTES = 1 << 16
+_MAX_QUEUED_CHUNKS = 16
 
 
 async def documents() -> AsyncGenerator[str, None]:
-    """The texts of all documents that are not empty.
+    """Yield the texts of all documents that are not empty.
 
     Raises:
         ToolError: standard input is closed, cannot be read, is not UTF-8, or a document is too long.
@@ -44,19 +44,19 @@ async def documents() -> AsyncGenerator[str, None]:
 
 
 async def _lines() -> AsyncGenerator[str, None]:
-    begun: list[bytes] = []
+    incomplete: list[bytes] = []
     length = 0
     async for data in _chunks():
         first, *more = data.split(b"\n")
-        begun.append(first)
+        incomplete.append(first)
         length += len(first)
         for line in more:
-            yield _text(b"".join(begun))
-            begun, length = [line], len(line)
+            yield _text(b"".join(incomplete))
+            incomplete, length = [line], len(line)
         if length > MAX_JSON:
             raise ToolError(f"standard input: a line of more than {MAX_JSON} bytes")
     if length:
-        yield _text(b"".join(begun))
+        yield _text(b"".join(incomplete))
 
 
 def _text(line: bytes) -> str:
@@ -67,18 +67,20 @@ def _text(line: bytes) -> str:
 
 
 async def _chunks() -> AsyncGenerator[bytes, None]:
-    """What standard input says. A thread reads: no loop can watch a file, and nobody can be kept from ending by it."""
+    """Yield chunks of standard input. A daemon thread reads, as a loop cannot watch a file."""
     if sys.stdin is None or sys.stdin.closed:
         raise ToolError("standard input is closed; expected documents of YAML or JSON there")
-    loop, queue = asyncio.get_running_loop(), asyncio.Queue[bytes | OSError](_AHEAD)
-    file = os.fdopen(os.dup(sys.stdin.fileno()), "rb", buffering=0)  # the thread's own: it may read on after us
+    loop, queue = asyncio.get_running_loop(), asyncio.Queue[bytes | OSError](_MAX_QUEUED_CHUNKS)
+    file = os.fdopen(
+        os.dup(sys.stdin.fileno()), "rb", buffering=0
+    )  # a copy, as the thread may read after the command has ended
 
     def read() -> None:
         data: bytes | OSError = b"?"
         with file:
             while data and isinstance(data, bytes):
                 try:
-                    data = os.read(file.fileno(), _AT_ONCE)
+                    data = os.read(file.fileno(), _CHUNK_BYTES)
                 except OSError as error:
                     data = error
                 put = queue.put(data)

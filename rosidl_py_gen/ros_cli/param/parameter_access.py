@@ -1,16 +1,13 @@
-"""The parameters of another node, as the commands of ``param`` ask for them; and the words for types.
-
-Decides that the node is asked as soon as it can be, and that what went wrong is found out afterwards.
-"""
+"""Access of commands to the parameters of a node."""
 
 from __future__ import annotations
 
 from contextlib import asynccontextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.ros_cli import ToolError
-from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions
+from rosidl_py_gen.ros_cli.command_node import CommandNode
 from rosidl_py_gen.ros_cli.name_lookup import find_node
 from rosidl_py_gen.runtime import (
     CallTimeoutError,
@@ -23,18 +20,16 @@ from rosidl_py_gen.runtime import (
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
+    from rosidl_py_gen.ros_cli.options import NetworkOptions
     from rosidl_py_gen.runtime import ParameterClient
-
-_WORDS = {"BOOL": "boolean", "BOOL_ARRAY": "boolean array"}
 
 
 @asynccontextmanager
 async def parameters_of(network: NetworkOptions, node: str, timeout_s: float) -> AsyncIterator[ParameterClient]:
-    """A client for the parameters of a node that is there.
+    """Yield a client for the parameters of a node; requests are sent before the causes of errors are known.
 
     Raises:
-        ToolError: there is no such node, it serves no parameters, does not answer in time, or does not have what it was
-            asked for, where another one looks alike.
+        ToolError: the node does not exist, serves no parameters, does not reply in time, or does not have a parameter.
     """
     async with CommandNode(network) as session:
         client = session.node.create_parameter_client(node if node.startswith("/") else f"/{node}")
@@ -42,25 +37,29 @@ async def parameters_of(network: NetworkOptions, node: str, timeout_s: float) ->
             await client.wait_for_services(timeout_s)
         except WaitTimeoutError:
             await find_node(session, node, 0)
-            text = f"node {client.node} is there, but offered no parameter services in {timeout_s:g} s"
+            text = f"node {client.node} exists, but offered no parameter services in {timeout_s:g} s"
             raise ToolError(text) from None
         try:
             yield client
         except (CallTimeoutError, ServerLostError) as error:
             raise ToolError(f"node {client.node}: {error}") from None
         except ParameterNotDeclaredError as error:
-            raise ToolError(await _missing(client, error.names, timeout_s)) from None
+            raise ToolError(await _missing_parameters_text(client, error.names, timeout_s)) from None
 
 
-async def _missing(client: ParameterClient, wanted: tuple[str, ...], timeout_s: float) -> str:
-    """Which of the names is unknown, and what may have been meant."""
+async def _missing_parameters_text(client: ParameterClient, requested: tuple[str, ...], timeout_s: float) -> str:
     known = (await client.list(timeout_s=timeout_s)).names
-    unknown = [name for name in wanted if name not in known]
+    unknown = [name for name in requested if name not in known]
     if not unknown:
-        return f"{client.node} has {', '.join(wanted)}, but at least one of them has no value"
+        return f"{client.node} has {', '.join(requested)}, but at least one of them has no value"
     return f"{client.node} has no parameter {', '.join(unknown)}{did_you_mean(unknown[0], known)}"
 
 
-def type_in_words(kind: ParameterType) -> str:
-    """A type in the words of ``ros2 param``: ``boolean array``."""
-    return _WORDS.get(kind.name, kind.name.lower().replace("_", " "))
+def type_text(kind: ParameterType) -> str:
+    """Return the name of a parameter type in ``ros2 param``, such as ``boolean array``."""
+    return kind.name.lower().replace("_", " ").replace("bool", "boolean")
+
+
+def plain_parameter(value: Any) -> Any:
+    """Return the value of a parameter; arrays become lists."""
+    return list(value) if isinstance(value, tuple | bytes) else value
