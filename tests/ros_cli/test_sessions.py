@@ -73,14 +73,14 @@ async def test_peers_are_told_of_endpoints_a_moment_later(dds: World, monkeypatc
 async def test_names_are_known_when_every_endpoint_is_of_a_node(dds: World) -> None:
     dds.node("base").create_publisher(String, "/speed")
     async with CommandNode({}) as session:
-        graph, names_are_known = session.node._scope.graph, session.node.node_names_complete
+        graph, node_names_complete = session.node._scope.graph, session.node.node_names_complete
         await until(lambda: "/base" in session.node.get_node_names() and session.node.count_publishers("/speed") == 1)
-        await until(lambda: names_are_known())
+        await until(lambda: node_names_complete())
         participant = b"\1\x0f" + bytes(10) + b"\0\0\1\xc1"
         graph.apply(ParticipantDiscovered(participant, "/"))
-        assert not names_are_known()
+        assert not node_names_complete()
         graph.set_nodes(participant, [NodeEntities("/", "slow", frozenset(), frozenset())])
-        assert names_are_known()
+        assert node_names_complete()
 
 
 async def test_endpoints_are_known_when_all_that_nodes_tell_of_are_found(dds: World) -> None:
@@ -114,8 +114,8 @@ class Told:
 
     context: Any = None
 
-    def __init__(self, times: list[float], *, endpoints_are_known: bool = True) -> None:
-        self._times, self.seen, self._known = times, 0, endpoints_are_known
+    def __init__(self, times: list[float], *, endpoints_complete: bool = True) -> None:
+        self._times, self.seen, self._known = times, 0, endpoints_complete
 
     async def graph_changes(self) -> AsyncIterator[None]:
         began = session.now_s()
@@ -128,7 +128,7 @@ class Told:
     def get_nodes(self) -> list[str]:
         return ["own", "other"] if self.seen else ["own"]
 
-    def endpoints_are_known(self) -> bool:
+    def endpoints_complete(self) -> bool:
         return self._known
 
     def participants(self) -> list[Any]:
@@ -149,7 +149,7 @@ class Told:
 async def test_a_command_listens_while_news_come(
     memory: World, news: list[float], are_known: bool, seen: int, took_s: float
 ) -> None:
-    made, told = object.__new__(CommandNode), Told(news, endpoints_are_known=are_known)
+    made, told = object.__new__(CommandNode), Told(news, endpoints_complete=are_known)
     made._spin_time_s, made._began = None, session.now_s()
     made.node = made.context = told  # type: ignore[assignment]
     await made.wait_for_discovery()

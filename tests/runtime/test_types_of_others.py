@@ -25,10 +25,12 @@ from rosidl_py_gen import compile_definition
 from rosidl_py_gen.runtime import Node
 
 Part = "=" * 80 + "\\nMSG: robot_only_msgs/Part\\nstring<=8 word\\nuint8 FRESH=3\\nuint8 state 3\\n"
-Note = compile_definition("robot_only_msgs/msg/Note", "std_msgs/Header header\\nPart[] parts\\nfloat32[3] where\\n" +
-Part) Ask = compile_definition("robot_only_msgs/srv/Ask", "Part part\\nint32 times 2\\n---\\nstring[] words\\n" + Part)
-Walk = compile_definition("robot_only_msgs/action/Walk", "float32 metres 1.5\\n---\\nPart part\\n---\\nint32
-steps\\n" + Part) PartClass = Note._TYPE.fields[1].cls
+NOTE = "std_msgs/Header header\\nPart[] parts\\nfloat32[3] where\\n" + Part
+Note = compile_definition("robot_only_msgs/msg/Note", NOTE)
+Ask = compile_definition("robot_only_msgs/srv/Ask", "Part part\\nint32 times 2\\n---\\nstring[] words\\n" + Part)
+WALK = "float32 metres 1.5\\n---\\nPart part\\n---\\nint32 steps\\n" + Part
+Walk = compile_definition("robot_only_msgs/action/Walk", WALK)
+PartClass = Note._TYPE.fields[1].cls
 
 async def walk(goal):
     goal.publish_feedback(Walk.Feedback(steps=7))

@@ -188,7 +188,7 @@ async def test_whoever_waits_for_another_thread_to_close_is_told(memory: World) 
     assert taken.is_cancel_requested
     assert [goal async for goal in goals] == [one async for one in cancels] == []
     for request in (undecided, cancel):
-        await until(request._answer.done)
+        await until(request._reply.done)
         with pytest.raises(AlreadyRespondedError):
             request.accept()
     await asyncio.to_thread(client.close)

@@ -222,7 +222,7 @@ def test_wrong_arguments_are_refused(driver: LoopRunner) -> None:
         driver.wait(timeout_s="1")  # type: ignore[call-overload]
     with pytest.raises(TimeRangeError, match="timeout_s must be 0 or more seconds, got -1"):
         driver.wait(timeout_s=-1)
-    with pytest.raises(TypeError, match="driver must be a Driver, got 'x'"):
+    with pytest.raises(TypeError, match="loop_runner must be a LoopRunner, got 'x'"):
         Context(transport=MemoryTransport(), loop_runner="x")  # type: ignore[arg-type]
     function: Any = asyncio.sleep
     with pytest.raises(TypeError, match="coroutine must be a coroutine, such as main"):

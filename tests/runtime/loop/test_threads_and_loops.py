@@ -163,7 +163,7 @@ def test_plain_scripts_see_the_nodes_of_other_contexts_of_their_process(dds: Wor
         other.create_publisher(String, f"t{number}")
     one.get_node_names()
     participant: Any = one.context._core.participant
-    assert len(participant._nodes._reader.queue.items) == 0
+    assert len(participant._discovery_info._reader.queue.items) == 0
 
 
 @pytest.mark.every_transport
