@@ -1,4 +1,4 @@
-"""Programs that import rclpy's companions run in processes of their own: here nothing of them is imported."""
+"""Programs that import the companions of rclpy run in processes of their own."""
 
 from pathlib import Path
 

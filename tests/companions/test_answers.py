@@ -1,9 +1,9 @@
-"""sensor_msgs_py, tf2_*_msgs, tf_transformations, cv_bridge and image_geometry answer as the real ones do.
+"""sensor_msgs_py, tf2_*_msgs, tf_transformations, cv_bridge and image_geometry return what the real ones return.
 
-``asked`` has programs, ``recorded`` what they print under the real packages, of Jazzy (cv_bridge: its Python, and what
-its C++ decides, over OpenCV 4.10; tf_transformations 1.1.1 with transforms3d 0.4.2), in an environment that has
-ros-jazzy-sensor-msgs: ``python asked/clouds.py > recorded/clouds.jsonl``. image_geometry 3.4.0 needs no more than its
-Python files, OpenCV 4.10 and messages.
+``asked`` has programs, ``recorded`` their output under the real packages of Jazzy (cv_bridge: its Python code and the
+rules of its C++ code, with OpenCV 4.10; tf_transformations 1.1.1 with transforms3d 0.4.2), in an environment that has
+ros-jazzy-sensor-msgs: ``python asked/clouds.py > recorded/clouds.jsonl``. image_geometry 3.4.0 needs only its Python
+files, OpenCV 4.10 and messages.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""rclpy's companions: `ament_index_python` as the real one, the others by what theirs answer to the same."""
+"""Companions of rclpy: `ament_index_python` beside the real one, the others by recorded results."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.real_time("programs are processes")
 
 
 def lines(tmp_path: Path, text: str, **settings: str) -> list[str]:
-    """What a program prints under ours."""
+    """Return the output of a program under our rclpy."""
     write(tmp_path, {"program.py": textwrap.dedent(text)})
     found = run("program.py", cwd=tmp_path, **settings)
     assert found.returncode == 0, found.stderr

@@ -1,4 +1,4 @@
-"""What holds for all clouds, images and rotations; what real packages do not do, or do wrong; and their buffers."""
+"""Properties of all clouds, images and rotations; features that the real packages lack; and their buffers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.real_time("programs are processes")
 
 
 def lines(tmp_path: Path, text: str, **settings: str) -> list[str]:
-    """What a program prints under ours."""
+    """Return the output of a program under our rclpy."""
     write(tmp_path, {"program.py": textwrap.dedent(text)})
     found = run("program.py", cwd=tmp_path, **settings)
     assert found.returncode == 0, found.stderr

@@ -32,7 +32,6 @@ NOT_CLEAN = (
     "rosidl_py_gen/message_filters",
     "rosidl_py_gen/numpy",
     "rosidl_py_gen/ros_cli",
-    "rosidl_py_gen/ros_compat",
     "rosidl_py_gen/runtime",
     "rosidl_py_gen/tables",
     "rosidl_py_gen/tf",

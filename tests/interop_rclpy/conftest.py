@@ -1,6 +1,6 @@
-"""Real rclpy nodes on Fast DDS as peers, in a network of this test process alone.
+"""Real rclpy nodes on Fast DDS as peers, in a network namespace of this test process.
 
-Where the system lets us have no such network all of them are told to stay on this machine, as our nodes always are.
+If the system refuses a namespace, all of them stay on this machine, as our nodes always do.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave tests out that need what one distribution does not have."""
+    """Deselect tests for features that one distribution does not have."""
 
     def exists(item: pytest.Item) -> bool:
         marker = item.get_closest_marker("only_with")
@@ -48,7 +48,7 @@ def distro(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture(scope="session")
 def _pythons() -> dict[str, Path]:
-    """One for each distribution, made before anything is in the private network, from which no index can be reached."""
+    """Create the environments before a test enters the private network, from which no index can be reached."""
     pythons = {}
     for name, requirements in REQUIREMENTS.items():
         made = os.environ.get(f"ROSIDL_PEER_{name.upper()}")
@@ -58,7 +58,7 @@ def _pythons() -> dict[str, Path]:
 
 @pytest.fixture(scope="session")
 def peer_python(distro: str, _pythons: dict[str, Path]) -> Path:
-    """A Python that can import rclpy; $ROSIDL_PEER_JAZZY and ..._KILTED name environments that are there already."""
+    """Return a Python that has rclpy; $ROSIDL_PEER_JAZZY and ..._KILTED name existing environments."""
     return _pythons[distro]
 
 
@@ -75,17 +75,16 @@ def _network(_pythons: dict[str, Path]) -> Iterator[PrivateNetwork | None]:
 
 @pytest.fixture(scope="module", autouse=True)
 def _inside(_network: PrivateNetwork | None) -> Iterator[None]:
-    """The tests of this folder run inside, the others do not; nodes of either never see each other."""
+    """Run the tests of this folder in the private network, where nodes of other tests are invisible."""
     with nullcontext() if _network is None else _network.entered():
         yield
 
 
 @pytest.fixture(scope="session")
 def start_peer(distro: str, peer_python: Path, _network: PrivateNetwork | None) -> Iterator[Callable[..., Peer]]:
-    """Starts peers, which are ended when all tests with this distribution are done, if not earlier.
+    """Return a function that starts peers, which end with the last test of the distribution.
 
-    A peer that is `wide` looks for others in the whole network if that is ours alone. Started before our node it is
-    found at once, started later not at all.
+    A `wide` peer discovers in the whole private network. It is found at once if it starts before our node, else never.
     """
     with ExitStack() as started:
 
@@ -102,7 +101,7 @@ def start_peer(distro: str, peer_python: Path, _network: PrivateNetwork | None) 
 
 @pytest.fixture(scope="session")
 def shared_peer(start_peer: Callable[..., Peer]) -> Peer:
-    """One peer for many tests; each uses names of its own. It is found at once, others within a second."""
+    """Return a peer for many tests, which use names of their own."""
     return start_peer("shared_peer", wide=True)
 
 
@@ -117,8 +116,10 @@ _SHORT_LEASE = """<?xml version="1.0" encoding="UTF-8" ?>
 
 @pytest.fixture
 def start_mortal(start_peer: Callable[..., Peer], tmp_path: Path) -> Callable[[str], Peer]:
-    """Starts peers that may be killed: they are missed after 6 seconds, not 20 as they come. Less is not enough
-    where a machine is held up and packets are lost: who is missed too early gets no reply."""
+    """Return a function that starts peers that may be killed, with a lease of 6 s instead of 20 s.
+
+    With a shorter lease, a busy machine that loses packets declares living peers dead.
+    """
     file = tmp_path / "profiles.xml"
     file.write_text(_SHORT_LEASE)
     names = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")  # of Fast DDS 2 and 3

@@ -1,7 +1,8 @@
-"""A network of this test process alone: a loopback device and nothing else, so that whatever peers send stays in it.
+"""Network namespace of this test process with a loopback device only, so that the packets of peers stay in it.
 
-Linux moves single threads into a network namespace. Threads and processes that are started inside are inside for good,
-so Cyclone's and the peers' are; the calling thread goes in and out. Needs the right to make one, as root has.
+Linux moves single threads into a network namespace. Threads and processes that are started inside stay inside, so those
+of Cyclone DDS and of the peers do; the calling thread goes in and out. It needs the right to create a namespace, which
+root has.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 
 class PrivateNetwork:
-    """See the head of this file. Raises OSError when the system refuses."""
+    """Network namespace; raises OSError if the system refuses it."""
 
     def __init__(self) -> None:
         before = os.open(_HERE, os.O_RDONLY)
@@ -39,7 +40,7 @@ class PrivateNetwork:
 
     @contextmanager
     def entered(self) -> Iterator[None]:
-        """The calling thread is inside, and what it starts."""
+        """Return a context manager that puts the calling thread inside."""
         before = os.open(_HERE, os.O_RDONLY)
         _checked(_libc.setns(self._inside, _CLONE_NEWNET))
         try:
@@ -49,7 +50,6 @@ class PrivateNetwork:
             os.close(before)
 
     def close(self) -> None:
-        """It ends with the last process in it."""
         os.close(self._inside)
 
 

@@ -1,7 +1,7 @@
-"""Random plain values of any message, the same in every run, with the edges of every type among them.
+"""Random plain values of any message, equal in every run, with the limits of every type among them.
 
-Not by Hypothesis: messages like test_msgs/MultiNested are larger than it draws, and what goes over a network is sent in
-bulk, so nothing could be made smaller. Strings have no NUL, because those of rclpy are C strings.
+Not by Hypothesis: messages like test_msgs/MultiNested are larger than it draws, and messages are sent in bulk, so that
+nothing could be shrunk. Strings have no NUL, because those of rclpy are C strings.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class RandomMessages:
         self._library = InterfaceRegistry(scan_search_path([share], ament="", bundled=False))
 
     def make(self, name: str, count: int) -> list[dict[str, Any]]:
-        """Values as `to_json` writes them."""
+        """Return values in the format of `to_json`."""
         random = Random(name)
         return [self._message(random, name) for _ in range(count)]
 

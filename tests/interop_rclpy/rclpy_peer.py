@@ -1,7 +1,7 @@
-"""A rclpy peer as tests see it: a process that is asked by lines of JSON, any number of questions at a time.
+"""Peer processes with rclpy, which execute commands in lines of JSON, any number at a time.
 
-Peers run the scripts in `peers` with a Python that has rclpy. What Fast DDS leaves in shared memory when its process is
-killed is removed here, because nobody else would before the next start of the machine.
+Peers run the scripts in `peers` with a Python that has rclpy. Shared memory of Fast DDS that a killed process leaves is
+removed here, because otherwise it would stay until the machine restarts.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any
 SCRIPT = Path(__file__).parent / "peers" / "peer.py"
 SHARED_MEMORY = Path("/dev/shm")
 ANSWER_S = 25
-"""How long a peer may take to answer unless the test says otherwise."""
+"""Default timeout for a result."""
 
 
 REQUIREMENTS = {
@@ -33,22 +33,15 @@ REQUIREMENTS = {
         *("ros-std-msgs==5.5.1", "ros-std-srvs==5.5.1"),
     ),
 }
-"""What an environment with rclpy of each distribution has."""
+"""Packages of an environment with rclpy."""
 
 
 class PeerError(Exception):
-    """The peer's own traceback, or that it is gone."""
+    """Traceback of the peer, or its end."""
 
 
 class Peer:
-    """A running peer with one node, ready for commands when made.
-
-    Args:
-        python: one that can import rclpy.
-        name: of its node.
-        distro: jazzy or kilted.
-        arguments: behind the name, such as ``--ros-args``.
-    """
+    """Running peer with one node, ready for commands."""
 
     def __init__(self, python: Path, name: str, distro: str, *arguments: str, domain_id: int, **settings: str) -> None:
         self.name, self.distro = name, distro
@@ -81,7 +74,6 @@ class Peer:
 
     @property
     def share(self) -> Path:
-        """The folder of its packages, with their definitions."""
         return self.python.parent.parent / "share"
 
     def _read(self) -> None:
@@ -104,7 +96,7 @@ class Peer:
             future.set_exception(error)
 
     def tell(self, do: str, **arguments: Any) -> Future[Any]:
-        """Give a command; the answer comes later."""
+        """Send a command; the future has the result."""
         number = next(self._numbers)
         future = self._waiting[number] = Future()
         assert self._process.stdin is not None
@@ -113,11 +105,11 @@ class Peer:
         return future
 
     async def ask(self, do: str, *, within_s: float = ANSWER_S, **arguments: Any) -> Any:
-        """Give a command and wait for its answer; raises `PeerError` or TimeoutError."""
+        """Send a command and wait for the result; raise `PeerError` or TimeoutError."""
         return await asyncio.wait_for(asyncio.wrap_future(self.tell(do, **arguments)), within_s)
 
     def kill(self) -> None:
-        """End it without giving it a chance to say goodbye."""
+        """Kill the process."""
         _abandoned.update(_shared_memory_of(self._process.pid))
         self._process.kill()
         self._process.wait()
@@ -127,7 +119,7 @@ class Peer:
             pipe.close()
 
     def close(self) -> None:
-        """Let it end in an orderly way; kill it when it does not. Without effect when it has ended."""
+        """End the process in an orderly way, and kill it if it does not end."""
         if self._process.poll() is not None:
             return
         assert self._process.stdin is not None
@@ -142,7 +134,7 @@ _abandoned: set[Path] = set()
 
 
 def _remove_abandoned() -> None:
-    """Peers that live on may have the rest of one that was killed in use; that goes when the last of them has ended."""
+    """Remove the shared memory of killed peers that no process uses any more."""
     in_use = set().union(*(_shared_memory_of(int(one.name)) for one in Path("/proc").glob("[0-9]*")))
     for path in _abandoned - in_use:
         path.unlink(missing_ok=True)
@@ -150,7 +142,7 @@ def _remove_abandoned() -> None:
 
 
 def _shared_memory_of(process: int) -> set[Path]:
-    """The files of Fast DDS that a process has mapped, and those that belong to them."""
+    """Return the files of Fast DDS that a process has mapped, and their companions."""
     try:
         text = Path(f"/proc/{process}/maps").read_text()
     except OSError:

@@ -1,4 +1,4 @@
-"""What the tests with rclpy peers share: types of the peer's own definitions, random values for them, and waiting."""
+"""Helpers for tests with rclpy peers: types of the peer's definitions, random values, and retries."""
 
 from __future__ import annotations
 
@@ -22,48 +22,44 @@ _numbers = itertools.count()
 
 
 def fresh(name: str) -> str:
-    """A name that no other test uses, so that tests can share peers."""
+    """Return a name that no other test uses, so that tests can share peers."""
     return f"/{name}_{next(_numbers)}"
 
 
 def message(peer: Peer, name: str) -> Any:
-    """Our class for the definition the peer has."""
     return get_message(name, path=peer.share)
 
 
 def service(peer: Peer, name: str) -> Any:
-    """Our class for the definition the peer has."""
     return get_service(name, path=peer.share)
 
 
 def action(peer: Peer, name: str) -> Any:
-    """Our class for the definition the peer has."""
     return get_action(name, path=peer.share)
 
 
 def plain(value: Any) -> Any:
-    """A message of ours in the words of the peers."""
+    """Return our message in the format of the peers."""
     return json.loads(to_json(value))
 
 
 def random_bytes(size: int, seed: int) -> bytes:
-    """What a peer makes of ``{"random_bytes": size, "seed": seed}``."""
     return random.Random(seed).randbytes(size)
 
 
 def digest(data: bytes) -> dict[str, Any]:
-    """What a peer says about a long byte array."""
+    """Return a peer's representation of a long byte array."""
     return {"size": len(data), "sha256": hashlib.sha256(data).hexdigest()}
 
 
 @functools.cache
 def random_values(share: Path, name: str, count: int = 25) -> list[dict[str, Any]]:
-    """Plain values of a message of the packages in `share`; nobody may change them."""
+    """Return plain values of a message of the packages in `share`; callers must not change them."""
     return RandomMessages(share).make(name, count)
 
 
 async def repeated(send: Callable[[], Awaitable[None] | None], arrival: Coroutine[Any, Any, T]) -> T:
-    """Send what may be lost until `arrival` has returned; its result."""
+    """Send a message that may be lost until `arrival` has returned, and return its result."""
     task = asyncio.ensure_future(arrival)
     while not task.done():
         sending = send()

@@ -1,6 +1,6 @@
-"""A node of ours without any definition of the peer's packages: what it makes of what it finds, as one line of JSON.
+"""A node of ours without definitions of the peer's packages, which prints one result as JSON.
 
-A process of its own, because a class that a test has compiled is there for all of them.
+It is a process of its own, because a class that a test has compiled is available to all tests of a process.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ WAIT_S = 15
 
 
 async def echo(node: Node, topic: str) -> dict[str, Any]:
-    """The first message, and the constants of all types in it."""
+    """Return the first message, and the constants of all types in it."""
     cls = await node.resolve_type(topic, timeout_s=WAIT_S)
     message = await node.create_subscription(cls, topic).receive(WAIT_S)
     found = {name: constants(one) for name, one in referenced_classes(cls).items()}
@@ -27,14 +27,12 @@ async def echo(node: Node, topic: str) -> dict[str, Any]:
 
 
 async def call(node: Node, service: str, request: dict[str, Any], type_hash: str | None) -> Any:
-    """The answer to a request."""
     cls: Any = await node.resolve_service_type(service, type_hash=type_hash, timeout_s=WAIT_S)
     response = await node.create_client(cls, service).call(from_dict(cls.Request, request), WAIT_S)
     return json.loads(to_json(response))
 
 
 async def send(node: Node, action: str, goal: dict[str, Any], type_hash: str | None) -> Any:
-    """The result of a goal."""
     cls: Any = await node.resolve_action_type(action, type_hash=type_hash, timeout_s=WAIT_S)
     client = node.create_action_client(cls, action)
     assert await client.wait_for_server(WAIT_S)

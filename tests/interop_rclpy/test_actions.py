@@ -21,7 +21,7 @@ DONE = {"sequence": [0, 1, 1, 2, 3]}
 
 
 async def client_of_theirs(dds: Any, peer: Peer, kind: str, how: str, **settings: Any) -> Any:
-    """Our client of a new action of the peer."""
+    """Create an action of the peer and our client of it."""
     name = fresh("action")
     await peer.ask("action_server", name=name, type=kind, how=how, **settings)
     client = dds.node("tester").create_action_client(action(peer, kind), name)
@@ -30,7 +30,7 @@ async def client_of_theirs(dds: Any, peer: Peer, kind: str, how: str, **settings
 
 
 async def server_for_theirs(dds: Any, peer: Peer, kind: str, execute: Any, **settings: Any) -> str:
-    """A new action of ours with a client of the peer; its name."""
+    """Create our action and a client of the peer; return the name."""
     name = fresh("action")
     dds.node("tester").create_action_server(action(peer, kind), name, execute, **settings)
     await peer.ask("action_client", name=name, type=kind)
@@ -55,7 +55,6 @@ async def test_a_goal_of_ours_ends_as_their_server_says(
 async def test_a_goal_of_theirs_ends_as_our_server_says(
     dds: Any, shared_peer: Peer, how: str, status: GoalStatus
 ) -> None:
-    """The goal goes on until its feedback was heard: rclpy's client forgets callbacks for feedback with the result."""
     cls = action(shared_peer, FIBONACCI)
 
     async def execute(goal: ServerGoal[Any]) -> Any:
@@ -125,7 +124,6 @@ async def test_their_client_cancels_a_goal_of_our_server(dds: Any, shared_peer: 
 
 
 async def test_twenty_goals_of_theirs_that_end_together_get_their_results(dds: Any, shared_peer: Peer) -> None:
-    """Their client keeps the last ten responses that it has not taken."""
     may_end = asyncio.Event()
 
     async def execute(goal: ServerGoal[Any]) -> Any:

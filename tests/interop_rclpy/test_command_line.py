@@ -1,4 +1,4 @@
-"""``rosidl-py`` in front of rclpy nodes on Fast DDS, whose types it has nowhere but from them."""
+"""``rosidl-py`` with rclpy nodes on Fast DDS, whose types it knows only from them."""
 
 from __future__ import annotations
 
@@ -28,28 +28,24 @@ PATIENT = "--timeout", "20"
 
 @dataclass(frozen=True)
 class Ended:
-    """How a command ended."""
-
     code: int
     out: str
     err: str
 
 
 class Tool:
-    """Runs ``rosidl-py``, in processes because a class that a test has compiled is there for all of them."""
+    """Runs ``rosidl-py`` in processes, because a class that a test has compiled is available to all tests in it."""
 
     def __init__(self, cache: Path) -> None:
         self._environment = {**os.environ, "PYTHONPATH": str(ROOT), "ROSIDL_PY_GEN_CACHE": str(cache)}
         self._environment.pop("AMENT_PREFIX_PATH", None)
 
     async def start(self, *words: str) -> asyncio.subprocess.Process:
-        """The test ends it."""
         command = (sys.executable, "-m", "rosidl_py_gen.ros_cli", *words)
         pipe = asyncio.subprocess.PIPE
         return await start_process(*command, env=self._environment, stdout=pipe, stderr=pipe)
 
     async def end(self, process: asyncio.subprocess.Process) -> Ended:
-        """What it said until its end."""
         try:
             out, err = await asyncio.wait_for(process.communicate(), WITHIN_S)
         finally:
@@ -60,33 +56,31 @@ class Tool:
         return Ended(process.returncode, out.decode(), WAITS.sub("", err.decode()))
 
     async def __call__(self, *words: str) -> str:
-        """What a command prints that succeeds."""
+        """Return the output of a command that succeeds."""
         ended = await self.end(await self.start(*words))
         assert (ended.code, ended.err) == (0, ""), ended
         return ended.out
 
 
 def count_of(bag: str) -> int:
-    """How many messages are in it so far."""
     with BagReader(bag) as reader:
         return sum(topic.count or 0 for topic in reader.topics.values())
 
 
 @pytest.fixture
 def tool(tmp_path: Path) -> Tool:
-    """See `Tool`."""
     return Tool(tmp_path / "cache")
 
 
 @pytest.fixture
 def share(shared_peer: Peer) -> str:
-    """Where the peer's definitions are: rclpy tells none of services and actions unless it is asked by hash."""
+    """Return the folder of the peer's definitions; rclpy describes types of services and actions only by hash."""
     return str(shared_peer.share)
 
 
 @dataclass(frozen=True)
 class Looked:
-    """What a peer had, and what commands said of it that wait for a fixed time, all begun at once."""
+    """Entities of a peer, and the output of commands that wait for a fixed time, which all run at once."""
 
     topic: str
     service: str
@@ -100,7 +94,6 @@ _looked: dict[Peer, Looked] = {}
 
 
 async def looked(peer: Peer, tool: Tool) -> Looked:
-    """See `Looked`; the first test of a peer looks."""
     if peer not in _looked:
         topic, service, action, node, managed = map(fresh, ("words", "answers", "counts", "holder", "managed"))
         await peer.ask("publisher", topic=topic, type=STRINGS)
@@ -324,7 +317,6 @@ async def test_a_topic_of_an_unknown_type_is_recorded_and_played_to_them(
 async def test_events_of_a_service_and_an_action_of_theirs_are_recorded(
     shared_peer: Peer, distro: str, tool: Tool, tmp_path: Path
 ) -> None:
-    """Both ends are theirs, and so are the types; actions are introspected from Kilted on."""
     service, action, bag = fresh("asked"), fresh("counted"), tmp_path / "bag"
     await shared_peer.ask("serve", name=service, type=BASIC, how="echo")
     await shared_peer.ask("client", name=service, type=BASIC)

@@ -1,4 +1,4 @@
-"""``rosidl-py-gen diff`` with a node of rclpy: it describes the messages of its topics, and of services what it can."""
+"""``rosidl-py-gen diff`` with a node of rclpy, which describes the types of its topics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Requests that come before Cyclone is connected with their writer, as most do of a client that calls at once."""
+"""Requests that arrive before Cyclone DDS has matched their writer, as most do of a client that calls at once."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _Listener = ct.CFUNCTYPE(None, ct.c_int32, c_api.DdsMatchedStatus, ct.c_void_p)
 
 
 def connect_late(reader: Any, delay_s: float) -> Any:
-    """Let Cyclone pause before it connects that reader with a writer it has told us of; what has to be kept alive."""
+    """Delay Cyclone's match of a reader; return the object to keep alive."""
     function = _Listener(lambda *_: time.sleep(delay_s))  # Cyclone tells nobody when it would be late enough
     api, listener = cyclone._api, cyclone._api.create_listener(None)
     api.copy_listener(listener, reader._owner._listener)
@@ -37,7 +37,9 @@ def connect_late(reader: Any, delay_s: float) -> Any:
 
 
 async def test_a_request_is_answered_that_came_before_its_writer_was_connected(dds: Any, shared_peer: Peer) -> None:
-    """It is sent again behind the peer's next heartbeat, 3 s later. Seen to be lost every time without `catchup.py`."""
+    """The request is repeated after the peer's next heartbeat, 3 s later; without the early-request mechanism it is
+    lost.
+    """
     name, cls = fresh("early"), service(shared_peer, KIND)
     server = dds.node("server").create_service(cls, name, lambda _: cls.Response(success=True, message="heard"))
     kept = connect_late(server._port._reader, 0.2)
@@ -50,7 +52,6 @@ async def test_a_request_is_answered_that_came_before_its_writer_was_connected(d
 async def test_a_new_writer_is_asked_once_what_it_has_written(
     dds: Any, shared_peer: Peer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """So that it does not take 3 s, when Cyclone is not that late; the calls themselves are rarely early enough."""
     asked: list[tuple[bytes, bytes]] = []
 
     def ask(pairs: Sequence[tuple[bytes, bytes]], told: str, *, is_local: bool) -> None:

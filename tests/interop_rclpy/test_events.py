@@ -1,4 +1,4 @@
-"""What our endpoints tell of rclpy's on Fast DDS, and with the numbers of rclpy."""
+"""Events of our endpoints about rclpy's on Fast DDS, with the numbers of rclpy."""
 
 from __future__ import annotations
 

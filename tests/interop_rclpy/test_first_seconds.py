@@ -1,4 +1,4 @@
-"""How soon a node that has just started knows the endpoints of nodes on Fast DDS that were there before."""
+"""Time until a new node knows the endpoints of existing nodes on Fast DDS."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from support.node_fixtures import held_up
 
 RUNS = 7
 SOON_S = 0.45
-"""Fast DDS takes 0.1 s to tell; without a question of ours it comes to that only after 0.7 s on average. On
-a busy machine all of it takes longer."""
+"""Fast DDS takes 0.1 s to announce endpoints; without our early request, 0.7 s on average. On a busy machine both take
+longer.
+"""
 
 
 async def seconds_to_know(dds: Any, peer: Peer) -> float:
-    """From the start of a node of ours to when it knows a service of that peer's node."""
+    """Return the time from the start of our node until it knows a service of the peer."""
     clock = asyncio.get_running_loop().time
     started = clock()
     node = dds.node("newcomer")

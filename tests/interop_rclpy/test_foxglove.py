@@ -1,4 +1,4 @@
-"""``rosidl-py foxglove`` between viewers and rclpy nodes on Fast DDS, whose types it has nowhere but from them."""
+"""``rosidl-py foxglove`` between viewers and rclpy nodes on Fast DDS, whose types it knows only from them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,6 @@ STRINGS, BASIC = "test_msgs/msg/Strings", "test_msgs/srv/BasicTypes"
 
 @pytest.fixture
 def watching(tmp_path: Path) -> Watching:
-    """The command with a viewer, in a process because a class that a test has compiled is there for all of them."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "ROSIDL_PY_GEN_CACHE": str(tmp_path / "cache")}
     environment.pop("AMENT_PREFIX_PATH", None)
 

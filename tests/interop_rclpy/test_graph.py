@@ -1,4 +1,4 @@
-"""What rclpy nodes and ours know of each other: nodes, services, endpoints with types, hashes, QoS, and their end."""
+"""Graph information that rclpy nodes and ours have of each other."""
 
 from __future__ import annotations
 
@@ -54,9 +54,10 @@ async def test_they_see_our_node_leave(dds: Any, shared_peer: Peer) -> None:
 
 
 def owner_of(node: Node, peer: Peer) -> str:
-    """What the peer says whose endpoint it is.
+    """Return the node to which the peer assigns the endpoints of our node.
 
-    Fast DDS 3 wants an endpoint to name its participant, which the standard leaves open and Cyclone does not do.
+    Fast DDS 3 requires an endpoint to name its participant, which is optional in the standard and missing in Cyclone
+    DDS.
     """
     return (
         "_CREATED_BY_BARE_DDS_APP_/_CREATED_BY_BARE_DDS_APP_" if peer.distro == "kilted" else node.fully_qualified_name
@@ -214,7 +215,7 @@ async def test_they_miss_our_context_when_it_closes(
 async def test_a_peer_that_looks_for_the_whole_network_is_found_when_it_comes_later(
     dds: Any, start_peer: Callable[..., Peer]
 ) -> None:
-    """A peer that is told nothing announces itself by multicast, to which a node that stays local does not listen."""
+    """Such a peer announces itself by multicast, to which a node that stays local does not listen."""
     node = dds.node("tester")
     peer = start_peer("wide", wide=True)
     try:
@@ -226,7 +227,7 @@ async def test_a_peer_that_looks_for_the_whole_network_is_found_when_it_comes_la
 
 
 async def test_names_of_nodes_are_known_soon_after_their_endpoints(dds: Any, start_peer: Callable[..., Peer]) -> None:
-    """Fast DDS repeats a graph message that Cyclone dropped only after 3 s."""
+    """Fast DDS repeats a graph message that Cyclone DDS dropped only after 3 s."""
     peer, node = start_peer("on_this_machine"), dds.node("watcher")
     await until(lambda: any(name.startswith(f"/{peer.name}/") for name, _ in node.get_service_names_and_types()))
     began = time.monotonic()

@@ -18,7 +18,7 @@ STEPS = [
     *((1, True, "inactive"), (3, True, "active"), (1, False, "active")),
     *((4, True, "inactive"), (5, False, "inactive"), (6, True, "finalized")),
 ]
-"""Transition, whether it works, the state behind it."""
+"""Transition, success, resulting state."""
 EVENTS = [
     ("unconfigured", "configuring"),
     ("configuring", "inactive"),
@@ -28,7 +28,6 @@ EVENTS = [
 
 
 async def call(node: Node, peer: Peer, kind: str, name: str, request: dict[str, Any]) -> Any:
-    """One call of ours, in plain words."""
     cls = service(peer, kind)
     client = node.create_client(cls, name)
     response = await client.call(from_dict(cls.Request, request), WAIT_S)
@@ -57,8 +56,6 @@ async def test_we_drive_their_lifecycle_node(dds: Any, shared_peer: Peer) -> Non
 
 
 class Managed(LifecycleNode):
-    """Notes its transitions."""
-
     done: list[str]
 
     def on_configure(self, state: State) -> TransitionCallbackReturn:

@@ -1,4 +1,4 @@
-"""The rclpy code of docs/migration.md runs with a real rclpy, and prints what the page says ours prints."""
+"""The rclpy code of docs/migration.md runs with a real rclpy, with the output on the page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names that rclpy refuses are refused here, at the same place, and no others are."""
+"""Names are refused exactly if rclpy refuses them, at the same index."""
 
 from __future__ import annotations
 
@@ -50,7 +50,6 @@ def test_what_is_refused_and_where(peer_python: Path) -> None:
 
 
 def place(check: Callable[[str], None], name: str) -> int | None:
-    """The index that the error has; None where the name is allowed."""
     try:
         check(name)
     except InvalidNameError as error:

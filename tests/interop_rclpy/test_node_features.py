@@ -1,4 +1,4 @@
-"""What nodes do beside talking: /rosout, simulated time, type descriptions, logger levels, introspection."""
+"""Features of nodes: /rosout, simulated time, type descriptions, logger levels, introspection."""
 
 from __future__ import annotations
 
@@ -150,7 +150,6 @@ EVENTS = ["REQUEST_SENT", "REQUEST_RECEIVED", "RESPONSE_SENT", "RESPONSE_RECEIVE
 
 @pytest.mark.parametrize("state", ["METADATA", "CONTENTS"])
 async def test_introspection_of_both_ends_tells_of_a_call_of_theirs(dds: Any, shared_peer: Peer, state: str) -> None:
-    """Our server and their client write events; each side reads those of both."""
     node, name, cls = dds.node("tester"), fresh("watched"), service(shared_peer, SET_BOOL)
     server = node.create_service(cls, name, lambda request: cls.Response(success=True, message="done"))
     server.configure_introspection(node.clock, SYSTEM_DEFAULT, IntrospectionState[state])

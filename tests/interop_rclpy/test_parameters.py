@@ -32,19 +32,17 @@ FILE = "{}:\n  ros__parameters:\n    count: 11\n    arm:\n      left:\n        l
 
 
 def held(node: Node, names: list[str]) -> list[Any]:
-    """Our node's values, arrays as lists."""
     return [list(value) if isinstance(value, tuple) else value for value in node.get_parameters(names)]
 
 
 def member(answer: dict[str, Any]) -> Any:
-    """The value inside a rcl_interfaces/msg/ParameterValue."""
+    """Return the value inside a rcl_interfaces/msg/ParameterValue."""
     names = "bool_value integer_value double_value string_value byte_array_value bool_array_value"
     names += " integer_array_value double_array_value string_array_value"
     return answer[names.split()[answer["type"] - 1]]
 
 
 def ours_with_all_kinds(dds: Any) -> Node:
-    """Our node with all kinds of parameters, of a name no other test has."""
     node: Node = dds.node(fresh("ours").strip("/"))
     for name, value in VALUES.items():
         node.declare_parameter(name, value)
@@ -52,7 +50,7 @@ def ours_with_all_kinds(dds: Any) -> Node:
 
 
 async def ask_ours(peer: Peer, node: Node, method: str, argument: Any) -> Any:
-    """What rclpy's AsyncParameterClient gets from our node."""
+    """Return the response that rclpy's AsyncParameterClient gets from our node."""
     return await peer.ask("remote", node=node.fully_qualified_name, method=method, argument=argument)
 
 
@@ -139,7 +137,7 @@ async def test_they_hear_of_changes_of_our_parameters(dds: Any, shared_peer: Pee
 
 @pytest.fixture
 def theirs(dds: Any, shared_peer: Peer) -> Iterator[Any]:
-    """Our client for the parameters of a new node of theirs with all kinds of them."""
+    """Return our client for the parameters of a new node of the peer with all types of values."""
     name = fresh("theirs")
     shared_peer.tell("add_node", name=name.strip("/")).result(WAIT_S)
     shared_peer.tell("declare", node=name.strip("/"), parameters=VALUES).result(WAIT_S)
@@ -148,12 +146,10 @@ def theirs(dds: Any, shared_peer: Peer) -> Iterator[Any]:
 
 
 async def held_by_them(peer: Peer, client: Any, names: list[str]) -> Any:
-    """The values in their node."""
     return await peer.ask("parameters", node=client.node.strip("/"), names=names)
 
 
 def listed(values: Any) -> list[Any]:
-    """Arrays as lists."""
     return [list(value) if isinstance(value, tuple) else value for value in values]
 
 

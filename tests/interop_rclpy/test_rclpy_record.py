@@ -1,4 +1,4 @@
-"""The recorded names of rclpy are those of the rclpy that the other tests of this folder talk to."""
+"""The recorded names of rclpy are those of the rclpy of the peers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ def test_the_record_is_that_of_this_rclpy(peer_python: Path) -> None:
 
 
 def test_programs_find_what_they_use_in_the_record() -> None:
-    """One of each kind, and what a module only imports for itself."""
     modules = json.loads(RECORD.read_text(encoding="utf-8"))
     node = modules["rclpy.node"]["Node"]["members"]
     assert node["create_timer"]["parameters"] == (

@@ -20,7 +20,7 @@ SIZES = [1, 1_000, 60_000, 100_000, 1_048_576]
 
 
 async def client_of_theirs(node: Any, peer: Peer, name: str, kind: str, how: str, **settings: Any) -> Any:
-    """Our client of a new service of the peer."""
+    """Create a service of the peer and our client of it."""
     await peer.ask("serve", name=name, type=kind, how=how, **settings)
     client = node.create_client(service(peer, kind), name)
     assert await client.wait_for_service(timeout_s=10)
@@ -37,7 +37,6 @@ async def test_our_client_calls_set_bool(dds: Any, shared_peer: Peer) -> None:
 
 
 def client_request(peer: Peer, kind: str, **fields: Any) -> Any:
-    """A request of ours."""
     return service(peer, kind).Request(**fields)
 
 
@@ -97,7 +96,6 @@ async def test_their_client_sends_and_gets_random_values(dds: Any, shared_peer: 
 
 @pytest.mark.parametrize("size", SIZES)
 async def test_messages_of_any_size_go_both_ways_with_our_client(dds: Any, shared_peer: Peer, size: int) -> None:
-    """Strings of test_msgs/srv/BasicTypes; 1 MB is some 750 packets."""
     name, cls = fresh("size"), service(shared_peer, "test_msgs/srv/BasicTypes")
     client = await client_of_theirs(dds.node("tester"), shared_peer, name, "test_msgs/srv/BasicTypes", "echo")
     for letter in "ab":
@@ -127,7 +125,7 @@ async def test_many_calls_of_ours_at_once_get_their_own_answers(dds: Any, shared
 async def test_more_calls_at_once_than_a_slow_server_of_theirs_keeps_are_all_answered(
     dds: Any, shared_peer: Peer
 ) -> None:
-    """Four handlers at a time, ten requests in the queue: the others wait with us, for answers and not for a time."""
+    """Four handlers run at a time and ten requests are queued: the other calls wait for responses."""
     cls, name = service(shared_peer, "test_msgs/srv/BasicTypes"), fresh("slow")
     await shared_peer.ask("serve_slowly", name=name, type="test_msgs/srv/BasicTypes", threads=4, seconds=0.1)
     node = dds.node("tester")
@@ -156,7 +154,7 @@ async def test_clients_of_several_of_our_nodes_get_their_own_answers(dds: Any, s
 async def test_several_clients_of_theirs_at_once_get_their_own_answers(
     dds: Any, shared_peer: Peer, start_peer: Callable[..., Peer]
 ) -> None:
-    """One call of each at a time: a server of theirs would not keep more requests either."""
+    """Each client has one call in flight: a server of rclpy would not queue more requests either."""
     cls, name = service(shared_peer, "test_msgs/srv/BasicTypes"), fresh("crowd")
 
     async def handler(request: Any) -> Any:
@@ -173,7 +171,6 @@ async def test_several_clients_of_theirs_at_once_get_their_own_answers(
 
 
 async def test_a_service_with_servers_of_both_kinds_answers_every_client(dds: Any, shared_peer: Peer) -> None:
-    """As in ROS every server answers; a client takes the first answer."""
     name, cls = fresh("both_servers"), service(shared_peer, "std_srvs/srv/Trigger")
     node, other = dds.node("tester"), dds.node("server")
     client = await client_of_theirs(node, shared_peer, name, "std_srvs/srv/Trigger", "trigger", note="theirs")
@@ -192,7 +189,7 @@ async def test_a_service_with_servers_of_both_kinds_answers_every_client(dds: An
 async def test_requests_name_the_reader_that_waits_until_all_servers_have_answered(
     dds: Any, shared_peer: Peer, start_peer: Callable[..., Peer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """So a server that has just come waits until its reply has somewhere to go."""
+    """A new server then waits until it knows the reader to which it replies."""
     name, kind = fresh("named"), "std_srvs/srv/Trigger"
     client = await client_of_theirs(dds.node("tester"), shared_peer, name, kind, "trigger", note="first")
     writer, named = client._port._writer, []
@@ -214,14 +211,14 @@ async def test_requests_name_the_reader_that_waits_until_all_servers_have_answer
 
 
 _KEPT = 1000
-"""Replies that the clients of `many_clients`, and the servers they call, keep."""
+"""Queue depth of the clients of `many_clients`, and of the servers that they call."""
 
 
 async def both_kinds_call(peer: Peer, client: Any, name: str) -> None:
-    """Three clients of theirs and one of ours call an echoing server at the same time.
+    """Call an echoing server from three clients of the peer and one of ours at the same time.
 
-    Every reply goes to every client, and a busy rclpy takes a hundred a second, more slowly than ours calls. So there
-    are fewer replies in all than their clients keep: none pushes out another.
+    Every reply goes to every client, and a busy rclpy takes a hundred a second, more slowly than our calls. The total
+    number of replies is below the queue depth of its clients, so that none is overwritten.
     """
     many = {"name": name, "type": "test_msgs/srv/BasicTypes", "clients": 3, "calls": 30}
     theirs = asyncio.wrap_future(peer.tell("many_clients", **many))

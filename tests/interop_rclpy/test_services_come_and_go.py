@@ -1,4 +1,4 @@
-"""Servers and clients that are closed or killed, and return."""
+"""Servers and clients that are closed or killed, and restarted."""
 
 from __future__ import annotations
 

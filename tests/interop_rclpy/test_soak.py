@@ -1,6 +1,6 @@
-"""Calls, goals and parameters in all mixtures while packets are lost and a peer is killed every 20 seconds, or earlier.
+"""Calls, goals and parameters at the same time while packets are lost and peers are killed every 20 s or earlier.
 
-SOAK_MINUTES=10 makes it last ten minutes. Cyclone loses the packets it would send; Fast DDS has no such setting.
+SOAK_MINUTES=10 makes it last ten minutes. Cyclone DDS drops packets when it sends; Fast DDS has no such setting.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ KILLED_EVERY_S = min(20.0, 30 * MINUTES)
 WAIT_S = 25
 BASIC, TRIGGER, FIBONACCI = "test_msgs/srv/BasicTypes", "std_srvs/srv/Trigger", "test_msgs/action/Fibonacci"
 _PAUSE_S = 0.05
-"""Every reply goes to every client of a service, and rclpy's keep ten: when more come in the time that a lost packet
-takes to be sent again, or that rclpy is busy, they are overwritten. So services with such clients have few others.
+"""Pause between calls. Every reply goes to every client of a service, and rclpy's clients queue ten: while a lost
+packet is repeated, or rclpy is busy, more than ten replies would overwrite each other.
 """
 _LOSSES = (
     "<CycloneDDS><Domain><Internal><Test><XmitLossiness>50</XmitLossiness></Test></Internal></Domain></CycloneDDS>"
@@ -37,16 +37,15 @@ _ANSWERED_S, _ATTEMPTS = 4, 8
 
 
 def rss_mb() -> float:
-    """Resident memory of this process now."""
     with open("/proc/self/statm") as statm:
         return int(statm.read().split()[1]) * 4096 / 1e6
 
 
 async def answered(once: Callable[[], Awaitable[Any]]) -> Any:
-    """What a call gives that may be the first one of its client, and is made again when it was not answered.
+    """Return the result of a call that is repeated if there is no reply.
 
-    Servers on Fast DDS, and ours likewise, drop the answer for a client whose reader they have not found after 0.1 s.
-    Of a lost packet they hear later than that.
+    Servers on Fast DDS, and ours as well, drop the first reply for a client whose reader they have not found after 0.1
+    s. A lost packet delays discovery by more than that.
     """
     for _ in range(_ATTEMPTS):
         with suppress(asyncio.TimeoutError):
@@ -55,7 +54,7 @@ async def answered(once: Callable[[], Awaitable[Any]]) -> Any:
 
 
 class Soak:
-    """What goes on at the same time, and how often it did."""
+    """Concurrent activities and their counters."""
 
     def __init__(self, dds: Any, stays: Peer) -> None:
         self.stays = stays
@@ -68,7 +67,7 @@ class Soak:
         self.is_over = False
 
     async def prepare(self) -> None:
-        """Both sides serve, and what is called both has a server on each."""
+        """Create the services; those that are called both have a server on each side."""
         names, stays = self.names, self.stays
         for name in ("theirs", "both_for_us", "both_for_them"):
             await stays.ask("serve", name=names[name], type=BASIC, how="echo")
@@ -144,7 +143,7 @@ class Soak:
         assert self.ours.get_parameter("number") == number
 
     async def repeat(self, name: str, once: Callable[[int], Awaitable[None]]) -> None:
-        """Do it until the end; what fails says what it was."""
+        """Repeat an activity until the end."""
         try:
             await answered(partial(once, 0))
             while not self.is_over:
@@ -156,12 +155,12 @@ class Soak:
 
     @staticmethod
     def is_replaced(client: Any, dead: set[bytes]) -> bool:
-        """Whether the client knows a server, and none of these any more."""
+        """Return True if the client knows a server other than the dead ones."""
         servers = client._servers()
         return bool(servers) and servers.isdisjoint(dead)
 
     async def kill(self, start_mortal: Callable[[str], Peer]) -> None:
-        """Peers that serve, call and are killed in the middle of it; only those calls may be lost."""
+        """Start peers that serve, call and are killed; only calls at that moment may be lost."""
         name = fresh("mortal")
         client = self.ours.create_client(self.trigger, name)
         while not self.is_over:

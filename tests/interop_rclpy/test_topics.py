@@ -1,4 +1,4 @@
-"""Topics between our node and rclpy's, both ways: what is sent is what arrives, field by field."""
+"""Topics between our node and rclpy's, both ways: messages arrive as they were sent, field by field."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MEGABYTE = 1_048_576
 
 
 async def heard_by_peer(node: Node, peer: Peer, cls: Any, topic: str, qos: QoSProfile, theirs: dict[str, Any]) -> Any:
-    """A publisher of ours that a subscription of the peer is connected to."""
+    """Return our publisher that is matched with a subscription of the peer."""
     await peer.ask("subscribe", topic=topic, type=cls._TYPE.name, qos=theirs)
     publisher = node.create_publisher(cls, topic, qos)
     assert await publisher.wait_for_subscribers(timeout_s=10)
@@ -41,7 +41,7 @@ async def heard_by_peer(node: Node, peer: Peer, cls: Any, topic: str, qos: QoSPr
 
 
 async def hearing_peer(node: Node, peer: Peer, cls: Any, topic: str, qos: QoSProfile, theirs: dict[str, Any]) -> Any:
-    """A subscription of ours that a publisher of the peer is connected to."""
+    """Return our subscription that is matched with a publisher of the peer."""
     subscription = node.create_subscription(cls, topic, qos=qos)
     await peer.ask("publisher", topic=topic, type=cls._TYPE.name, qos=theirs)
     assert await subscription.wait_for_publishers(timeout_s=10)
@@ -54,7 +54,6 @@ THEY_KEEP = {"depth": 100}
 
 
 async def exchange(node: Node, peer: Peer, name: str, sent: list[dict[str, Any]]) -> None:
-    """Send the same values both ways; the last one comes again, as the end."""
     cls = message(peer, name)
     topic, back = fresh("to_them"), fresh("to_us")
     publisher = await heard_by_peer(node, peer, cls, topic, KEEP, THEY_KEEP)
@@ -85,8 +84,10 @@ async def test_a_key_of_a_nested_message_alone_makes_no_difference(dds: Any, sha
 async def test_endpoints_are_found_after_peers_told_each_other_their_types(
     dds: Any, shared_peer: Peer, start_peer: Callable[..., Peer]
 ) -> None:
-    """Peers of Kilted ask each other for the definitions of types, and Cyclone hears the answers. It takes arrays in
-    them for wrong, and from then on ignores endpoints of such types; so it is told to look at no type information.
+    """Peers of Kilted request type definitions of each other, and Cyclone DDS receives the replies.
+
+    It takes arrays in them for invalid, and would then ignore endpoints of such types, so it is configured to ignore
+    type information.
     """
     node, name = dds.node("tester"), "test_msgs/msg/Arrays"
     cls, first = message(shared_peer, name), fresh("before")
@@ -128,9 +129,8 @@ async def test_a_megabyte_arrives_whole(dds: Any, shared_peer: Peer) -> None:
 
 
 async def test_the_first_message_of_a_publisher_may_be_large(dds: Any, shared_peer: Peer) -> None:
-    """Fast DDS cuts messages into packets of 64 KB. It has sent a heartbeat when it found our subscription, but that
-    was, in most of ten cases, before Cyclone knew the publisher; the next one comes among the packets. Cyclone would
-    take what it tells of for old.
+    """Fast DDS splits messages into packets of 64 KB. Its first heartbeat mostly precedes Cyclone's discovery of the
+    publisher, and Cyclone would take the packets before the next heartbeat for old.
     """
     node, order = dds.node("tester"), {"data": {"random_bytes": 200_000, "seed": 1}}
     cls, topics = message(shared_peer, "std_msgs/msg/UInt8MultiArray"), [fresh("big_at_once") for _ in range(10)]

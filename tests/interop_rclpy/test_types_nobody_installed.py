@@ -1,4 +1,4 @@
-"""Types of rclpy nodes on Fast DDS whose packages our process has nowhere."""
+"""Types of rclpy nodes on Fast DDS whose packages our process does not have."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FIBONACCI = "test_msgs/action/Fibonacci"
 
 @pytest.fixture
 def stranger(tmp_path: Path) -> Any:
-    """Runs `stranger.py`; its result, or the text of its error where one is expected."""
+    """Return a function that runs `stranger.py` and returns its result, or the expected error."""
 
     async def run(do: str, *, is_right: bool = True, **arguments: Any) -> Any:
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "ROSIDL_PY_GEN_CACHE": str(tmp_path / "cache")}

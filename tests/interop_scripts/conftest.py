@@ -22,7 +22,6 @@ __all__ = ["dds", "only_loopback", "pytest_pyfunc_call"]
 
 @pytest.fixture(scope="session")
 def real_python() -> Path:
-    """A Python that has rclpy of Jazzy."""
     return environment("rclpy-jazzy", REQUIREMENTS["jazzy"])
 
 
@@ -31,7 +30,7 @@ _seen: dict[Path, dict[int, Both | BaseException]] = {}
 
 @pytest.fixture
 def observed(request: pytest.FixtureRequest, only_loopback: None, real_python: Path, code_cache: Path) -> Observed:
-    """What was seen of a case. The first test of a file that asks runs all of its cases that are to be tested."""
+    """Return a function for the observations of a case. The first use in a file runs all of its selected cases."""
     if request.path not in _seen:
         here = [item for item in request.session.items if item.path == request.path]
         given = [item.callspec.params.get("case") for item in here if hasattr(item, "callspec")]
@@ -50,5 +49,4 @@ def observed(request: pytest.FixtureRequest, only_loopback: None, real_python: P
 
 @pytest.fixture(scope="session")
 def code_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where our rclpy keeps compiled message classes: the first program makes them."""
     return tmp_path_factory.mktemp("cache")

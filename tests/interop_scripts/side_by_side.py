@@ -1,4 +1,4 @@
-"""Cases run several at once, as most of their time is waiting; each has two domains of its own."""
+"""Runs of cases, several at once, because most of their time is waiting; each has two domains of its own."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ Observed = Callable[[Case], Both]
 
 @dataclass
 class Setting:
-    """What programs run with.
+    """Environment of the programs.
 
     Attributes:
-        real_python: a Python that has rclpy, in an environment of its own.
-        code_cache: where our rclpy keeps compiled message classes.
+        real_python: a Python with rclpy, in an environment of its own.
+        code_cache: folder for compiled message classes of our rclpy.
     """
 
     real_python: Path
@@ -30,11 +30,10 @@ class Setting:
 
     @property
     def test_msgs(self) -> Path:
-        """Definitions of the messages that are not bundled."""
         return self.real_python.parents[1] / "share" / "test_msgs"
 
     async def both(self, case: Case, domain: int) -> Both:
-        """What was seen under the real rclpy and under ours."""
+        """Return the observations under real rclpy and under ours."""
         own = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         program = str(PROGRAMS / f"{case.program}.py")
         real = {**own, "ROS_DOMAIN_ID": str(domain), "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}
@@ -46,5 +45,5 @@ class Setting:
 
 
 async def run_all(cases: Iterable[Case], setting: Setting) -> list[Both | BaseException]:
-    """Both observations of each case, in their order, or what went wrong."""
+    """Return both observations of each case, or the exception."""
     return await at_once(partial(setting.both, case) for case in cases)

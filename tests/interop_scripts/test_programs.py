@@ -1,4 +1,4 @@
-"""Programs in the ways rclpy's users write them: under our rclpy they do what they do under the real one."""
+"""Programs as users of rclpy write them do the same under our rclpy as under the real one."""
 
 from __future__ import annotations
 

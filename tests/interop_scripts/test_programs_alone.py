@@ -1,4 +1,4 @@
-"""Programs that need nobody else, in the ways rclpy's users write them: they print and end as under the real one."""
+"""Programs without peers, as users of rclpy write them, print and end as under the real one."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from side_by_side import Observed
 from two_rclpys import PROGRAMS, Case, difference
 
 OURS_SAYS = {"lifecycle_triggers": "[ERROR] [lamp]: on_configure raised ValueError: broken"}
-"""What rclpy swallows and ours logs."""
+"""Lines that ours logs and rclpy does not."""
 CASES = [
     Case(f"alone/{path.stem}", ours_says=OURS_SAYS.get(path.stem, "")) for path in sorted(PROGRAMS.glob("alone/*.py"))
 ]

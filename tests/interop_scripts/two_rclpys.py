@@ -1,9 +1,9 @@
-"""One program under real rclpy (Fast DDS) and under ours, given the same traffic: what each lets be seen of it.
+"""Observation of one program under real rclpy (Fast DDS) and under ours, with the same traffic.
 
-A program is started, and a node of this process, which both middlewares know, does what the steps of its case say:
-publishes to it, listens to it, calls its services, looks at the graph, interrupts it. All that is seen goes into an
-`Observation`; two of them are compared as a whole. What no two runs have in common is left out: times of log lines,
-the inner frames of tracebacks, stamps.
+A node of this process, which both middlewares can talk to, executes the steps of a case: it publishes to the program,
+subscribes to its topics, calls its services, reads the graph and interrupts it. All results go into an `Observation`;
+two of them are compared as a whole, without what differs in every run: times of log lines, inner frames of tracebacks
+and stamps.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ _DIFFERS = (
     (re.compile(r"^Failed to publish log message to rosout: .*\n\n?", re.MULTILINE), ""),  # ours says nothing of it
     (re.compile(r"^.*RuntimeWarning: Failed to fini .*\n.*\n", re.MULTILINE), ""),  # what rcl says of itself
 )
-"""Times of log lines, frames of tracebacks, paths, addresses, numbers made up, and what they become."""
+"""Patterns of times, frames of tracebacks, paths, addresses and random numbers, and their replacements."""
 _ABORTED = "terminate called without an active exception"
 
 
 @dataclass(frozen=True)
 class Publish:
-    """Send messages once the program listens to the topic."""
+    """Send messages once the program has subscribed to the topic."""
 
     topic: str
     type: str
@@ -58,7 +58,7 @@ class Publish:
 
 @dataclass(frozen=True)
 class Receive:
-    """Wait until the program has published so many messages since it was started; they are observed."""
+    """Wait until the program has published a number of messages since its start, and observe them."""
 
     topic: str
     type: str
@@ -68,7 +68,7 @@ class Receive:
 
 @dataclass(frozen=True)
 class Call:
-    """Call a service of the program; the response is observed."""
+    """Call a service of the program and observe the response."""
 
     service: str
     type: str
@@ -77,7 +77,7 @@ class Call:
 
 @dataclass(frozen=True)
 class Ask:
-    """Send a request to a service of the program, which never answers it."""
+    """Send a request to a service of the program that never replies."""
 
     service: str
     type: str
@@ -86,7 +86,7 @@ class Ask:
 
 @dataclass(frozen=True)
 class Printed:
-    """Wait until the program has printed something, on either stream."""
+    """Wait until the program has printed a text, on either stream."""
 
     text: str
     count: int = 1
@@ -94,7 +94,7 @@ class Printed:
 
 @dataclass(frozen=True)
 class Graph:
-    """Observe the program's nodes, topics, services and the quality of service of each endpoint."""
+    """Observe the program's nodes, topics, services and the QoS of each endpoint."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class Parameters:
 
 @dataclass(frozen=True)
 class Interrupt:
-    """Send a signal, once the program does nothing but wait."""
+    """Send a signal, once the program only waits."""
 
     signal: int = signal.SIGINT
 
@@ -116,7 +116,7 @@ Step = Publish | Receive | Call | Ask | Printed | Graph | Parameters | Interrupt
 
 @dataclass(frozen=True)
 class Case:
-    """A program and what happens to it; it has to end by itself after the last step."""
+    """Program and its steps; it has to end without help after the last step."""
 
     program: str
     steps: tuple[Step, ...] = ()
@@ -131,13 +131,12 @@ class Case:
     """
 
     def name(self) -> str:
-        """Of the test."""
         return "-".join((self.program, *self.arguments[2:3]))
 
 
 @dataclass
 class Observation:
-    """What was seen, in the order of the steps."""
+    """Observations in the order of the steps."""
 
     seen: list[Any] = field(default_factory=list)
     output: list[str] = field(default_factory=list)
@@ -146,7 +145,7 @@ class Observation:
 
 
 def difference(case: Case, expected: Observation, found: Observation) -> str:
-    """The lines that differ; empty when nothing does."""
+    """Return the lines that differ."""
     assert not any(isinstance(one, str) and one.startswith(("nothing", "not ended")) for one in expected.seen), expected
     if case.ours_says:
         found.errors.remove(case.ours_says)
@@ -157,7 +156,7 @@ def difference(case: Case, expected: Observation, found: Observation) -> str:
 
 
 class _Process:
-    """The program; its output is read as it comes."""
+    """Running program and its output."""
 
     def __init__(self, command: list[str], settings: dict[str, str], changed: Callable[[], None]) -> None:
         kept = {key: value for key, value in os.environ.items() if not key.startswith(("ROS_", "RCUTILS_", "PYTHON"))}
@@ -188,7 +187,7 @@ class _Process:
         return "".join(self._texts[name])
 
     def sleeps(self) -> bool:
-        """Whether all its threads wait for something."""
+        """Return True if all its threads wait."""
         try:
             stats = [path.read_text() for path in Path(f"/proc/{self.process.pid}/task").glob("*/stat")]
         except OSError:
@@ -208,7 +207,7 @@ class _Process:
 
 
 class Observer:
-    """Runs a case once, in a domain where nobody else is."""
+    """Runs a case once, in a domain of its own."""
 
     def __init__(self, domain: int, case: Case) -> None:
         self._case = case
@@ -224,11 +223,13 @@ class Observer:
         self._received: dict[tuple[str, str], list[Any]] = {}
 
     async def run(self, command: list[str], settings: dict[str, str], like: Observation | None = None) -> Observation:
-        """Start the program and do all steps.
+        """Start the program and execute all steps.
 
         Args:
-            like: what was seen under the other rclpy: graphs are waited for until they are the same, because they
-                become known bit by bit.
+            command: command that starts the program.
+            settings: environment variables.
+            like: observations under the other rclpy. Graphs are awaited until they are equal, because discovery takes
+                time.
         """
         for step in self._case.steps:
             if isinstance(step, Receive) and (step.topic, step.type) not in self._received:
@@ -286,9 +287,7 @@ class Observer:
             timer.cancel()
 
     async def _end(self, process: _Process, *, insists: bool) -> None:
-        """Wait until the program has ended. Real rclpy at times loses a signal that comes before it waits, under load;
-        then, as a user would, one insists.
-        """
+        """Wait until the program has ended; repeat a signal, because a busy real rclpy may lose one before it waits."""
         last = self._case.steps[-1] if self._case.steps else None
         for _ in range(3):
             if insists and isinstance(last, Interrupt):
@@ -336,9 +335,7 @@ class Observer:
                 return None
 
     async def _settled(self, process: _Process, expected: Any) -> Any:
-        """What is seen of the graph when it is as expected, or when it is whole and stays so while the program, which
-        has nothing to do, sleeps.
-        """
+        """Return the graph as soon as it is as expected, or complete and stable while the program sleeps."""
         seen, since = self._graph(), self._loop.time()
         end = since + PATIENCE_S
         while seen != expected and self._loop.time() < end:
@@ -351,7 +348,7 @@ class Observer:
         return seen
 
     def _is_whole(self) -> bool:
-        """Whether there are nodes, and every endpoint is known that they told of themselves, and whose it is."""
+        """Return True if there are nodes, and all endpoints they announce and their nodes are known."""
         graph = self._node._refreshed_graph()
         nodes = [node for participant in graph._participants.values() for node in participant.nodes]
         told = {guid for node in nodes for guid in (*node.writer_gids, *node.reader_gids)}
@@ -399,7 +396,7 @@ class Observer:
 
 
 def _qos(qos: QoSProfile) -> dict[str, Any]:
-    """What peers are told; history and depth are not."""
+    """Return the policies that are announced, which history and depth are not."""
     names = ("reliability", "durability", "deadline_ns", "lifespan_ns", "liveliness", "liveliness_lease_ns")
     return {name: str(getattr(qos, name)) for name in names}
 

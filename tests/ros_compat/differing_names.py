@@ -1,4 +1,4 @@
-"""What differs between the names of our rclpy and the recorded ones, in JSON. Run by ``rosidl-py run``."""
+"""Differences between the names of our rclpy and the recorded ones, in JSON. Run by ``rosidl-py run``."""
 
 from __future__ import annotations
 
@@ -21,14 +21,13 @@ REAL: dict[str, dict[str, Any]] = json.loads(RECORD.read_text(encoding="utf-8"))
 
 
 def of_python(name: str, entry: dict[str, Any]) -> bool:
-    """Whether a module imports the name from the standard library, such as ``rclpy.node.List``."""
     if defined := entry.get("from"):
         return str(defined).partition(".")[0] in sys.stdlib_module_names
     return entry["kind"] == "constant" and "value" not in entry and name in vars(typing)
 
 
 def found(holder: Any, name: str) -> tuple[bool, Any]:
-    """Whether a module or class has a name, and what it is; the latter is None where instances have it only."""
+    """Return True if a module or class has a name, and its value, which is None if only instances have it."""
     if not inspect.isclass(holder):
         return hasattr(holder, name), getattr(holder, name, None)
     instances = {one for base in holder.__mro__ for one in vars(base).get("__annotations__", ())}
@@ -38,7 +37,7 @@ def found(holder: Any, name: str) -> tuple[bool, Any]:
 
 
 def compare(path: str, entry: dict[str, Any], thing: Any) -> Iterator[tuple[str, str, Any]]:
-    """What differs: ``(path, aspect, what ours has)``."""
+    """Yield differences: ``(path, aspect, our value)``."""
     if entry["kind"] != "property" and kind_of(thing) != entry["kind"]:
         yield path, "kind", kind_of(thing)
     parameters = entry.get("parameters")
@@ -67,7 +66,6 @@ def differences() -> Iterator[tuple[str, str, Any]]:
 
 
 def members_of(module: str, name: str, seen: tuple[str, ...] = ()) -> set[str]:
-    """Members of a recorded class and its recorded bases."""
     entry = REAL.get(module, {}).get(name)
     if entry is None or f"{module}.{name}" in seen:
         return set()
@@ -79,7 +77,7 @@ def members_of(module: str, name: str, seen: tuple[str, ...] = ()) -> set[str]:
 
 
 def more() -> Iterator[str]:
-    """Public names that our modules define and rclpy has not; what they import for themselves is not counted."""
+    """Yield public names that our modules define and rclpy does not have, without imported names."""
     for module_name, names in describe("rclpy").items():
         if module_name not in REAL:
             yield module_name

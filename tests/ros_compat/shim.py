@@ -1,4 +1,4 @@
-"""Our rclpy, importable in a process: what `rosidl-py run` does for programs."""
+"""Import of our rclpy in a process, as `rosidl-py run` does it for programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A text in the place of a number of seconds, which `seconds * 10**9` would repeat so many times."""
+"""A text as number of seconds is refused; `seconds * 10**9` would repeat it."""
 
 from __future__ import annotations
 

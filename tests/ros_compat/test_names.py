@@ -1,7 +1,7 @@
-"""Our rclpy has the names of the real one, with their kinds, parameters and values; what is missing is listed here.
+"""Our rclpy has the names of the real one, with their kinds, parameters and values; exceptions are listed here.
 
-`tests/support/record_rclpy_names.py` records the real one and describes ours in the same words. docs/rclpy.md agrees
-with the tables of this file; where it does not, a failed test prints the text that is expected there.
+`tests/support/record_rclpy_names.py` records the real one and describes ours in the same words. docs/rclpy.md has the
+same tables; if it does not, a failed test prints the expected text.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ MISSING = {
     ),
     "a name for checkers of types inside of the class": ("rclpy.exceptions.InvalidParameterTypeException.Parameter",),
 }
-"""Reason -> names of rclpy that ours has not."""
+"""Reason -> names of rclpy that ours does not have."""
 OTHER_VALUES = {
     "an enumeration of names; its numbers are used in C only": tuple(
         f"rclpy.action.server.GoalEvent.{name}" for name in ("ABORT", "CANCELED", "CANCEL_GOAL", "EXECUTE", "SUCCEED")
@@ -110,12 +110,11 @@ MORE = {
         for name in ("file_path", "function_name", "last_index", "line_number")
     ),
 }
-"""Reason -> names of ours that begin with a letter and rclpy has not: no program can count on them."""
+"""Reason -> our names that begin with a letter and that rclpy does not have; no program can rely on them."""
 
 
 @pytest.fixture(scope="module")
 def compared() -> dict[str, Any]:
-    """What `differing_names.py` says."""
     command = [
         sys.executable,
         "-m",
@@ -134,7 +133,7 @@ def listed(table: dict[str, tuple[str, ...]]) -> list[str]:
 
 
 def rows(table: dict[str, tuple[str, ...]]) -> str:
-    """As the page has it."""
+    """Return a table in the form of the page."""
     return "".join(f"| {', '.join(f'`{name}`' for name in names)} | {reason} |\n" for reason, names in table.items())
 
 

@@ -1,7 +1,6 @@
-"""Private names of classes that programs derive from or that they add attributes to: ours, or those of the real rclpy.
+"""Private names of classes that programs derive from or add attributes to: ours have a prefix, or exist in rclpy.
 
-A program may use any other name for its own methods and attributes. See `programs/values_subclasses.py` for what
-happens when it does.
+A program may use any other name. See `programs/values_subclasses.py` for the effect.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ INTERNAL = (
     "rclpy.impl.",
     "rosidl_runtime_py",
 )
-"""Modules whose classes programs neither derive from nor hold."""
+"""Modules whose classes programs neither derive from nor get."""
 INTERNAL_CLASSES = {"TimerHandle", "ClockHandle", "EventHandle", "GuardConditionHandle", "WaitSet", "EntityTask"}
 INTERNAL_CLASSES |= {"_Requests", "_OldName", "_RuntimeProfile", "TransformRegistration", "ConvertRegistration"}
 OF_COMPANIONS = {
@@ -35,7 +34,7 @@ OF_COMPANIONS = {
     "Buffer": {"_new_data_callbacks"},
     "Arcball": {"_axes", "_axis", "_center", "_constrain", "_qdown", "_qnow", "_qpre", "_radius", "_vdown"},
 }
-"""Names with an underscore that packages other than rclpy have."""
+"""Names with an underscore of packages other than rclpy."""
 
 PARTS = {
     "NodeEntities": ["Node"],
@@ -44,7 +43,7 @@ PARTS = {
     "ActionWaitable": ["ActionClient", "ActionServer"],
     "SingleThreadedExecutor": ["Executor"],
 }
-"""Our classes that are a part of rclpy's."""
+"""Our mixins and bases -> classes of rclpy."""
 
 
 def private_names(cls: ast.ClassDef) -> set[str]:
@@ -63,7 +62,7 @@ def private_names(cls: ast.ClassDef) -> set[str]:
 
 
 def known(cls: ast.ClassDef) -> set[str]:
-    """Names of the real class and its bases, and of the one it is a part of."""
+    """Return the private names of the real class, its bases, and the class it is a mixin of."""
     names: set[str] = set()
     bases = [re.sub(r"\[.*", "", ast.unparse(base)) for base in cls.bases]
     for name in (cls.name, *bases, *PARTS.get(cls.name, ())):

@@ -1,4 +1,4 @@
-"""Executors, futures, entities, signals: what the same lines do under real rclpy (Fast DDS) and under ours."""
+"""Executors, futures, entities and signals: the same lines under real rclpy (Fast DDS) and under ours."""
 
 from __future__ import annotations
 
@@ -49,12 +49,12 @@ pytestmark = pytest.mark.real_time("programs are processes")
 
 
 Told = tuple[str, int, str]
-"""What a program printed, its exit code, and its errors."""
+"""Output, exit code and errors of a program."""
 Everything = dict[str, "tuple[Told, Told] | BaseException"]
 
 
 def ended(command: list[str], middleware: str, domain: int) -> Told:
-    """A program that ran in a domain, on this machine only."""
+    """Run a program in a domain, on this machine only."""
     settings = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     kept = {key: value for key, value in os.environ.items() if not key.startswith(("ROS_", "RMW_"))}
     environment = {**kept, **settings, "RMW_IMPLEMENTATION": middleware}
@@ -63,7 +63,7 @@ def ended(command: list[str], middleware: str, domain: int) -> Told:
 
 
 async def run_both(real: list[str], program: list[str], domain: int) -> tuple[Told, Told]:
-    """Under real rclpy and under ours, in domains where neither hears the other."""
+    """Run a program under real rclpy and under ours, in separate domains."""
     ours = [sys.executable, "-c", OURS, str(FOLDER.parent)]
     return await asyncio.gather(
         asyncio.to_thread(ended, [*real, *program], "rmw_fastrtps_cpp", domain),
@@ -73,7 +73,7 @@ async def run_both(real: list[str], program: list[str], domain: int) -> tuple[To
 
 @pytest.fixture(scope="module")
 def real() -> list[str]:
-    """How real rclpy is started."""
+    """Return the command of real rclpy."""
     sys.path.insert(0, str(FOLDER.parents[1] / "interop_rclpy"))
     from rclpy_peer import REQUIREMENTS
 
@@ -82,7 +82,7 @@ def real() -> list[str]:
 
 @pytest.fixture(scope="module")
 def told(request: pytest.FixtureRequest, real: list[str]) -> Everything:
-    """What all cases that are to be tested print under real rclpy and under ours: those of `spinning` in a few runs."""
+    """Return the output of all selected cases under both; those of `spinning` share a few processes."""
     chosen = [item.callspec.params["case"] for item in request.session.items if item.path == request.path]
     spinning, signals = ([case for case in chosen if case in all_of_them] for all_of_them in (CASES, SIGNALS))
     together = [part for number in range(AT_ONCE) if (part := spinning[number::AT_ONCE])]

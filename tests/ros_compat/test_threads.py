@@ -1,4 +1,4 @@
-"""What several threads of one program do to each other under our rclpy: nothing is lost, nothing stays."""
+"""Several threads of one program under our rclpy lose nothing and leave nothing behind."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What rclpy's functions and classes give, ours against the real one: each expression of `programs` in both.
+"""Results of rclpy's functions and classes, ours against the real ones: each expression of `programs` in both.
 
-A comment behind an expression says where ours differs: ``# ours: ...`` in what comes out, ``# text`` in the words of an
-exception of the same kind.
+A comment after an expression says that ours differs: ``# ours: ...`` in the result, ``# text`` in the text of an
+exception of the same type.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ async def told_by_both(python: Path, program: Path, domain: int) -> Both:
 
 @pytest.fixture(scope="module")
 def seen(request: pytest.FixtureRequest) -> dict[Path, Both | BaseException]:
-    """What the programs that are to be tested tell, in a Python that has rclpy of Jazzy and in ours."""
+    """Return the results of the selected programs, in a Python with rclpy of Jazzy and in ours."""
     sys.path.insert(0, str(HERE.parent / "interop_rclpy"))
     from rclpy_peer import REQUIREMENTS
 

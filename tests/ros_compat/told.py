@@ -1,6 +1,6 @@
-"""``python told.py program.py [ours]``: what each expression of a program gives, as JSON: line -> what, and its text.
+"""``python told.py program.py [ours]``: print the result of each expression of a program as JSON: line -> kind, text.
 
-Runs in the Python that has rclpy, and, with ``ours``, in one that has ours.
+It runs in the Python that has rclpy, and with ``ours`` in one that has ours.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 
 
 def shown(value: object) -> str:
-    """`repr`, with what parameters hold, and without addresses."""
+    """Return the `repr`, with the values of parameters and without addresses."""
     if type(value).__module__ == "rclpy.parameter" and type(value).__name__ == "Parameter":
         held: Any = value
         plain = isinstance(held.value, (str, int, float, bool, type(None)))

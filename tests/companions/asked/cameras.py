@@ -1,4 +1,4 @@
-"""What image_geometry answers, a line for each question. Run under the real one and under ours, with OpenCV."""
+"""Results of image_geometry, one line for each call. Run under the real one and under ours, with OpenCV."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""What sensor_msgs_py and tf2_sensor_msgs answer, a line for each question. Run under the real ones and under ours."""
+"""Results of sensor_msgs_py and tf2_sensor_msgs, one line for each call. Run under the real ones and under ours."""
 
 import array
 import json
@@ -18,7 +18,7 @@ def field(name, offset, kind, count=1):
 
 
 def values(size):
-    """Bytes that are numbers of any type, and no signalling NaN."""
+    """Return bytes that are numbers of any type, without signalling NaN."""
     return np.random.default_rng(5).integers(0, 100, size, "u1")
 
 

@@ -1,4 +1,4 @@
-"""What tf2_geometry_msgs answers, one line for each question. Run under the real one and under ours."""
+"""Results of tf2_geometry_msgs, one line for each call. Run under the real one and under ours."""
 
 import json
 
@@ -28,7 +28,7 @@ def told(value):
 
 
 def filled(message):
-    """Random numbers everywhere; rotations are some."""
+    """Fill a message with random numbers; quaternions are rotations."""
     if isinstance(message, Quaternion):
         values = rng.normal(size=4)
         message.x, message.y, message.z, message.w = values / np.linalg.norm(values)

@@ -1,4 +1,4 @@
-"""What cv_bridge answers, one line for each question. Run under the real one and under ours."""
+"""Results of cv_bridge, one line for each call. Run under the real one and under ours."""
 
 import json
 
@@ -16,7 +16,7 @@ PACKED = ["yuv422", "yuv422_yuy2"]
 
 
 def told(value, off):
-    """Whole numbers in hex, the way they lie in memory; they may be off by as much as that."""
+    """Return integers in hex, in memory order; `off` is the accepted difference."""
     if isinstance(value, Image):
         head = value.height, value.width, value.encoding, int(value.is_bigendian), value.step, value.header.frame_id
         return *head, bytes(value.data).hex()
@@ -35,12 +35,12 @@ def ask(question, *arguments, off=0, **named):
 
 
 def inside(*arguments):
-    """Without the border of a Bayer pattern, which OpenCV and we make up in other ways."""
+    """Remove the border of a Bayer pattern, which OpenCV and we interpolate differently."""
     return bridge.imgmsg_to_cv2(*arguments)[1:-1, 1:-1]
 
 
 def rounded(source, target):
-    """What is reckoned: brightness, YUV, Bayer."""
+    """Print calculated values: brightness, YUV, Bayer."""
     is_reckoned = target in NAMED and (source in (*BAYER, *PACKED) or target.startswith("mono"))
     is_deep = source.endswith("16"), target.endswith("16")
     return is_reckoned * (2 if is_deep[0] else 257 if is_deep[1] else 1)

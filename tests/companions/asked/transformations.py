@@ -1,4 +1,4 @@
-"""What tf_transformations answers, one line for each question. Run under the real one and under ours."""
+"""Results of tf_transformations, one line for each call. Run under the real one and under ours."""
 
 # ruff: noqa: B023 (all is asked at once)
 
@@ -28,7 +28,7 @@ def numbers(count, much=3.0):
 
 
 def again(make, take):
-    """What an answer whose signs do not matter makes."""
+    """Return the result for a value whose signs do not matter."""
     return lambda *arguments, **named: make(*take(make(*arguments, **named)))
 
 

@@ -5,9 +5,9 @@ from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalRespons
 
 
 def action_server(peer, name, type, how, feedback=(), result=None, cancels=True):
-    """Serves goals: every item of `feedback`, then the end that `how` says.
+    """Serve goals: publish each item of `feedback`, then end as `how` says.
 
-    `how`: `succeed`, `abort`, `raise`, or `cancel`, which waits for a cancel; `reject` refuses goals.
+    `how`: `succeed`, `abort`, `raise`, or `cancel`, which waits for a cancellation; `reject` refuses goals.
     """
     cls = messages.load(type)
     goals = peer.things["goals", name] = []
@@ -39,7 +39,7 @@ def action_server(peer, name, type, how, feedback=(), result=None, cancels=True)
 
 
 def goals(peer, name):
-    """What the server was asked, oldest first."""
+    """Return the requested goals, oldest first."""
     return peer.things["goals", name]
 
 
@@ -49,7 +49,7 @@ async def action_client(peer, name, type):
 
 
 async def send_goal(peer, name, key, goal):
-    """`key` is a name for the goal; the answer is whether it was accepted."""
+    """Send a goal, which `key` names; return True if it was accepted."""
     made = peer.things["action client", name]
     heard = peer.things["feedback", key] = []
     handle = await made.send_goal_async(
@@ -60,14 +60,12 @@ async def send_goal(peer, name, key, goal):
 
 
 async def feedback(peer, key, count):
-    """All feedback, as soon as there is as much."""
     heard = peer.things["feedback", key]
     await peer.until(lambda: len(heard) >= count)
     return heard
 
 
 async def goal_status(peer, key, expected):
-    """Waits until the status topic has said so."""
     await peer.until(lambda: peer.things["goal", key].status == expected)
 
 

@@ -1,7 +1,7 @@
-"""Messages of rclpy as plain JSON values and back, in the words of our `to_json`.
+"""Conversion of rclpy messages to plain JSON values and back, in the format of our `to_json`.
 
-Keys are ROS names, bytes are numbers, NaN and the infinities are texts. Long byte arrays travel as what makes them (on
-the way in, see `random_bytes`) and as their digest (on the way out).
+Keys are ROS names, bytes are numbers, NaN and the infinities are texts. Long byte arrays are transferred as size and
+seed (to the peer, see `random_bytes`) and as a digest (from the peer).
 """
 
 import hashlib
@@ -16,7 +16,7 @@ LONG = 4096
 
 
 def load(name):
-    """The class of ``std_msgs/msg/String``, or ``std_srvs/srv/SetBool_Event``."""
+    """Return the class of ``std_msgs/msg/String``, or ``std_srvs/srv/SetBool_Event``."""
     package, kind, short = name.split("/")
     outer, _, inner = short.partition("_")
     cls = getattr(importlib.import_module(f"{package}.{kind}"), outer)
@@ -44,7 +44,7 @@ def to_plain(value):
 
 
 def build(cls, values):
-    """A message; what is missing keeps its default."""
+    """Create a message; missing fields keep their defaults."""
     message = cls()
     names = list(cls.get_fields_and_field_types())
     for name, item in values.items():

@@ -35,7 +35,7 @@ def parameters(peer, names, node=""):
 
 
 async def remote(peer, node, method, argument):
-    """A method of rclpy's client for the parameters of another node; the answer is the service's response."""
+    """Call a method of rclpy's client for the parameters of another node; return the response."""
     made = AsyncParameterClient(peer.node, node)
     await peer.until(made.services_are_ready)
     if method.startswith("set_"):
@@ -51,12 +51,11 @@ async def remote(peer, node, method, argument):
 
 
 async def until_node(peer, name, there=True):
-    """Waits until a node is known, or is not."""
     await peer.until(lambda: (name in peer.node.get_fully_qualified_node_names()) == there)
 
 
 async def until_by_node(peer, what, name, thing, there=True):
-    """Waits until a node in the root namespace has it, or has not, and answers its types.
+    """Wait until a node in the root namespace has an entity, or does not, and return its types.
 
     `what`: publisher, subscriber, service or client.
     """
@@ -69,7 +68,6 @@ async def until_by_node(peer, what, name, thing, there=True):
 
 
 def names_and_types(peer, what):
-    """`what`: topic or service."""
     return dict(getattr(peer.node, f"get_{what}_names_and_types")())
 
 
@@ -78,7 +76,6 @@ def counts(peer, topic):
 
 
 async def until_subscribed(peer, topic, count=1):
-    """Waits until this node knows of as many subscriptions, whoever publishes."""
     await peer.until(lambda: peer.node.count_subscribers(topic) >= count)
 
 
@@ -87,7 +84,7 @@ def service_counts(peer, name):
 
 
 async def until_infos(peer, topic, what, nodes):
-    """All about the endpoints of a topic, as soon as they belong to these nodes; `what`: publishers, subscriptions."""
+    """Wait until the endpoints of a topic belong to these nodes, and return all about them."""
 
     def look():
         return getattr(peer.node, f"get_{what}_info_by_topic")(topic)
@@ -115,7 +112,7 @@ async def until_infos(peer, topic, what, nodes):
 
 
 def log(peer, text):
-    """Once with every level; rclpy wants each level at a line of its own."""
+    """Log once with every level; rclpy requires a line of its own for each level."""
     logger = peer.node.get_logger()
     logger.info(text)
     logger.warning(text)
@@ -128,21 +125,19 @@ def logger_level(peer, name):
 
 
 async def now_ns(peer, node, at_least):
-    """The time of a node, as soon as it has come so far."""
     clock = peer.nodes[node].get_clock()
     await peer.until(lambda: clock.now().nanoseconds >= at_least)
     return clock.now().nanoseconds
 
 
 def introspect(peer, kind, name, state):
-    """`kind`: service or client."""
     peer.things[kind, name].configure_introspection(
         peer.node.get_clock(), qos_profile_system_default, getattr(ServiceIntrospectionState, state)
     )
 
 
 class Lifecycle(LifecycleNode):
-    """Notes its transitions; activating fails when `fail` is set."""
+    """Node that records its transitions; activation fails if `fail` is set."""
 
     def __init__(self, name):
         super().__init__(name)

@@ -1,8 +1,8 @@
-"""A real rclpy node that does what its test asks for, one line of JSON at a time.
+"""A real rclpy node that executes the commands of its test, one line of JSON each.
 
 The first line written is READY. Each line read is ``{"id", "do", ...}`` and is answered, perhaps much later, by
-``{"id", "result"}`` or ``{"id", "error"}``; commands are coroutines, so that one that waits keeps nobody else. The
-process ends when its input does.
+``{"id", "result"}`` or ``{"id", "error"}``; commands are coroutines, so that a waiting one blocks no other. The process
+ends when its input does.
 """
 
 import inspect
@@ -29,7 +29,7 @@ STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
 class Peer:
-    """The node and what it has made; `things` is for the modules, by kind and name."""
+    """Node and its entities; `things` is for the modules, by kind and name."""
 
     def __init__(self, name):
         self.executor = SingleThreadedExecutor()
@@ -43,15 +43,13 @@ class Peer:
         return node
 
     def owner(self, kind, thing):
-        """The node that has it among its `publishers`, `services` ..."""
         return next(node for node in self.nodes.values() if thing in getattr(node, kind))
 
     def new_future(self):
-        """A future of this executor, which wakes it."""
         return rclpy.task.Future(executor=self.executor)
 
     async def until(self, condition):
-        """Looks every 20 ms; rclpy does not tell when endpoints match."""
+        """Check a condition every 20 ms; rclpy does not notify of matched endpoints."""
         while not condition():
             passed = self.new_future()
             timer = self.node.create_timer(0.02, partial(passed.set_result, None), clock=STEADY)

@@ -23,17 +23,14 @@ def _set_bool(request, response):
 
 
 def _echo(request, response):
-    """The fields both have."""
+    """Copy the fields that both have."""
     for name in response.get_fields_and_field_types():
         setattr(response, name, getattr(request, name))
     return response
 
 
 def serve(peer, name, type, how, values=None, node="", note="", depth=10):
-    """`how`: `echo` answers with the request's fields, `fixed` with `values`, `set_bool` and `trigger` with `note`.
-
-    `depth`: how many replies it keeps for clients that have not got them.
-    """
+    """Serve: `how` is `echo`, `fixed` (with `values`) or `set_bool`; with `note`, the response of a Trigger."""
     requests = peer.things["requests", name] = []
     handlers = {"echo": _echo, "fixed": _answer(values), "set_bool": _set_bool}
 
@@ -51,7 +48,7 @@ def serve(peer, name, type, how, values=None, node="", note="", depth=10):
 
 
 def serve_slowly(peer, name, type, threads, seconds):
-    """A node of its own whose handlers sleep in so many threads, and echo."""
+    """Serve in a node of its own, whose handlers sleep in several threads and echo."""
 
     def handler(request, response):
         time.sleep(seconds)  # what the test is about: handlers that take long
@@ -79,7 +76,7 @@ def unserve(peer, name):
 
 
 def requests(peer, name):
-    """What the service was asked, oldest first."""
+    """Return the received requests, oldest first."""
     return peer.things["requests", name]
 
 
@@ -91,7 +88,6 @@ async def client(peer, name, type, node="", wait=True):
 
 
 async def ready(peer, name, expected=True):
-    """Waits until the service of a client is there, or is not."""
     await peer.until(lambda: peer.things["client", name].service_is_ready() == expected)
 
 
@@ -101,17 +97,17 @@ def unclient(peer, name):
 
 
 async def call(peer, name, requests_):
-    """Ask all at once and wait for all answers."""
+    """Send all requests at once and wait for all responses."""
     made = peer.things["client", name]
     futures = [made.call_async(messages.build(made.srv_type.Request, values)) for values in requests_]
     return [messages.to_plain(await future) for future in futures]
 
 
 async def many_clients(peer, name, type, clients, calls):
-    """Calls of test_msgs/srv/BasicTypes from several clients at once, each call behind its client's last.
+    """Call test_msgs/srv/BasicTypes from several clients at once; return the number of correct responses.
 
-    Every answer goes to every client. By default those keep ten, so that a client that is not scheduled for a moment
-    would lose its own among those of the others; these keep more. Returns how many answers were those to their request.
+    Every response goes to every client. With the default depth of ten, a client that is not scheduled for a moment
+    would lose its own response among those of the others.
     """
     deep = QoSProfile(depth=1000)
     made = [peer.node.create_client(messages.load(type), name, qos_profile=deep) for _ in range(clients)]

@@ -16,7 +16,6 @@ DURATIONS = {"deadline_s": "deadline", "lifespan_s": "lifespan", "lease_s": "liv
 
 
 def profile(depth=10, **policies):
-    """``profile(depth=1, durability="TRANSIENT_LOCAL", deadline_s=2)``."""
     made = QoSProfile(depth=depth)
     for name, value in policies.items():
         if name in DURATIONS:
@@ -27,7 +26,7 @@ def profile(depth=10, **policies):
 
 
 class Received:
-    """A subscription, what it got and nobody took yet."""
+    """Subscription with the received messages that were not taken yet."""
 
     def __init__(self, peer, node, cls, topic, qos):
         self.kept = []
@@ -77,13 +76,13 @@ def unsubscribe(peer, topic):
 
 
 async def take(peer, topic, count=1):
-    """The oldest messages that were not taken, as soon as there are as many."""
+    """Wait for enough messages, and return the oldest ones."""
     taken = await peer.things["subscription", topic].take(count)
     return [messages.to_plain(message) for message in taken]
 
 
 async def matched(peer, topic, count=1):
-    """Waits until the publisher or subscription has as many counterparts."""
+    """Wait until the publisher or subscription has enough counterparts."""
     made = peer.things.get(("publisher", topic)) or peer.things["subscription", topic].subscription
     number = made.get_subscription_count if hasattr(made, "get_subscription_count") else made.get_publisher_count
     await peer.until(lambda: number() >= count)

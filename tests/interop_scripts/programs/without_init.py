@@ -1,4 +1,4 @@
-"""What is wrong without a context, twice and afterwards."""
+"""Errors without a context, repeated and after `init`."""
 
 import rclpy
 from std_msgs.msg import String

@@ -110,7 +110,7 @@ s.register_execute_callback(5)
 
 
 def result_of(value):
-    """Status and result when an execute callback returns something; what leaves `spin` otherwise."""
+    """Return status and result if an execute callback returns a value, otherwise the exception that leaves `spin`."""
     from rclpy.executors import SingleThreadedExecutor
 
     node = rclpy.create_node("wrong")

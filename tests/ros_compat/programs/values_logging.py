@@ -1,4 +1,4 @@
-"""Loggers. Each call is a place of its own for the filters."""
+"""Loggers. Each call is a call site of its own for the filters."""
 # ruff: noqa
 # fmt: off
 

@@ -13,7 +13,7 @@ folder = pathlib.Path(tempfile.mkdtemp())
 
 
 def loaded(text):
-    """Type and value of a parameter that is written so in a file; "refused" when the program ends."""
+    """Return type and value of a parameter with this text in a file; "refused" when the program ends."""
     file = folder / "one.yaml"
     file.write_text(f"/**:\n  ros__parameters:\n    p: {text}\n")
     context = rclpy.Context()
@@ -33,7 +33,7 @@ def plain(value):
 
 
 def read(text):
-    """The same by rclpy's function over PyYAML; what it refuses, or puts into a text that is none, is a text here."""
+    """Return the value by rclpy's function over PyYAML; a refused text, or one of another type, is returned as text."""
     try:
         value = parameter_value_to_python(get_parameter_value(text))
     except Exception:
@@ -44,7 +44,7 @@ def read(text):
 
 
 def of_file(text):
-    """The same by rclpy's function for files."""
+    """Return the value by rclpy's function for files."""
     file = folder / "two.yaml"
     file.write_text(f"/n:\n  ros__parameters:\n    p: {text}\n")
     try:

@@ -1,4 +1,4 @@
-"""Parameters apart from nodes."""
+"""Parameters without nodes."""
 # ruff: noqa
 # fmt: off
 

@@ -1,4 +1,4 @@
-"""Serialization, and what is a class of a message or service."""
+"""Serialization, and checks for classes of messages and services."""
 # ruff: noqa
 # fmt: off
 

@@ -1,4 +1,4 @@
-"""Names that public programs define in subclasses of nodes, tried as methods and as attributes."""
+"""Names that public programs define in subclasses of nodes, as methods and as attributes."""
 # ruff: noqa
 # fmt: off
 
@@ -24,7 +24,7 @@ def boom(self, *args, **kwargs):
 
 
 def use(cls):
-    """All that a node does."""
+    """Use all features of a node."""
     node = cls("used", parameter_overrides=[Parameter("o", value=3)])
     executor = SingleThreadedExecutor()
     executor.add_node(node)
@@ -49,7 +49,7 @@ def use(cls):
 
 
 def breaks(base, names):
-    """Those of the names which a subclass may not define; all at once, and one by one only when that fails."""
+    """Return the names that a subclass must not define; all at once, and one at a time only after a failure."""
     try:
         use(type("Sub", (base,), dict.fromkeys(names, boom)))
         return []
@@ -66,7 +66,7 @@ def fails(cls):
 
 
 class Instance(Node):
-    """Attributes that are set afterwards."""
+    """Attributes that are set after the creation."""
 
     def __init__(self, name, **options):
         super().__init__(name, **options)

@@ -1,4 +1,4 @@
-"""What signals and shutdowns do under rclpy; the argument is the case. Run under both rclpys."""
+"""Effects of signals and shutdowns under rclpy; the argument is the case. Run under both rclpys."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ node = Node("sig")
 
 
 def later(n):
-    """Once the main thread waits, which is seen five times in a row."""
+    """Send the signal once the main thread waits, which is observed five times in a row."""
     stat = f"/proc/self/task/{threading.main_thread().native_id}/stat"
 
     def f():

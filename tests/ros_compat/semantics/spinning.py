@@ -1,6 +1,6 @@
-"""What executors, futures, services, timers and the graph of rclpy do, case by case: run under both rclpys.
+"""Executors, futures, services, timers and the graph of rclpy, case by case. Run under both rclpys.
 
-Arguments: names of cases. What a case prints stands behind a line with its name.
+Arguments: names of cases. The output of a case follows a line with its name.
 """
 
 from __future__ import annotations

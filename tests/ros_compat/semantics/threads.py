@@ -1,4 +1,4 @@
-"""What several threads of one program do to each other under our rclpy; the argument is the case."""
+"""Interactions of several threads of one program under our rclpy; the argument is the case."""
 
 from __future__ import annotations
 

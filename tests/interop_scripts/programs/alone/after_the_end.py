@@ -1,4 +1,4 @@
-"""What nodes and endpoints can still do after shutdown, after a signal, and after they were destroyed."""
+"""Uses of nodes and endpoints after a shutdown, after a signal, and after their destruction."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""What a node sees of itself and another of the same program."""
+"""Graph information of a node about itself and another node of the same program."""
 
 import rclpy
 from rclpy.node import NodeNameNonExistentError

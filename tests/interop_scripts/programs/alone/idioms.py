@@ -1,4 +1,4 @@
-"""What people write all the same: nodes and endpoints in no variable, everything twice, everything afterwards."""
+"""Common idioms: nodes and endpoints without a variable, repeated calls, calls after the end."""
 
 import rclpy
 from rclpy.executors import ExternalShutdownException

@@ -1,4 +1,4 @@
-"""What happens beside messages: incompatible quality of service, missed deadlines, matches, by callbacks and by default."""
+"""Events: incompatible QoS, missed deadlines and matches, with callbacks and by default."""
 
 import rclpy
 from rclpy.duration import Duration
