@@ -193,9 +193,11 @@ async def test_requests_name_the_reader_that_waits_until_all_servers_have_answer
     name, kind = fresh("named"), "std_srvs/srv/Trigger"
     client = await client_of_theirs(dds.node("tester"), shared_peer, name, kind, "trigger", note="first")
     writer, named = client._port._writer, []
-    write, write_for = writer.write, writer.write_with_identity
+    write, write_with_identity = writer.write, writer.write_with_identity
     monkeypatch.setattr(writer, "write", lambda data: (named.append(False), write(data))[1])
-    monkeypatch.setattr(writer, "write_with_identity", lambda *sent: (named.append(True), write_for(*sent))[1])
+    monkeypatch.setattr(
+        writer, "write_with_identity", lambda *sent: (named.append(True), write_with_identity(*sent))[1]
+    )
     for _ in range(3):
         assert (await client.call(client_request(shared_peer, kind), CALL_S)).message == "first"
     assert named == [True, False, False]
