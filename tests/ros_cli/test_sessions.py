@@ -34,7 +34,7 @@ async def test_what_is_there_needs_no_time() -> None:
 
 async def test_a_command_does_not_count_itself_among_what_is_there() -> None:
     async with CommandNode({"spin_time_s": 0}) as session:
-        with pytest.raises(ToolError, match="there is none at all"):
+        with pytest.raises(ToolError, match="none exist in this domain"):
             await session.find("node", "somebody", session.node.get_node_names)
 
 
@@ -150,11 +150,11 @@ async def test_a_command_listens_while_news_come(
     memory: World, news: list[float], are_known: bool, seen: int, took_s: float
 ) -> None:
     made, told = object.__new__(CommandNode), Told(news, endpoints_complete=are_known)
-    made._spin_time_s, made._began = None, session.now_s()
+    made._spin_time_s, made._start_s = None, session.now_s()
     made.node = made.context = told  # type: ignore[assignment]
     await made.wait_for_discovery()
     assert told.seen == pytest.approx(seen, abs=1)
-    assert session.now_s() - made._began == pytest.approx(took_s, abs=0.001)
+    assert session.now_s() - made._start_s == pytest.approx(took_s, abs=0.001)
 
 
 async def test_what_came_while_a_command_was_held_up_counts(memory: World) -> None:
