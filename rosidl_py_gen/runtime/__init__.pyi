@@ -78,7 +78,7 @@ from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue as AsyncQueue
 from rosidl_py_gen.runtime.loop.callback_failures import CallbackFailedError as CallbackFailedError
 from rosidl_py_gen.runtime.loop.callback_failures import CallbacksNeverRanError as CallbacksNeverRanError
 from rosidl_py_gen.runtime.loop.event_loop import new_event_loop as new_event_loop
-from rosidl_py_gen.runtime.loop.loop_binding import LoopMismatchError as LoopMismatchError
+from rosidl_py_gen.runtime.loop.loop_binding import WrongEventLoopError as WrongEventLoopError
 from rosidl_py_gen.runtime.loop.loop_runner import LoopRunner as LoopRunner
 from rosidl_py_gen.runtime.loop.shared_loop import WouldDeadlockError as WouldDeadlockError
 from rosidl_py_gen.runtime.names.remapping import InvalidRemapRuleError as InvalidRemapRuleError

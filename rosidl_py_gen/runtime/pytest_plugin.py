@@ -210,7 +210,7 @@ def ros_node(request: pytest.FixtureRequest, ros_domain: MemoryTransport) -> Ite
     before the test's event loop runs: whichever it is, it serves all of them. Callbacks that fail, fail the test, and
     so do those that no loop ran; see `ros_errors`.
     """
-    from rosidl_py_gen.runtime.loop.loop_binding import LoopMismatchError
+    from rosidl_py_gen.runtime.loop.loop_binding import WrongEventLoopError
     from rosidl_py_gen.runtime.node.context import Context
     from rosidl_py_gen.runtime.node.node import Node
 
@@ -222,7 +222,7 @@ def ros_node(request: pytest.FixtureRequest, ros_domain: MemoryTransport) -> Ite
 
     def serve(loop: asyncio.AbstractEventLoop) -> None:
         if not any(context._core.bridge.is_shared(loop) for context in contexts):  # of a blocking call
-            with suppress(LoopMismatchError):
+            with suppress(WrongEventLoopError):
                 attach_all()
 
     with ExitStack() as stack:

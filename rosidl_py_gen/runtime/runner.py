@@ -24,7 +24,7 @@ from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.loop.callback_failures import FailureGuard
 from rosidl_py_gen.runtime.loop.event_loop import end_tasks, new_event_loop
-from rosidl_py_gen.runtime.loop.loop_binding import LoopMismatchError
+from rosidl_py_gen.runtime.loop.loop_binding import WrongEventLoopError
 from rosidl_py_gen.runtime.node import context_registry
 from rosidl_py_gen.runtime.node.arguments import RosArgumentError
 from rosidl_py_gen.runtime.node.context import Context
@@ -52,7 +52,7 @@ def run(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, T]) -> 
         What it returned; None when a signal ended it.
 
     Raises:
-        LoopMismatchError: an event loop runs already, as in Jupyter.
+        WrongEventLoopError: an event loop runs already, as in Jupyter.
         TypeError: no async function or coroutine.
         KeyboardInterrupt: at the second SIGINT, 0.4 s or more after the first.
         SystemExit: the ROS arguments of the process, or a parameter file, are wrong; the code is the message.
@@ -87,7 +87,7 @@ def spin(*nodes: Node) -> None:
     Nodes of other contexts can be spun together with these, at the price of a thread for each further context.
 
     Raises:
-        LoopMismatchError: an event loop runs already, as in Jupyter; nothing is closed then.
+        WrongEventLoopError: an event loop runs already, as in Jupyter; nothing is closed then.
         TypeError: no node. KeyboardInterrupt: at the second SIGINT, as `run`. What callbacks raised: as `run`.
     """
     for node in nodes:
@@ -118,7 +118,7 @@ def _coroutine(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, 
     """What to run; refused when it is something else, or when a loop runs already."""
     try:
         _refuse_running_loop("run(main)", "await main()")
-    except LoopMismatchError:
+    except WrongEventLoopError:
         if asyncio.iscoroutine(main):
             main.close()
         raise
@@ -130,7 +130,7 @@ def _coroutine(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, 
 
 def _refuse_running_loop(what: str, instead: str) -> None:
     if current_loop() is not None:
-        raise LoopMismatchError(
+        raise WrongEventLoopError(
             f"{what} makes an event loop, but one runs here already (Jupyter always has one): write `{instead}` instead"
         )
 

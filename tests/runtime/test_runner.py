@@ -23,7 +23,7 @@ from support.node_fixtures import ROOT, until
 from rosidl_py_gen.base.interrupts import CommandInterrupts
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node, run, runner, spin
-from rosidl_py_gen.runtime.loop.loop_binding import LoopMismatchError
+from rosidl_py_gen.runtime.loop.loop_binding import WrongEventLoopError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -319,12 +319,12 @@ async def test_run_and_spin_in_a_running_loop_say_what_to_write_and_close_nothin
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             for what in (main, main()):
-                with pytest.raises(LoopMismatchError, match=r"`await main\(\)`"):
+                with pytest.raises(WrongEventLoopError, match=r"`await main\(\)`"):
                     run(what)
-            with pytest.raises(LoopMismatchError, match=r"`async with node: await asyncio\.Event\(\)\.wait\(\)`"):
+            with pytest.raises(WrongEventLoopError, match=r"`async with node: await asyncio\.Event\(\)\.wait\(\)`"):
                 spin(node)
         assert not node.is_closed and not shared.is_closed and not shared.context.is_closed
-    assert issubclass(LoopMismatchError, RosidlError)
+    assert issubclass(WrongEventLoopError, RosidlError)
 
 
 @pytest.mark.parametrize("bad", [5, None, "main", lambda: 5])

@@ -55,7 +55,7 @@ _DRIVEN = (
 )
 
 
-class LoopMismatchError(RosidlError, RuntimeError):
+class WrongEventLoopError(RosidlError, RuntimeError):
     """The caller used one context from two running event loops."""
 
 
@@ -118,7 +118,7 @@ class LoopBinding:
         """Return the running loop, bound.
 
         Raises:
-            RuntimeError: no loop runs here. LoopMismatchError: another one is bound and runs.
+            RuntimeError: no loop runs here. WrongEventLoopError: another one is bound and runs.
             ClosedError: the context is closed.
         """
         loop = asyncio.get_running_loop()
@@ -141,7 +141,7 @@ class LoopBinding:
         Waits until the blocking calls in progress have ended; calls that start in the meantime wait for the new loop.
 
         Raises:
-            LoopMismatchError: another loop is bound and still runs, or is the only one.
+            WrongEventLoopError: another loop is bound and still runs, or is the only one.
             ClosedError: the context is closed.
         """
         if loop is self.bound_loop:
@@ -152,12 +152,12 @@ class LoopBinding:
             self._bind(loop)
             return
         if self.has_user_runner:
-            raise LoopMismatchError(_DRIVEN)
+            raise WrongEventLoopError(_DRIVEN)
         with self._changed:
             self._loops_to_bind += 1
             try:
                 if not self._wait_for_blocking_calls() or self.is_running:
-                    raise LoopMismatchError(_MISMATCH)
+                    raise WrongEventLoopError(_MISMATCH)
                 self._bind(loop)
             finally:
                 self._loops_to_bind -= 1

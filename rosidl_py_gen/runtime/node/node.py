@@ -373,7 +373,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             self._scope.failures.raise_kept()
 
     async def __aenter__(self) -> Self:
-        """Raises `ClosedError`, and `LoopMismatchError`: then a node that was made in here is closed."""
+        """Raises `ClosedError`, and `WrongEventLoopError`: then a node that was made in here is closed."""
         try:
             self._require_open()
             self.context._core.bridge.running_loop()

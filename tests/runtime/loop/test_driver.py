@@ -20,7 +20,6 @@ from support.node_fixtures import wait_until
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import (
     Context,
-    LoopMismatchError,
     LoopRunner,
     MemoryTransport,
     Node,
@@ -29,6 +28,7 @@ from rosidl_py_gen.runtime import (
     TimeRangeError,
     WaitTimeoutError,
     WouldDeadlockError,
+    WrongEventLoopError,
     spin,
 )
 from rosidl_py_gen.runtime.loop import shared_loop
@@ -391,17 +391,17 @@ def test_no_other_loop_takes_the_context(driver: LoopRunner, node: Node) -> None
 
     async def main() -> None:
         publisher.publish(String(data="a"))  # attaches no loop
-        with pytest.raises(LoopMismatchError, match="this context has a Driver"):
+        with pytest.raises(WrongEventLoopError, match="this context has a Driver"):
             await node.create_subscription(String, "silent").receive()
-        with pytest.raises(LoopMismatchError):
+        with pytest.raises(WrongEventLoopError):
             await node.create_timer(1.0).tick()
-        with pytest.raises(LoopMismatchError, match=r"driver\.run\(main\(\)\)"):
+        with pytest.raises(WrongEventLoopError, match=r"driver\.run\(main\(\)\)"):
             async with node:
                 pass
 
     asyncio.run(main())
     assert driver.wait(subscription.take, timeout_s=10).data == "a"
-    with pytest.raises(LoopMismatchError):
+    with pytest.raises(WrongEventLoopError):
         spin(node)
 
 

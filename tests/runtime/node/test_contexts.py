@@ -19,7 +19,7 @@ from support.node_fixtures import ROOT
 
 from rosidl_py_gen.errors import ClosedError, InvalidNameError
 from rosidl_py_gen.runtime import Context, Node, ParameterDescriptor, TransportError
-from rosidl_py_gen.runtime.loop.loop_binding import LoopMismatchError
+from rosidl_py_gen.runtime.loop.loop_binding import WrongEventLoopError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -260,7 +260,7 @@ async def test_a_node_that_cannot_be_entered_is_not_left_behind(memory: World) -
             raise AssertionError("two loops of one context")
 
     for attempt in (elsewhere, enter_used):
-        with pytest.raises(LoopMismatchError):
+        with pytest.raises(WrongEventLoopError):
             await asyncio.to_thread(lambda attempt=attempt: asyncio.run(attempt()))
     assert not used.is_closed
     assert used.get_node_names() == ["/used"]

@@ -34,7 +34,7 @@ from rosidl_py_gen.runtime import (
 )
 from rosidl_py_gen.runtime.entities.lazy_types import late_service_type, lazy_message_type
 from rosidl_py_gen.runtime.entities.message_types import message_type, service_type
-from rosidl_py_gen.runtime.loop.loop_binding import LoopMismatchError
+from rosidl_py_gen.runtime.loop.loop_binding import WrongEventLoopError
 from rosidl_py_gen.runtime.parameters.values import ParameterError
 from rosidl_py_gen.runtime.transport.qos import ROSOUT, Durability, History, Reliability
 
@@ -351,7 +351,7 @@ def test_one_context_cannot_serve_two_running_loops(world: World) -> None:
         async def inner() -> None:
             node.context._core.bridge.running_loop()
 
-        with pytest.raises(LoopMismatchError, match="Context of their own"):
+        with pytest.raises(WrongEventLoopError, match="Context of their own"):
             await asyncio.to_thread(lambda: asyncio.run(inner()))
 
     asyncio.run(outer())

@@ -1,6 +1,6 @@
-"""A `Driver` beside our own callback style, in one run: round trips, CPU per message, and a main loop that is busy.
+"""A `LoopRunner` beside our own callback style, in one run: round trips, CPU per message, and a main loop that is busy.
 
-Run `python bench/runtime_driver.py` (about a minute), `--quick` for a third of that. Two processes a figure, loopback
+Run `python bench/runtime_runner.py` (about a minute), `--quick` for a third of that. Two processes a figure, loopback
 only; rounds of both styles alternate, so that both see the same machine, and a ratio is the median over rounds of the
 ratio within one. "Polling" waits until something is ready, takes one message and handles it outside the loop, as an
 executor does that hands work out.
@@ -26,49 +26,49 @@ SILENCE_S = 3.0
 
 
 def driven(main: Callable[[Any, Any, Any], None], name: str) -> None:
-    """Run `main(driver, node, String)`."""
+    """Run `main(runner, node, String)`."""
     from rosidl_py_gen import get_message
     from rosidl_py_gen.runtime import Context, LoopRunner, Node
 
-    with LoopRunner() as driver, Context(loop_runner=driver) as context:
-        main(driver, Node(name, context=context), get_message("std_msgs/msg/String"))
+    with LoopRunner() as runner, Context(loop_runner=runner) as context:
+        main(runner, Node(name, context=context), get_message("std_msgs/msg/String"))
 
 
 class Poller:
     """Takes one message for each wait."""
 
-    def __init__(self, driver: Any, subscription: Any) -> None:
-        self._driver, self._subscription = driver, subscription
+    def __init__(self, runner: Any, subscription: Any) -> None:
+        self._runner, self._subscription = runner, subscription
         self._ready: list[int] = []
         subscription.on_ready(self._mark)
 
     def _mark(self) -> None:
         self._ready.append(1)
-        self._driver.wake()
+        self._runner.wake()
 
     def next(self) -> Any:
         """The next message; None when none came for long."""
         while (message := self._subscription.take()) is None:
             self._ready.clear()
-            if not self._driver.wait(lambda: self._ready, SILENCE_S):
+            if not self._runner.wait(lambda: self._ready, SILENCE_S):
                 break
         return message
 
 
-def pong(driver: Any, node: Any, string: Any) -> None:
+def pong(runner: Any, node: Any, string: Any) -> None:
     """Return every message."""
-    publisher, poller = node.create_publisher(string, "pong"), Poller(driver, node.create_subscription(string, "ping"))
-    driver.wait(lambda: publisher.subscription_count, 10)
+    publisher, poller = node.create_publisher(string, "pong"), Poller(runner, node.create_subscription(string, "ping"))
+    runner.wait(lambda: publisher.subscription_count, 10)
     while (message := poller.next()) is not None and message.data != STOP:
         publisher.publish(message)
 
 
-def ping(driver: Any, node: Any, string: Any, count: int) -> None:
+def ping(runner: Any, node: Any, string: Any, count: int) -> None:
     """Measure round trips."""
     publisher, subscription = node.create_publisher(string, "ping"), node.create_subscription(string, "pong")
-    driver.wait(lambda: publisher.subscription_count and subscription.publisher_count, 10)
-    driver.wait(timeout_s=0.2)
-    poller, message, times = Poller(driver, subscription), string(data=TEXT), []
+    runner.wait(lambda: publisher.subscription_count and subscription.publisher_count, 10)
+    runner.wait(timeout_s=0.2)
+    poller, message, times = Poller(runner, subscription), string(data=TEXT), []
     for _ in range(count):
         start = time.perf_counter_ns()
         publisher.publish(message)
@@ -79,11 +79,11 @@ def ping(driver: Any, node: Any, string: Any, count: int) -> None:
     report(p50=percentile(times, 0.5), p99=percentile(times, 0.99))
 
 
-def count_paced(driver: Any, node: Any, string: Any, count: int) -> None:
+def count_paced(runner: Any, node: Any, string: Any, count: int) -> None:
     """Receive at 1 kHz, and report the CPU of each message."""
     subscription = node.create_subscription(string, "paced", qos=10)
-    poller = Poller(driver, subscription)
-    driver.wait(lambda: subscription.publisher_count, 10)
+    poller = Poller(runner, subscription)
+    runner.wait(lambda: subscription.publisher_count, 10)
     poller.next()
     begin, received = cpu_s(), 0
     while received < count - 1 and poller.next() is not None:
@@ -91,7 +91,7 @@ def count_paced(driver: Any, node: Any, string: Any, count: int) -> None:
     report(cpu_us=(cpu_s() - begin) * 1e6 / received)
 
 
-def busy(driver: Any, node: Any, string: Any, count: int) -> None:
+def busy(runner: Any, node: Any, string: Any, count: int) -> None:
     """A main loop with 0.5 ms of work and a wait of 0; reports how old messages are, and how many were dropped."""
     subscription, ages = node.create_subscription(string, "paced", qos=10), list[float]()
     last_s = time.perf_counter() + 10
@@ -99,7 +99,7 @@ def busy(driver: Any, node: Any, string: Any, count: int) -> None:
         end = time.perf_counter() + WORK_S
         while time.perf_counter() < end:
             pass
-        driver.wait(timeout_s=0)
+        runner.wait(timeout_s=0)
         if (found := subscription.take_with_info()) is not None:
             last_s = time.perf_counter() + SILENCE_S
             ages.append((time.time_ns() - found[1].source_timestamp_ns) / 1e6)
