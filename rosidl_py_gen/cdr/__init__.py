@@ -1,6 +1,6 @@
-"""What generated code needs at run time: base classes, CDR support, lazy packages (standard library and numpy only).
+"""Run-time support of generated code: base classes, CDR codec, lazy packages (standard library and numpy only).
 
-Loaded piece by piece, so that importing a generated package costs next to nothing until a message is used.
+Modules are loaded when a name is first used, so that importing a generated package is cheap.
 """
 
 from rosidl_py_gen.cdr.lazy import stub_exports

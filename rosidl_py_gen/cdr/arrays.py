@@ -1,8 +1,8 @@
-"""Numeric arrays and sequences: from what users assign to bytes, and back to numpy.
+"""Numeric arrays and sequences: conversion of assigned values to bytes, and of bytes to numpy.
 
-The good case (a one-dimensional numpy array of the right dtype) is recognised by three cheap tests and costs no copy.
-Everything else is converted strictly: what does not fit is an error, never a silent wrap-around. Only floats are
-rounded, to the precision of the field, as `struct` rounds Python's.
+The usual value, a one-dimensional numpy array of the right dtype, is recognised by three cheap tests and not copied.
+All others are converted strictly: a value that does not fit is an error, never a silent wrap-around. Only floats are
+rounded, to the precision of the field, as `struct` rounds.
 """
 
 from __future__ import annotations
@@ -23,10 +23,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Array = NDArray[Any]
+    Buffer = bytes | bytearray | memoryview
 
-# Struct code -> dtype. On the platforms we run on, the little-endian dtypes are numpy's native singletons, which makes
-# the `is` tests below right; `support` refuses other hosts.
 DTYPES: dict[str, np.dtype[Any]] = {one.code: np.dtype(one.numpy) for one in PRIMITIVES.values()}
+"""Dtypes by struct code. On little-endian hosts, the only ones that `support` accepts, they are numpy's native
+singletons; therefore the tests with `is` below are correct."""
 BOOL_BYTE: dict[Any, int] = {False: 0, True: 1}
 
 
@@ -40,16 +41,22 @@ EMPTY: dict[str, Array] = {code: _read_only_empty(dtype) for code, dtype in DTYP
 
 
 class FieldValueError(RosidlError, ValueError):
-    """A value that does not fit, before it is known which field it belongs to; `index` is the element or None."""
+    """A value does not fit; raised where the field is not known.
+
+    Attributes:
+        index: index of the wrong element, or None.
+        suffix: the index in brackets, for the end of a path; may be empty.
+    """
 
     def __init__(self, reason: str, index: int | None = None) -> None:
         self.reason = reason
         self.index = index
+        self.suffix = "" if index is None else f"[{index}]"
         super().__init__(reason)
 
 
 def short_repr(value: object, width: int = 80) -> str:
-    """`repr` of a value for an error text, cut to `width` characters; a failing repr is named, not raised."""
+    """Return the `repr` of a value for an error text, cut to `width` characters; never raises."""
     try:
         text = repr(value[: width + 1]) if isinstance(value, (str, bytes, bytearray, list, tuple)) else repr(value)
     except Exception as error:  # a user's own __repr__ may raise anything
@@ -58,58 +65,53 @@ def short_repr(value: object, width: int = 80) -> str:
 
 
 def coerce(value: object, code: str) -> Array:
-    """Any value accepted in a numeric array field, as a contiguous one-dimensional array of the wire dtype.
+    """Return any value that a numeric array field accepts as a contiguous one-dimensional array of the wire dtype.
 
     Accepts numpy arrays, lists, tuples, ranges, array.array, memoryview, and bytes for 8-bit integers.
 
     Raises:
-        FieldValueError: another type, more than one dimension, or an element that the dtype cannot hold.
+        FieldValueError: the value has another type, more than one dimension, or an element that the dtype cannot hold.
     """
     if isinstance(value, (bytes, bytearray)):
         if code not in "Bb":
             raise FieldValueError(f"expected a sequence of {DTYPES[code].name}, found {short_repr(value)}")
         return np.frombuffer(value, DTYPES[code])
     if isinstance(value, (array, memoryview)):
-        value = _from_buffer(value)
+        try:
+            value = np.asarray(value)
+        except (ValueError, TypeError, BufferError) as error:
+            raise FieldValueError(f"expected a buffer of numbers, found {short_repr(value)} ({error})") from error
     if isinstance(value, np.ndarray):
-        if value.dtype.kind == "O":
-            value = value.tolist()
-        else:
+        if value.dtype.kind != "O":
             return cast(value, code)
+        value = value.tolist()
     if isinstance(value, (str, dict)) or not isinstance(value, Sequence):
         raise FieldValueError(f"expected a sequence of {DTYPES[code].name}, found {short_repr(value)}")
     return _pack(value, code)
 
 
-def _from_buffer(value: array[Any] | memoryview) -> Array:
-    try:
-        return np.asarray(value)
-    except (ValueError, TypeError, BufferError) as error:
-        raise FieldValueError(f"expected a buffer of numbers, found {short_repr(value)} ({error})") from error
-
-
 def cast(value: Array, code: str) -> Array:
-    """A one-dimensional array of numbers as a contiguous one of the wire dtype; raises FieldValueError, as `coerce`."""
+    """Return a one-dimensional array of numbers as a contiguous one of the wire dtype; raises as `coerce`."""
     dtype = DTYPES[code]
     if value.ndim != 1:
         raise FieldValueError(f"expected one dimension, found shape {value.shape}; use .ravel()")
     if value.dtype == dtype:
         return np.ascontiguousarray(value, dtype)
-    kind, wanted = value.dtype.kind, dtype.kind
-    if wanted == "b" or kind not in "biuf" or (wanted in "iu" and kind == "f"):
+    kind, target = value.dtype.kind, dtype.kind
+    if target == "b" or kind not in "biuf" or (target in "iu" and kind == "f"):
         raise FieldValueError(f"expected an array of {dtype.name}, found one of {value.dtype.name}")
-    if wanted in "iu" and kind in "iu" and value.size:
+    if target in "iu" and kind in "iu" and value.size:
         low, high = INTEGER_RANGES[code]
         outside = (value < low) | (value > high) if value.dtype != np.uint64 else value > np.uint64(high)
-        _refuse_first(outside, value, f"{dtype.name} in {low}..{high}")
+        _require_none(outside, value, f"{dtype.name} in {low}..{high}")
     with np.errstate(over="ignore"):
         result = value.astype(dtype)
-    if wanted == "f" and kind == "f":
-        _refuse_first(np.isfinite(value) & ~np.isfinite(result), value, dtype.name)
+    if target == "f" and kind == "f":
+        _require_none(np.isfinite(value) & ~np.isfinite(result), value, dtype.name)
     return result
 
 
-def _refuse_first(bad: Array, value: Array, expected: str) -> None:
+def _require_none(bad: Array, value: Array, expected: str) -> None:
     if bad.any():
         index = int(bad.argmax())
         raise FieldValueError(f"expected {expected}, found {value[index].item()!r}", index)
@@ -130,7 +132,7 @@ def _pack(value: Sequence[Any], code: str) -> Array:
 
 
 def scalar_problem(value: object, code: str) -> str:
-    """Why `value` cannot be written with this struct code; empty when it can."""
+    """Return why a value cannot be encoded with a struct code; empty if it can."""
     try:
         if code == "?":
             BOOL_BYTE[value]
@@ -151,10 +153,10 @@ def scalar_problem(value: object, code: str) -> str:
 
 
 def sequence_converter(code: str) -> Callable[[object], Any]:
-    """The function generated code calls on a sequence field: returns a buffer whose `len` is the element count.
+    """Return the function that generated code calls on a sequence field; its result is a buffer with a `len`.
 
-    A right numpy array is returned as it is, possibly not contiguous; joining it then raises TypeError, which the
-    slow path mends (asking for contiguity here would cost more than the other tests together).
+    A numpy array of the right dtype is returned unchanged, even if not contiguous. Joining it then raises TypeError,
+    and the slow path copies it: a test of contiguity here would cost more than the other tests together.
     """
     dtype = DTYPES[code]
     ndarray = np.ndarray
@@ -171,7 +173,7 @@ def sequence_converter(code: str) -> Callable[[object], Any]:
 
 
 def fixed_converter(code: str) -> Callable[[object, int], bytes]:
-    """The function generated code calls on a fixed array: exactly `count` elements as bytes."""
+    """Return the function that generated code calls on an array field; its result has exactly `count` elements."""
     dtype = DTYPES[code]
     ndarray = np.ndarray
 
@@ -185,13 +187,13 @@ def fixed_converter(code: str) -> Callable[[object, int], bytes]:
     return convert
 
 
-def view_of_bools(data: bytes | bytearray | memoryview, count: int, offset: int) -> Array:
-    """Bytes as bools: a view when all are 0 or 1, else a copy, because numpy must never see another bool byte."""
+def view_of_bools(data: Buffer, count: int, offset: int) -> Array:
+    """Return bytes as bools: a view if all are 0 or 1, else a copy, as numpy requires these values."""
     if not count:
         return np.zeros(0, np.bool_)  # a fifth of the time of a view
     raw = np.frombuffer(data, np.uint8, count, offset)
     if raw.max() > 1:
-        fixed: Array = raw != 0
-        fixed.flags.writeable = raw.flags.writeable
-        return fixed
+        bools: Array = raw != 0
+        bools.flags.writeable = raw.flags.writeable
+        return bools
     return raw.view(np.bool_)

@@ -1,6 +1,4 @@
-"""`encode` and `decode` as functions: they work whatever the fields of a message are called. And between the two forms
-of a sequence of fixed-size messages: a list of them, and a structured array.
-"""
+"""Functions `encode` and `decode`, which work for all names of fields, and conversion of structured arrays."""
 
 from __future__ import annotations
 
@@ -23,13 +21,13 @@ M = TypeVar("M", bound=Message)
 
 
 def encode(message: Message) -> bytes:
-    """The message as XCDR1 little endian with its 4-byte header, exact size, no padding behind.
+    """Return the message as XCDR1 little endian with its 4-byte header, without padding at the end.
 
-    These are the bytes rclpy.serialization gives on rmw_cyclonedds.
+    The bytes are those of rclpy.serialization on rmw_cyclonedds.
 
     Raises:
-        EncodeError: a value does not fit its type; names the field path. Nothing is changed.
-        TypeNotFoundError: not a generated message.
+        EncodeError: a value does not fit its type; names the field path. The message is not changed.
+        TypeNotFoundError: the argument is not a generated message.
 
     Source: docs/internals/protocol.md 2.
     """
@@ -41,16 +39,17 @@ def encode(message: Message) -> bytes:
 
 
 def decode(cls: type[M], data: Readable, *, copy: bool = False, arrays: bool = False) -> M:
-    """Read a message from CDR with its 4-byte header, either byte order; bytes behind it are ignored.
+    """Decode CDR data with its 4-byte header, in either byte order; bytes after the message are ignored.
 
     Args:
         cls: a generated message class.
         data: bytes, bytearray, memoryview or another contiguous buffer.
-        copy: False makes arrays read-only views of `data`; True gives writable arrays of their own.
+        copy: False makes arrays read-only views of `data`; True makes them writable copies.
         arrays: True makes sequences and arrays of fixed-size messages structured arrays; see `dtype`.
 
     Raises:
-        DecodeError: names field path and byte offset.
+        DecodeError: the data is not valid; names field path and byte offset.
+        TypeNotFoundError: `cls` is not a generated message class.
 
     Source: docs/internals/protocol.md 2.
     """
@@ -62,46 +61,46 @@ def decode(cls: type[M], data: Readable, *, copy: bool = False, arrays: bool = F
 
 
 def dtype(cls: type[Message]) -> np.dtype[np.void]:
-    """The dtype of structured arrays of a fixed-size message: ROS names, native byte order.
+    """Return the dtype of structured arrays of a fixed-size message: ROS names, native byte order.
 
     Offsets and item size are those of CDR, so that such arrays are views of encoded messages and are encoded by copying
-    bytes. Where the elements of a sequence do not lie alike (the first one can begin at another alignment than those
-    behind it), arrays are copies: same dtype, same values.
+    bytes. If the first element of a sequence is laid out differently from the others, arrays are copies with the same
+    dtype.
 
     Raises:
-        TypeError: messages vary in size, because of the field that is named; or are too large for numpy.
-        TypeNotFoundError: not a generated message.
+        TypeError: the size of messages varies, because of the field that is named; or it is too large for numpy.
+        TypeNotFoundError: `cls` is not a generated message class.
     """
-    return _record_type(cls).dtype
+    return _require_codec(cls).dtype
 
 
 def records(values: Sequence[Message] | Records, cls: type[Message] | None = None) -> Records:
-    """Messages of one fixed-size class as a structured array with `dtype`; what is such an array already is returned.
+    """Return messages of one fixed-size class as a structured array with `dtype`.
 
     Args:
-        values: a list of messages, or a structured array.
-        cls: their class, which an empty list does not tell; without it the class of the first.
+        values: a list of messages, or a structured array, which is converted to the dtype of `cls` if that is given.
+        cls: class of the messages; required for an empty list, otherwise the class of the first by default.
 
     Raises:
-        EncodeError: an element is of another class, or has a value that does not fit; names index and field. Or an
-            array has other fields than `cls`.
-        TypeError: an empty list without `cls`; else as `dtype`.
+        EncodeError: an element has another class, or a value that does not fit; names index and field. Or an array has
+            other fields than `cls`.
+        TypeError: the list is empty and `cls` missing; otherwise as `dtype`.
     """
     if isinstance(values, np.ndarray):
-        return values if cls is None else _converted(_record_type(cls), values)
+        return values if cls is None else _to_wire_dtype(_require_codec(cls), values)
     if cls is None:
         if not len(values):
-            raise TypeError("an empty sequence does not tell its class: records(values, cls)")
+            raise TypeError("the class of an empty sequence is not known: pass records(values, cls)")
         cls = type(values[0])
-    known = _record_type(cls)
+    codec = _require_codec(cls)
     for index, value in enumerate(values):
         if not is_of_type(value, cls):
             raise EncodeError(f"{cls._TYPE.name}[{index}]", f"expected {cls._TYPE.name}, found {short_repr(value)}")
-    return known.from_messages(values)
+    return codec.from_messages(values)
 
 
 def messages(cls: type[M], values: Sequence[M] | Records) -> list[M]:
-    """The elements of a structured array as messages; a list of messages is copied.
+    """Return the elements of a structured array as messages; a list of messages is copied.
 
     Raises:
         EncodeError: the array has other fields than `cls`; names them.
@@ -109,24 +108,23 @@ def messages(cls: type[M], values: Sequence[M] | Records) -> list[M]:
     """
     if not isinstance(values, np.ndarray):
         return list(values)
-    known = _record_type(cls)
-    return known.to_messages(_converted(known, values))
+    codec = _require_codec(cls)
+    return codec.to_messages(_to_wire_dtype(codec, values))
 
 
-def _record_type(cls: type[Message]) -> StructuredCodec:
+def _require_codec(cls: type[Message]) -> StructuredCodec:
     require_message(cls)
     field = varying_field(cls)
     if field:
         raise TypeError(f"{cls._TYPE.name} is not of fixed size, because of its field {field}")
     try:
         return structured_codec(cls)
-    except FieldValueError as problem:
-        raise TypeError(problem.reason) from problem
+    except FieldValueError as error:
+        raise TypeError(error.reason) from error
 
 
-def _converted(known: StructuredCodec, values: Records) -> Records:
+def _to_wire_dtype(codec: StructuredCodec, values: Records) -> Records:
     try:
-        return known.to_wire_dtype(values)
-    except FieldValueError as problem:
-        index = "" if problem.index is None else f"[{problem.index}]"
-        raise EncodeError(known.cls._TYPE.name + index, problem.reason) from None
+        return codec.to_wire_dtype(values)
+    except FieldValueError as error:
+        raise EncodeError(codec.cls._TYPE.name + error.suffix, error.reason) from None

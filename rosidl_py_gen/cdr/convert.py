@@ -1,7 +1,7 @@
-"""Messages as plain Python values and as JSON, both ways.
+"""Conversion between messages and plain Python values or JSON.
 
-Keys are ROS names. JSON has no NaN and no infinities, so they travel as the strings "NaN", "Infinity" and "-Infinity";
-`from_dict` understands these too.
+Keys are ROS names. JSON has no NaN and no infinities: they are the strings "NaN", "Infinity" and "-Infinity", which
+`from_dict` accepts as well.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from rosidl_py_gen.errors import EncodeError
 
 M = TypeVar("M", bound=Message)
 
-_SPECIAL = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
+_SPECIAL_FLOATS = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 
 
 def to_dict(message: Message) -> dict[str, Any]:
-    """The message as dicts, lists and scalars; arrays become lists. The inverse of `from_dict`.
+    """Return the message as dicts, lists and scalars; arrays become lists. The inverse of `from_dict`.
 
     Raises:
-        EncodeError: a value that does not fit its type; names the path.
-        TypeNotFoundError: not a generated message.
+        EncodeError: a value does not fit its type; names the path.
+        TypeNotFoundError: the argument is not a generated message.
     """
     try:
         return _plain_message(message)
@@ -48,7 +48,10 @@ def _plain_message(message: Message) -> dict[str, Any]:
 def _plain(value: Any, field: Field) -> Any:
     if field.cls is not None:
         if isinstance(value, np.ndarray):
-            value = _messages(value, field.cls)
+            codec = find_structured_codec(field.cls)
+            if codec is None:
+                raise TypeError(f"{field.cls._TYPE.name} is not of fixed size")
+            value = codec.to_messages(value)
         scalar = field.type.arity is Arity.SCALAR
         return _plain_message(value) if scalar else [_plain_message(item) for item in value]
     if isinstance(value, np.ndarray):
@@ -58,18 +61,8 @@ def _plain(value: Any, field: Field) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _messages(value: Any, cls: type[Message]) -> list[Message]:
-    known = find_structured_codec(cls)
-    if known is None:
-        raise TypeError(f"{cls._TYPE.name} is not of fixed size")
-    try:
-        return known.to_messages(value)
-    except FieldValueError as problem:
-        raise TypeError(problem.reason) from problem
-
-
 def to_json(message: Message, *, indent: int | None = None) -> str:
-    """The message as JSON text. The inverse of `from_json`; errors as `to_dict`."""
+    """Return the message as JSON text. The inverse of `from_json`; raises as `to_dict`."""
     try:
         return json.dumps(json_value(to_dict(message)), ensure_ascii=False, allow_nan=False, indent=indent)
     except TypeError:
@@ -78,24 +71,24 @@ def to_json(message: Message, *, indent: int | None = None) -> str:
 
 
 def from_json(cls: type[M], text: str | bytes) -> M:
-    """Build a message from JSON text.
+    """Return a message built from JSON text.
 
     Raises:
-        EncodeError: not JSON, or as `from_dict`.
+        EncodeError: the text is not JSON; otherwise as `from_dict`.
     """
     require_message(cls)
     try:
         values = json.loads(text)
     except (ValueError, TypeError, RecursionError) as error:
-        raise EncodeError(cls._TYPE.name, f"expected JSON, found something else: {error}") from None
+        raise EncodeError(cls._TYPE.name, f"expected JSON, found another text: {error}") from None
     return from_dict(cls, values)
 
 
 def from_dict(cls: type[M], values: Mapping[str, Any]) -> M:
-    """Build a message from plain values; what is missing keeps its default.
+    """Return a message built from plain values; missing fields have their defaults.
 
     Raises:
-        EncodeError: an unknown key, or a value that does not fit; names the path.
+        EncodeError: a key is unknown, or a value does not fit; names the path.
     """
     require_message(cls)
     message = _build(cls, values, cls._TYPE.name)
@@ -130,19 +123,18 @@ def _value(value: Any, field: Field, path: str) -> Any:
     primitive = kind.primitive
     if primitive is None:
         return list(value) if isinstance(value, tuple) else value
-    special = DTYPES[primitive.code].kind == "f"
+    is_float = DTYPES[primitive.code].kind == "f"
     if kind.arity is Arity.SCALAR:
-        return _number(value) if special else value
-    if special and isinstance(value, (list, tuple)):
-        value = [_number(item) for item in value]
+        return _float(value) if is_float else value
+    if is_float and isinstance(value, (list, tuple)):
+        value = [_float(item) for item in value]
     try:
         return coerce(value, primitive.code).copy()
-    except FieldValueError as problem:
-        index = "" if problem.index is None else f"[{problem.index}]"
-        raise EncodeError(path + index, problem.reason) from None
+    except FieldValueError as error:
+        raise EncodeError(path + error.suffix, error.reason) from None
 
 
-def _number(value: Any) -> Any:
+def _float(value: Any) -> Any:
     if isinstance(value, str):
-        return _SPECIAL.get(value, value)
+        return _SPECIAL_FLOATS.get(value, value)
     return float(value) if isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**1023 else value

@@ -1,8 +1,8 @@
-"""The slow paths of generated code, and the decoder of wide messages: field by field, driven by the field table.
+"""Slow paths of generated code, and the decoder of wide messages: field by field, by the field table.
 
-Generated code is flat and does not know which field it was at when something went wrong. Only then do these walks run:
-`validate` names the wrong value, `decode_slowly` names the wrong byte and also reads big-endian data (no ROS 2
-platform of tier 1 writes it, so it need not be fast). The layout rules are those of `layout`.
+Generated code is flat and does not know at which field it failed. Only after a failure these functions run: `validate`
+names the wrong value, `decode_slow` names the wrong byte and also reads big-endian data, which no tier-1 platform of
+ROS 2 writes. The layout rules are those of `layout`.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from rosidl_py_gen.cdr.support import readable
 from rosidl_py_gen.errors import DecodeError, EncodeError
 
 if TYPE_CHECKING:
+    from rosidl_py_gen.cdr.arrays import Buffer
     from rosidl_py_gen.cdr.support import Readable
 
 M = TypeVar("M", bound=Message)
@@ -45,8 +46,8 @@ def validate(message: Message) -> None:
     """Check every value of a message against its type.
 
     Raises:
-        EncodeError: for the first wrong value in definition order; `path` names it from the message type on.
-        TypeNotFoundError: not a generated message.
+        EncodeError: the first wrong value in definition order; `path` begins with the message type.
+        TypeNotFoundError: the argument is not a generated message.
     """
     require_message(message)
     _check_message(message, message._TYPE.name)
@@ -58,8 +59,8 @@ def _check_message(message: Message, path: str) -> None:
             value = message._get_plain(field)
         except AttributeError:
             raise EncodeError(f"{path}.{field.ros_name}", "the field is not set") from None
-        except FieldValueError as problem:
-            raise EncodeError(f"{path}.{field.ros_name}{_index(problem.index)}", problem.reason) from None
+        except FieldValueError as error:
+            raise EncodeError(f"{path}.{field.ros_name}{error.suffix}", error.reason) from None
         _check_field(value, field, f"{path}.{field.ros_name}")
 
 
@@ -68,32 +69,24 @@ def _check_field(value: Any, field: Field, path: str) -> None:
     if kind.arity is Arity.SCALAR:
         _check_element(value, field, path)
         return
-    primitive = kind.primitive
-    if primitive is not None:
-        try:
-            value = coerce(value, primitive.code)
-        except FieldValueError as problem:
-            raise EncodeError(path + _index(problem.index), problem.reason) from None
-    elif isinstance(value, np.ndarray) and field.cls is not None and not varying_field(field.cls):
-        try:
+    try:
+        if kind.primitive is not None:
+            value = coerce(value, kind.primitive.code)
+        elif isinstance(value, np.ndarray) and field.cls is not None and not varying_field(field.cls):
             value = structured_codec(field.cls).to_wire_dtype(value)
-        except FieldValueError as problem:
-            raise EncodeError(path + _index(problem.index), problem.reason) from None
-    elif not isinstance(value, (list, tuple)):
-        raise EncodeError(path, f"expected a list of {field.type.base}, found {short_repr(value)}")
+        elif not isinstance(value, (list, tuple)):
+            raise FieldValueError(f"expected a list of {kind.base}, found {short_repr(value)}")
+    except FieldValueError as error:
+        raise EncodeError(path + error.suffix, error.reason) from None
     if kind.arity is Arity.ARRAY and len(value) != kind.capacity:
         raise EncodeError(path, f"expected exactly {kind.capacity} elements, found {len(value)}")
     if kind.arity is Arity.BOUNDED and len(value) > kind.capacity:
         raise EncodeError(path, f"expected at most {kind.capacity} elements, found {len(value)}")
     if len(value) > MAX_COUNT:
         raise EncodeError(path, f"expected at most {MAX_COUNT} elements, found {len(value)}")
-    if primitive is None and not isinstance(value, np.ndarray):
+    if not isinstance(value, np.ndarray):
         for index, item in enumerate(value):
             _check_element(item, field, f"{path}[{index}]")
-
-
-def _index(index: int | None) -> str:
-    return "" if index is None else f"[{index}]"
 
 
 def _check_element(value: Any, field: Field, path: str) -> None:
@@ -102,15 +95,11 @@ def _check_element(value: Any, field: Field, path: str) -> None:
         if not is_of_type(value, field.cls):
             raise EncodeError(path, f"expected {field.cls._TYPE.name}, found {short_repr(value)}")
         _check_message(value, path)
-    elif kind.is_string:
-        reason = _string_problem(value, kind)
-        if reason:
-            raise EncodeError(path, reason)
-    else:
-        assert kind.primitive is not None
-        reason = scalar_problem(value, kind.primitive.code)
-        if reason:
-            raise EncodeError(path, reason)
+        return
+    primitive = kind.primitive
+    reason = _string_problem(value, kind) if primitive is None else scalar_problem(value, primitive.code)
+    if reason:
+        raise EncodeError(path, reason)
 
 
 def _string_problem(value: Any, kind: FieldType) -> str:
@@ -126,12 +115,10 @@ def _string_problem(value: Any, kind: FieldType) -> str:
 
 
 def encode_slow(message: Message, error: Exception) -> bytes:
-    """Called by generated code when its fast path failed: name the wrong value, or write what is right but unusual.
-
-    Unusual but right is an array that is not contiguous; the message is written again from a copy of it.
+    """Encode a message whose fast path failed: raise an error for the wrong value, or copy strided arrays first.
 
     Raises:
-        EncodeError: the wrong value's path.
+        EncodeError: a value does not fit; names its path.
     """
     if isinstance(error, EncodeError):
         raise error
@@ -144,7 +131,7 @@ def encode_slow(message: Message, error: Exception) -> bytes:
 
 
 def _contiguous(message: M, strided: list[str]) -> M:
-    """A copy that shares all but strided arrays; `strided` receives the names of their fields."""
+    """Return a copy that shares all but strided arrays; `strided` receives the names of their fields."""
     clone = object.__new__(type(message))
     for field in message._TYPE.fields:
         value = message._get_plain(field)
@@ -164,50 +151,45 @@ def _contiguous(message: M, strided: list[str]) -> M:
 
 
 def decode_slow(cls: type[M], data: Readable, copy: bool, error: Exception | None = None, arrays: bool = False) -> M:
-    """Called by generated code when the fast path failed or the data are not little endian.
+    """Decode a message whose fast path failed, or whose data is big-endian.
 
     Raises:
-        DecodeError: the field and the byte where the data stop making sense.
+        DecodeError: the data is not valid; names field and byte offset.
     """
+    name = cls._TYPE.name
     try:
-        fixed, view = readable(data, copy)
+        raw, view = readable(data, copy)
     except TypeError as wrong:
-        raise DecodeError(cls._TYPE.name, 0, str(wrong)) from None
-    if len(fixed) < HEADER_BYTES:
-        raise DecodeError(
-            cls._TYPE.name, len(fixed), f"expected a 4-byte encapsulation header, found {len(fixed)} bytes"
-        )
-    if fixed[0] != 0 or fixed[1] > 1:
-        raise DecodeError(
-            cls._TYPE.name, 0, f"expected encapsulation 0000 or 0001 (plain CDR), found {bytes(fixed[:2]).hex()}"
-        )
-    message = _CdrReader(fixed, view, big_endian=fixed[1] == 0, arrays=arrays).message(cls, cls._TYPE.name)
-    if error is not None and fixed[1] == 1:
-        raise DecodeError(cls._TYPE.name, HEADER_BYTES, f"cannot be decoded: {error}") from error
+        raise DecodeError(name, 0, str(wrong)) from None
+    if len(raw) < HEADER_BYTES:
+        raise DecodeError(name, len(raw), f"expected a 4-byte encapsulation header, found {len(raw)} bytes")
+    if raw[0] != 0 or raw[1] > 1:
+        raise DecodeError(name, 0, f"expected encapsulation 0000 or 0001 (plain CDR), found {bytes(raw[:2]).hex()}")
+    message = _CdrReader(raw, view, big_endian=raw[1] == 0, arrays=arrays).message(cls, name)
+    if error is not None and raw[1] == 1:
+        raise DecodeError(name, HEADER_BYTES, f"cannot be decoded: {error}") from error
     return message
 
 
 def encoded_length(cls: type[Message], data: Readable) -> int:
-    """How many bytes of an encoded message its fields take, header included: what is behind them is not theirs.
+    """Return the number of bytes that an encoded message takes, header included and padding at the end excluded.
 
     Raises:
         DecodeError: as `decode`.
     """
-    fixed, view = readable(data, False)
-    if len(fixed) < HEADER_BYTES:
-        raise DecodeError(cls._TYPE.name, len(fixed), "expected a 4-byte encapsulation header")
-    reader = _CdrReader(fixed, view, big_endian=fixed[1] == 0, arrays=True)
+    raw, view = readable(data, False)
+    if len(raw) < HEADER_BYTES:
+        raise DecodeError(cls._TYPE.name, len(raw), "expected a 4-byte encapsulation header")
+    reader = _CdrReader(raw, view, big_endian=raw[1] == 0, arrays=True)
     reader.message(cls, cls._TYPE.name)
     return reader.pos
 
 
-def read_message(
-    cls: type[M], data: bytes | bytearray | memoryview, view: bytes | bytearray | memoryview, pos: int, arrays: bool
-) -> tuple[M, int]:
-    """Read a little-endian message that begins at an offset; returns it and the offset behind it.
+def read_message(cls: type[M], data: Buffer, view: Buffer, pos: int, arrays: bool) -> tuple[M, int]:
+    """Read a little-endian message at an offset; returns it and the offset after it.
 
     Raises:
-        DecodeError: the path begins at this message.
+        DecodeError: the data is not valid; the path begins at this message.
     """
     reader = _CdrReader(data, view, big_endian=False, arrays=arrays)
     reader.pos = pos
@@ -215,15 +197,9 @@ def read_message(
 
 
 class _CdrReader:
-    """A cursor over one message's bytes; `pos` is an offset into the data, header included."""
+    """Cursor in the data of one message; `pos` is an offset from the start of the header."""
 
-    def __init__(
-        self,
-        data: bytes | bytearray | memoryview,
-        view: bytes | bytearray | memoryview,
-        big_endian: bool,
-        arrays: bool,
-    ) -> None:
+    def __init__(self, data: Buffer, view: Buffer, big_endian: bool, arrays: bool) -> None:
         self.data = data
         self.view = view
         self.order: Literal["<", ">"] = ">" if big_endian else "<"
@@ -231,7 +207,7 @@ class _CdrReader:
         self.pos = HEADER_BYTES
 
     def take(self, size: int, align: int, path: str, what: str) -> int:
-        """Skip padding, claim `size` bytes, return where they begin."""
+        """Skip padding and `size` bytes; returns the offset of the bytes, which are named by `what` in errors."""
         start = align_offset(self.pos, align)
         left = max(0, len(self.data) - start)
         if size > left:
@@ -288,14 +264,14 @@ class _CdrReader:
 
     def records(self, cls: type[Message], count: int, path: str) -> Any:
         try:
-            known = structured_codec(cls)
-        except FieldValueError as problem:
-            raise DecodeError(path, self.pos, problem.reason) from None
+            codec = structured_codec(cls)
+        except FieldValueError as error:
+            raise DecodeError(path, self.pos, error.reason) from None
         if count == 0:
-            return known.empty
-        begin, end = known.element_range(self.pos, count)
-        begin = self.take(end - begin, known.align, path, f"{count} {cls._TYPE.name}")
-        return known.read_elements(self.view, begin, count, self.order)
+            return codec.empty
+        begin, end = codec.element_range(self.pos, count)
+        begin = self.take(end - begin, codec.align, path, f"{count} {cls._TYPE.name}")
+        return codec.read_elements(self.view, begin, count, self.order)
 
     def element(self, field: Field, path: str) -> Any:
         kind = field.type
@@ -326,8 +302,8 @@ class _CdrReader:
         units = np.frombuffer(self.data, self.order + "u4", count, start)
         if count and units.max() > MAX_WSTRING_UNIT:
             index = int((units > MAX_WSTRING_UNIT).argmax())
-            found = int(units[index])
-            raise DecodeError(path, start + WSTRING_UNIT_BYTES * index, f"expected a UTF-16 unit, found {found:#x}")
+            offset = start + WSTRING_UNIT_BYTES * index
+            raise DecodeError(path, offset, f"expected a UTF-16 unit, found {int(units[index]):#x}")
         try:
             return units.astype("<u2").tobytes().decode("utf-16-le")
         except UnicodeDecodeError as error:

@@ -1,7 +1,7 @@
-"""Packages whose modules load when a name is first used (PEP 562), so importing `sensor_msgs.msg` costs nothing.
+"""Packages whose modules load when a name is first used (PEP 562), so that importing `sensor_msgs.msg` is cheap.
 
-The names come from a mapping, in generated packages, or from the package's own stub file, which type checkers read as
-well: `from MODULE import NAME as NAME`, one a line.
+The names are those of a mapping, in generated packages, or of the package's stub file, which type checkers read as
+well: `from MODULE import NAME as NAME`, one on each line.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 
 
 def lazy_exports(package: str, modules: Mapping[str, str]) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
-    """`__getattr__` and `__dir__` of a package.
+    """Return `__getattr__` and `__dir__` of a package.
 
     Args:
         package: `__name__` of the package.
-        modules: exported name -> module inside the package that defines it.
+        modules: module inside the package by exported name.
     """
     return _exports(package, {name: f"{package}.{module}" for name, module in modules.items()})
 
@@ -34,15 +34,11 @@ def stub_exports(package: str) -> tuple[Callable[[str], object], Callable[[], li
 
 
 def _exports(package: str, homes: Mapping[str, str]) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
-    def get(name: str) -> object:
-        module = homes.get(name)
-        if module is None:
+    def module_getattr(name: str) -> object:
+        if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        value = getattr(import_module(module), name)
+        value = getattr(import_module(homes[name]), name)
         setattr(sys.modules[package], name, value)
         return value
 
-    def names() -> list[str]:
-        return sorted({*vars(sys.modules[package]), *homes})
-
-    return get, names
+    return module_getattr, lambda: sorted({*vars(sys.modules[package]), *homes})

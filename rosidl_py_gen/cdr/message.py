@@ -1,7 +1,7 @@
-"""The base classes of generated code, and what every class knows of its ROS type.
+"""Base classes of generated code, and the ROS type of a class.
 
-Generated classes print their own flat `_encode` and `_decode`. This file gives them equality, `repr` and the public
-method names, and leaves every slow path (naming the wrong field, other byte orders) to `walk`.
+Generated classes have flat `_encode` and `_decode` of their own. This module adds equality, `repr` and the public
+methods, and leaves all slow paths to `field_walk`.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ GoalT = TypeVar("GoalT")
 ResultT = TypeVar("ResultT")
 FeedbackT = TypeVar("FeedbackT")
 
-_SHOWN_ELEMENTS = 8
+_MAX_REPR_ELEMENTS = 8
 
 
 class Field(NamedTuple):
-    """One field of a generated class, for code that walks messages.
+    """Field of a generated class.
 
     Attributes:
-        ros_name: the name in the definition, on the wire, in dicts and JSON.
-        py_name: the attribute; differs from ros_name for Python keywords.
+        ros_name: name in the definition, in dicts and in JSON.
+        py_name: attribute; differs from ros_name for Python keywords.
         type: base, arity and bounds.
-        cls: the class of a nested message, None for primitives and strings.
+        cls: class of a nested message, None for primitives and strings.
     """
 
     ros_name: str
@@ -49,7 +49,7 @@ class Field(NamedTuple):
 
 
 class TypeInfo:
-    """What a generated class knows of its ROS type; the field table is expanded when it is first needed."""
+    """ROS type of a generated class; the field table is expanded when it is first used."""
 
     __slots__ = ("_fields", "_spec", "defaults", "hash", "name")
 
@@ -68,7 +68,7 @@ class TypeInfo:
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """The fields in the order of the definition; empty for an empty message."""
+        """Fields in the order of the definition; empty for an empty message."""
         if self._fields is None:
             self._fields = tuple(_field(*entry) for entry in self._spec)
         return self._fields
@@ -86,10 +86,10 @@ def _field(ros_name: str, text: str | type[Message], cls: type[Message] | None =
 
 
 class Message:
-    """Base of every generated message.
+    """Base of every generated message, which is a slotted dataclass.
 
-    A message is a slotted dataclass. `encode` and `decode` give way when a field has their name; the functions of the
-    same name in `rosidl_py_gen` always work.
+    If a field is called `encode` or `decode`, it replaces the method of that name; the functions `rosidl_py_gen.encode`
+    and `rosidl_py_gen.decode` work for all messages.
     """
 
     __slots__ = ()
@@ -97,7 +97,7 @@ class Message:
     _TYPE: ClassVar[TypeInfo]
 
     def __init_subclass__(cls) -> None:
-        # Saves a call on the hot path: the public names are the generated functions themselves.
+        # The public names are the generated functions themselves, which saves a call on the hot path.
         if "_encode" in cls.__dict__ and "_TYPE" in cls.__dict__:
             names = {field[0] for field in cls._TYPE._spec}
             if "encode" not in names:
@@ -106,26 +106,19 @@ class Message:
                 cls.decode = _public(cls, "decode")  # type: ignore[method-assign]
 
     def encode(self) -> bytes:
-        """The message as XCDR1 little endian with its 4-byte header, exact size, no padding behind.
+        """Return the message as CDR with its 4-byte header; see `rosidl_py_gen.encode`.
 
         Raises:
-            EncodeError: a value does not fit its type; names the field path. Nothing is changed.
-
-        Source: docs/internals/protocol.md 2.
+            EncodeError: a value does not fit its type; names the field path.
         """
         return self._encode()
 
     @classmethod
     def decode(cls, data: Readable, *, copy: bool = False, arrays: bool = False) -> Self:
-        """Read a message from CDR with its 4-byte header, either byte order; bytes behind it are ignored.
-
-        Args:
-            data: bytes, bytearray, memoryview or another contiguous buffer.
-            copy: False makes arrays read-only views of `data`; True gives writable arrays of their own.
-            arrays: True makes sequences and arrays of fixed-size messages structured arrays; see `dtype`.
+        """Decode CDR data with its 4-byte header; see `rosidl_py_gen.decode` for the arguments.
 
         Raises:
-            DecodeError: names field path and byte offset.
+            DecodeError: the data is not valid; names field path and byte offset.
         """
         return cls._decode(data, copy, arrays)
 
@@ -137,11 +130,11 @@ class Message:
         raise TypeError(f"{cls.__name__} is not a generated message class")
 
     def _get_plain(self, field: Field) -> Any:
-        """The value of a field, for code that walks messages: numbers, strings, messages, lists and arrays of these."""
+        """Return the value of a field for generic code: a number, string, message, or list or array of these."""
         return getattr(self, field.py_name)
 
     def _set_plain(self, field: Field, value: Any) -> None:
-        """Set a field to what `_get_plain` gives."""
+        """Set a field to a value as `_get_plain` returns it."""
         setattr(self, field.py_name, value)
 
     def __eq__(self, other: object) -> bool:
@@ -152,14 +145,13 @@ class Message:
         )
 
     def __repr__(self) -> str:
-        inside = ", ".join(
-            f"{field.py_name}={_shown(getattr(self, field.py_name, None), field)}" for field in self._TYPE.fields
-        )
-        return f"{type(self).__name__}({inside})"
+        values = [(field, getattr(self, field.py_name, None)) for field in self._TYPE.fields]
+        arguments = ", ".join(f"{field.py_name}={_value_repr(value, field)}" for field, value in values)
+        return f"{type(self).__name__}({arguments})"
 
 
 def _public(cls: type[Message], name: str) -> Any:
-    """The generated method under its public name, documented as in the base class."""
+    """Return the generated method under its public name, with the docstring of the base class."""
     method = cls.__dict__["_" + name]
     function = getattr(method, "__func__", method)
     function.__name__, function.__qualname__ = name, f"{cls.__qualname__}.{name}"
@@ -172,27 +164,27 @@ def _equal(left: Any, right: Any, field: Field) -> bool:
     if kind.arity is Arity.SCALAR:
         return bool(left == right)
     if kind.primitive is not None:
-        # Lists are welcome in array fields, so [1, 2] equals array([1, 2]); and so are bytes.
+        # Array fields accept lists and bytes, so [1, 2] equals array([1, 2]).
         try:
             return bool(np.array_equal(_as_array(left), _as_array(right)))
-        except ValueError:  # ragged lists are equal to nothing
+        except ValueError:  # ragged lists
             return False
     if isinstance(left, np.ndarray) or isinstance(right, np.ndarray):
         return _equal_records(left, right, field)
     if not isinstance(left, (list, tuple)) or not isinstance(right, (list, tuple)):
-        return bool(left == right)  # a wrong value, which only encoding complains about
+        return bool(left == right)  # a wrong value, for which encoding raises
     return len(left) == len(right) and all(a == b for a, b in zip(left, right, strict=True))
 
 
 def _equal_records(left: Any, right: Any, field: Field) -> bool:
     """Compare two sequences of messages, at least one of which is an array."""
-    known = find_structured_codec(field.cls) if field.cls is not None else None
-    if known is None:
-        return False  # a wrong value, which only encoding complains about
+    codec = find_structured_codec(field.cls) if field.cls is not None else None
+    if codec is None:
+        return False  # a wrong value, for which encoding raises
     if isinstance(left, np.ndarray) and isinstance(right, np.ndarray):
-        return known.equal(left, right)
+        return codec.equal(left, right)
     try:
-        left, right = (known.to_messages(one) if isinstance(one, np.ndarray) else one for one in (left, right))
+        left, right = (codec.to_messages(one) if isinstance(one, np.ndarray) else one for one in (left, right))
     except FieldValueError:
         return False
     return _equal(left, right, field)
@@ -202,16 +194,14 @@ def _as_array(value: Any) -> Any:
     return np.frombuffer(value, np.uint8) if isinstance(value, (bytes, bytearray)) else np.asarray(value)
 
 
-def _shown(value: Any, field: Field | None = None) -> str:
-    if isinstance(value, np.ndarray) and field is not None and field.cls is not None:
-        return _shown_records(value, field.cls)
-    if isinstance(value, np.ndarray) or (isinstance(value, (list, tuple, bytes, bytearray)) and len(value) > 0):
-        if isinstance(value, np.ndarray) and value.ndim != 1:
-            return repr(value)
-        size = len(value)
-        first = [_shown(item) for item in value[:_SHOWN_ELEMENTS]]
-        tail = [f"... {size} elements"] if size > _SHOWN_ELEMENTS else []
-        return "[" + ", ".join(first + tail) + "]"
+def _value_repr(value: Any, field: Field | None = None) -> str:
+    if isinstance(value, np.ndarray):
+        elements: Any = value[:_MAX_REPR_ELEMENTS] if value.ndim == 1 else None
+        if field is not None and field.cls is not None:
+            elements = _leading_messages(value, field.cls)
+        return repr(value) if elements is None else _list_repr(elements, len(value))
+    if isinstance(value, (list, tuple, bytes, bytearray)) and len(value) > 0:
+        return _list_repr(value[:_MAX_REPR_ELEMENTS], len(value))
     if isinstance(value, np.generic):
         return repr(value.item())
     if isinstance(value, str) and len(value) > 400:
@@ -219,32 +209,28 @@ def _shown(value: Any, field: Field | None = None) -> str:
     return repr(value)
 
 
-def _shown_records(value: Any, cls: type[Message]) -> str:
-    """An array of messages, as the list of them would be shown."""
-    known = find_structured_codec(cls)
+def _leading_messages(value: Any, cls: type[Message]) -> list[Message] | None:
+    codec = find_structured_codec(cls)
     try:
-        first = known.to_messages(value[:_SHOWN_ELEMENTS]) if known is not None else None
+        return codec.to_messages(value[:_MAX_REPR_ELEMENTS]) if codec is not None else None
     except (FieldValueError, IndexError):
-        first = None
-    if first is None:
-        return repr(value)
-    tail = [f"... {len(value)} elements"] if len(value) > _SHOWN_ELEMENTS else []
-    return "[" + ", ".join([*map(repr, first), *tail]) + "]"
+        return None
+
+
+def _list_repr(leading: Any, size: int) -> str:
+    tail = [f"... {size} elements"] if size > _MAX_REPR_ELEMENTS else []
+    return f"[{', '.join([*map(_value_repr, leading), *tail])}]"
 
 
 def require_message(subject: object) -> None:
-    """Refuse what is neither a generated message class nor an instance of one.
-
-    Raises:
-        TypeNotFoundError: says what was found.
-    """
+    """Raise `TypeNotFoundError` if the argument is neither a generated message class nor an instance of one."""
     cls = subject if isinstance(subject, type) else type(subject)
     if not issubclass(cls, Message) or not hasattr(cls, "_TYPE"):
         raise TypeNotFoundError(f"expected a generated message, found {subject!r:.100}")
 
 
 def is_of_type(value: object, cls: type[Message]) -> bool:
-    """Whether it is a message of a class, or of another class for the same type, such as one of rclpy's flavour."""
+    """Return True if the value is a message of the class, or of another class of the same type, for example rclpy's."""
     if isinstance(value, cls):
         return True
     info = type(value)._TYPE if isinstance(value, Message) else None
@@ -252,7 +238,7 @@ def is_of_type(value: object, cls: type[Message]) -> bool:
 
 
 class ServiceInfo:
-    """What a generated service or action class knows of its ROS type.
+    """ROS type of a generated service or action class.
 
     Attributes:
         name: ``pkg/srv/Name`` or ``pkg/action/Name``.
@@ -270,12 +256,12 @@ class ServiceInfo:
 
 
 class Service(Generic[RequestT, ResponseT]):
-    """Base of every generated service; holds `Request`, `Response` and `Event`, and is never instantiated."""
+    """Base of every generated service, a namespace of `Request`, `Response` and `Event` that is never instantiated."""
 
     _TYPE: ClassVar[ServiceInfo]
 
 
 class Action(Generic[GoalT, ResultT, FeedbackT]):
-    """Base of every generated action: `Goal Result Feedback FeedbackMessage SendGoal GetResult`; never instantiated."""
+    """Base of every generated action, a namespace of its messages and services that is never instantiated."""
 
     _TYPE: ClassVar[ServiceInfo]

@@ -1,8 +1,8 @@
-"""Sequences of fixed-size messages as structured arrays: read, written and converted without an object per element.
+"""Codec for sequences of fixed-size messages as structured arrays, without an object for each element.
 
-Where the bytes lie is decided by `record_layout`. When the wire has exactly the dtype's layout, reading is a view and
-writing is one join; otherwise bytes are copied, a column of all elements at a time. Arrays that users pass may have
-their fields in any order and any byte order; they are then converted as strictly as numeric arrays are.
+`structured_layout` determines the layout. If the data has exactly the layout of the dtype, reading is a view and
+writing is one join; otherwise bytes are copied, one column of all elements at a time. Arrays of users may have their
+fields in any order and byte order, and are converted as strictly as numeric arrays.
 """
 
 from __future__ import annotations
@@ -30,13 +30,9 @@ from rosidl_py_gen.errors import EncodeError
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
+    from rosidl_py_gen.cdr.arrays import Array, Buffer
     from rosidl_py_gen.cdr.message import Message
     from rosidl_py_gen.cdr.structured_layout import CopySpan
-
-    Array = NDArray[Any]
-    Buffer = bytes | bytearray | memoryview
 
 _UINT8 = np.dtype(np.uint8)
 _CODES = {dtype: code for code, dtype in DTYPES.items()}
@@ -44,15 +40,15 @@ _frombuffer = np.frombuffer
 
 
 class StructuredCodec:
-    """How the messages of one fixed-size class lie in arrays and on the wire.
+    """Codec for structured arrays of one fixed-size message class.
 
     Attributes:
-        dtype: of the arrays.
-        align: the boundary that every element begins at.
-        largest: the largest alignment inside.
-        phase: where elements have to begin, modulo `largest`, to lie as in `dtype`.
-        exact: elements that begin at `phase` lie as in `dtype`.
-        plain: besides, no byte of `dtype` is padding.
+        dtype: dtype of the arrays.
+        align: alignment of the first byte of every element.
+        largest: largest alignment of a member.
+        phase: position modulo `largest` at which elements have the layout of `dtype`.
+        exact: elements at `phase` have the layout of `dtype`.
+        plain: exact, and `dtype` has no padding.
     """
 
     def __init__(self, cls: type[Message]) -> None:
@@ -65,22 +61,22 @@ class StructuredCodec:
         self.bools = _bool_paths(self.dtype)
         self.empty = np.empty(0, self.dtype)
         self.empty.flags.writeable = False
-        self._pieces: dict[int, list[CopySpan]] = {}
+        self._spans: dict[int, list[CopySpan]] = {}
 
     # --- reading ------------------------------------------------------------------------------------------------------
 
     def element_range(self, pos: int, count: int) -> tuple[int, int]:
-        """Where `count` elements, one at least, begin and end in data that were read up to the offset `pos`."""
+        """Return begin and end of `count` >= 1 elements, as offsets into data that was read up to `pos`."""
         begin = align_up(pos - HEADER_BYTES, self.align)
         return begin + HEADER_BYTES, sequence_end_offset(self.cls, begin, count) + HEADER_BYTES
 
     def read(self, data: Buffer, pos: int, count: int) -> tuple[Array, int]:
-        """`count` elements from offset `pos`, and the offset behind them.
+        """Read `count` elements at the offset `pos`; returns them and the offset after them.
 
-        A read-only view where that is possible; writable if `data` is a bytearray, which is then nobody else's.
+        The result is a read-only view if possible, and writable if `data` is a bytearray, which the message then owns.
 
         Raises:
-            FieldValueError: the data end before.
+            FieldValueError: the data ends before.
         """
         if not count:
             return self.empty, pos
@@ -97,61 +93,55 @@ class StructuredCodec:
         return self.read_elements(data, begin, count, "<"), end
 
     def read_elements(self, data: Buffer, begin: int, count: int, order: Literal["<", ">"]) -> Array:
-        """The elements at `begin`, which are known to be there; big-endian ones are converted."""
+        """Return the elements at `begin`, within the data; big-endian ones are converted."""
         dtype = self.dtype if order == "<" else self.dtype.newbyteorder(order)
         if self._can_view(data, begin, count):
-            found = _frombuffer(data, dtype, count, begin)
+            values = _frombuffer(data, dtype, count, begin)
         else:
-            found = self._gathered(data, begin, count, dtype)
+            values = np.zeros(count, dtype)
+            memory = values.view(_UINT8).reshape(count, dtype.itemsize)
+            self._copy(data, begin, begin - HEADER_BYTES, memory, inward=True)
+            values.flags.writeable = isinstance(data, bytearray)
         for path in self.bools:
-            found = _with_true_bools(found, path)
+            values = _with_true_bools(values, path)
         if order != "<":
-            found = found.astype(self.dtype)
-            found.flags.writeable = isinstance(data, bytearray)
-        return found
+            values = values.astype(self.dtype)
+            values.flags.writeable = isinstance(data, bytearray)
+        return values
 
     def _can_view(self, data: Buffer, begin: int, count: int) -> bool:
         if not self.exact or (begin - HEADER_BYTES - self.phase) % self.largest:
             return False
-        # Behind the last element is no padding: numpy must neither read beyond the data nor write into what follows.
+        # The last element has no padding: numpy must neither read beyond the data nor write into the bytes after it.
         return self.size == self.stride or (type(data) is not bytearray and begin + count * self.stride <= len(data))
 
-    def _gathered(self, data: Buffer, begin: int, count: int, dtype: np.dtype[Any]) -> Array:
-        found = np.zeros(count, dtype)
-        memory = found.view(_UINT8).reshape(count, dtype.itemsize)
-        self._copy(data, begin, begin - HEADER_BYTES, memory, inward=True)
-        found.flags.writeable = isinstance(data, bytearray)
-        return found
-
     def _copy(self, data: Any, begin: int, position: int, memory: Array, *, inward: bool) -> None:
-        """Copy all elements between a buffer, where they begin at `begin`, and memory, one row of bytes for each."""
+        """Copy all elements between a buffer, from the offset `begin` on, and memory, a row of bytes for each."""
         second = align_up(end_offset(self.cls, position), self.align)
         self._copy_rows(data, begin, position, 0, memory[:1], inward)
         if len(memory) > 1:
             self._copy_rows(data, begin + second - position, second, self.stride, memory[1:], inward)
 
     def _copy_rows(self, data: Any, begin: int, position: int, stride: int, memory: Array, inward: bool) -> None:
-        for wire, inside, size in self.pieces(position) if len(memory) else ():
+        if not len(memory):
+            return
+        phase = position % self.largest
+        if phase not in self._spans:
+            self._spans[phase] = copy_spans(self.cls, phase, self.dtype)
+        for wire, inside, size in self._spans[phase]:
             outside: Array = np.ndarray((len(memory), size), _UINT8, data, begin + wire, (stride, 1))
             if inward:
                 memory[:, inside : inside + size] = outside
             else:
                 outside[:] = memory[:, inside : inside + size]
 
-    def pieces(self, position: int) -> list[CopySpan]:
-        """What to copy for an element at this aligned position."""
-        key = position % self.largest
-        if key not in self._pieces:
-            self._pieces[key] = copy_spans(self.cls, key, self.dtype)
-        return self._pieces[key]
-
     # --- writing ------------------------------------------------------------------------------------------------------
 
     def write(self, values: Array, append: Callable[[Any], object], pos: int) -> int:
-        """Append the elements and the padding before them, return the position behind; both count from the origin.
+        """Append the elements and the padding before them; returns the position after them. Both count from the origin.
 
         Raises:
-            FieldValueError: see `to_wire_dtype`.
+            FieldValueError: as `to_wire_dtype`.
         """
         values = self.to_wire_dtype(values)
         count = len(values)
@@ -164,7 +154,7 @@ class StructuredCodec:
             append(values)
             return begin + count * self.stride
         end = sequence_end_offset(self.cls, begin, count)
-        out = bytearray(end - begin)  # padding is zero, whatever memory holds there
+        out = bytearray(end - begin)  # padding is zero, whatever memory contains
         self._copy(out, 0, begin, self._rows(values), inward=False)
         append(out)
         return end
@@ -173,10 +163,10 @@ class StructuredCodec:
         return values.view(_UINT8).reshape(len(values), self.dtype.itemsize)
 
     def to_wire_dtype(self, values: Array) -> Array:
-        """An array of users as a contiguous one of our dtype; as it is when it is that already.
+        """Return an array of a user as a contiguous one of our dtype; unchanged if it is one already.
 
         Raises:
-            FieldValueError: other dimensions, field names or shapes, or a value that a field cannot hold.
+            FieldValueError: the array has other dimensions, field names or shapes, or a value that a field cannot hold.
         """
         if values.ndim != 1:
             raise FieldValueError(f"expected one dimension, found shape {values.shape}; use .ravel()")
@@ -184,32 +174,32 @@ class StructuredCodec:
             return values
         if values.dtype == self.dtype:
             return np.ascontiguousarray(values, self.dtype)
-        found = np.zeros(len(values), self.dtype)
-        _assign(found, values, "")
-        return found
+        converted = np.zeros(len(values), self.dtype)
+        _assign(converted, values, "")
+        return converted
 
     # --- messages -----------------------------------------------------------------------------------------------------
 
     def from_messages(self, values: Sequence[Message]) -> Array:
-        """The elements of a list; raises EncodeError, of the first wrong element."""
+        """Return a list of messages as an array; raises EncodeError for the first wrong element."""
         raw = b"".join([_encoded(message, index) for index, message in enumerate(values)])
-        found = np.zeros(len(values), self.dtype)
+        array = np.zeros(len(values), self.dtype)
         size = end_offset(self.cls, 0)
-        self._copy_rows(raw, HEADER_BYTES, 0, HEADER_BYTES + size, self._rows(found), True)
-        return found
+        self._copy_rows(raw, HEADER_BYTES, 0, HEADER_BYTES + size, self._rows(array), True)
+        return array
 
     def to_messages(self, values: Array) -> list[Any]:
-        """One message for each element, with arrays of its own."""
+        """Return one message for each element; its arrays are copies."""
         values = self.to_wire_dtype(values)
         size = HEADER_BYTES + end_offset(self.cls, 0)
         raw = bytearray(HEADER.ljust(size, b"\0") * len(values))
         self._copy_rows(raw, HEADER_BYTES, 0, size, self._rows(values), False)
-        decode, fixed = self.cls._decode, bytes(raw)
+        decode, data = self.cls._decode, bytes(raw)
         copy = _has_arrays(self.dtype)
-        return [decode(fixed[at : at + size], copy) for at in range(0, len(fixed), size)]
+        return [decode(data[at : at + size], copy) for at in range(0, len(data), size)]
 
     def equal(self, left: Array, right: Array) -> bool:
-        """Whether two arrays hold equal values; one that is not of this type is equal to nothing."""
+        """Return True if two arrays have equal values; an array of another type equals none."""
         try:
             return _equal(self.to_wire_dtype(left), self.to_wire_dtype(right))
         except FieldValueError:
@@ -228,7 +218,7 @@ structured_codec = cached_per_class(StructuredCodec)
 
 
 def find_structured_codec(cls: type[Message]) -> StructuredCodec | None:
-    """The record type of a class; None when its messages vary in size or are too large for numpy."""
+    """Return the codec of a class; None if its messages vary in size or are too large for numpy."""
     try:
         return None if varying_field(cls) else structured_codec(cls)
     except FieldValueError:
@@ -236,12 +226,12 @@ def find_structured_codec(cls: type[Message]) -> StructuredCodec | None:
 
 
 def read_records(cls: type[Message], data: Buffer, pos: int, count: int) -> tuple[Any, int]:
-    """What generated code calls for a sequence of fixed-size messages: see `StructuredCodec.read`."""
+    """Read a sequence of fixed-size messages, for generated code: see `StructuredCodec.read`."""
     return structured_codec(cls).read(data, pos, count)
 
 
 def write_records(cls: type[Message], values: Any, append: Callable[[Any], object], pos: int) -> int:
-    """What generated code calls for an array in the place of a list of messages: see `StructuredCodec.write`."""
+    """Write an array in place of a list of messages, for generated code: see `StructuredCodec.write`."""
     return structured_codec(cls).write(values, append, pos)
 
 
@@ -249,12 +239,12 @@ def write_records(cls: type[Message], values: Any, append: Callable[[Any], objec
 
 
 def _bool_paths(dtype: np.dtype[Any]) -> tuple[tuple[str, ...], ...]:
-    found: list[tuple[str, ...]] = []
+    paths: list[tuple[str, ...]] = []
     for name in dtype.names or ():
         assert dtype.fields is not None
         base = dtype.fields[name][0].base
-        found += [(name,)] if base.kind == "b" else [(name, *path) for path in _bool_paths(base)]
-    return tuple(found)
+        paths += [(name,)] if base.kind == "b" else [(name, *path) for path in _bool_paths(base)]
+    return tuple(paths)
 
 
 def _has_arrays(dtype: np.dtype[Any]) -> bool:
@@ -262,7 +252,7 @@ def _has_arrays(dtype: np.dtype[Any]) -> bool:
 
 
 def _with_true_bools(values: Array, path: tuple[str, ...]) -> Array:
-    """The array itself when the bytes of a bool field are 0 or 1, else a copy; numpy must never see another byte."""
+    """Return the array if the bytes of a bool field are 0 or 1, else a copy, as numpy requires these values."""
     if _bytes_of(values, path).max() > 1:
         writeable = values.flags.writeable
         values = values.copy()
@@ -279,38 +269,41 @@ def _bytes_of(values: Array, path: tuple[str, ...]) -> Array:
 
 
 def _assign(target: Array, source: Array, where: str) -> None:
-    """Copy by field name what users call the same, whatever the order of fields and bytes."""
+    """Copy fields by name, in whatever order of fields and bytes."""
     names = target.dtype.names
-    at = f"field {where}: " if where else ""
+    prefix = f"field {where}: " if where else ""
     if target.shape != source.shape:
-        raise FieldValueError(f"{at}expected shape {target.shape[1:]}, found {source.shape[1:]}")
+        raise FieldValueError(f"{prefix}expected shape {target.shape[1:]}, found {source.shape[1:]}")
     if names is None:
-        _assign_numbers(target, source, at)
+        _assign_numbers(target, source, prefix)
         return
     if source.dtype.names is None:
         raise FieldValueError(
-            f"{at}expected a structured array with {_listed(names)}, found one of {source.dtype.name}"
+            f"{prefix}expected a structured array with {_field_list(names)}, found one of {source.dtype.name}"
         )
     missing = [name for name in names if name not in source.dtype.names]
     unknown = [name for name in source.dtype.names if name not in names]
     if missing or unknown:
-        wrong = [f"{_listed(missing)} missing"] * bool(missing) + [f"{_listed(unknown)} unknown"] * bool(unknown)
-        raise FieldValueError(f"{at}expected a structured array with {_listed(names)}, found {' and '.join(wrong)}")
+        lists = (missing, "missing"), (unknown, "unknown")
+        wrong = [f"{_field_list(fields)} {problem}" for fields, problem in lists if fields]
+        raise FieldValueError(
+            f"{prefix}expected a structured array with {_field_list(names)}, found {' and '.join(wrong)}"
+        )
     for name in names:
         _assign(target[name], source[name], f"{where}.{name}" if where else name)
 
 
-def _listed(names: Sequence[str]) -> str:
-    shown = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
-    return f"the field {shown}" if len(names) == 1 else f"the fields {shown}" if names else "no fields"
+def _field_list(names: Sequence[str]) -> str:
+    text = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+    return f"the field {text}" if len(names) == 1 else f"the fields {text}" if names else "no fields"
 
 
-def _assign_numbers(target: Array, source: Array, at: str) -> None:
+def _assign_numbers(target: Array, source: Array, prefix: str) -> None:
     try:
         target[...] = cast(source.ravel(), _CODES[target.dtype]).reshape(target.shape)
-    except FieldValueError as problem:
-        index = None if problem.index is None else problem.index // (target.size // len(target))
-        raise FieldValueError(at + problem.reason, index) from None
+    except FieldValueError as error:
+        index = None if error.index is None else error.index // (target.size // len(target))
+        raise FieldValueError(prefix + error.reason, index) from None
 
 
 def _equal(left: Array, right: Array) -> bool:

@@ -1,9 +1,10 @@
-"""Numpy dtypes of fixed-size messages in CDR: the rules of `layout`, applied for `records`.
+"""Numpy dtypes of fixed-size messages in CDR: the rules of `layout` for structured arrays.
 
-Elements of a sequence are not padded to a common size: each begins where its first member is aligned. So the first
-element may lie otherwise than those behind it: ``{uint8 a; float64 b}`` takes 12 bytes behind a count, then 16 each.
-But all behind the first lie alike, because an element's end is known modulo its largest alignment whatever its start:
-it contains a member of that alignment. The dtype of a message is the layout of these, trailing padding included.
+Elements of a CDR sequence are not padded to a common size; each begins where its first member is aligned. The first
+element's offset depends on what precedes the sequence: ``{uint8 a; float64 b}`` takes 12 bytes after a count, then 16
+each. But every element contains a member of the largest alignment, so its end is known modulo that alignment, wherever
+it began. Therefore all elements after the first have the same phase, stride and layout, and one numpy dtype describes
+them, padding at the end included; the first one is handled separately.
 
 Source: docs/internals/protocol.md 2.2.
 """
@@ -39,7 +40,7 @@ R = TypeVar("R")
 
 
 class CopySpan(NamedTuple):
-    """Bytes that lie together both on the wire and in memory, as offsets into one element."""
+    """Bytes that are contiguous both in the data and in memory, as offsets into one element."""
 
     wire: int
     memory: int
@@ -47,13 +48,13 @@ class CopySpan(NamedTuple):
 
 
 def cached_per_class(function: Callable[P, R]) -> Callable[P, R]:
-    """`lru_cache` over classes, which type checkers take for unhashable because messages are."""
+    """Cache results by class; type checkers assume that message classes are unhashable, as messages are."""
     return cast("Callable[P, R]", lru_cache(1 << 15)(function))
 
 
 @cached_per_class
 def varying_field(cls: MessageClass) -> str:
-    """The path and type of the first field that makes messages of this class vary in size; empty when none does."""
+    """Return path and type of the first field that makes messages of a class vary in size; empty if none does."""
     for field in cls._TYPE.fields:
         kind = field.type
         if not has_fixed_size(kind):
@@ -66,7 +67,7 @@ def varying_field(cls: MessageClass) -> str:
 
 @cached_per_class
 def alignments(cls: MessageClass) -> tuple[int, int]:
-    """The alignment of the first member, and the largest of all, of a fixed-size message."""
+    """Return the alignment of the first member, and the largest of all, of a fixed-size message."""
     each = [
         alignments(field.cls) if field.cls is not None else (element_alignment(field.type),) * 2
         for field in cls._TYPE.fields
@@ -76,21 +77,15 @@ def alignments(cls: MessageClass) -> tuple[int, int]:
 
 @cached_per_class
 def content_size(cls: MessageClass) -> int:
-    """The bytes of all values, without padding."""
+    """Return the number of bytes of all values, without padding."""
     return sum(
-        (content_size(field.cls) if field.cls is not None else _size(field.type)) * fixed_count(field.type)
+        (content_size(field.cls) if field.cls is not None else element_alignment(field.type)) * fixed_count(field.type)
         for field in cls._TYPE.fields
     )
 
 
-def _size(kind: FieldType) -> int:
-    primitive = kind.primitive
-    assert primitive is not None
-    return primitive.size
-
-
 def end_offset(cls: MessageClass, position: int) -> int:
-    """The end of a message that begins at `position`, both counted from the alignment origin."""
+    """Return the end of a message that begins at `position`; both count from the alignment origin."""
     return position + _length(cls, position % MAX_ALIGN)
 
 
@@ -106,11 +101,11 @@ def sequence_end_offset(cls: MessageClass, position: int, count: int) -> int:
 
 
 def _members(cls: MessageClass, position: int) -> Iterator[tuple[Field, int, int]]:
-    """Each field of a message with the positions where its values begin and end."""
+    """Yield each field of a message with the positions where its values begin and end."""
     for field in cls._TYPE.fields:
         count = fixed_count(field.type)
         if field.cls is None:
-            size = _size(field.type)
+            size = element_alignment(field.type)  # of a primitive, also its size
             begin = align_up(position, size)
             position = begin + size * count
         else:
@@ -120,10 +115,10 @@ def _members(cls: MessageClass, position: int) -> Iterator[tuple[Field, int, int
 
 
 def wire_dtype(cls: MessageClass, position: int, itemsize: int = 0) -> np.dtype[np.void] | None:
-    """The dtype of one message as it lies at an aligned position; `itemsize` 0 is its own size.
+    """Return the dtype of a message at an aligned position; `itemsize` 0 means its own size.
 
-    None when it holds an array of messages of which the first lies otherwise than the rest, or that have padding
-    between them: numpy would take that padding, and what follows the array, for a part of the last.
+    None if it contains an array of messages whose first is laid out differently from the others, or that have padding
+    between them: numpy would count that padding, and what follows the array, as a part of the last.
     """
     return _exact_dtype(cls, position % MAX_ALIGN, itemsize or end_offset(cls, position) - position)
 
@@ -133,18 +128,17 @@ def _exact_dtype(cls: MessageClass, position: int, itemsize: int) -> np.dtype[np
     formats: list[Any] = []
     offsets: list[int] = []
     for field, begin, _ in _members(cls, position):
-        one = _exact_element(field, begin)
-        if one is None:
+        element = _exact_element(field, begin)
+        if element is None:
             return None
-        formats.append(_shaped(one, field.type))
+        formats.append(_shaped(element, field.type))
         offsets.append(begin - position)
     return _struct(cls, formats, offsets, itemsize)
 
 
 def _exact_element(field: Field, begin: int) -> np.dtype[Any] | None:
     if field.cls is None:
-        assert field.type.primitive is not None
-        return DTYPES[field.type.primitive.code]
+        return _primitive_dtype(field.type)
     first, largest = alignments(field.cls)
     end = end_offset(field.cls, begin)
     if fixed_count(field.type) > 1 and ((end - begin) % largest or end % first):
@@ -153,26 +147,25 @@ def _exact_element(field: Field, begin: int) -> np.dtype[Any] | None:
 
 
 def packed_dtype(cls: MessageClass) -> np.dtype[np.void]:
-    """A dtype with the same fields and without padding, for messages that have no exact one."""
+    """Return a dtype with the same fields and without padding, for messages without a `wire_dtype`."""
     formats: list[Any] = []
     offsets: list[int] = []
     size = 0
     for field in cls._TYPE.fields:
-        primitive = field.type.primitive
-        one = DTYPES[primitive.code] if primitive is not None else record_dtype(_nested(field))
-        formats.append(_shaped(one, field.type))
+        element = _primitive_dtype(field.type) if field.cls is None else record_dtype(field.cls)
+        formats.append(_shaped(element, field.type))
         offsets.append(size)
-        size += one.itemsize * fixed_count(field.type)
+        size += element.itemsize * fixed_count(field.type)
     return _struct(cls, formats, offsets, size)
 
 
-def _nested(field: Field) -> MessageClass:
-    assert field.cls is not None
-    return field.cls
+def _primitive_dtype(kind: FieldType) -> np.dtype[Any]:
+    assert kind.primitive is not None
+    return DTYPES[kind.primitive.code]
 
 
-def _shaped(one: np.dtype[Any], kind: FieldType) -> Any:
-    return (one, (kind.capacity,)) if kind.arity is Arity.ARRAY else one
+def _shaped(element: np.dtype[Any], kind: FieldType) -> Any:
+    return (element, (kind.capacity,)) if kind.arity is Arity.ARRAY else element
 
 
 def _struct(cls: MessageClass, formats: list[Any], offsets: list[int], itemsize: int) -> np.dtype[np.void]:
@@ -184,12 +177,12 @@ def _struct(cls: MessageClass, formats: list[Any], offsets: list[int], itemsize:
 
 
 class ElementStride(NamedTuple):
-    """How the elements behind the first lie.
+    """Layout of the elements after the first.
 
     Attributes:
-        phase: where they begin, modulo the largest alignment.
-        stride: from one to the next.
-        size: of one, without the padding behind it.
+        phase: position of an element, modulo the largest alignment.
+        stride: distance from one element to the next.
+        size: size of an element, without the padding after it.
     """
 
     phase: int
@@ -198,6 +191,7 @@ class ElementStride(NamedTuple):
 
 
 def element_stride(cls: MessageClass) -> ElementStride:
+    """Return the layout of the elements after the first."""
     first, largest = alignments(cls)
     phase = align_up(end_offset(cls, 0), first) % largest
     end = end_offset(cls, phase)
@@ -206,10 +200,10 @@ def element_stride(cls: MessageClass) -> ElementStride:
 
 @cached_per_class
 def record_dtype(cls: MessageClass) -> np.dtype[np.void]:
-    """The dtype of a fixed-size message: its exact one, padded to the stride, or the loose one.
+    """Return the dtype of a fixed-size message: its `wire_dtype`, padded to the stride, or its `packed_dtype`.
 
     Raises:
-        FieldValueError: it is too large for numpy.
+        FieldValueError: the message is too large for numpy.
     """
     phase, stride, _ = element_stride(cls)
     exact = wire_dtype(cls, phase, stride)
@@ -217,40 +211,41 @@ def record_dtype(cls: MessageClass) -> np.dtype[np.void]:
 
 
 def copy_spans(cls: MessageClass, position: int, memory: np.dtype[Any]) -> list[CopySpan]:
-    """What to copy between one message at an aligned position of the wire and one element of a dtype in memory."""
-    found: list[CopySpan] = []
-    for field, begin, _ in _members(cls, position):
+    """Return the spans to copy between a message at an aligned position and an element of a dtype in memory."""
+    spans: list[CopySpan] = []
+    for field, begin, end in _members(cls, position):
         assert memory.fields is not None
         form, offset = memory.fields[field.ros_name][:2]
         if field.cls is None:
-            parts = [CopySpan(0, 0, _size(field.type) * fixed_count(field.type))]
+            inner = [CopySpan(0, 0, end - begin)]
         else:
-            parts = _pieces_of_many(field.cls, begin, form.base, fixed_count(field.type))
-        for wire, inside, size in parts:
-            _add(found, CopySpan(wire + begin - position, inside + offset, size))
-    return found
+            inner = _array_spans(field.cls, begin, form.base, fixed_count(field.type))
+        for wire, inside, size in inner:
+            _append(spans, CopySpan(wire + begin - position, inside + offset, size))
+    return spans
 
 
-def _pieces_of_many(cls: MessageClass, begin: int, memory: np.dtype[Any], count: int) -> list[CopySpan]:
-    found = copy_spans(cls, begin, memory)
+def _array_spans(cls: MessageClass, begin: int, memory: np.dtype[Any], count: int) -> list[CopySpan]:
+    spans = copy_spans(cls, begin, memory)
     if count == 1:
-        return found
+        return spans
     align = alignments(cls)[0]
     second = align_up(end_offset(cls, begin), align)
     rest = copy_spans(cls, second, memory)
     step = align_up(end_offset(cls, second), align) - second
-    if len(rest) == 1 and rest[0].size == step == memory.itemsize:  # without gaps, so the rest is one piece
-        _add(found, CopySpan(second - begin, memory.itemsize, step * (count - 1)))
-        return found
+    if len(rest) == 1 and rest[0].size == step == memory.itemsize:  # without gaps, the rest is one span
+        _append(spans, CopySpan(second - begin, memory.itemsize, step * (count - 1)))
+        return spans
     for index in range(count - 1):
         for wire, inside, size in rest:
-            _add(found, CopySpan(second - begin + index * step + wire, (index + 1) * memory.itemsize + inside, size))
-    return found
+            _append(spans, CopySpan(second - begin + index * step + wire, (index + 1) * memory.itemsize + inside, size))
+    return spans
 
 
-def _add(found: list[CopySpan], piece: CopySpan) -> None:
-    """Append a piece, or lengthen the last one by it."""
-    if found and found[-1].wire + found[-1].size == piece.wire and found[-1].memory + found[-1].size == piece.memory:
-        found[-1] = CopySpan(found[-1].wire, found[-1].memory, found[-1].size + piece.size)
+def _append(spans: list[CopySpan], span: CopySpan) -> None:
+    """Append a span, or extend the last one by it."""
+    last = spans[-1] if spans else None
+    if last is not None and (last.wire + last.size, last.memory + last.size) == (span.wire, span.memory):
+        spans[-1] = CopySpan(last.wire, last.memory, last.size + span.size)
     else:
-        found.append(piece)
+        spans.append(span)

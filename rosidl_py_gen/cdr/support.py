@@ -1,7 +1,7 @@
-"""What generated code calls besides `struct` and numpy: a small, flat set of functions.
+"""Functions that generated code calls besides `struct` and numpy.
 
 Positions in generated encoders count from the byte after the 4-byte encapsulation header, the origin of alignment
-(docs/internals/protocol.md 2.1); positions in decoders are offsets into the data and so are 4 higher.
+(docs/internals/protocol.md 2.1). Positions in decoders are offsets into the data and therefore higher by 4.
 """
 
 from __future__ import annotations
@@ -44,7 +44,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from typing_extensions import Self as Self
 
-    # What constructors take where the attribute is an array.
+    from rosidl_py_gen.cdr.arrays import Buffer
+
+    # Arguments of constructors whose attribute is an array.
     Bools = NDArray[np.bool_] | Sequence[bool]
     Uint8s = NDArray[np.uint8] | Sequence[int]
     Int8s = NDArray[np.int8] | Sequence[int]
@@ -56,13 +58,12 @@ if TYPE_CHECKING:
     Int64s = NDArray[np.int64] | Sequence[int]
     Float32s = NDArray[np.float32] | Sequence[float]
     Float64s = NDArray[np.float64] | Sequence[float]
-    Records = NDArray[np.void]  # what they take where the attribute is a list of messages of fixed size
+    Records = NDArray[np.void]  # or a list of messages of fixed size
     Append = Callable[[bytes], object]
     Readable = bytes | bytearray | memoryview | NDArray[Any]
 
 T = TypeVar("T")
-# What the fast path may fail with: anything, as a caller's own objects may raise what they like from __index__.
-FastPathError = Exception
+FastPathError = Exception  # objects of the caller may raise any exception from __index__
 
 utf8 = str.encode  # not value.encode(): a message has an `encode` too
 frombuffer = np.frombuffer
@@ -109,30 +110,30 @@ if TYPE_CHECKING:
 
     def new(cls: type[T]) -> T: ...
 else:
-    # Slot stores after this are faster than a call of the dataclass's __init__ (CONTRIBUTING.md has the figures).
+    # Stores into slots after this are faster than a call of the dataclass's __init__ (figures in CONTRIBUTING.md).
     new = object.__new__
 
 
 def init_fields(message: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
-    """What the constructor of a dataclass does, for messages of very many fields.
+    """Set the fields of a message as the constructor of a dataclass does, for messages with very many fields.
 
     Raises:
-        TypeError: too many values, a value for what is no field, or two for one field.
+        TypeError: there are too many values, a value for an unknown field, or two for one field.
     """
     fields = message.__dataclass_fields__
     names = message.__match_args__
     if len(args) > len(names):
         raise TypeError(f"{type(message).__name__} takes {len(names)} values, found {len(args)}")
-    given = dict(zip(names, args, strict=False))
+    values = dict(zip(names, args, strict=False))
     for name in kwargs:
-        if name in given or name not in fields:
-            problem = "two values for" if name in given else "an unexpected keyword argument"
+        if name in values or name not in fields:
+            problem = "two values for" if name in values else "an unexpected keyword argument"
             raise TypeError(f"{type(message).__name__} got {problem} '{name}'")
-    given |= kwargs
+    values |= kwargs
     for name in names:
         field = fields[name]
-        if name in given:
-            value = given[name]
+        if name in values:
+            value = values[name]
         else:
             value = field.default if field.default is not MISSING else field.default_factory()
         setattr(message, name, value)
@@ -142,14 +143,14 @@ PAD2, PAD4, PAD8 = PADDING[2], PADDING[4], PADDING[8]
 
 _PACK_U32 = Struct("<" + COUNT_CODE).pack
 _UNPACK_U32 = Struct("<" + COUNT_CODE).unpack_from
-# The terminating NUL of a string and the padding before the next length prefix, by `length including NUL & 3`.
+# Terminating NUL of a string and padding before the next length prefix, by `length including NUL & 3`.
 _NUL_PAD4 = tuple(NUL + zeros for zeros in PAD4)
 # Length prefix, characters, NUL and padding in one call, for the usual short strings; by length without NUL.
 _PACK_SHORT = tuple(Struct(f"<{COUNT_CODE}{n}s{align_up(n + 1, COUNT_BYTES) - n}x").pack for n in range(64))
 
 
 def packers(code: str, align: int, nul: bool = False) -> tuple[Callable[..., bytes], ...]:
-    """Eight `pack` functions of one run of fields, chosen by ``pos & 7``.
+    """Return eight `pack` functions of one run of fields, indexed by ``pos & 7``.
 
     Each first writes the NUL of the string before (if `nul`) and the padding up to `align`.
     """
@@ -160,15 +161,15 @@ def packers(code: str, align: int, nul: bool = False) -> tuple[Callable[..., byt
     return tuple(packs)
 
 
-def readable(data: Readable, copy: bool) -> tuple[bytes | bytearray, bytes | bytearray | memoryview]:
-    """Two faces of the input: one that scalars and strings are read from, one that array views are taken of.
+def readable(data: Readable, copy: bool) -> tuple[bytes | bytearray, Buffer]:
+    """Return the input twice: to read scalars and strings from, and to make array views of.
 
     Raises:
-        TypeError: not a contiguous buffer.
+        TypeError: the input is not a contiguous buffer.
     """
     if copy:
-        own = bytearray(_flat(data))
-        return own, own
+        owned = bytearray(_flat(data))
+        return owned, owned
     if type(data) is bytes:
         return data, data
     view = _flat(data)
@@ -177,11 +178,11 @@ def readable(data: Readable, copy: bool) -> tuple[bytes | bytearray, bytes | byt
     return bytes(view), view
 
 
-def viewable(data: Readable, copy: bool) -> bytes | bytearray | memoryview:
-    """The input as one buffer that is never copied (unless `copy`): for messages with sequences that may be large.
+def viewable(data: Readable, copy: bool) -> Buffer:
+    """Return the input as one buffer that is not copied unless `copy`, for messages with large sequences.
 
     Raises:
-        TypeError: not a contiguous buffer.
+        TypeError: the input is not a contiguous buffer.
     """
     view = _flat(data)
     if copy:
@@ -202,57 +203,58 @@ def _flat(data: object) -> memoryview:
 
 
 def coerce_message(value: object, cls: type[T]) -> T:
-    """Accept an instance of a subclass, and convert one of another class for the same type.
+    """Return an instance of a class or subclass unchanged, and convert one of another class of the same type.
 
-    Anything else is a wrong value that the slow path will name.
+    Raises:
+        FieldValueError: the value is neither; the slow path names its field.
     """
     if isinstance(value, cls):
         return value
-    wanted: Any = cls
+    target: Any = cls
+    message: Any = value
     info = getattr(type(value), "_TYPE", None)
-    if info is None or (info.name, info.hash) != (wanted._TYPE.name, wanted._TYPE.hash):
+    if info is None or (info.name, info.hash) != (target._TYPE.name, target._TYPE.hash):
         raise FieldValueError(f"expected {cls.__name__}, found {short_repr(value)}")
-    other: Any = value
     try:
-        return wanted._decode(other._encode())  # type: ignore[no-any-return]
-    except EncodeError as error:  # without the names of what is around it
+        return target._decode(message._encode())  # type: ignore[no-any-return]
+    except EncodeError as error:  # without the path, which is relative to the value
         raise FieldValueError(error.reason) from error
 
 
 def coerce_message_list(value: object) -> None:
-    """Accept a tuple or a subclass of list where messages are expected; what else has a length is a wrong value."""
+    """Raise `FieldValueError` if messages are expected and the value is not a list or tuple."""
     if not isinstance(value, (list, tuple)):
         raise FieldValueError(f"expected a list of messages, found {short_repr(value)}")
 
 
 def list_or_records(value: object) -> Any:
-    """Accept also a structured array, where messages of fixed size are expected; a subclass's as a plain array."""
+    """Return a list of fixed-size messages or a structured array; one of a subclass as a plain array."""
     if isinstance(value, ndarray):
         return value if type(value) is ndarray else value.view(ndarray)
     coerce_message_list(value)
     return value
 
 
-def check_max_length(count: int, most: int) -> None:
-    """Refuse a sequence or string over its bound."""
-    if count > most:
-        raise FieldValueError(f"expected at most {most}, found {count}")
+def check_max_length(count: int, maximum: int) -> None:
+    """Raise `FieldValueError` if a sequence or string exceeds its bound."""
+    if count > maximum:
+        raise FieldValueError(f"expected at most {maximum}, found {count}")
 
 
-def check_length(count: int, wanted: int) -> None:
-    """Refuse an array of another length."""
-    if count != wanted:
-        raise FieldValueError(f"expected exactly {wanted} elements, found {count}")
+def check_length(count: int, expected: int) -> None:
+    """Raise `FieldValueError` if an array has another length."""
+    if count != expected:
+        raise FieldValueError(f"expected exactly {expected} elements, found {count}")
 
 
-def check_remaining(end: int, data: bytes | bytearray | memoryview) -> None:
-    """Refuse a count that the bytes left cannot hold, before anything is allocated for it."""
+def check_remaining(end: int, data: Buffer) -> None:
+    """Raise `FieldValueError` if the data cannot hold a count, before memory is allocated for it."""
     if end > len(data):
         raise FieldValueError("the data end inside a sequence")
 
 
 def pack_strings(values: Any) -> bytes:
-    """The elements of a string sequence or array, beginning at a multiple of 4, without padding behind the last."""
+    """Return the encoded elements of a string sequence at a multiple of 4, without padding after the last."""
     if not isinstance(values, (list, tuple)):
         raise FieldValueError(f"expected a list of str, found {short_repr(values)}")
     if not values:
@@ -272,18 +274,18 @@ def pack_strings(values: Any) -> bytes:
     return packed[:-excess] if excess else packed
 
 
-def unpack_strings(data: bytes | bytearray | memoryview, pos: int, count: int) -> tuple[list[str], int]:
-    """`count` strings from offset `pos` (any alignment), and the offset behind the last."""
+def unpack_strings(data: Buffer, pos: int, count: int) -> tuple[list[str], int]:
+    """Read `count` strings from offset `pos`, not aligned; returns them and the offset after the last."""
     if not count:
         return [], pos
-    if type(data) is memoryview:  # has no decode; such messages are small where it matters
+    if type(data) is memoryview:  # has no `decode`; messages with many strings are bytes
         data = bytes(data)
     size = COUNT_BYTES
     check_remaining(pos + size * count, data)
     values: list[str] = []
     append = values.append
     pos -= 1
-    for _ in range(count):  # `align_up` in line, from the NUL before
+    for _ in range(count):  # `align_up` inline, from the NUL of the previous string
         pos = pos + size & -size
         (length,) = _UNPACK_U32(data, pos)
         begin = pos + size
@@ -295,13 +297,13 @@ def unpack_strings(data: bytes | bytearray | memoryview, pos: int, count: int) -
 
 
 def utf16(value: str) -> bytes:
-    """A wstring's content: UTF-16 code units, each as a u32; no terminator (docs/internals/protocol.md 2.2)."""
+    """Return the content of a wstring: UTF-16 code units as u32, no terminator (docs/internals/protocol.md 2.2)."""
     units = np.frombuffer(str.encode(value, "utf-16-le"), "<u2")
     return units.astype("<u4").tobytes()
 
 
-def from_utf16(data: bytes | bytearray | memoryview, pos: int, count: int) -> str:
-    """The inverse of `utf16`: `count` code units from offset `pos`."""
+def from_utf16(data: Buffer, pos: int, count: int) -> str:
+    """Return the text of `count` code units at offset `pos`; the inverse of `utf16`."""
     check_remaining(pos + WSTRING_UNIT_BYTES * count, data)
     units = np.frombuffer(data, "<u4", count, pos)
     if count and units.max() > MAX_WSTRING_UNIT:
@@ -310,7 +312,7 @@ def from_utf16(data: bytes | bytearray | memoryview, pos: int, count: int) -> st
 
 
 def pack_wstrings(values: Any) -> bytes:
-    """The elements of a wstring sequence or array, beginning at a multiple of 4."""
+    """Return the encoded elements of a wstring sequence or array at a multiple of 4."""
     if not isinstance(values, (list, tuple)):
         raise FieldValueError(f"expected a list of str, found {short_repr(values)}")
     parts: list[bytes] = []
@@ -321,8 +323,8 @@ def pack_wstrings(values: Any) -> bytes:
     return b"".join(parts)
 
 
-def unpack_wstrings(data: bytes | bytearray | memoryview, pos: int, count: int) -> tuple[list[str], int]:
-    """`count` wstrings from offset `pos` (any alignment), and the offset behind the last."""
+def unpack_wstrings(data: Buffer, pos: int, count: int) -> tuple[list[str], int]:
+    """Read `count` wstrings from offset `pos`, not aligned; returns them and the offset after the last."""
     check_remaining(pos + COUNT_BYTES * count, data)
     values: list[str] = []
     for _ in range(count):
@@ -333,11 +335,11 @@ def unpack_wstrings(data: bytes | bytearray | memoryview, pos: int, count: int) 
     return values, pos
 
 
-def check_max_lengths(values: Any, most: int) -> None:
-    """Refuse a string over its bound in a list of bounded strings."""
+def check_max_lengths(values: Any, maximum: int) -> None:
+    """Raise `FieldValueError` if one of several bounded strings exceeds its bound."""
     for value in values:
-        if len(value) > most:
-            raise FieldValueError(f"expected at most {most} characters, found {len(value)}")
+        if len(value) > maximum:
+            raise FieldValueError(f"expected at most {maximum} characters, found {len(value)}")
 
 
 if sys.byteorder != "little":  # pragma: no cover - ROS 2 has no tier-1 platform of this kind

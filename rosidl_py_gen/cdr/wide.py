@@ -1,8 +1,8 @@
 """Messages with very many fields: members that come from a table, and a codec that walks it.
 
-CPython takes kilobytes and microseconds to compile each line of generated code. For a definition with thousands of
-fields that is a multiple of the memory that its text deserves, so its class holds one string literal instead: a table
-in JSON, from which `wide_message` makes fields and constants. `WideMessage` encodes and decodes field by field.
+CPython takes kilobytes and microseconds to compile each line of generated code, which for thousands of fields is a
+multiple of the memory of their definition. The class of such a message therefore contains one string literal, a table
+in JSON, of which `wide_message` makes fields and constants. `WideMessage` encodes and decodes field by field.
 """
 
 from __future__ import annotations
@@ -30,11 +30,12 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
+    from rosidl_py_gen.cdr.arrays import Buffer
     from rosidl_py_gen.cdr.support import Append, Readable
 
 M = TypeVar("M", bound=Message)
 _MAX_INIT_FIELDS = 1000
-"""Fields up to which a dataclass prints its own constructor; printing takes time by the square of them."""
+"""Number of fields up to which a dataclass generates its constructor; that takes quadratic time."""
 _ZERO: dict[str, Any] = {"bool": False, "int": 0, "float": 0.0}
 _PYTHON = {"bool": bool, "int": int, "float": float}
 _NESTED = re.compile(r"(\d+)(.*)\Z", re.ASCII)
@@ -57,10 +58,11 @@ class WideInfo(TypeInfo):
     __slots__ = ("constants", "values")
 
     def __init__(self, name: str, hash: str, table: str, *classes: type[Message]) -> None:
-        found = json.loads(table)
-        self.values = {row[0]: tuple(row[2]) if type(row[2]) is list else row[2] for row in found["fields"] if row[2:]}
-        self.constants: list[tuple[str, str, Any]] = [tuple(row) for row in found["constants"]]
-        rows = tuple(_row(row[0], row[1], classes) for row in found["fields"])
+        content = json.loads(table)
+        fields = content["fields"]
+        self.values = {row[0]: tuple(row[2]) if type(row[2]) is list else row[2] for row in fields if row[2:]}
+        self.constants: list[tuple[str, str, Any]] = [tuple(row) for row in content["constants"]]
+        rows = tuple(_row(row[0], row[1], classes) for row in fields)
         super().__init__(name, hash, rows, {key: default_text(value) for key, value in self.values.items()})
 
 
@@ -116,15 +118,15 @@ def _default(item: Field, value: Any) -> Any:
     elif value:
         make = lambda: [*value]  # noqa: E731
     elif cls is not None and count:
-        made = cls
-        make = lambda: [made() for _ in range(count)]  # noqa: E731
+        element = cls
+        make = lambda: [element() for _ in range(count)]  # noqa: E731
     elif count:
         make = lambda: [""] * count  # noqa: E731
     return field(default_factory=make)
 
 
 class WideMessage(Message):
-    """Base of messages with so many fields that a codec of their own would be out of proportion."""
+    """Base of messages with so many fields that generated code for each would be out of proportion."""
 
     __slots__ = ()
 
@@ -144,14 +146,12 @@ class WideMessage(Message):
         return decode_slow(cls, data, copy, None, arrays)
 
     @classmethod
-    def _read(
-        cls, raw: bytes | bytearray, view: bytes | bytearray | memoryview, pos: int, arrays: bool = False
-    ) -> tuple[Self, int]:
+    def _read(cls, raw: bytes | bytearray, view: Buffer, pos: int, arrays: bool = False) -> tuple[Self, int]:
         return read_message(cls, raw, view, pos, arrays)
 
 
 def _write_message(message: Message, append: Append, pos: int) -> int:
-    """Append the fields of a message; returns the position behind them (docs/internals/protocol.md 2.2)."""
+    """Append the fields of a message; returns the position after them (docs/internals/protocol.md 2.2)."""
     fields = message._TYPE.fields
     if not fields:
         append(EMPTY_MESSAGE)
@@ -193,8 +193,8 @@ def _write_elements(value: Any, kind: FieldType, cls: type[Message] | None, appe
     if cls is not None and type(value) is support.ndarray:
         return support.write_records(cls, value, append, pos)
     element = kind.element
-    for one in value:
-        pos = _write_element(one, element, cls, append, pos)
+    for item in value:
+        pos = _write_element(item, element, cls, append, pos)
     return pos
 
 

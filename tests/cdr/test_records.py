@@ -383,7 +383,7 @@ def test_messages_from_records_have_arrays_of_their_own() -> None:
 
 
 def test_an_empty_list_needs_its_class() -> None:
-    with pytest.raises(TypeError, match="does not tell its class"):
+    with pytest.raises(TypeError, match="class of an empty sequence is not known"):
         records([])
     assert records([], Point).dtype == dtype(Point) and len(records((), Point)) == 0
     assert messages(Point, records([], Point)) == []

@@ -1,4 +1,4 @@
-"""What encoders and decoders of rclpy's flavour call besides `support`: `array.array`, lists of bytes and of bools."""
+"""Arrays of rclpy's messages, for their encoders and decoders: `array.array`, lists of bytes and of bools."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError, sequence_converter
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    Buffer = bytes | bytearray | memoryview
+    from rosidl_py_gen.cdr.arrays import Buffer
 
 BYTES = tuple(bytes([number]) for number in range(256))
-_MOST_BY_SLICE = 1 << 14  # bytes of which a second copy costs less than a memoryview
+_MAX_SLICE_BYTES = 1 << 14  # up to this size a second copy costs less than a memoryview
 
 
 def _reader(code: str) -> Callable[[Buffer, int, int], array[Any]]:
@@ -24,9 +24,9 @@ def _reader(code: str) -> Callable[[Buffer, int, int], array[Any]]:
 
     def read(view: Buffer, count: int, at: int) -> array[Any]:
         length = size * count
-        if at + length > len(view):  # slices do not complain
+        if at + length > len(view):  # a slice would be shorter without an error
             raise FieldValueError("the data end inside a sequence")
-        if length <= _MOST_BY_SLICE and type(view) is not memoryview:
+        if length <= _MAX_SLICE_BYTES and type(view) is not memoryview:
             return array(code, view[at : at + length])
         values = array(code)
         values.frombytes(memoryview(view)[at : at + length])
@@ -74,20 +74,20 @@ def _slice(view: Buffer, count: int, at: int) -> Buffer:
 
 
 def list_of_bools(view: Buffer, count: int, at: int) -> list[bool]:
-    """Bytes as bools; any byte but 0 is True."""
+    """Return bytes as bools; any byte but 0 is True."""
     return [number != 0 for number in _slice(view, count, at)]
 
 
 def list_of_bytes(view: Buffer, count: int, at: int) -> list[bytes]:
-    """Bytes one by one."""
+    """Return a list of bytes of length 1."""
     return [BYTES[number] for number in _slice(view, count, at)]
 
 
 def joined_bytes(value: Any) -> bytes:
-    """The inverse of `list_of_bytes`.
+    """Return the joined elements of a list of bytes of length 1.
 
     Raises:
-        FieldValueError: an element is not bytes of length 1; `index` says which.
+        FieldValueError: an element is not bytes of length 1; `index` is its index.
     """
     if not isinstance(value, (list, tuple)):
         value = as_list(value)
@@ -100,7 +100,7 @@ def joined_bytes(value: Any) -> bytes:
 
 
 def fixed_bytes(value: Any, count: int) -> bytes:
-    """`joined_bytes` of exactly `count` elements."""
+    """Return `joined_bytes` of exactly `count` elements."""
     joined = joined_bytes(value)
     if len(joined) != count:
         raise FieldValueError(f"expected exactly {count} elements, found {len(joined)}")
@@ -108,9 +108,9 @@ def fixed_bytes(value: Any, count: int) -> bytes:
 
 
 def as_list(value: Any) -> Any:
-    """A collection as a list, as rclpy takes sets, deques, views of dicts and arrays; what is none, as it is.
+    """Return a collection as a list, as rclpy accepts sets, deques, views of dicts and arrays; other values unchanged.
 
-    An array of structures stays one: it stands for a list of messages.
+    A structured array stays one: it stands for a list of messages.
     """
     if isinstance(value, (list, tuple, str, bytes, bytearray, array, Mapping)) or not isinstance(value, Collection):
         return value
@@ -118,10 +118,10 @@ def as_list(value: Any) -> Any:
 
 
 def to_array(value: Any, code: str) -> array[Any]:
-    """``array.array(code, value)``, which rclpy's setters call; a fitting numpy array is copied as a whole.
+    """Return ``array.array(code, value)``, as rclpy's setters do; a numpy array of the same dtype is copied as a whole.
 
     Raises:
-        TypeError, OverflowError, ValueError: what `array.array` raises.
+        TypeError, OverflowError, ValueError: as `array.array`.
     """
     if type(value) is np.ndarray and value.ndim == 1 and value.dtype is DTYPES[code]:
         values = array(code)

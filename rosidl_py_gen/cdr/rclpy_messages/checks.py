@@ -1,6 +1,6 @@
-"""What rclpy's setters check when ROS_PYTHON_CHECK_FIELDS is 1, in their words.
+"""Checks of rclpy's setters when ROS_PYTHON_CHECK_FIELDS is 1, with the same texts.
 
-They look at less than encoding does, and at other things: an int is no float, a set may be a sequence.
+They differ from the checks of encoding: an int is not a float, a set may be a sequence.
 """
 
 from __future__ import annotations
@@ -20,27 +20,26 @@ if TYPE_CHECKING:
     from rosidl_py_gen.base.fieldtype import FieldType
     from rosidl_py_gen.cdr.message import Field
 
-_MOST = {"f": 3.402823466e38, "d": 1.7976931348623157e308}
+_MAX_FLOAT = {"f": 3.402823466e38, "d": 1.7976931348623157e308}
 _NOUNS = {"f": "float", "d": "double"}
 
 
 def check(field: Field, value: Any) -> bool:
-    """Check a value that is about to be assigned.
+    """Check a value before it is assigned.
 
     Returns:
-        Whether it is stored as it is, because it is an array of the right type.
+        True if it is stored unchanged, because it is a scalar or an array of the right type.
 
     Raises:
-        AssertionError: it does not fit; the text is that of rclpy.
+        AssertionError: the value does not fit; the text is that of rclpy.
     """
-    kind = field.type
-    if kind.arity is Arity.SCALAR:
+    if field.type.arity is Arity.SCALAR:
         _check_scalar(field, value)
         return True
     return _is_right_array(field, value) or _check_many(field, value)
 
 
-def _refuse(ok: bool, text: str) -> None:
+def _require(ok: bool, text: str) -> None:
     if not ok:
         raise AssertionError(text)
 
@@ -49,90 +48,82 @@ def _check_scalar(field: Field, value: Any) -> None:
     name, kind = field.py_name, field.type
     if field.cls is not None:
         cls = field.cls
-        _refuse(isinstance(value, cls), f"The '{name}' field must be a sub message of type '{cls.__name__}'")
+        _require(isinstance(value, cls), f"The '{name}' field must be a sub message of type '{cls.__name__}'")
     elif kind.string_bound:
         text = f"The '{name}' field must be string value not longer than {kind.string_bound}"
-        _refuse(isinstance(value, (str, UserString)) and len(value) <= kind.string_bound, text)
+        _require(isinstance(value, (str, UserString)) and len(value) <= kind.string_bound, text)
     elif kind.base == "byte":
         text = f"The '{name}' field must be of type 'bytes' or 'ByteString' with length 1"
-        _refuse(isinstance(value, (bytes, bytearray)) and len(value) == 1, text)
+        _require(isinstance(value, (bytes, bytearray)) and len(value) == 1, text)
     else:
-        python = _python(field)
-        _refuse(isinstance(value, python), f"The '{name}' field must be of type '{python.__name__}'")
-        code = _code(kind)
-        if code and code != "?":
-            _refuse(_in_range(value, code), f"The '{name}' field must be {_range_of(code)}")
+        python = _python_type(field)
+        _require(isinstance(value, python), f"The '{name}' field must be of type '{python.__name__}'")
+        code = _number_code(kind)
+        if code:
+            _require(_is_in_range(value, code), f"The '{name}' field must be {_range_text(code)}")
 
 
-def _range_of(code: str) -> str:
-    if code in _MOST:
-        return f"a {_NOUNS[code]} in [{-_MOST[code]!r}, {_MOST[code]!r}]"
+def _range_text(code: str) -> str:
+    if code in _MAX_FLOAT:
+        return f"a {_NOUNS[code]} in [{-_MAX_FLOAT[code]!r}, {_MAX_FLOAT[code]!r}]"
     low, high = INTEGER_RANGES[code]
     return f"an {'integer' if low else 'unsigned integer'} in [{low}, {high}]"
 
 
-def _code(kind: FieldType) -> str:
-    return kind.primitive.code if kind.primitive is not None and kind.base != "byte" else ""
+def _number_code(kind: FieldType) -> str:
+    return kind.primitive.code if kind.primitive is not None and kind.base not in ("byte", "bool") else ""
 
 
-def _python(field: Field) -> type:
+def _python_type(field: Field) -> type:
     kind = field.type
     if field.cls is not None:
         return field.cls
-    names = {"bool": bool, "int": int, "float": float}
-    return bytes if kind.base == "byte" else names[kind.primitive.python] if kind.primitive is not None else str
+    types = {"bool": bool, "int": int, "float": float}
+    return bytes if kind.base == "byte" else types[kind.primitive.python] if kind.primitive is not None else str
 
 
-def _in_range(value: Any, code: str) -> bool:
-    if code in _MOST:
-        return not (value < -_MOST[code] or value > _MOST[code]) or math.isinf(value)
+def _is_in_range(value: Any, code: str) -> bool:
+    if code in _MAX_FLOAT:
+        return not (value < -_MAX_FLOAT[code] or value > _MAX_FLOAT[code]) or math.isinf(value)
     low, high = INTEGER_RANGES[code]
     return bool(low <= value <= high)
 
 
 def _is_right_array(field: Field, value: Any) -> bool:
-    """Whether it is an array of numbers, which is then right."""
-    name, kind, code = field.py_name, field.type, _code(field.type)
-    if not code or code == "?":
+    """Return True for an array of numbers of the right type and size; raises for one of another."""
+    name, kind, code = field.py_name, field.type, _number_code(field.type)
+    if not code:
         return False
     if kind.arity is Arity.ARRAY:
         if not isinstance(value, np.ndarray):
             return False
         dtype = DTYPES[code].name
         text = f"The '{name}' numpy.ndarray() must have the dtype of 'numpy.{dtype}'"
-        _refuse(value.dtype == DTYPES[code], text)
-        _refuse(value.size == kind.capacity, f"The '{name}' numpy.ndarray() must have a size of {kind.capacity}")
+        _require(value.dtype == DTYPES[code], text)
+        _require(value.size == kind.capacity, f"The '{name}' numpy.ndarray() must have a size of {kind.capacity}")
         return True
     if not isinstance(value, array):
         return False
-    _refuse(value.typecode == code, f"The '{name}' array.array() must have the type code of '{code}'")
+    _require(value.typecode == code, f"The '{name}' array.array() must have the type code of '{code}'")
     if kind.arity is Arity.BOUNDED:
-        _refuse(len(value) <= kind.capacity, f"The '{name}' array.array() must have a size <= {kind.capacity}")
+        _require(len(value) <= kind.capacity, f"The '{name}' array.array() must have a size <= {kind.capacity}")
     return True
 
 
 def _check_many(field: Field, value: Any) -> bool:
-    """Always False: what is no array of the right type is converted."""
-    kind, python, code = field.type, _python(field), _code(field.type)
+    """Return False, as the value must be converted, if it is a valid collection."""
+    kind, python, code = field.type, _python_type(field), _number_code(field.type)
     lengths = {Arity.ARRAY: f" with length {kind.capacity}", Arity.BOUNDED: f" with length <= {kind.capacity}"}
     text = f"The '{field.py_name}' field must be a set or sequence{lengths.get(kind.arity, '')} and each value of type "
     text += f"'{python.__name__}'"
-    if code and code != "?":
-        text += f" and each {_each_in(code)}"
+    if code in _MAX_FLOAT:
+        text += f" and each {_NOUNS[code]} in [{-_MAX_FLOAT[code]:f}, {_MAX_FLOAT[code]:f}]"
+    elif code:
+        text += f" and each {_range_text(code).removeprefix('an ')}"
     is_sequence = isinstance(value, (Sequence, Set, UserList, array)) and not isinstance(value, (str, UserString))
-    _refuse(is_sequence and _fits(len(value), kind), text)
-    _refuse(all(isinstance(item, python) for item in value), text)
-    _refuse(not code or code == "?" or all(_in_range(item, code) for item in value), text)
+    _require(is_sequence, text)
+    _require(kind.arity is not Arity.ARRAY or len(value) == kind.capacity, text)
+    _require(kind.arity is not Arity.BOUNDED or len(value) <= kind.capacity, text)
+    _require(all(isinstance(item, python) for item in value), text)
+    _require(not code or all(_is_in_range(item, code) for item in value), text)
     return False
-
-
-def _each_in(code: str) -> str:
-    if code in _MOST:
-        return f"{_NOUNS[code]} in [{-_MOST[code]:f}, {_MOST[code]:f}]"
-    return _range_of(code).removeprefix("an ")
-
-
-def _fits(count: int, kind: FieldType) -> bool:
-    return (
-        count == kind.capacity if kind.arity is Arity.ARRAY else kind.arity is Arity.UNBOUNDED or count <= kind.capacity
-    )

@@ -1,4 +1,4 @@
-"""The fields of a class of rclpy's flavour: what holds them, what they begin with, what setters make of a value."""
+"""Fields of rclpy's messages: names, slots, defaults, and conversion of assigned values."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError, short_repr
 from rosidl_py_gen.cdr.rclpy_messages.arrays import BYTES, as_list, joined_bytes, to_array
 from rosidl_py_gen.cdr.rclpy_messages.checks import check
-from rosidl_py_gen.cdr.rclpy_messages.names import slot
+from rosidl_py_gen.cdr.rclpy_messages.names import slot as slot_name
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr.message import Field
@@ -22,13 +22,13 @@ _ZERO: dict[str, Any] = {"bool": False, "int": 0, "float": 0.0}
 
 
 class FieldSlot(NamedTuple):
-    """One field as its class holds it.
+    """Field of a message class.
 
     Attributes:
-        get, put: of the slot, without conversion.
-        default: makes the value that a new message has.
-        convert: makes what is stored of what is assigned; None stores it as it is.
-        array_code: of a sequence of numbers whose argument constructors convert first.
+        get, put: descriptor functions of the slot, without conversion.
+        default: function that returns the value in a new message.
+        convert: function that converts an assigned value; None stores it unchanged.
+        array_code: type code of a sequence of numbers that constructors convert before they assign it.
     """
 
     field: Field
@@ -40,16 +40,16 @@ class FieldSlot(NamedTuple):
 
 
 def field_slot(cls: type, field: Field, default: Any) -> FieldSlot:
-    """`default` is what the definition says, a list for an array; None when it says nothing."""
-    member = cls.__dict__[slot(field.py_name)]
+    """Return the slot of a field; `default` is that of the definition, or None."""
+    member = cls.__dict__[slot_name(field.py_name)]
     kind = field.type
     code = kind.primitive.code if kind.primitive is not None and kind.base not in ("bool", "byte") else ""
     convert: Callable[[Any], Any] | None = None
     is_sequence = kind.arity in (Arity.BOUNDED, Arity.UNBOUNDED)
     if code and kind.arity is not Arity.SCALAR:
         convert = (lambda value: to_array(value, code)) if is_sequence else lambda value: np.array(value, DTYPES[code])
-    first = code if is_sequence and default is None else ""
-    return FieldSlot(field, member.__get__, member.__set__, _default(field, default, convert), convert, first)
+    array_code = code if is_sequence and default is None else ""
+    return FieldSlot(field, member.__get__, member.__set__, _default(field, default, convert), convert, array_code)
 
 
 def _default(field: Field, default: Any, convert: Callable[[Any], Any] | None) -> Callable[[], Any]:
@@ -77,33 +77,33 @@ def _default(field: Field, default: Any, convert: Callable[[Any], Any] | None) -
     return lambda: [value] * kind.capacity
 
 
-def property_of(one: FieldSlot) -> property:
-    """The attribute that programs use."""
-    field, put, convert = one.field, one.put, one.convert
+def property_of(slot: FieldSlot) -> property:
+    """Return the property that programs use."""
+    field, put, convert = slot.field, slot.put, slot.convert
 
     def assign(self: Any, value: Any) -> None:
         try:
             checked = self._CHECK
-        except AttributeError:  # it was received
+        except AttributeError:  # a received message
             checked = CHECK
         if (checked and check(field, value)) or convert is None:
             put(self, value)
         else:
             put(self, convert(value))
 
-    return property(one.get, assign, doc=f"Message field '{field.py_name}'.")
+    return property(slot.get, assign, doc=f"Message field '{field.py_name}'.")
 
 
-# --- between what rclpy's messages hold and what ours do --------------------------------------------------------------
+# --- conversion between values of rclpy's messages and ours -----------------------------------------------------------
 
 
-def to_plain(one: FieldSlot, value: Any) -> Any:
-    """The value of a field as our own classes hold it: bytes as integers, collections as lists.
+def to_plain(slot: FieldSlot, value: Any) -> Any:
+    """Return the value of a field as in our own classes: bytes as integers, collections as lists.
 
     Raises:
-        FieldValueError: something else than bytes.
+        FieldValueError: bytes are expected, and the value is something else.
     """
-    kind = one.field.type
+    kind = slot.field.type
     if kind.base == "byte":
         if kind.arity is not Arity.SCALAR:
             return joined_bytes(value)
@@ -113,13 +113,13 @@ def to_plain(one: FieldSlot, value: Any) -> Any:
     return value if kind.arity is Arity.SCALAR or kind.primitive is not None else as_list(value)
 
 
-def from_plain(one: FieldSlot, value: Any) -> Any:
-    """The inverse; what does not fit stays as it is, for encoding to complain about."""
-    kind = one.field.type
+def from_plain(slot: FieldSlot, value: Any) -> Any:
+    """Return the inverse of `to_plain`; a value that does not fit stays unchanged and fails when it is encoded."""
+    kind = slot.field.type
     if kind.base == "byte":
         if kind.arity is Arity.SCALAR:
             return BYTES[value] if isinstance(value, int) and 0 <= value < 256 else value
         return [BYTES[number] for number in value] if isinstance(value, np.ndarray) else value
     if kind.base == "bool" and isinstance(value, np.ndarray):
         return value.tolist()
-    return value if one.convert is None else one.convert(value)
+    return value if slot.convert is None else slot.convert(value)

@@ -1,4 +1,4 @@
-"""The base classes of rclpy's flavour: messages, services and actions that behave as those of a ROS installation.
+"""Base classes of messages, services and actions that behave as those of a ROS installation.
 
 Source: the messages that rosidl_generator_py of Jazzy makes, which `tests/rclpy_messages` compares with.
 """
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class RclpyMeta(type):
-    """The class of a class of this flavour; each has one of its own, as rclpy's have."""
+    """Base of the metaclasses; each class has one of its own, as in rclpy."""
 
     _TYPE_SUPPORT: ClassVar[Any] = None
 
@@ -35,30 +35,30 @@ class RclpyMeta(type):
 
     @classmethod
     def __import_type_support__(cls) -> None:
-        """Nothing to do: there is no C library to load."""
+        """Do nothing: there is no C library to load."""
 
 
 def metaclass(name: str, module: str) -> type[RclpyMeta]:
-    """The class of the class `name`."""
+    """Return the metaclass of the class `name`."""
     return type(f"Metaclass_{name}", (RclpyMeta,), {"__module__": module})
 
 
 def _complete(cls: Any, namespace: dict[str, Any]) -> None:
-    """What the table of fields says of a message class: properties, defaults, constants that stay what they are."""
+    """Add properties, defaults and read-only constants to a message class, by its table of fields."""
     defaults = namespace["_DEFAULTS"]
     fields = cls._TYPE.fields
-    cls._HELD = {field.py_name: field_slot(cls, field, defaults.get(field.ros_name)) for field in fields}
-    for name, one in cls._HELD.items():
+    cls._SLOTS = {field.py_name: field_slot(cls, field, defaults.get(field.ros_name)) for field in fields}
+    for name, one in cls._SLOTS.items():
         setattr(cls, name, property_of(one))
-    fixed = {name: value for name, value in namespace.items() if name.isupper() and not name.startswith("_")}
-    for name, value in fixed.items():
+    constants = {name: value for name, value in namespace.items() if name.isupper() and not name.startswith("_")}
+    for name, value in constants.items():
         setattr(type(cls), name, property(lambda _, value=value: value))  # type: ignore[misc]
     for field in fields:
         if field.ros_name in defaults:
-            name, make = f"{field.ros_name.upper()}__DEFAULT", cls._HELD[field.py_name].default
+            name, make = f"{field.ros_name.upper()}__DEFAULT", cls._SLOTS[field.py_name].default
             setattr(cls, name, make())
             setattr(type(cls), name, property(lambda _, make=make: make()))  # type: ignore[misc]
-    cls.__slots__ = [*(f"_{name}" for name in cls._HELD), "_check_fields"]
+    cls.__slots__ = [*(f"_{name}" for name in cls._SLOTS), "_check_fields"]
 
 
 def wide_rclpy_message(cls: Any) -> Any:
@@ -82,7 +82,7 @@ def _rclpy_value(base: str, value: Any) -> Any:
 
 
 class _LazyClassAttribute:
-    """A class attribute that is made when it is first used."""
+    """Class attribute that is computed when it is first used."""
 
     def __init__(self, name: str, make: Any) -> None:
         self.name = name
@@ -96,54 +96,51 @@ class _LazyClassAttribute:
 
 def _slot_types(cls: type[Message]) -> tuple[Any, ...]:
     try:
-        known = import_module("rosidl_parser.definition")
+        types = import_module("rosidl_parser.definition")
     except ImportError:
-        known = slot_types
-    return tuple(_slot_type(field.type, known) for field in cls._TYPE.fields)
+        types = slot_types
+    return tuple(_slot_type(field.type, types) for field in cls._TYPE.fields)
 
 
-def _slot_type(kind: FieldType, known: Any) -> Any:
+def _slot_type(kind: FieldType, types: Any) -> Any:
     if kind.is_message:
         package, folder, name = kind.base.split("/")
-        found = known.NamespacedType([package, folder], name)
+        element = types.NamespacedType([package, folder], name)
     elif kind.is_string:
-        letter = "W" if kind.base == "wstring" else ""
-        bound = kind.string_bound
-        found = (
-            getattr(known, f"Bounded{letter}String")(bound) if bound else getattr(known, f"Unbounded{letter}String")()
-        )
+        suffix, bound = "WString" if kind.base == "wstring" else "String", kind.string_bound
+        element = getattr(types, f"Bounded{suffix}")(bound) if bound else getattr(types, f"Unbounded{suffix}")()
     else:
-        found = known.BasicType(IDL_NAMES.get(kind.base, kind.base))
+        element = types.BasicType(IDL_NAMES.get(kind.base, kind.base))
     match kind.arity:
         case Arity.ARRAY:
-            return known.Array(found, kind.capacity)
+            return types.Array(element, kind.capacity)
         case Arity.BOUNDED:
-            return known.BoundedSequence(found, kind.capacity)
+            return types.BoundedSequence(element, kind.capacity)
         case Arity.UNBOUNDED:
-            return known.UnboundedSequence(found)
+            return types.UnboundedSequence(element)
         case _:
-            return found
+            return element
 
 
 class RclpyMessage(Message):
-    """Base of every message of this flavour. Fields are given by name; what is assigned is converted as rclpy does."""
+    """Base of every message of rclpy's kind. Fields are passed by name; assigned values are converted as rclpy does."""
 
     __slots__ = ("_CHECK",)
     __hash__ = None
     _DEFAULTS: ClassVar[dict[str, Any]]
-    _HELD: ClassVar[dict[str, FieldSlot]]
-    _CHECK: bool  # not set in what was received
+    _SLOTS: ClassVar[dict[str, FieldSlot]]
+    _CHECK: bool  # not set in received messages
     SLOT_TYPES: ClassVar[Any] = _LazyClassAttribute("SLOT_TYPES", _slot_types)
     _fields_and_field_types: ClassVar[Any] = _LazyClassAttribute(
         "_fields_and_field_types", lambda cls: {field.ros_name: idl_text(field.type) for field in cls._TYPE.fields}
     )
 
     def __init__(self, **kwargs: Any) -> None:
-        """Raises AssertionError, when fields are checked, for what is no field; nothing for it otherwise."""
+        """Raise AssertionError for an unknown argument if fields are checked; ignore it otherwise."""
         self._CHECK = checked = kwargs.get("check_fields", CHECK)
-        if checked and (unknown := sorted(kwargs.keys() - self._HELD.keys() - {"check_fields"})):
+        if checked and (unknown := sorted(kwargs.keys() - self._SLOTS.keys() - {"check_fields"})):
             raise AssertionError(f"Invalid arguments passed to constructor: {', '.join(unknown)}")
-        for name, one in self._HELD.items():
+        for name, one in self._SLOTS.items():
             if name not in kwargs:
                 one.put(self, one.default())
             else:
@@ -152,7 +149,7 @@ class RclpyMessage(Message):
 
     @classmethod
     def get_fields_and_field_types(cls) -> dict[str, str]:
-        """The fields and their types as IDL spells them, such as ``sequence<float, 3>``."""
+        """Return the fields and their IDL types, such as ``sequence<float, 3>``."""
         return dict(cls._fields_and_field_types)
 
     @property
@@ -167,31 +164,31 @@ class RclpyMessage(Message):
         self._CHECK = value
 
     def _get_plain(self, field: Field) -> Any:
-        one = self._HELD[field.py_name]
+        one = self._SLOTS[field.py_name]
         return to_plain(one, one.get(self))
 
     def _set_plain(self, field: Field, value: Any) -> None:
-        one = self._HELD[field.py_name]
+        one = self._SLOTS[field.py_name]
         one.put(self, from_plain(one, value))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, self.__class__):
             return False
-        return all(_equal(one.get(self), one.get(other)) for one in self._HELD.values())
+        return all(_equal(one.get(self), one.get(other)) for one in self._SLOTS.values())
 
     def __repr__(self) -> str:
-        inside = ", ".join(f"{name}={_shown(one, one.get(self))}" for name, one in self._HELD.items())
+        inside = ", ".join(f"{name}={_value_repr(one, one.get(self))}" for name, one in self._SLOTS.items())
         package = type(self).__module__.rpartition(".")[0]
         return f"{package}.{type(self).__name__}({inside})"
 
     def __reduce__(self) -> Any:
-        return _restored, (type(self), [one.get(self) for one in self._HELD.values()], self._check_fields)
+        return _restore, (type(self), [one.get(self) for one in self._SLOTS.values()], self._check_fields)
 
 
-def _restored(cls: type[RclpyMessage], values: list[Any], checked: bool) -> RclpyMessage:
+def _restore(cls: type[RclpyMessage], values: list[Any], checked: bool) -> RclpyMessage:
     message = object.__new__(cls)
     message._CHECK = checked
-    for one, value in zip(cls._HELD.values(), values, strict=True):
+    for one, value in zip(cls._SLOTS.values(), values, strict=True):
         one.put(message, value)
     return message
 
@@ -202,24 +199,21 @@ def _equal(left: Any, right: Any) -> bool:
     return bool(left == right)
 
 
-def _shown(one: FieldSlot, value: Any) -> str:
-    """As rclpy shows it: arrays of numbers without ``array(``."""
-    kind = one.field.type
-    text = repr(value)
-    if one.convert is None or kind.arity is Arity.ARRAY:
-        return text
-    return text[len("array('X', ") : -1] if len(value) else "[]"
+def _value_repr(one: FieldSlot, value: Any) -> str:
+    if one.convert is None or one.field.type.arity is Arity.ARRAY:
+        return repr(value)
+    return repr(value)[len("array('X', ") : -1] if len(value) else "[]"
 
 
 class RclpyService(Service[Any, Any]):
-    """Base of every service of this flavour."""
+    """Base of every service of rclpy's kind."""
 
     def __init__(self) -> None:
         raise NotImplementedError("Service classes can not be instantiated")
 
 
 class RclpyAction(Action[Any, Any, Any]):
-    """Base of every action of this flavour; `Impl` has the services and messages behind it."""
+    """Base of every action of rclpy's kind; `Impl` has its services and messages."""
 
     def __init__(self) -> None:
         raise NotImplementedError("Action classes can not be instantiated")

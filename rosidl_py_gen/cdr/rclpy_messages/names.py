@@ -1,4 +1,4 @@
-"""What the attributes of rclpy's messages are called, and how their types are spelled."""
+"""Names of the attributes of rclpy's messages, and IDL names of their types."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rosidl_py_gen.base.fieldtype import Arity
 if TYPE_CHECKING:
     from rosidl_py_gen.base.fieldtype import FieldType
 
-_TAKEN = {"encode", "decode", "write", "read", "native", "assign", "check_fields", "fields_and_field_types"}
+_RESERVED = {"encode", "decode", "write", "read", "native", "assign", "check_fields", "fields_and_field_types"}
 """Fields whose attribute with an underscore would hide a method of ours."""
 
 IDL_NAMES = {
@@ -20,16 +20,16 @@ IDL_NAMES = {
     "float64": "double",
     "idl_char": "char",
 }
-"""What rosidl calls a primitive where that is another name than in a .msg file."""
+"""Names of primitives in IDL that differ from those in .msg files."""
 
 
 def slot(name: str) -> str:
-    """The attribute that holds a field, by the field's Python name."""
-    return f"_{name}_" if name in _TAKEN else f"_{name}"
+    """Return the attribute that stores a field, by the field's Python name."""
+    return f"_{name}_" if name in _RESERVED else f"_{name}"
 
 
 def idl_text(kind: FieldType) -> str:
-    """The type of a field as `get_fields_and_field_types` says it, such as ``sequence<std_msgs/Header, 3>``."""
+    """Return the type of a field as `get_fields_and_field_types` has it, such as ``sequence<std_msgs/Header, 3>``."""
     if kind.is_message:
         package, _, name = kind.base.split("/")
         text = f"{package}/{name}"

@@ -1,17 +1,16 @@
-"""The classes of `rosidl_parser.definition` that the `SLOT_TYPES` of rclpy's messages are made of.
+"""Classes of `rosidl_parser.definition` that the `SLOT_TYPES` of rclpy's messages consist of.
 
-Same names, attributes, bases and equality. Where the real package is not there, the import hook gives this file under
-its name. Nothing else of that package is here: it is a parser, and needs one.
+Names, attributes, bases and equality are the same. Without the real package, the import hook provides this module under
+its name; the parser itself is not included.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NoReturn
 
 
 class AbstractType:
-    """The base of all types; two are equal when class and attributes are."""
+    """Base of all types; two are equal if class and attributes are."""
 
     __slots__ = ()
 
@@ -25,13 +24,13 @@ class AbstractType:
 
 
 class AbstractNestableType(AbstractType):
-    """What may be an element of an array or sequence."""
+    """Type that may be an element of an array or sequence."""
 
     __slots__ = ()
 
 
 class BasicType(AbstractNestableType):
-    """A number, boolean, octet or character; `typename` is that of IDL, such as ``double``."""
+    """Number, boolean, octet or character; `typename` is that of IDL, such as ``double``."""
 
     __slots__ = ("typename",)
 
@@ -40,7 +39,7 @@ class BasicType(AbstractNestableType):
 
 
 class NamedType(AbstractNestableType):
-    """A type known by its name alone."""
+    """Type known by its name alone."""
 
     __slots__ = ("name",)
 
@@ -49,7 +48,7 @@ class NamedType(AbstractNestableType):
 
 
 class NamespacedType(AbstractNestableType):
-    """A message; `namespaces` are package and kind."""
+    """Message; `namespaces` are package and kind."""
 
     __slots__ = ("name", "namespaces")
 
@@ -62,16 +61,16 @@ class NamespacedType(AbstractNestableType):
 
 
 class AbstractGenericString(AbstractNestableType):
-    """Any string."""
+    """Base of all strings."""
 
     __slots__ = ()
 
     def has_maximum_size(self) -> bool:
-        _only_below(self)
+        return _has_maximum_size(self)
 
 
 class AbstractString(AbstractGenericString):
-    """A string of 8-bit characters."""
+    """String of 8-bit characters."""
 
     __slots__ = ()
 
@@ -82,19 +81,13 @@ class BoundedString(AbstractString):
     def __init__(self, maximum_size: int) -> None:
         self.maximum_size = maximum_size
 
-    def has_maximum_size(self) -> bool:
-        return True
-
 
 class UnboundedString(AbstractString):
     __slots__ = ()
 
-    def has_maximum_size(self) -> bool:
-        return False
-
 
 class AbstractWString(AbstractGenericString):
-    """A string of 16-bit characters."""
+    """String of 16-bit characters."""
 
     __slots__ = ()
 
@@ -105,19 +98,13 @@ class BoundedWString(AbstractWString):
     def __init__(self, maximum_size: int) -> None:
         self.maximum_size = maximum_size
 
-    def has_maximum_size(self) -> bool:
-        return True
-
 
 class UnboundedWString(AbstractWString):
     __slots__ = ()
 
-    def has_maximum_size(self) -> bool:
-        return False
-
 
 class AbstractNestedType(AbstractType):
-    """An array or a sequence of `value_type`."""
+    """Array or sequence of `value_type`."""
 
     __slots__ = ("value_type",)
 
@@ -125,7 +112,7 @@ class AbstractNestedType(AbstractType):
         self.value_type = value_type
 
     def has_maximum_size(self) -> bool:
-        _only_below(self)
+        return _has_maximum_size(self)
 
 
 class Array(AbstractNestedType):
@@ -135,12 +122,9 @@ class Array(AbstractNestedType):
         super().__init__(value_type)
         self.size = size
 
-    def has_maximum_size(self) -> bool:
-        return True
-
 
 class AbstractSequence(AbstractNestedType):
-    """A sequence, bounded or not."""
+    """Sequence, bounded or not."""
 
     __slots__ = ()
 
@@ -152,16 +136,13 @@ class BoundedSequence(AbstractSequence):
         super().__init__(value_type)
         self.maximum_size = maximum_size
 
-    def has_maximum_size(self) -> bool:
-        return True
-
 
 class UnboundedSequence(AbstractSequence):
     __slots__ = ()
 
-    def has_maximum_size(self) -> bool:
-        return False
 
-
-def _only_below(subject: object) -> NoReturn:
-    raise NotImplementedError(f"{type(subject).__name__} is the base of others, which know")
+def _has_maximum_size(subject: AbstractType) -> bool:
+    name = type(subject).__name__
+    if name.startswith("Abstract"):
+        raise NotImplementedError(f"{name} is abstract")
+    return not name.startswith("Unbounded")
