@@ -1,6 +1,6 @@
 """Tables: recorded messages as Arrow, Parquet and SQL, and tables as messages.
 
-Needs the extra ``tables``; without it the import raises `ExtraMissingError`, an `ImportError` that has the command.
+Needs the extra ``tables``; without it the import raises `ExtraMissingError`, an `ImportError` that names the command.
 """
 
 from rosidl_py_gen.tables import arrow as _arrow  # noqa: F401  first, as the extra of pyarrow brings all the others

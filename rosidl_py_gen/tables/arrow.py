@@ -1,4 +1,4 @@
-"""pyarrow, for the other modules of this folder: nobody else imports it."""
+"""The only importer of pyarrow, for the other modules of this package."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ pa: Any = _pyarrow
 
 
 def parquet() -> Any:
-    """``pyarrow.parquet``, which takes a while to load."""
+    """Return ``pyarrow.parquet``, which is loaded only when it is needed."""
     return import_module("pyarrow.parquet")
 
 
 def from_numpy(values: Any, kind: Any = None) -> Any:
-    """An array of numbers, without a copy unless they are bools; `kind` is another Arrow type of the same bytes."""
-    made = pa.array(values)
-    return made if kind is None else made.view(kind)
+    """Return an Arrow array of numbers, copied only if they are bools; `kind` is another type of the same bytes."""
+    array = pa.array(values)
+    return array if kind is None else array.view(kind)
 
 
 def from_buffers(kind: Any, length: int, *buffers: Any, children: Any = ()) -> Any:
-    """An array of a type, none of whose values is null, of the buffers and children that the type has."""
+    """Return an Arrow array without nulls, of the buffers and children that its type has."""
     return pa.Array.from_buffers(kind, length, [None, *map(pa.py_buffer, buffers)], null_count=0, children=[*children])

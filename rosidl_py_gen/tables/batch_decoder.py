@@ -1,16 +1,16 @@
-"""Many messages of one class read at once: each step of their program for all of them, with numpy.
+"""Decoder for many messages of one class at once: numpy runs each step of their program for all of them.
 
-A cursor has a position in every message; a step moves all of them. Whatever is not as it should be in any of the
-messages ends the reading with `BatchUnsupportedError`, and they are read one by one instead, which names the wrong
-byte. So this knows what is right, and no errors; it may refuse what is right but unusual, such as big-endian data.
+A cursor has a position in every message, and a step moves all of them. Anything unexpected in one message raises
+`BatchUnsupportedError`; the messages are then decoded one by one, which names the wrong byte. Valid but unusual data,
+such as big-endian messages, may raise it too.
 
-Positions are offsets into the data of all messages, each of which begins at a multiple of 8, so that alignment counts
-from offset 4 as it does in one message.
+Positions are offsets into the data of all messages. Each message begins at a multiple of 8, so that alignment counts
+from offset 4 as in a single message.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -40,34 +40,37 @@ from rosidl_py_gen.tables.read_program import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Sequence
+    from collections.abc import Collection, Sequence
 
     from numpy.typing import NDArray
 
     from rosidl_py_gen.tables.arrow_builders import Built
     from rosidl_py_gen.tables.columns import ColumnNode
+    from rosidl_py_gen.tables.read_program import RunLayout
 
     Ints: TypeAlias = NDArray[np.int64]
     Program: TypeAlias = Sequence[ReadStep]
 
 _WORD_SHIFT = COUNT_BYTES.bit_length() - 1
-"""Turns an offset into an index of 4-byte words; a shift of int64 arrays takes a fraction of the time of a division."""
+"""Number of bits to shift an offset by for an index of 4-byte words; a division of int64 arrays is much slower."""
 _SHORT_RANGE_BYTES = 24
-"""Parts of up to so many bytes on average are gathered byte by byte."""
-_MAX_SEQUENTIAL_ELEMENTS, _MIN_PARALLEL_LISTS = 8, 32
-"""Elements that vary in size are found one behind the other, in lists of few or in many lists at once."""
+"""Average size up to which ranges are gathered byte by byte."""
+_MAX_SEQUENTIAL_ELEMENTS = 8
+"""Number of elements of varying size up to which few lists are parsed one element after the other."""
+_MIN_PARALLEL_LISTS = 32
+"""Average number of lists that make it worthwhile to parse longer ones so, all lists at once."""
 
 
 class BatchUnsupportedError(RosidlError):
-    """Read them one by one."""
+    """A batch cannot be decoded at once; the caller decodes message by message."""
 
 
 class BatchCursor:
-    """A position in each of several messages, or of several elements of messages.
+    """Positions in several messages, or in several elements of messages.
 
     Attributes:
-        pos: where each is.
-        limit: where the message ends that each is in.
+        pos: current positions.
+        limit: ends of the messages.
     """
 
     __slots__ = ("data", "limit", "octets", "pos", "words")
@@ -80,14 +83,14 @@ class BatchCursor:
         self.words: NDArray[np.uint32] = np.frombuffer(data, "<u4", len(data) // 4)
 
     def at(self, pos: Ints, limit: Ints) -> BatchCursor:
-        """The same data at other positions."""
-        made = object.__new__(BatchCursor)
-        made.data, made.octets, made.words = self.data, self.octets, self.words
-        made.pos, made.limit = pos, limit
-        return made
+        """Return a cursor in the same data at other positions."""
+        cursor = object.__new__(BatchCursor)
+        cursor.data, cursor.octets, cursor.words = self.data, self.octets, self.words
+        cursor.pos, cursor.limit = pos, limit
+        return cursor
 
     def take(self, size: Ints | int, align: int) -> Ints:
-        """Claim bytes in each, and return where they begin."""
+        """Move all positions by `size` bytes after alignment; returns where the bytes begin."""
         start: Ints = align_offset(self.pos, align) if align > 1 else self.pos
         self.pos = start + size
         if (self.pos > self.limit).any():
@@ -95,22 +98,22 @@ class BatchCursor:
         return start
 
     def counts(self) -> Ints:
-        """An unsigned number of four bytes from each."""
+        """Read an unsigned 4-byte number at each position."""
         counts: Ints = self.words[self.take(COUNT_BYTES, COUNT_BYTES) >> _WORD_SHIFT].astype(np.int64)
         return counts
 
 
 def concatenate(messages: Sequence[bytes | memoryview]) -> BatchCursor:
-    """A cursor behind the header of each message. Raises `BatchUnsupportedError`."""
+    """Return a cursor after the header of each message; raises `BatchUnsupportedError`."""
     sizes = np.fromiter(map(len, messages), np.int64, len(messages))
     if len(messages) == 1:
         data: bytes | memoryview = messages[0]
     elif (sizes & MAX_ALIGN - 1).any():
-        parts: list[bytes | memoryview] = [b""] * (2 * len(messages))
-        parts[::2] = messages
+        pieces: list[bytes | memoryview] = [b""] * (2 * len(messages))
+        pieces[::2] = messages
         pads = PADDING[MAX_ALIGN]
-        parts[1::2] = [pads[size] for size in (sizes & MAX_ALIGN - 1).tolist()]
-        data = b"".join(parts)
+        pieces[1::2] = [pads[size] for size in (sizes & MAX_ALIGN - 1).tolist()]
+        data = b"".join(pieces)
     else:
         data = b"".join(messages)
     start = np.zeros(len(messages), np.int64)
@@ -119,7 +122,7 @@ def concatenate(messages: Sequence[bytes | memoryview]) -> BatchCursor:
 
 
 def cursor_at(data: bytes | memoryview, start: Ints, sizes: Ints) -> BatchCursor:
-    """A cursor behind the header of each message, which begin at multiples of 8. Raises `BatchUnsupportedError`."""
+    """Return a cursor after the header of each message, at multiples of 8; raises `BatchUnsupportedError`."""
     if (sizes < HEADER_BYTES).any():
         raise BatchUnsupportedError
     cursor = BatchCursor(data, start + HEADER_BYTES, start + sizes)
@@ -129,98 +132,97 @@ def cursor_at(data: bytes | memoryview, start: Ints, sizes: Ints) -> BatchCursor
 
 
 def run(cursor: BatchCursor, program: Program, wanted: Collection[ColumnNode]) -> Built:
-    """Move the cursor behind all steps, and return the columns of the wanted nodes.
+    """Run all steps of a program; returns the columns of the wanted nodes.
 
     Raises:
-        BatchUnsupportedError: something is wrong or unusual. BagError: a column is too large for Arrow.
+        BatchUnsupportedError: the data is invalid or unusual.
+        BagError: a column is too large for Arrow.
     """
-    found: Built = {}
+    columns: Built = {}
     for step in program:
         if isinstance(step, FixedRun):
-            _run(cursor, step, wanted, found)
+            _decode_run(cursor, step, wanted, columns)
         elif isinstance(step, StringField):
-            _text(cursor, step, wanted, found)
+            _decode_string(cursor, step, wanted, columns)
         elif isinstance(step, NumberSequence):
-            _many(cursor, step, wanted, found)
+            _decode_numbers(cursor, step, wanted, columns)
         elif isinstance(step, FixedMessageSequence):
-            _records(cursor, step, wanted, found)
+            _decode_records(cursor, step, wanted, columns)
         else:
-            _each(cursor, step, wanted, found)
-    return found
+            _decode_elements(cursor, step, wanted, columns)
+    return columns
 
 
-# ------------------------------------------------------------------------------------------------------- of fixed size
+# --------------------------------------------------------------------------------------------------------- fixed size
 
 
-def _run(cursor: BatchCursor, step: FixedRun, wanted: Collection[ColumnNode], found: Built) -> None:
-    start = cursor.take(0, step.leaves[0].align)
-    if not len(start):
-        for leaf in step.leaves:
-            if leaf.node in wanted:
-                found[leaf.node] = arrow_builders.fixed(leaf.node, np.empty((0, leaf.count), leaf.dtype))
+def _decode_run(cursor: BatchCursor, step: FixedRun, wanted: Collection[ColumnNode], columns: Built) -> None:
+    start = cursor.take(0, step.fields[0].align)
+    phases = start - HEADER_BYTES & MAX_ALIGN - 1
+    phase = int(phases[0]) if len(phases) else 0
+    groups: list[tuple[Any, RunLayout]]
+    if (phases == phase).all():
+        groups = [(slice(None), step.layout(phase))]
+        cursor.take(groups[0][1].size, 1)
+    else:
+        groups = [(np.flatnonzero(phases == phase), step.layout(int(phase))) for phase in np.unique(phases)]
+        size = np.empty(len(start), np.int64)
+        for rows, layout in groups:
+            size[rows] = layout.size
+        cursor.take(size, 1)
+    fields = [(f"f{number}", field) for number, field in enumerate(step.fields) if field.node in wanted]
+    if not fields:
         return
-    phases = (start - HEADER_BYTES) & MAX_ALIGN - 1
-    first = int(phases[0])
-    if (phases == first).all():
-        layout = step.layout(first)
-        cursor.take(layout.size, 1)
-        leaves = [leaf.node in wanted for leaf in step.leaves]
-        if not any(leaves):
-            return
-        rows = gather_fixed(cursor, start, layout.size).view(layout.dtype)
-        for number, leaf in enumerate(step.leaves):
-            if leaves[number]:
-                found[leaf.node] = arrow_builders.fixed(leaf.node, np.ascontiguousarray(rows[f"f{number}"]))
-        return
-    groups = [(np.flatnonzero(phases == phase), step.layout(int(phase))) for phase in np.unique(phases)]
-    size = np.empty(len(start), np.int64)
-    for rows_of, layout in groups:
-        size[rows_of] = layout.size
-    cursor.take(size, 1)
-    for number, leaf in enumerate(step.leaves):
-        if leaf.node not in wanted:
-            continue
-        values = np.empty((len(start), leaf.count), leaf.dtype)
-        for rows_of, layout in groups:
-            offset = layout.dtype.fields[f"f{number}"][1]  # type: ignore[index]
-            taken = gather_fixed(cursor, start[rows_of] + offset, leaf.count * leaf.dtype.itemsize)
-            values[rows_of] = taken.view(leaf.dtype).reshape(len(rows_of), leaf.count)
-        found[leaf.node] = arrow_builders.fixed(leaf.node, values)
+    records = [gather_fixed(cursor, start[rows], layout.size).view(layout.dtype) for rows, layout in groups]
+    for name, field in fields:
+        if len(groups) == 1:
+            values = np.ascontiguousarray(records[0][name])
+        else:
+            values = np.empty((len(start), field.count), field.dtype)
+            for (rows, _), group in zip(groups, records, strict=True):
+                values[rows] = group[name]
+        columns[field.node] = arrow_builders.fixed(field.node, values)
 
 
 def gather_fixed(cursor: BatchCursor, start: Ints, size: int) -> NDArray[np.void]:
-    """So many bytes from each place, which are known to be there."""
-    every: NDArray[np.void] = np.ndarray((len(cursor.data) - size + 1,), f"V{size}", cursor.data, 0, (1,))
-    return every[start]
+    """Return `size` bytes from each start; all must be within the data."""
+    count = max(0, len(cursor.data) - size + 1)
+    windows: NDArray[np.void] = np.ndarray((count,), f"V{size}", cursor.data if count else None, 0, (1,))
+    return windows[start]
 
 
-def _records(cursor: BatchCursor, step: FixedMessageSequence, wanted: Collection[ColumnNode], found: Built) -> None:
-    node, known, data = step.node, step.known, cursor.data
+def _decode_records(
+    cursor: BatchCursor, step: FixedMessageSequence, wanted: Collection[ColumnNode], columns: Built
+) -> None:
+    node, codec, data = step.node, step.codec, cursor.data
     counts = _element_counts(cursor, node)
-    pos, ends, parts = cursor.pos.tolist(), cursor.limit.tolist(), []
+    pos, ends, pieces = cursor.pos.tolist(), cursor.limit.tolist(), []
     is_wanted = node in wanted
     try:
         for row, count in enumerate(counts.tolist()):
             if count:
-                begin, end = known.element_range(pos[row], count)
+                begin, end = codec.element_range(pos[row], count)
                 if end > ends[row]:
                     raise BatchUnsupportedError
                 if is_wanted:
-                    parts.append(known.read_elements(data, begin, count, "<"))
+                    pieces.append(codec.read_elements(data, begin, count, "<"))
                 pos[row] = end
     except (FieldValueError, MemoryError):
         raise BatchUnsupportedError from None
     cursor.pos = np.array(pos, np.int64)
     if is_wanted:
-        whole = parts[0] if len(parts) == 1 else np.frombuffer(b"".join([one.tobytes() for one in parts]), known.dtype)
-        found[node] = arrow_builders.lists(node, counts, arrow_builders.from_records(node, whole))
+        if len(pieces) == 1:
+            records = pieces[0]
+        else:
+            records = np.frombuffer(b"".join([piece.tobytes() for piece in pieces]), codec.dtype)
+        columns[node] = arrow_builders.lists(node, counts, arrow_builders.from_records(node, records))
 
 
-# -------------------------------------------------------------------------------------------------------- that vary
+# ------------------------------------------------------------------------------------------------------- varying size
 
 
 def _element_counts(cursor: BatchCursor, node: ColumnNode) -> Ints:
-    """How many elements each list has; not more than there are bytes left, as each takes one at least."""
+    """Return the number of elements of each list, at most the remaining bytes, as each element has one."""
     if node.length != VARIABLE_LENGTH:
         assert node.length is not None
         counts = np.full(len(cursor.pos), node.length, np.int64)
@@ -233,42 +235,39 @@ def _element_counts(cursor: BatchCursor, node: ColumnNode) -> Ints:
     return counts
 
 
-def _many(cursor: BatchCursor, step: NumberSequence, wanted: Collection[ColumnNode], found: Built) -> None:
+def _decode_numbers(cursor: BatchCursor, step: NumberSequence, wanted: Collection[ColumnNode], columns: Built) -> None:
     counts = _element_counts(cursor, step.node)
     size = counts * step.dtype.itemsize
-    if step.align > COUNT_BYTES:  # padding is before the first element, and without one there is none
+    if step.align > COUNT_BYTES:  # padding precedes the first element; an empty sequence has none
         cursor.pos = np.where(counts > 0, align_offset(cursor.pos, step.align), cursor.pos)
     start = cursor.take(size, 1)
     if step.node in wanted:
         octets = gather_ranges(cursor, start, size)
-        found[step.node] = arrow_builders.sequences(step.node, counts, octets.view(step.dtype))
+        columns[step.node] = arrow_builders.sequences(step.node, counts, octets.view(step.dtype))
 
 
-def _text(cursor: BatchCursor, step: StringField, wanted: Collection[ColumnNode], found: Built) -> None:
-    counts = cursor.counts()
-    is_wide = step.node.field.type.base == "wstring"
-    start = cursor.take(WSTRING_UNIT_BYTES * counts if is_wide else counts, 1)
-    if is_wide:
-        if step.node in wanted:
-            texts = [
-                _utf16_to_utf8(cursor, at, count) for at, count in zip(start.tolist(), counts.tolist(), strict=True)
-            ]
+def _decode_string(cursor: BatchCursor, step: StringField, wanted: Collection[ColumnNode], columns: Built) -> None:
+    node, counts = step.node, cursor.counts()
+    if node.field.type.base == "wstring":
+        start = cursor.take(WSTRING_UNIT_BYTES * counts, 1)
+        if node in wanted:
+            ranges = zip(start.tolist(), counts.tolist(), strict=True)
+            texts = [_utf16_to_utf8(cursor, begin, count) for begin, count in ranges]
             octets = np.frombuffer(b"".join(texts), np.uint8)
-            found[step.node] = arrow_builders.texts(
-                step.node, np.fromiter(map(len, texts), np.int64, len(texts)), octets
-            )
+            columns[node] = arrow_builders.texts(node, np.fromiter(map(len, texts), np.int64, len(texts)), octets)
         return
+    start = cursor.take(counts, 1)
     last = cursor.octets[cursor.pos - 1]
     if last[counts > 0].any():  # no NUL
         raise BatchUnsupportedError
-    if step.node in wanted:
+    if node in wanted:
         size = np.maximum(counts - 1, 0)
         try:
-            found[step.node] = arrow_builders.texts(step.node, size, gather_ranges(cursor, start, size))
+            columns[node] = arrow_builders.texts(node, size, gather_ranges(cursor, start, size))
         except ValueError as error:
             if isinstance(error, BagError):
                 raise
-            raise BatchUnsupportedError from None  # no UTF-8
+            raise BatchUnsupportedError from None  # not UTF-8
 
 
 def _utf16_to_utf8(cursor: BatchCursor, start: int, count: int) -> bytes:
@@ -283,12 +282,12 @@ def _utf16_to_utf8(cursor: BatchCursor, start: int, count: int) -> bytes:
 
 
 def gather_ranges(cursor: BatchCursor, start: Ints, size: Ints) -> NDArray[np.uint8]:
-    """The bytes of several parts, which are known to be there, behind each other."""
+    """Return the joined bytes of several ranges, which must be within the data."""
     total, count = int(size.sum()), len(size)
     if not total:
         return np.empty(0, np.uint8)
     longest = int(size.max())
-    if longest * count == total:  # all alike, as names of frames are
+    if longest * count == total:  # equal sizes, as of frame names
         return gather_fixed(cursor, start, longest).view(np.uint8)
     if total <= _SHORT_RANGE_BYTES * count:
         shift = start - (np.cumsum(size) - size)
@@ -298,42 +297,24 @@ def gather_ranges(cursor: BatchCursor, start: Ints, size: Ints) -> NDArray[np.ui
     return np.frombuffer(b"".join([view[at:end] for at, end in zip(start.tolist(), ends, strict=True)]), np.uint8)
 
 
-def _each(cursor: BatchCursor, step: VariableSequence, wanted: Collection[ColumnNode], found: Built) -> None:
+def _decode_elements(
+    cursor: BatchCursor, step: VariableSequence, wanted: Collection[ColumnNode], columns: Built
+) -> None:
     node = step.node
     counts = _element_counts(cursor, node)
     starts = _element_starts(cursor, step.steps, counts)
-    if node not in wanted:
-        return
-    inside = cursor.at(starts, np.repeat(cursor.limit, counts))
-    built = run(inside, step.steps, _Everything())
-    children = built[node] if isinstance(step.steps[0], StringField) and step.steps[0].node is node else None
-    if children is None:
-        children = arrow_builders.struct(
-            node, [arrow_builders.assembled(child, built, len(starts)) for child in node.children]
-        )
-    found[node] = arrow_builders.lists(node, counts, children)
-
-
-class _Everything:
-    """Holds every node: of elements, all fields are wanted."""
-
-    def __contains__(self, node: object) -> bool:
-        return True
-
-    def __iter__(self) -> Iterator[ColumnNode]:
-        return iter(())
-
-    def __len__(self) -> int:
-        return 0
+    if node in wanted:
+        elements = run(cursor.at(starts, np.repeat(cursor.limit, counts)), step.steps, wanted)
+        columns[node] = arrow_builders.lists(node, counts, arrow_builders.assembled(node, elements, len(starts)))
 
 
 def _element_starts(cursor: BatchCursor, steps: Program, counts: Ints) -> Ints:
-    """Where all elements begin; moves the cursor behind the last."""
+    """Return the starts of all elements, and move the cursor after the last."""
     total, longest = int(counts.sum()), int(counts.max(initial=0))
     if longest > 2:
-        found = _uniform_element_starts(cursor, steps, counts)
-        if found is not None:
-            return found
+        uniform = _uniform_element_starts(cursor, steps, counts)
+        if uniform is not None:
+            return uniform
         if longest > _MAX_SEQUENTIAL_ELEMENTS and total < _MIN_PARALLEL_LISTS * longest:
             raise BatchUnsupportedError
     starts = np.empty(total, np.int64)
@@ -349,29 +330,29 @@ def _element_starts(cursor: BatchCursor, steps: Program, counts: Ints) -> Ints:
 
 
 def _end_positions(cursor: BatchCursor, steps: Program, pos: Ints, limit: Ints) -> Ints:
-    """The ends of elements that begin there."""
     inside = cursor.at(pos, limit)
     run(inside, steps, ())
     return inside.pos
 
 
 def _uniform_element_starts(cursor: BatchCursor, steps: Program, counts: Ints) -> Ints | None:
-    """The same where the elements of a list, all but the first, are equally long: guessed of two, and then proved.
+    """Return the starts of all elements if those of each list, except the first, have equal lengths; else None.
 
-    None when they are not. It is proved, as each element begins where that before it ends.
+    The first two elements of every list are parsed, the starts of all others follow by arithmetic, and then all
+    elements of all lists are parsed in one vectorized pass. The guess is right if each element ends where the next one
+    starts.
     """
-    some = np.flatnonzero(counts)
-    limit = cursor.limit[some]
+    rows = np.flatnonzero(counts)
+    limit, each = cursor.limit[rows], counts[rows]
     try:
-        one = _end_positions(cursor, steps, cursor.pos[some], limit)
-        two = one.copy()
-        longer = counts[some] > 1
-        two[longer] = _end_positions(cursor, steps, one[longer], limit[longer])
-        each = counts[some]
+        first_end = _end_positions(cursor, steps, cursor.pos[rows], limit)
+        second_end = first_end.copy()
+        longer = each > 1
+        second_end[longer] = _end_positions(cursor, steps, first_end[longer], limit[longer])
         first = np.cumsum(each) - each
         number = np.arange(int(each.sum())) - np.repeat(first, each)
-        starts: Ints = np.repeat(one, each) + (number - 1) * np.repeat(two - one, each)
-        starts[first] = cursor.pos[some]
+        starts: Ints = np.repeat(first_end, each) + (number - 1) * np.repeat(second_end - first_end, each)
+        starts[first] = cursor.pos[rows]
         limits = np.repeat(limit, each)
         if (starts > limits).any():
             return None
@@ -383,5 +364,5 @@ def _uniform_element_starts(cursor: BatchCursor, steps: Program, counts: Ints) -
     if (ends[:-1] != starts[1:])[~is_last[:-1]].any():
         return None
     cursor.pos = cursor.pos.copy()
-    cursor.pos[some] = ends[is_last]
+    cursor.pos[rows] = ends[is_last]
     return starts

@@ -1,8 +1,8 @@
 """Bags as Parquet datasets, which pandas, polars, DuckDB and Spark read as one: ``topic=%2Fimu/bag=drive/….parquet``.
 
-Decides what is a file: the messages of one topic of one bag that have one definition, in row groups by time. A bag is
-read once for all topics; what waits for its row group is bounded, and the largest is written when it becomes too much.
-Images and clouds are left out unless they are asked for: they are bytes that no query looks into.
+A file contains the messages of one topic of one bag with one definition, in row groups by time. A bag is read once for
+all topics. The data that waits for its row group is bounded: when it exceeds the limit, the largest part is written.
+Images and clouds are skipped by default, as no query evaluates their bytes.
 """
 
 from __future__ import annotations
@@ -28,32 +28,30 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.bags import BagReader, BagTopic
 
-TOPIC, BAG = "topic", "bag"
+TOPIC = "topic"
+BAG = "bag"
 LARGE_TYPES = {
-    *("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"),
-    *("sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/PointCloud"),
-    *("foxglove_msgs/msg/RawImage", "foxglove_msgs/msg/CompressedImage", "foxglove_msgs/msg/CompressedVideo"),
-    *(
-        "foxglove_msgs/msg/PointCloud",
-        "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
-        "theora_image_transport/msg/Packet",
-    ),
+    *(f"sensor_msgs/msg/{name}" for name in ("Image", "CompressedImage", "PointCloud", "PointCloud2")),
+    *(f"foxglove_msgs/msg/{name}" for name in ("RawImage", "CompressedImage", "CompressedVideo", "PointCloud")),
+    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
+    "theora_image_transport/msg/Packet",
 }
-"""Messages of these types, and of those that have them inside, are large."""
+"""Messages of these types, and messages that contain them, are large."""
 ROW_GROUP_BYTES = 1 << 24
 _MAX_FILE_NAME = 255
-"""Characters of a name in Linux, macOS and Windows."""
+"""Maximum length of a name in Linux, macOS and Windows, in characters."""
 _BATCH_BYTES = 1 << 20
-_MOST_WAITING = 1 << 25
+_MAX_WAITING_BYTES = 1 << 25
+"""Limit of the data of all topics that waits for row groups."""
 """Bytes of all topics that wait for their row groups."""
 
 
 @dataclass(frozen=True, slots=True)
 class DatasetFile:
-    """A file of a dataset.
+    """File of a dataset.
 
     Attributes:
-        messages: how many rows.
+        messages: number of rows.
     """
 
     topic: str
@@ -64,10 +62,10 @@ class DatasetFile:
 
 @dataclass(frozen=True, slots=True)
 class DatasetReport:
-    """What `write_dataset` has done.
+    """Result of `write_dataset`.
 
     Attributes:
-        left_out: topics that were not written, or not wholly, with the reason; those of large messages too.
+        skipped_topics: reasons by topic that was not written, or not completely; topics of large messages included.
     """
 
     files: list[DatasetFile]
@@ -92,34 +90,35 @@ def write_dataset(
     """Write the topics of a bag as a Parquet dataset, partitioned by topic and bag; several bags may share it.
 
     Args:
-        out: a folder, or a URL that fsspec knows.
-        name: of the bag; None is that of its file or folder.
-        topics: those to write, also large ones; None is all whose type is known, which leaves out images and clouds.
-        include_large: not even those.
-        overwrite: files that are there already are replaced.
-        row_group_bytes: about so much of Arrow's memory becomes a row group.
+        out: a folder, or a URL that fsspec supports.
+        name: name of the bag in the dataset; None means that of its file or folder.
+        topics: topics to write, large ones included; None means all with a known type, except images and clouds.
+        include_large: without `topics`, write images and clouds as well.
+        overwrite: replace existing files.
+        row_group_bytes: approximate size of a row group in Arrow's memory.
         progress: called with the number of messages so far.
 
     Raises:
-        BagError: a file exists already; and as `BagReader.batches`. OSError: it cannot be written.
+        BagError: a file exists already; otherwise as `BagReader.batches`.
+        OSError: the dataset cannot be written.
     """
-    made = StagedDataset(bag, str(out), name or bag_name(bag.path.name), overwrite, compression, row_group_bytes)
-    with made:
-        made.read_bag(topics, include_large, start_ns, end_ns, on_error, progress)
-        made.publish()
-    return made.report
+    dataset = StagedDataset(bag, str(out), name or bag_name(bag.path.name), overwrite, compression, row_group_bytes)
+    with dataset:
+        dataset.read_bag(topics, include_large, start_ns, end_ns, on_error, progress)
+        dataset.publish()
+    return dataset.report
 
 
-def _chosen(
+def _select_channels(
     bag: BagReader,
     topics: Collection[str] | None,
     include_large: bool,
     skipped_topics: dict[str, str],
     folder_of: Callable[[str], str],
 ) -> list[BagTopic]:
-    """The channels that are written; says of others why they are not."""
-    found = []
-    for name in () if topics is None else topics:
+    """Return the channels to write, and add the reasons for others to `skipped_topics`."""
+    channels = []
+    for name in topics or ():
         if name not in bag.topics:
             raise BagError(f"{bag.path} has no topic {name}{did_you_mean(name, bag.topics)}")
     for channel in bag.channels:
@@ -135,18 +134,17 @@ def _chosen(
             skipped_topics[channel.name] = str(error).removeprefix(f"{channel.name}: ")
             continue
         if topics is None and not include_large and is_large(cls):
-            skipped_topics[channel.name] = (
-                f"{channel.type_name} is large: --include-large (include_large=True) writes it"
-            )
+            reason = f"{channel.type_name} is large: --include-large (include_large=True) writes it"
+            skipped_topics[channel.name] = reason
             continue
-        found.append(channel)
-    return found
+        channels.append(channel)
+    return channels
 
 
 def _require_short(topic: str, folder: str) -> None:
     if (size := len(TOPIC) + 1 + len(folder)) > _MAX_FILE_NAME:
-        found = f"the name of its folder would have {size} characters; expected at most {_MAX_FILE_NAME}"
-        raise BagError(f"{topic}: {found}; BagReader.table and bag sql read it from the bag")
+        problem = f"the name of its folder would have {size} characters; expected at most {_MAX_FILE_NAME}"
+        raise BagError(f"{topic}: {problem}; BagReader.table and bag sql read it from the bag")
 
 
 def _quoted(name: str) -> str:
@@ -154,37 +152,37 @@ def _quoted(name: str) -> str:
 
 
 def is_large(cls: type[Any]) -> bool:
-    """Whether messages of a class are images or clouds, or have some."""
+    """Return True if messages of a class are images or clouds, or contain some."""
     return not LARGE_TYPES.isdisjoint(referenced_classes(cls))
 
 
 def bag_name(name: str) -> str:
-    """A name without the endings of files of bags."""
+    """Return a name without the suffixes of bag files."""
     name = name.removesuffix(".zstd")
     return name.removesuffix(".mcap").removesuffix(".db3") or name
 
 
 class _File:
-    """One file, and what waits to be written to it."""
+    """File of a dataset with the data that waits to be written."""
 
-    def __init__(self, path: str, channel: BagTopic, columns: BatchBuilder, batch_bytes: int) -> None:
-        self.path, self.channel, self.columns = path, channel, columns
-        self.waiting = BatchBuffer(batch_bytes)
+    def __init__(self, path: str, channel: BagTopic, builder: BatchBuilder, batch_bytes: int) -> None:
+        self.path, self.channel, self.builder = path, channel, builder
+        self.buffer = BatchBuffer(batch_bytes)
         self.batches: list[Any] = []
         self.size = self.rows = 0
         self.writer: Any = None
-        self.schema = _renamed(columns.schema)
+        self.schema = _without_partition_names(builder.schema)
 
 
 class StagedDataset:
-    """The files of a bag, or of a part of it, which nobody sees before `publish`. Use it with ``with``.
+    """Files of a bag, or of a part of it, that become visible by `publish`; a context manager.
 
     Args:
-        suffix: of the names of files, for one of several parts of a bag.
-        folder_of: name of the folder of a topic, without ``topic=``.
+        suffix: end of the names of files, for one of several parts of a bag.
+        folder_of: function that returns the name of the folder of a topic, without ``topic=``.
 
     Attributes:
-        report: what was done, after `read_bag`.
+        report: result of `read_bag`.
     """
 
     def __init__(
@@ -199,10 +197,10 @@ class StagedDataset:
         folder_of: Callable[[str], str] = _quoted,
     ) -> None:
         self._bag, self._out, self._name, self._suffix, self._folder_of = bag, out, name, suffix, folder_of
-        self._overwrite, self._compression, self._most = overwrite, compression, row_group_bytes
+        self._overwrite, self._compression, self._row_group_bytes = overwrite, compression, row_group_bytes
         self._output = Output(out)
-        self._open = ExitStack()
-        self._waiting = 0
+        self._open_files = ExitStack()
+        self._waiting_bytes = 0
         self._by_key: dict[tuple[str, ...], _File] = {}
         self.report = DatasetReport([], {})
 
@@ -215,75 +213,70 @@ class StagedDataset:
         on_error: str,
         progress: Callable[[int], None] | None = None,
     ) -> None:
-        """Read the bag; arguments and errors as `write_dataset`."""
-        bag, left_out = self._bag, self.report.skipped_topics
-        channels = _chosen(bag, topics, include_large, left_out, self._folder_of)
+        """Read the bag; arguments and errors as in `write_dataset`."""
+        bag, skipped = self._bag, self.report.skipped_topics
+        channels = _select_channels(bag, topics, include_large, skipped, self._folder_of)
         source = bag._source([*dict.fromkeys(one.name for one in channels)], start_ns, end_ns, on_error, topics is None)
         for channel in channels:
-            self._add(channel, BatchBuilder(bag, channel, None, source.decoded))
-        done = 0
+            self._add_file(channel, BatchBuilder(bag, channel, None, source.decoded))
+        count = 0
         for message in source.found if self._by_key else ():
-            done += self._take(message)
+            count += self._add_messages(message)
             if progress is not None:
-                progress(done)
-        self._end()
-        left_out.update({key: one.reason for key, one in bag.skipped.items()})
+                progress(count)
+        self._finish()
+        skipped.update({key: one.reason for key, one in bag.skipped.items()})
 
-    def _add(self, channel: BagTopic, columns: BatchBuilder) -> None:
-        """Make a file known for the messages of a channel."""
-        kind = f"{channel.type_name.rpartition('/')[2]}-{columns.cls._TYPE.hash.removeprefix('RIHS01_')[:8]}"
+    def _add_file(self, channel: BagTopic, builder: BatchBuilder) -> None:
+        kind = f"{channel.type_name.rpartition('/')[2]}-{builder.cls._TYPE.hash.removeprefix('RIHS01_')[:8]}"
         folders = f"{TOPIC}={self._folder_of(channel.name)}", f"{BAG}={_quoted(self._name)}"
         path = joined(self._out, *folders, f"{_quoted(kind)}{self._suffix}.parquet")
         same = next((one for one in self._by_key.values() if one.path == path), None)
-        self._by_key[channel.key] = same or _File(path, channel, columns, min(_BATCH_BYTES, self._most))
+        self._by_key[channel.key] = same or _File(path, channel, builder, min(_BATCH_BYTES, self._row_group_bytes))
 
-    def _take(self, message: Any) -> int:
-        """Take a message or a block; returns of how many messages it is."""
+    def _add_messages(self, message: Any) -> int:
+        """Add a message or a block; returns the number of messages."""
         file = self._by_key.get(message[0].info.key)
         if file is None:
             return 0
-        for columns, messages in file.waiting.take(message, {message[0].info.key: file.columns}):
-            self._keep(file, columns.batches(messages))
+        for builder, messages in file.buffer.take(message, {message[0].info.key: file.builder}):
+            self._add_batches(file, builder.batches(messages))
         return len(message.begin) if isinstance(message, MessageBlock) else 1
 
-    def _keep(self, file: _File, batches: Iterator[Any]) -> None:
+    def _add_batches(self, file: _File, batches: Iterator[Any]) -> None:
         for batch in batches:
             file.batches.append(pa.RecordBatch.from_arrays(batch.columns, schema=file.schema))
             file.size += batch.nbytes
-            self._waiting += batch.nbytes
-            if file.size >= self._most:
+            self._waiting_bytes += batch.nbytes
+            if file.size >= self._row_group_bytes:
                 self._write(file)
-            while self._waiting > _MOST_WAITING:
+            while self._waiting_bytes > _MAX_WAITING_BYTES:
                 self._write(max(self._by_key.values(), key=lambda one: one.size))
 
     def _write(self, file: _File) -> None:
-        """What waits as a row group."""
         if file.writer is None:
-            stream = self._open.enter_context(self._output.written(file.path, self._overwrite))
-            file.writer = self._open.enter_context(self._writer(stream, file))
+            stream = self._open_files.enter_context(self._output.written(file.path, self._overwrite))
+            writer = parquet().ParquetWriter(
+                stream,
+                file.schema,
+                compression=self._compression,
+                use_dictionary=_text_paths(file.schema),  # numbers seldom repeat, and checking them takes long
+            )
+            file.writer = self._open_files.enter_context(writer)
         table = pa.Table.from_batches(file.batches, file.schema)
         try:
             file.writer.write_table(table, row_group_size=max(1, table.num_rows))
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
-            raise BagError(f"{self._bag.path}: {file.channel.name}: Parquet has no room for it: {error}") from None
+            raise BagError(f"{self._bag.path}: {file.channel.name}: Parquet cannot store it: {error}") from None
         file.rows += table.num_rows
-        self._waiting -= file.size
+        self._waiting_bytes -= file.size
         file.batches, file.size = [], 0
 
-    def _writer(self, stream: Any, file: _File) -> Any:
-        return parquet().ParquetWriter(
-            stream,
-            file.schema,
-            compression=self._compression,
-            use_dictionary=_texts(file.schema),  # numbers seldom repeat, and looking whether they do takes long
-        )
-
-    def _end(self) -> None:
-        """Write what waits, and close the files."""
-        with self._open:
+    def _finish(self) -> None:
+        with self._open_files:
             for file in self._by_key.values():
-                for columns, messages in file.waiting.flush():
-                    self._keep(file, columns.batches(messages))
+                for builder, messages in file.buffer.flush():
+                    self._add_batches(file, builder.batches(messages))
                 if file.batches:
                     self._write(file)
         for file in dict.fromkeys(self._by_key.values()):
@@ -292,7 +285,7 @@ class StagedDataset:
                 self.report.files.append(DatasetFile(channel.name, channel.type_name, file.path, file.rows))
 
     def publish(self) -> None:
-        """Give the files their names."""
+        """Rename the files to their final names."""
         self._output.publish()
 
     def __enter__(self) -> StagedDataset:
@@ -301,21 +294,20 @@ class StagedDataset:
 
     def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
         try:
-            self._open.__exit__(kind, error, trace)
+            self._open_files.__exit__(kind, error, trace)
         finally:
             self._output.__exit__(kind, error, trace)
 
 
-def _renamed(schema: Any) -> Any:
-    """Columns called as the partitions have an underscore behind their names."""
+def _without_partition_names(schema: Any) -> Any:
+    """Return the schema with an underscore after names that are those of the partitions."""
     names = set(schema.names)
     fields = [field.with_name(free_name(field.name, names, (TOPIC, BAG))) for field in schema]
     return pa.schema(fields, metadata=schema.metadata)
 
 
-def _texts(schema: Any) -> list[str]:
-    """The paths of columns of text."""
-    found: list[str] = []
+def _text_paths(schema: Any) -> list[str]:
+    paths: list[str] = []
 
     def walk(kind: Any, path: str) -> None:
         if pa.types.is_struct(kind):
@@ -324,8 +316,8 @@ def _texts(schema: Any) -> list[str]:
         elif pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind):
             walk(kind.value_type, f"{path}.list.element")
         elif pa.types.is_string(kind):
-            found.append(path)
+            paths.append(path)
 
     for field in schema:
         walk(field.type, field.name)
-    return found
+    return paths

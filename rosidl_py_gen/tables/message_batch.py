@@ -1,7 +1,6 @@
-"""The messages that one batch is made of, as their bytes.
+"""Encoded messages of one batch, one by one or in the blocks of a chunk without an object for each.
 
-They come as blocks, a chunk's at a time without an object for each, where the bag gives them so; else one by one. What
-waits for a batch to be full does not keep chunks in memory of which it has only a small part.
+Messages that wait for a full batch are copied if they are a small part of their chunk, which they would keep in memory.
 """
 
 from __future__ import annotations
@@ -23,8 +22,8 @@ if TYPE_CHECKING:
 
     Times = NDArray[np.uint64]
 
-_SMALL = 4
-"""A message of so small a part of its chunk is copied."""
+_MAX_RATIO = 4
+"""Ratio of sizes of chunk and message above which the message is copied."""
 
 
 class MessageList:
@@ -37,15 +36,15 @@ class MessageList:
         return len(self._messages)
 
     def raw(self) -> Sequence[Raw]:
-        """Each message by itself."""
+        """Return each message."""
         return self._messages
 
     def cursor(self) -> BatchCursor:
-        """Behind the header of each. Raises `BatchUnsupportedError`."""
+        """Return a cursor after the header of each; raises `BatchUnsupportedError`."""
         return concatenate([message[1] for message in self._messages])
 
     def times(self) -> tuple[Times, Times]:
-        """Log times and publish times."""
+        """Return log times and publish times."""
         _, _, log_times, publish_times = zip(*self._messages, strict=True)
         return np.array(log_times, np.uint64), np.array(publish_times, np.uint64)
 
@@ -60,77 +59,74 @@ class MessageBlocks:
         return sum(len(block.begin) for block in self._blocks)
 
     def raw(self) -> Sequence[Raw]:
-        """Each message by itself."""
-        return [one for block in self._blocks for one in _each(block)]
+        """Return each message."""
+        return [message for block in self._blocks for message in _raw_messages(block)]
 
     def cursor(self) -> BatchCursor:
-        """Behind the header of each. Raises `BatchUnsupportedError`."""
+        """Return a cursor after the header of each; raises `BatchUnsupportedError`."""
         size = int(self._blocks[0].size[0])
         if not all((block.size == size).all() for block in self._blocks):
-            return concatenate([data for block in self._blocks for data in _cut(block)])
+            return concatenate([data for block in self._blocks for data in _slices(block)])
         width = align_up(size, MAX_ALIGN)
         rows = np.empty((len(self), width), np.uint8)
-        done = 0
+        count = 0
         for block in self._blocks:
-            rows[done : done + len(block.begin), :size] = _rows(block, size)
-            done += len(block.begin)
+            rows[count : count + len(block.begin), :size] = _rows(block, size)
+            count += len(block.begin)
         rows[:, size:] = 0
-        return cursor_at(rows.reshape(-1).data, np.arange(done) * width, np.full(done, size))
+        return cursor_at(rows.reshape(-1).data, np.arange(count) * width, np.full(count, size))
 
     def times(self) -> tuple[Times, Times]:
-        """Log times and publish times."""
+        """Return log times and publish times."""
         blocks = self._blocks
         log_times = np.concatenate([block.log_times for block in blocks])
         return log_times, np.concatenate([block.publish_times for block in blocks])
 
 
 def _rows(block: MessageBlock, size: int) -> Any:
-    """The bytes of equally long messages: a view where they are equally far apart, as those of one topic are."""
+    """Return the bytes of messages of equal size: a view if their distances are equal, as those of one topic are."""
     begin, count = block.begin, len(block.begin)
     step = int(begin[1] - begin[0]) if count > 1 else size
     if step >= size and (count < 3 or (np.diff(begin) == step).all()):
         return np.ndarray((count, size), np.uint8, block.data, int(begin[0]), (step, 1))
-    every: Any = np.ndarray((len(block.data) - size + 1,), f"V{size}", block.data, 0, (1,))
-    return every[begin].view(np.uint8).reshape(count, size)
+    windows: Any = np.ndarray((len(block.data) - size + 1,), f"V{size}", block.data, 0, (1,))
+    return windows[begin].view(np.uint8).reshape(count, size)
 
 
-def _cut(block: MessageBlock) -> list[bytes | memoryview]:
+def _slices(block: MessageBlock) -> list[bytes | memoryview]:
     view = memoryview(block.data)
     ends = (block.begin + block.size).tolist()
     return [view[at:end] for at, end in zip(block.begin.tolist(), ends, strict=True)]
 
 
-def _each(block: MessageBlock) -> list[Raw]:
-    channel = block.channel
-    times = zip(block.log_times.tolist(), block.publish_times.tolist(), strict=True)
-    return [(channel, data, *both) for data, both in zip(_cut(block), times, strict=True)]
+def _raw_messages(block: MessageBlock) -> list[Raw]:
+    columns = _slices(block), block.log_times.tolist(), block.publish_times.tolist()
+    return [(block.channel, *row) for row in zip(*columns, strict=True)]
 
 
-def parts(block: MessageBlock, most_bytes: int, most_rows: int) -> list[MessageBlock]:
-    """A block in parts of so many messages, or messages of so many bytes; one message may be larger."""
+def split_block(block: MessageBlock, max_bytes: int, max_rows: int) -> list[MessageBlock]:
+    """Split a block by number of rows and size in bytes; a single message may be larger."""
     ends = np.cumsum(block.size)
-    if len(ends) <= most_rows and ends[-1] <= most_bytes:
+    if len(ends) <= max_rows and ends[-1] <= max_bytes:
         return [block]
-    cuts, at, done = [], 0, 0
-    while at < len(ends):
-        end = min(at + most_rows, max(at + 1, int(np.searchsorted(ends, done + most_bytes, "right"))))
-        cuts.append((at, end))
-        at, done = end, int(ends[end - 1])
-    return [block.rows(slice(at, end)) for at, end in cuts]
+    slices, begin, size = [], 0, 0
+    while begin < len(ends):
+        end = min(begin + max_rows, max(begin + 1, int(np.searchsorted(ends, size + max_bytes, "right"))))
+        slices.append(slice(begin, end))
+        begin, size = end, int(ends[end - 1])
+    return [block.rows(rows) for rows in slices]
 
 
 def detach_block(block: MessageBlock) -> MessageBlock:
-    """The same, copied where it is a small part of its chunk."""
-    if len(block.data) <= _SMALL * int(block.size.sum()):
+    """Return the block, copied if it is a small part of its chunk."""
+    if len(block.data) <= _MAX_RATIO * int(block.size.sum()):
         return block
-    data = b"".join(_cut(block))
-    begin = np.cumsum(block.size) - block.size
-    return block._replace(data=data, begin=begin)
+    return block._replace(data=b"".join(_slices(block)), begin=np.cumsum(block.size) - block.size)
 
 
 def detach_message(message: Raw) -> Raw:
-    """The same with bytes of its own, where they are a view of a much larger chunk."""
+    """Return the message, with copied bytes if they are a view of a much larger chunk."""
     channel, data, log_time, publish_time = message
-    if type(data) is memoryview and len(data.obj) > _SMALL * len(data):  # type: ignore[arg-type]
+    if type(data) is memoryview and len(data.obj) > _MAX_RATIO * len(data):  # type: ignore[arg-type]
         return channel, bytes(data), log_time, publish_time
     return message

@@ -1,7 +1,8 @@
-"""Columns of messages that were decoded one by one: what `rows` refuses, and what has been found damaged or guessed."""
+"""Columns of messages that were decoded one by one, because the batch decoder does not support them."""
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,14 +19,14 @@ if TYPE_CHECKING:
     from rosidl_py_gen.tables.columns import ColumnNode, SelectedColumn
 
 
-def column(chosen: SelectedColumn, messages: Sequence[Any]) -> Any:
-    """A column of all messages, as an Arrow array."""
-    for node in chosen.path[:-1]:
-        messages = _held(node, messages)
-    return _column(chosen.node, _held(chosen.node, messages))
+def column(selected: SelectedColumn, messages: Sequence[Any]) -> Any:
+    """Return a column of all messages as an Arrow array."""
+    for node in selected.path:
+        messages = _field_values(node, messages)
+    return _column(selected.node, messages)
 
 
-def _held(node: ColumnNode, messages: Sequence[Any]) -> list[Any]:
+def _field_values(node: ColumnNode, messages: Sequence[Any]) -> list[Any]:
     name = node.field.py_name
     return [getattr(message, name) for message in messages]
 
@@ -35,14 +36,13 @@ def _column(node: ColumnNode, values: Sequence[Any]) -> Any:
         return _elements(node, values)
     counts = np.fromiter(map(len, values), np.int64, len(values))
     if node.kind is Kind.NUMBER:
-        dtype = DTYPES[node.code]
-        return arrow_builders.sequences(node, counts, np.concatenate(values) if len(values) else np.empty(0, dtype))
-    return arrow_builders.lists(node, counts, _elements(node, [one for value in values for one in value]))
+        return arrow_builders.sequences(node, counts, np.concatenate([np.empty(0, DTYPES[node.code]), *values]))
+    return arrow_builders.lists(node, counts, _elements(node, [*chain.from_iterable(values)]))
 
 
 def _elements(node: ColumnNode, values: Sequence[Any]) -> Any:
     if node.kind is Kind.STRUCT:
-        return arrow_builders.struct(node, [_column(child, _held(child, values)) for child in node.children])
+        return arrow_builders.struct(node, [_column(child, _field_values(child, values)) for child in node.children])
     if node.kind is Kind.EMPTY:
         return pa.nulls(len(values))
     if node.kind is Kind.TIME or node.kind is Kind.DURATION:

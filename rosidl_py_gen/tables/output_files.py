@@ -1,7 +1,7 @@
-"""Where datasets are written: local folders, and with fsspec whatever has a URL, such as ``s3://`` and ``memory://``.
+"""Output of datasets to local folders and, by fsspec, to URLs such as ``s3://`` and ``memory://``.
 
-Decides that nobody finds half a file: those of one run of `Output` get their names when all are whole, and none does
-when something fails. Of a process that was killed, local files with ``.partial`` behind their names are left over.
+No reader sees a partial file: all files of one `Output` are renamed when they are complete, and none after a failure. A
+process that was killed leaves local files with the suffix ``.partial``.
 """
 
 from __future__ import annotations
@@ -20,43 +20,43 @@ if TYPE_CHECKING:
 
 PARTIAL = ".partial"
 _COLONS = "\ue000\ue001"
-"""Stands for ``::`` while fsspec reads a URL."""
-_BLOCK = 1 << 23
-"""Bytes of a remote file that are sent together."""
+"""Replacement of ``::`` while fsspec parses a URL."""
+_BLOCK_BYTES = 1 << 23
+"""Number of bytes of a remote file that are sent at once."""
 
 
 def file_system(place: str, *, fresh: bool = False) -> tuple[Any, str]:
-    """What fsspec has for a place, and its path there.
+    """Return the file system of fsspec for a place, and its path there.
 
     Args:
-        fresh: one that nobody else has.
+        fresh: return a new instance instead of a cached one.
 
     Raises:
-        BagError: nobody knows such URLs, or the place did not answer. ExtraMissingError: there is no fsspec.
+        BagError: the URL is not supported, or the place does not respond.
+        ExtraMissingError: fsspec is not installed.
     """
     try:
         import fsspec  # type: ignore[import-untyped]
     except ModuleNotFoundError as missing:
         raise missing_extra_message(missing) or missing from None
-    if not is_url(place):  # fsspec would take "::" for a chain of URLs, and other signs for its own
+    if not is_url(place):  # fsspec would parse "::" as a chain of URLs, and other characters as well
         return fsspec.filesystem("file", skip_instance_cache=fresh), os.path.abspath(place)
-    hidden = place.replace("::", _COLONS) if has_colons_in_names(place) else place
+    url = place.replace("::", _COLONS) if has_colons_in_names(place) else place
     try:
         with unreachable_as_error(place):
-            system, path = fsspec.core.url_to_fs(hidden, skip_instance_cache=fresh)
-            path = path.replace(_COLONS, "::")
+            system, path = fsspec.core.url_to_fs(url, skip_instance_cache=fresh)
     except ImportError as error:  # no package for this protocol
         raise BagError(f"{place}: {error}") from None
-    return system, path
+    return system, path.replace(_COLONS, "::")
 
 
 def joined(place: str, *parts: str) -> str:
-    """A place below another."""
+    """Return the place below another."""
     return "/".join((place.rstrip("/") or "/", *parts)) if is_url(place) else os.path.join(place, *parts)
 
 
 def url_of(place: str, path: str) -> str:
-    """What fsspec calls a path, where it has found it at a place, as it is called everywhere."""
+    """Return the URL of a path that fsspec has found at a place."""
     if not is_url(place) or is_url(path):
         return path
     protocol = place.partition("://")[0]
@@ -64,7 +64,7 @@ def url_of(place: str, path: str) -> str:
 
 
 class Output:
-    """Files that appear together, when this ends without an error. Use it with ``with``."""
+    """Files that become visible together when the context ends without an error."""
 
     def __init__(self, out: str) -> None:
         self._system: Any = file_system(out, fresh=True)[0] if is_url(out) else None
@@ -74,10 +74,11 @@ class Output:
 
     @contextmanager
     def written(self, place: str, overwrite: bool) -> Iterator[Any]:
-        """A binary file to write to; its folders are made.
+        """Open a binary file for writing, and make its folders.
 
         Raises:
-            BagError: there is a file already. OSError: it cannot be written.
+            BagError: the file exists already.
+            OSError: the file cannot be written.
         """
         if self._system is None:
             if not overwrite and os.path.exists(place):
@@ -92,11 +93,11 @@ class Output:
             if not overwrite and self._system.exists(path):
                 raise BagError(f"{place} exists already")
             self._system.makedirs(path.rpartition("/")[0], exist_ok=True)
-            with self._system.open(path, "wb", block_size=_BLOCK) as stream:
+            with self._system.open(path, "wb", block_size=_BLOCK_BYTES) as stream:
                 yield stream
 
     def publish(self) -> None:
-        """Give the files their names."""
+        """Rename the files to their final names."""
         for place, partial in list(self._partial.items()):
             os.replace(partial, place)
             del self._partial[place]
@@ -116,5 +117,5 @@ class Output:
             with suppress(OSError):
                 os.remove(partial)
         if self._transaction is not None:
-            with suppress(Exception):  # what went wrong first is what counts
+            with suppress(Exception):  # the first error is raised
                 self._transaction.complete(commit=False)

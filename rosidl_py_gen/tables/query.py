@@ -1,8 +1,8 @@
-"""SQL over bags and datasets, by DuckDB: topics are tables, and their columns those of `BagReader.table`.
+"""SQL over bags and datasets, by DuckDB: topics are tables with the columns of `BagReader.table`.
 
-Decides what becomes a table: the topics that the query names, of bags as a Parquet dataset in a temporary folder, as
-DuckDB reads what a query needs of that, several times if it has to, in bounded memory. Names are those of topics,
-``"/imu"``, also without the first slash. Every table has a column ``bag`` more.
+The topics of bags that a query names are written as a Parquet dataset to a temporary folder: DuckDB reads the parts
+that the query needs, several times if necessary, in bounded memory. Tables have the names of topics, ``"/imu"``, also
+without the first slash, and an additional column ``bag``.
 """
 
 from __future__ import annotations
@@ -36,21 +36,21 @@ try:
 except ModuleNotFoundError as missing:
     raise missing_extra_message(missing) or missing from None
 
-_QUOTED = re.compile(r"""["]((?:[^"]|"")*)["]|[']((?:[^']|'')*)[']""")
+_QUOTED_NAME = re.compile(r"""["]((?:[^"]|"")*)["]|[']((?:[^']|'')*)[']""")
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-_UNQUOTED = re.compile(r"\b(?:from|join)\s+(/?[\w~]+(?:/[\w~]+)+|/[\w~]+)", re.IGNORECASE)
+_UNQUOTED_TOPIC = re.compile(r"\b(?:from|join)\s+(/?[\w~]+(?:/[\w~]+)+|/[\w~]+)", re.IGNORECASE)
 _SPACE = r"(?:\s|--[^\n]*(?:\n|\Z)|/\*.*?\*/)"
-_LISTING = re.compile(rf"{_SPACE}*show{_SPACE}+(?:all{_SPACE}+)?tables(?:{_SPACE}|;)*", re.IGNORECASE | re.DOTALL)
-_NO_NUMBER = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"|-?(?:NaN|Infinity)')
+_SHOW_TABLES = re.compile(rf"{_SPACE}*show{_SPACE}+(?:all{_SPACE}+)?tables(?:{_SPACE}|;)*", re.IGNORECASE | re.DOTALL)
+_NOT_A_NUMBER = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"|-?(?:NaN|Infinity)')
 MEMORY_LIMIT = "1GB"
-"""Of DuckDB, which would take four fifths of the memory of the machine."""
+"""Memory limit of DuckDB, whose default is 80 % of the machine's memory."""
 _SCHEMA = "topics"
-"""Schema of all tables. The one that DuckDB starts with has views of its own, which a topic cannot replace."""
-_ROWS = 1000
+"""Schema of all tables. The default schema of DuckDB has views, which a topic could not replace."""
+_ROWS_PER_FETCH = 1000
 
 
 def is_dataset(place: str) -> bool:
-    """Whether a folder, or a URL, is one that `write_dataset` has written."""
+    """Return True if a folder or URL was written by `write_dataset`."""
     system, path = file_system(place)
     with unreachable_as_error(place):
         return bool(system.isdir(path)) and any(
@@ -58,39 +58,38 @@ def is_dataset(place: str) -> bool:
         )
 
 
-def named(query: str, topics: Sequence[str]) -> list[str]:
-    """Those topics that a query may name: SQL does not look at case, so one that is written as it is comes first."""
-    if _LISTING.fullmatch(query):
+def topics_in(query: str, topics: Sequence[str]) -> list[str]:
+    """Return the topics that a query may name, those in the same case first, as SQL ignores case."""
+    if _SHOW_TABLES.fullmatch(query):
         return []
-    words = {one.replace('""', '"') or two.replace("''", "'") for one, two in _QUOTED.findall(query)}
+    words = {one.replace('""', '"') or two.replace("''", "'") for one, two in _QUOTED_NAME.findall(query)}
     words |= set(_WORD.findall(query))
     words.discard("")
-    exact = [one for one in topics if one in words or one.removeprefix("/") in words]
-    known, words = {one.lower() for one in exact}, {word.lower() for word in words}
-    others = [one for one in topics if one.lower() not in known]
-    return [*exact, *(one for one in others if one.lower() in words or one.removeprefix("/").lower() in words)]
+    exact = [topic for topic in topics if not words.isdisjoint((topic, topic.removeprefix("/")))]
+    known, words = {topic.lower() for topic in exact}, {word.lower() for word in words}
+    others = [topic for topic in topics if topic.lower() not in known]
+    return [*exact, *(one for one in others if not words.isdisjoint((one.lower(), one.removeprefix("/").lower())))]
 
 
 class Database:
-    """Topics of bags and datasets as tables of DuckDB. Use it with ``with``.
+    """Topics of bags and datasets as tables of DuckDB; a context manager.
 
     Args:
-        memory_limit: of DuckDB, as it writes sizes; sorting, joining and grouping more than that goes through the
-            temporary folder.
+        memory_limit: size such as ``1GB``; larger sorts, joins and groups use the temporary folder.
 
     Raises:
-        BagError: no size, or the names of topics differ in case only, which SQL does not tell apart.
+        BagError: `memory_limit` is not a size.
     """
 
     def __init__(self, memory_limit: str = MEMORY_LIMIT) -> None:
-        self._base: Any = duckdb.connect(config={"autoinstall_known_extensions": "false"})
+        self._connection: Any = duckdb.connect(config={"autoinstall_known_extensions": "false"})
         self._folder = TemporaryDirectory(prefix="rosidl-py-gen-tables-")
-        self._base.execute("set enable_progress_bar = false")
-        self._base.execute("set python_enable_replacements = false")  # variables of ours are no tables
-        self._base.execute(f"create schema {_SCHEMA}; set search_path = '{_SCHEMA}'")
-        self._execute(f"set temp_directory = {_text(os.path.join(self._folder.name, 'spilled'))}")
+        self._connection.execute("set enable_progress_bar = false")
+        self._connection.execute("set python_enable_replacements = false")  # Python variables must not become tables
+        self._connection.execute(f"create schema {_SCHEMA}; set search_path = '{_SCHEMA}'")
+        self._execute(f"set temp_directory = {_literal(os.path.join(self._folder.name, 'spilled'))}")
         try:
-            self._execute(f"set memory_limit = {_text(memory_limit)}")
+            self._execute(f"set memory_limit = {_literal(memory_limit)}")
         except BagError:
             self.close()
             raise BagError(f'expected a memory limit such as 500MB or 8GiB, found "{memory_limit}"') from None
@@ -107,95 +106,95 @@ class Database:
         on_error: str = "raise",
         progress: Callable[[int], None] | None = None,
     ) -> dict[str, str]:
-        """Make the topics known that a query names, of bags by name of the bag; returns those left out, and why.
+        """Add the topics that a query names; returns the skipped topics with the reasons.
+
+        Args:
+            bags: readers by name of the bag.
 
         Raises:
-            BagError: the query cannot be parsed; and, as DecodeError, as `write_dataset`.
+            BagError: the query cannot be parsed; otherwise as `write_dataset`.
         """
-        files = [one for place in datasets for one in self._of_dataset(place)]
+        files = [entry for place in datasets for entry in self._dataset_files(place)]
         topics = dict.fromkeys([*(topic for bag in bags.values() for topic in bag.topics), *(one for one, _ in files)])
         for topic in topics:
-            found = [bag.topics[topic] for bag in bags.values() if topic in bag.topics]
-            types = ", ".join(sorted({one.type_name for one in found}))
-            self._known[topic] = types, sum(one.count or 0 for one in found)
-        self._parsed(query)
-        wanted = named(query, list(topics))
+            recorded = [bag.topics[topic] for bag in bags.values() if topic in bag.topics]
+            types = ", ".join(sorted({one.type_name for one in recorded}))
+            self._known[topic] = types, sum(one.count or 0 for one in recorded)
+        self._parse(query)
+        selected = topics_in(query, list(topics))
         for topic, file in files:
             self._in_datasets.setdefault(topic, []).append(file)
-            if topic in wanted:
+            if topic in selected:
                 self._files.setdefault(topic, []).append(file)
-        left_out: dict[str, str] = {}
-        done = 0
+        skipped: dict[str, str] = {}
+        count = 0
         for name, bag in bags.items():
-            mine = [topic for topic in wanted if topic in bag.topics]
-            shown = None if progress is None else partial(_shifted, progress, done)
-            with StagedDataset(bag, self._folder.name, name, compression="lz4", folder_of=self._number_of) as draft:
-                draft.read_bag(mine, False, None, None, on_error, shown)
-                draft.publish()
-            report = draft.report
-            done += sum(bag.topics[topic].count or 0 for topic in mine)
-            left_out.update(report.skipped_topics)
-            for one in report.files:
-                self._files.setdefault(one.topic, []).append(one.path)
-        return left_out
+            own = [topic for topic in selected if topic in bag.topics]
+            report_count = None if progress is None else partial(_add_to_progress, progress, count)
+            with StagedDataset(bag, self._folder.name, name, compression="lz4", folder_of=self._folder_of) as dataset:
+                dataset.read_bag(own, False, None, None, on_error, report_count)
+                dataset.publish()
+            count += sum(bag.topics[topic].count or 0 for topic in own)
+            skipped.update(dataset.report.skipped_topics)
+            for file_report in dataset.report.files:
+                self._files.setdefault(file_report.topic, []).append(file_report.path)
+        return skipped
 
-    def _number_of(self, topic: str) -> str:
-        """Return the name of a topic's folder: a name of any length would not be one of a file."""
+    def _folder_of(self, topic: str) -> str:
+        """Return the name of a topic's folder; the topic may be too long for a file name."""
         return str([*self._known].index(topic))
 
-    def _of_dataset(self, place: str) -> list[tuple[str, str]]:
-        """Topics and files."""
+    def _dataset_files(self, place: str) -> list[tuple[str, str]]:
         system, root = file_system(place)
-        if not is_url(place):  # without the names above it, in which DuckDB would find patterns, and columns in a=b
-            shown = os.path.join(self._folder.name, f"dataset-{uuid4().hex}")
-            os.symlink(root, shown)
-            root = shown
-        begin, found = len(root.rstrip("/")) + 1, []
+        if not is_url(place):  # hides parent folders, whose names DuckDB would parse for patterns, and a=b for columns
+            link = os.path.join(self._folder.name, f"dataset-{uuid4().hex}")
+            os.symlink(root, link)
+            root = link
+        begin, files = len(root.rstrip("/")) + 1, []
         with unreachable_as_error(place):
             for path in sorted(system.find(root)):
                 key, _, topic = path[begin:].partition("/")[0].partition("=")
                 if key == TOPIC and path.endswith(".parquet"):
-                    found.append((unquote(topic), url_of(place, path)))
+                    files.append((unquote(topic), url_of(place, path)))
         if is_url(place):
-            self._base.register_filesystem(system)
-        return found
+            self._connection.register_filesystem(system)
+        return files
 
     def run(self, query: str) -> Result:
-        """The result of a query.
+        """Return the result of a query.
 
         Raises:
-            BagError: what DuckDB says of it, or it is none; nothing is run then.
+            BagError: DuckDB reports an error, the statement is not a query, or the names of two topics differ only in
+                case.
         """
-        if _LISTING.fullmatch(query):
-            query = self._listing()
-        statements = self._parsed(query)
+        if _SHOW_TABLES.fullmatch(query):
+            query = self._topic_list_query()
+        statements = self._parse(query)
         last = statements[-1].type.name if statements else "nothing"
         if last != "SELECT":
             raise BagError(f"expected a query, such as select count(*) from a topic, got {last}")
         self._make_views()
-        return Result(self._base, _asked(lambda: self._base.sql(query), list(self._known)))
+        return Result(self._connection, _call(lambda: self._connection.sql(query), list(self._known)))
 
-    def _parsed(self, query: str) -> list[Any]:
-        """The statements of a query."""
+    def _parse(self, query: str) -> list[Any]:
         try:
-            return _asked(lambda: self._base.extract_statements(query))  # type: ignore[no-any-return]
+            return _call(lambda: self._connection.extract_statements(query))  # type: ignore[no-any-return]
         except BagError as error:
-            for name in _UNQUOTED.findall(_QUOTED.sub(" ", query)):
+            for name in _UNQUOTED_TOPIC.findall(_QUOTED_NAME.sub(" ", query)):
                 near = "" if {name, f"/{name}"} & self._known.keys() else did_you_mean(name, self._known)
                 raise BagError(f'{error}; a topic with a slash needs double quotes: from "{name}"{near}') from None
             raise
 
-    def _listing(self) -> str:
-        """A query for all topics."""
+    def _topic_list_query(self) -> str:
         rows = []
         for topic, (types, count) in sorted(self._known.items()):
-            type_sql, messages = _text(types), str(count)
+            type_sql, messages = _literal(types), str(count)
             if files := self._in_datasets.get(topic):
-                listed = f"[{', '.join(map(_text, files))}]"
-                metadata = f"parquet_kv_metadata({listed}) where key = 'ros.type'::blob"
+                file_list = f"[{', '.join(map(_literal, files))}]"
+                metadata = f"parquet_kv_metadata({file_list}) where key = 'ros.type'::blob"
                 type_sql = type_sql if types else f"(select string_agg(distinct decode(value), ', ') from {metadata})"
-                messages += f" + (select sum(num_rows)::bigint from parquet_file_metadata({listed}))"
-            rows.append(f"({_text(topic)}, {type_sql}, {messages})")
+                messages += f" + (select sum(num_rows)::bigint from parquet_file_metadata({file_list}))"
+            rows.append(f"({_literal(topic)}, {type_sql}, {messages})")
         values = ", ".join(rows) or "(null, null, null)"
         return f"from (values {values}) as topics(name, type, messages) where name is not null"
 
@@ -204,21 +203,23 @@ class Database:
         for topic in self._files:
             other = names.setdefault(topic.lower(), topic)
             if other != topic:
-                raise BagError(f"{other} and {topic} are one table in SQL, which does not look at case")
+                raise BagError(f"{other} and {topic} are one table in SQL, which ignores case")
         for topic, files in self._files.items():
-            listed = ", ".join(_text(one) for one in files)
-            source = f"read_parquet([{listed}], union_by_name=true, hive_partitioning=true, hive_types_autocast=false)"
-            self._execute(f"create view {_name(topic)} as select * exclude ({TOPIC}) from {source}")
+            file_list = ", ".join(map(_literal, files))
+            source = (
+                f"read_parquet([{file_list}], union_by_name=true, hive_partitioning=true, hive_types_autocast=false)"
+            )
+            self._execute(f"create view {_identifier(topic)} as select * exclude ({TOPIC}) from {source}")
             short = topic.removeprefix("/")
             if short and short.lower() not in names:
-                self._execute(f"create or replace view {_name(short)} as select * from {_name(topic)}")
+                self._execute(f"create or replace view {_identifier(short)} as select * from {_identifier(topic)}")
 
     def _execute(self, statement: str) -> None:
-        _asked(lambda: self._base.execute(statement))
+        _call(lambda: self._connection.execute(statement))
 
     def close(self) -> None:
-        """Remove what was written; may be called twice."""
-        self._base.close()
+        """Remove the temporary files. May be called twice."""
+        self._connection.close()
         self._folder.cleanup()
 
     def __enter__(self) -> Self:
@@ -229,56 +230,57 @@ class Database:
 
 
 class Result:
-    """What a query gives.
+    """Result of a query.
 
     Attributes:
-        columns: their names; none when the statement gives nothing.
+        columns: names of the columns; empty if the statement has no result.
     """
 
-    def __init__(self, base: Any, found: Any) -> None:
-        self._base = base
-        self._name = _name(f"result {uuid4().hex}")  # which no topic has
-        self.columns: list[str] = [] if found is None else list(found.columns)
-        if found is not None:
-            _asked(lambda: found.create_view(self._name.strip('"')))
+    def __init__(self, connection: Any, relation: Any) -> None:
+        self._connection = connection
+        self._name = _identifier(f"result {uuid4().hex}")  # not the name of a topic
+        self.columns: list[str] = [] if relation is None else list(relation.columns)
+        if relation is not None:
+            _call(lambda: relation.create_view(self._name.strip('"')))
 
     def rows(self) -> Iterator[list[str]]:
-        """Rows as texts, as DuckDB writes them; nothing is an empty one. Raises `BagError`."""
-        for row in self._fetched("columns(*)::varchar"):
+        """Yield rows as texts in the format of DuckDB; null is an empty text. Raises `BagError`."""
+        for row in self._fetch("columns(*)::varchar"):
             yield ["" if one is None else one for one in row]
 
     def csv_lines(self) -> Iterator[str]:
-        """The lines of CSV, first the names of columns; as `write`. Raises `BagError`."""
+        """Yield the lines of CSV, first the names of columns. Raises `BagError`."""
         self._require_rows()
         yield ",".join(map(_csv, self.columns))
-        for row in self._fetched("columns(*)::varchar"):
+        for row in self._fetch("columns(*)::varchar"):
             yield ",".join(map(_csv, row))
 
     def json_lines(self) -> Iterator[str]:
-        """A line of JSON for each row; NaN and infinities are strings, as in `to_json`. Raises `BagError`."""
+        """Yield a line of JSON for each row; NaN and infinities are strings, as in `to_json`. Raises `BagError`."""
         self._require_rows()
-        for (text,) in self._fetched(f"to_json({self._name})::varchar"):
-            yield escape_json(_NO_NUMBER.sub(_as_string, text) if "NaN" in text or "Infinity" in text else text)
+        for (text,) in self._fetch(f"to_json({self._name})::varchar"):
+            yield escape_json(_NOT_A_NUMBER.sub(_as_string, text) if "NaN" in text or "Infinity" in text else text)
 
-    def _fetched(self, selected: str) -> Iterator[tuple[Any, ...]]:
+    def _fetch(self, columns: str) -> Iterator[tuple[Any, ...]]:
         if self.columns:
-            _asked(lambda: self._base.execute(f"select {selected} from {self._name}"))
-            while rows := _asked(lambda: self._base.fetchmany(_ROWS)):
+            _call(lambda: self._connection.execute(f"select {columns} from {self._name}"))
+            while rows := _call(lambda: self._connection.fetchmany(_ROWS_PER_FETCH)):
                 yield from rows
 
     def _require_rows(self) -> None:
         if not self.columns:
-            raise BagError("this statement has no rows to write")
+            raise BagError("the statement has no rows to write")
 
     def write(self, path: str, form: str) -> None:
         """Write a file: ``csv``, ``json`` (a line for each row) or ``parquet``.
 
         Raises:
-            BagError: as DuckDB says. OSError: the file cannot be written.
+            BagError: DuckDB reports an error.
+            OSError: the file cannot be written.
         """
         self._require_rows()
         if form != "json":
-            _asked(lambda: self._base.execute(f"copy (from {self._name}) to {_text(path)} (format {form})"))
+            _call(lambda: self._connection.execute(f"copy (from {self._name}) to {_literal(path)} (format {form})"))
             return
         try:
             with open(path, "x", encoding="utf-8") as stream:
@@ -289,43 +291,43 @@ class Result:
             raise
 
 
-def _asked(call: Callable[[], Any], topics: Sequence[str] = ()) -> Any:
-    """What a call gives; errors of DuckDB as `BagError`, of a missing table with the topics there are."""
+def _call(call: Callable[[], Any], topics: Sequence[str] = ()) -> Any:
+    """Return the result of a call; errors of DuckDB become `BagError`, with the known topics for a missing table."""
     try:
         return call()
     except (duckdb.Error, RuntimeError) as error:
-        said = str(error)
+        text = str(error)
         if isinstance(error, duckdb.OutOfMemoryException):
-            said = f"{said.splitlines()[0]}\n--memory-limit is what it may take"
-    # Raised here, without the error of DuckDB as its context: that has references to all it was about.
-    missing = re.search(r"Table with name (.+?) does not exist", said) if topics else None
+            text = f"{text.splitlines()[0]}\n--memory-limit raises the limit"
+    # Raised outside of the handler: the error of DuckDB as context would keep references to all data of the call.
+    missing = re.search(r"Table with name (.+?) does not exist", text) if topics else None
     if missing and any(missing[1] in (one, one.removeprefix("/")) for one in topics):
-        raise BagError(f"there is no message of {missing[1]}")
+        raise BagError(f"{missing[1]} has no messages")
     if missing:
         near = did_you_mean(missing[1], topics)
         raise BagError(f"no topic {missing[1]}{near}; there are {', '.join(topics)[:500]}")
-    raise BagError(f"DuckDB: {'; '.join(line.strip() for line in said.splitlines() if line.strip(' ^'))}")
+    raise BagError(f"DuckDB: {'; '.join(line.strip() for line in text.splitlines() if line.strip(' ^'))}")
 
 
 def _csv(value: str | None) -> str:
-    """A value of CSV as DuckDB writes it: nothing is empty, an empty text quoted."""
+    """Return a value of CSV as DuckDB writes it: null is empty, an empty text quoted."""
     if value is None:
         return ""
-    quoted = not value or any(sign in value for sign in ',"\n\r')
-    return _name(value) if quoted else value
+    needs_quotes = not value or any(sign in value for sign in ',"\n\r')
+    return _identifier(value) if needs_quotes else value
 
 
-def _as_string(found: re.Match[str]) -> str:
-    return found[0] if found[0].startswith('"') else f'"{found[0]}"'
+def _as_string(match: re.Match[str]) -> str:
+    return match[0] if match[0].startswith('"') else f'"{match[0]}"'
 
 
-def _shifted(progress: Callable[[int], None], done: int, count: int) -> None:
-    progress(done + count)
+def _add_to_progress(progress: Callable[[int], None], start: int, count: int) -> None:
+    progress(start + count)
 
 
-def _text(value: str) -> str:
+def _literal(value: str) -> str:
     return "'" + value.replace("'", "''") + "'"
 
 
-def _name(value: str) -> str:
+def _identifier(value: str) -> str:
     return '"' + value.replace('"', '""') + '"'

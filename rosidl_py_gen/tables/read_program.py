@@ -1,8 +1,8 @@
-"""In which steps the messages of a class are read, many messages at a time.
+"""Steps to read the messages of a class, many messages at a time.
 
-A step deals with one thing whose size varies, or with a run of all between two such. Decides what is one run, and
-where its values lie for each of the positions it may begin at; `rows` does the reading. Messages in messages are read
-in line, as CDR has no boundary there.
+A step reads one field of variable size, or a run of all fixed-size fields between two such. This module determines the
+runs and the layout of a run for each position where it may begin; `batch_decoder` executes the steps. Nested messages
+are read inline, as CDR has no boundary there.
 
 Source: docs/internals/protocol.md 2.2.
 """
@@ -30,7 +30,7 @@ _BYTE = np.dtype("u1")
 
 @dataclass(frozen=True, slots=True)
 class RunField:
-    """Values of one field that lie in a run."""
+    """Values of one field in a run."""
 
     node: ColumnNode
     dtype: np.dtype[Any]
@@ -40,7 +40,7 @@ class RunField:
 
 @dataclass(frozen=True, slots=True)
 class RunLayout:
-    """A run at one position: where it ends, and the dtype of all its values."""
+    """Size of a run at one position, and the dtype of its values."""
 
     size: int
     dtype: np.dtype[np.void]
@@ -48,40 +48,38 @@ class RunLayout:
 
 @dataclass(frozen=True, slots=True)
 class FixedRun:
-    """Values of fixed size."""
+    """Run of fields of fixed size."""
 
-    leaves: tuple[RunField, ...]
+    fields: tuple[RunField, ...]
     layouts: dict[int, RunLayout] = field(default_factory=dict)
 
     def layout(self, position: int) -> RunLayout:
-        """At a position modulo 8 that the first value is aligned at."""
-        found = self.layouts.get(position)
-        if found is None:
-            found = self.layouts[position] = self._layout(position)
-        return found
-
-    def _layout(self, position: int) -> RunLayout:
-        offsets, at = [], position
-        for leaf in self.leaves:
-            at = align_up(at, leaf.align)
-            offsets.append(at - position)
-            at += leaf.dtype.itemsize * leaf.count
+        """Return the layout at a position modulo 8, where the first value is aligned."""
+        if position in self.layouts:
+            return self.layouts[position]
+        offsets, end = [], position
+        for one in self.fields:
+            end = align_up(end, one.align)
+            offsets.append(end - position)
+            end += one.dtype.itemsize * one.count
         names = [f"f{number}" for number in range(len(offsets))]
-        formats: list[Any] = [(leaf.dtype, (leaf.count,)) for leaf in self.leaves]
-        size = at - position
-        return RunLayout(size, np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size}))
+        formats: list[Any] = [(one.dtype, (one.count,)) for one in self.fields]
+        size = end - position
+        dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
+        self.layouts[position] = RunLayout(size, dtype)
+        return self.layouts[position]
 
 
 @dataclass(frozen=True, slots=True)
 class StringField:
-    """A string or wstring; of an element of a list where `node` is that of the list."""
+    """String or wstring; inside of a list, `node` is that of the list."""
 
     node: ColumnNode
 
 
 @dataclass(frozen=True, slots=True)
 class NumberSequence:
-    """A sequence of what has no gaps: numbers, times, messages without fields."""
+    """Sequence of values without gaps: numbers, times, messages without fields."""
 
     node: ColumnNode
     dtype: np.dtype[Any]
@@ -90,15 +88,15 @@ class NumberSequence:
 
 @dataclass(frozen=True, slots=True)
 class FixedMessageSequence:
-    """An array or sequence of messages of fixed size."""
+    """Array or sequence of messages of fixed size."""
 
     node: ColumnNode
-    known: StructuredCodec
+    codec: StructuredCodec
 
 
 @dataclass(frozen=True, slots=True)
 class VariableSequence:
-    """An array or sequence of strings, or of messages that vary in size."""
+    """Array or sequence of strings, or of messages that vary in size."""
 
     node: ColumnNode
     steps: tuple[ReadStep, ...]
@@ -109,64 +107,58 @@ ReadStep: TypeAlias = "FixedRun | StringField | NumberSequence | FixedMessageSeq
 
 @cached_per_class
 def read_program_for(cls: type[Any]) -> tuple[ReadStep, ...] | None:
-    """The steps for a class; None when it has to be read message by message."""
+    """Return the steps for a class; None if its messages must be read one by one."""
     try:
-        found = tuple(_joined(_steps(nodes_of(cls))))
-        for step in found:
+        program = tuple(_merge_runs(_steps(nodes_of(cls))))
+        for step in program:
             if isinstance(step, FixedRun):
                 step.layout(0)
-    except (_UnsuitedError, ValueError, OverflowError):  # too large for numpy
+    except (ValueError, OverflowError):  # too large for numpy
         return None
-    return found or None
-
-
-class _UnsuitedError(Exception):
-    pass
+    return program or None
 
 
 def _steps(nodes: tuple[ColumnNode, ...]) -> list[ReadStep]:
-    found: list[ReadStep] = []
+    steps: list[ReadStep] = []
     for node in nodes:
         if node.kind is Kind.STRUCT and node.length is None:
-            found += _steps(node.children)
+            steps += _steps(node.children)
         elif node.kind is Kind.STRING:
-            found.append(StringField(node) if node.length is None else VariableSequence(node, (StringField(node),)))
+            steps.append(StringField(node) if node.length is None else VariableSequence(node, (StringField(node),)))
         elif node.kind is Kind.STRUCT:
-            found.append(_of_messages(node))
+            steps.append(_message_sequence(node))
         else:
             dtype = _dtype(node)
             align = TIME["sec"].itemsize if dtype is TIME else dtype.itemsize
             if node.length == VARIABLE_LENGTH:
-                found.append(NumberSequence(node, dtype, align))
+                steps.append(NumberSequence(node, dtype, align))
             else:
-                found.append(FixedRun((RunField(node, dtype, align, node.length or 1),)))
-    return found
+                steps.append(FixedRun((RunField(node, dtype, align, node.length or 1),)))
+    return steps
 
 
-def _of_messages(node: ColumnNode) -> ReadStep:
-    cls = node.field.cls
-    assert cls is not None
-    known = find_structured_codec(cls)
-    if known is not None:
-        return FixedMessageSequence(node, known)
-    steps = tuple(_joined(_steps(node.children)))
-    if all(isinstance(step, FixedRun) for step in steps):  # of fixed size, and too large for numpy
-        raise _UnsuitedError
+def _message_sequence(node: ColumnNode) -> ReadStep:
+    assert node.field.cls is not None
+    codec = find_structured_codec(node.field.cls)
+    if codec is not None:
+        return FixedMessageSequence(node, codec)
+    steps = tuple(_merge_runs(_steps(node.children)))
+    if all(isinstance(step, FixedRun) for step in steps):
+        raise OverflowError("messages of fixed size are too large for numpy")
     return VariableSequence(node, steps)
 
 
 def _dtype(node: ColumnNode) -> np.dtype[Any]:
     if node.kind is Kind.NUMBER:
-        return _BYTE if node.code == "?" else DTYPES[node.code]  # bools may be any byte
+        return _BYTE if node.code == "?" else DTYPES[node.code]  # the byte of a bool may have any value
     return _BYTE if node.kind is Kind.EMPTY else TIME
 
 
-def _joined(steps: list[ReadStep]) -> list[ReadStep]:
-    """Runs that follow each other as one."""
-    found: list[ReadStep] = []
+def _merge_runs(steps: list[ReadStep]) -> list[ReadStep]:
+    merged: list[ReadStep] = []
     for step in steps:
-        if found and isinstance(step, FixedRun) and isinstance(found[-1], FixedRun):
-            found[-1] = FixedRun(found[-1].leaves + step.leaves)
+        if merged and isinstance(step, FixedRun) and isinstance(merged[-1], FixedRun):
+            merged[-1] = FixedRun(merged[-1].fields + step.fields)
         else:
-            found.append(step)
-    return found
+            merged.append(step)
+    return merged

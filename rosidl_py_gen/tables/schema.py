@@ -1,9 +1,9 @@
-"""The Arrow schema of a message class.
+"""Arrow schema of a message class.
 
-Decides the types: nested messages are structs, sequences lists, fixed arrays lists of fixed size, bytes (``uint8[]``,
-``byte[]``, ``char[]``) binary, since a list of them is eight times as large in Parquet and no image is read number by
-number; `Time` and `Duration` are nanoseconds. A message without fields has the type null: neither Parquet nor DuckDB
-has structs without fields. Nothing else is ever null. What a schema says of ROS is in its metadata.
+Nested messages are structs, sequences lists, fixed arrays lists of fixed size, `Time` and `Duration` nanoseconds. Bytes
+(``uint8[]``, ``byte[]``, ``char[]``) are binary: a list of them is eight times as large in Parquet, and no image is
+read number by number. A message without fields has the type null, as Parquet and DuckDB have no structs without fields;
+nothing else is ever null. The metadata has the ROS type, definition and QoS.
 """
 
 from __future__ import annotations
@@ -22,8 +22,12 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags.common import BagTopic
     from rosidl_py_gen.tables.columns import ColumnNode, SelectedColumn
 
-TOPIC, TYPE, HASH = b"ros.topic", b"ros.type", b"ros.type_hash"
-DEFINITION, ENCODING, QOS = b"ros.definition", b"ros.definition_encoding", b"ros.offered_qos"
+TOPIC = b"ros.topic"
+TYPE = b"ros.type"
+HASH = b"ros.type_hash"
+DEFINITION = b"ros.definition"
+ENCODING = b"ros.definition_encoding"
+QOS = b"ros.offered_qos"
 CONSTANTS = b"ros.constants"
 ITEM = "item"
 NUMBERS = {
@@ -40,7 +44,7 @@ NUMBERS = {
     "d": pa.float64(),
 }
 NANOSECONDS = pa.timestamp("ns")
-_ONE = {
+_ELEMENT_TYPES = {
     Kind.STRING: pa.string(),
     Kind.TIME: NANOSECONDS,
     Kind.DURATION: pa.duration("ns"),
@@ -49,43 +53,43 @@ _ONE = {
 
 
 def element_type(node: ColumnNode) -> Any:
-    """The Arrow type of one element of a column."""
+    """Return the Arrow type of one element of a column."""
     if node.kind is Kind.NUMBER:
         return NUMBERS[node.code]
     if node.kind is Kind.STRUCT:
         return pa.struct([field_of(child) for child in node.children])
-    return _ONE[node.kind]
+    return _ELEMENT_TYPES[node.kind]
 
 
 def type_of(node: ColumnNode) -> Any:
-    """The Arrow type of a column; raises `BagError` when Arrow has none so large."""
+    """Return the Arrow type of a column; raises `BagError` if it is too large for Arrow."""
     try:
         if node.is_binary:
             return pa.binary(node.length if node.length is not None else VARIABLE_LENGTH)
-        one = element_type(node)
+        element = element_type(node)
         if node.length is None:
-            return one
-        return pa.list_(pa.field(ITEM, one, nullable=node.kind is Kind.EMPTY), node.length)
+            return element
+        return pa.list_(pa.field(ITEM, element, nullable=node.kind is Kind.EMPTY), node.length)
     except (OverflowError, ValueError) as error:
         raise BagError(f"{node.name}: Arrow has no type for {node.field.type}: {error}") from None
 
 
 def field_of(node: ColumnNode, name: str | None = None) -> Any:
-    """The Arrow field of a column."""
+    """Return the Arrow field of a column."""
     nullable = node.kind is Kind.EMPTY and node.length is None
     return pa.field(name or node.name, type_of(node), nullable, {TYPE: str(node.field.type)})
 
 
 def schema_of(cls: type[Any], columns: Sequence[SelectedColumn], topic: BagTopic | None = None) -> Any:
-    """The schema of a table with these columns behind the bag's times; raises `BagError`."""
+    """Return the schema of a table with the bag's times and these columns; raises `BagError`."""
     times = [pa.field(name, NANOSECONDS, nullable=False) for name in (LOG_TIME, PUBLISH_TIME)]
     fields = [field_of(column.node, column.name) for column in columns]
     return pa.schema([*times, *fields], metadata=_metadata(cls, topic))
 
 
 def _metadata(cls: type[Any], topic: BagTopic | None) -> dict[bytes, str]:
-    named = {name: constants(one) for name, one in {cls._TYPE.name: cls, **referenced_classes(cls)}.items()}
-    told = {TYPE: cls._TYPE.name, HASH: cls._TYPE.hash, CONSTANTS: json.dumps({k: v for k, v in named.items() if v})}
+    by_type = {name: values for name, one in referenced_classes(cls).items() if (values := constants(one))}
+    metadata = {TYPE: cls._TYPE.name, HASH: cls._TYPE.hash, CONSTANTS: json.dumps(by_type)}
     if topic is not None:
-        told |= {TOPIC: topic.name, DEFINITION: topic.definition, ENCODING: topic.encoding, QOS: topic.offered_qos}
-    return told
+        metadata |= {TOPIC: topic.name, DEFINITION: topic.definition, ENCODING: topic.encoding, QOS: topic.offered_qos}
+    return metadata

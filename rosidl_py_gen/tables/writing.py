@@ -1,9 +1,8 @@
-"""From tables to messages: whatever has ``__arrow_c_stream__``, as polars, pandas and DuckDB give it.
+"""Messages from tables: any object with ``__arrow_c_stream__``, as of polars, pandas and DuckDB.
 
-Decides what is taken for what: columns are found by name, nested ones in structs or as ``header.stamp``; lists, texts
-and bytes may have any of Arrow's layouts, times any unit or be nanoseconds in integers. What a message has no column
-for keeps the default of its definition. Nothing is guessed: a null, an unknown column and a value that does not fit
-are errors with the column's name.
+Columns are matched by name, nested ones in structs or as ``header.stamp``; lists, texts and bytes may have any layout
+of Arrow, times any unit or integers of nanoseconds. Fields without a column have the default of their definition.
+Nothing is guessed: a null, an unknown column and a value that does not fit are errors with the column's name.
 """
 
 from __future__ import annotations
@@ -17,8 +16,7 @@ from rosidl_py_gen.bags.common import BagError, BagTopic
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import EncodeError, RosidlError, printable
-from rosidl_py_gen.tables import schema as told
-from rosidl_py_gen.tables import values
+from rosidl_py_gen.tables import schema, values
 from rosidl_py_gen.tables.arrow import pa
 from rosidl_py_gen.tables.columns import LOG_TIME, PUBLISH_TIME, Kind, nodes_of
 
@@ -28,14 +26,14 @@ if TYPE_CHECKING:
     from rosidl_py_gen.tables.columns import ColumnNode
 
 Tree: TypeAlias = "dict[str, Any]"
-"""Arrow arrays by name, or trees of those that are nested."""
+"""Arrow arrays by name; nested columns are trees."""
 _MAX_NAME = 1000
-_PORTION = 4096
-"""Rows that become messages at once."""
+_PORTION_ROWS = 4096
+"""Number of rows that become messages at once."""
 
 
 def stream_of(table: object) -> Any:
-    """A ``pyarrow.RecordBatchReader`` of it; raises `BagError` when it is no table."""
+    """Return a ``pyarrow.RecordBatchReader`` of a table; raises `BagError` if the object is not a table."""
     if isinstance(table, pa.RecordBatchReader):
         return table
     if not hasattr(table, "__arrow_c_stream__"):
@@ -43,55 +41,56 @@ def stream_of(table: object) -> Any:
     try:
         return pa.RecordBatchReader.from_stream(table)
     except (pa.ArrowException, ValueError, TypeError) as error:
-        raise BagError(f"this is no table for Arrow: {error}") from None
+        raise BagError(f"Arrow cannot read the table: {error}") from None
 
 
-def topic_of_schema(schema: Any, topic: str | None) -> tuple[BagTopic, type[Any]]:
-    """What the metadata of a table say that it holds.
+def topic_of_schema(table_schema: Any, topic: str | None) -> tuple[BagTopic, type[Any]]:
+    """Return topic and message class from the metadata of a table.
 
     Raises:
-        BagError: they do not say it. DefinitionError, TypeNotFoundError: the definition in them is wrong, or not known.
+        BagError: topic or type is missing, or the class differs from that of the table.
+        DefinitionError, TypeNotFoundError: the definition in the metadata is invalid, or the type is not known.
     """
-    found = {key: value.decode(errors="replace") for key, value in (schema.metadata or {}).items()}
-    topic = topic or found.get(told.TOPIC)
-    name, definition, wanted = (found.get(key, "") for key in (told.TYPE, told.DEFINITION, told.HASH))
+    metadata = {key: value.decode(errors="replace") for key, value in (table_schema.metadata or {}).items()}
+    topic = topic or metadata.get(schema.TOPIC)
+    name, definition, table_hash = (metadata.get(key, "") for key in (schema.TYPE, schema.DEFINITION, schema.HASH))
     if len(name) > _MAX_NAME:
-        raise BagError(f"{told.TYPE.decode()}: found a name of {len(name)} characters; expected at most {_MAX_NAME}")
+        raise BagError(f"{schema.TYPE.decode()}: found a name of {len(name)} characters; expected at most {_MAX_NAME}")
     if not topic:
-        raise BagError("the table does not say its topic: name it (topic=)")
+        raise BagError("table has no ros.topic in its schema metadata; pass topic=")
+    quoted = values.short_text(topic)
     if not name:
-        raise BagError(
-            f"{values.shown(topic)}: the table does not say the type of its messages: give the class (msg_type=)"
-        )
-    cls: type[Any] = compile_definition(name, definition) if told.DEFINITION in found else get_message(name)
-    if not definition and wanted and wanted != type_hash(cls):  # it was not known, and an empty message has none either
+        raise BagError(f"{quoted}: table has no ros.type in its schema metadata; pass msg_type=")
+    cls: type[Any] = compile_definition(name, definition) if schema.DEFINITION in metadata else get_message(name)
+    if not definition and table_hash and table_hash != type_hash(cls):  # an unknown definition, not an empty message
         cls = get_message(name)
     if not hasattr(cls, "_TYPE") or not hasattr(cls._TYPE, "fields"):
-        raise BagError(f"{values.shown(topic)}: {name} is no message")
-    if wanted and wanted != type_hash(cls):
-        made = f"{name} {values.shown(wanted)}"
-        raise BagError(f"{values.shown(topic)}: the table was made of {made}, and this is {type_hash(cls)}")
-    encoding, qos = found.get(told.ENCODING, "ros2msg"), found.get(told.QOS, "")
+        raise BagError(f"{quoted}: {name} is not a message")
+    if table_hash and table_hash != type_hash(cls):
+        raise BagError(
+            f"{quoted}: the table was made of {name} {values.short_text(table_hash)}, but {name} is {type_hash(cls)}"
+        )
+    encoding, qos = metadata.get(schema.ENCODING, "ros2msg"), metadata.get(schema.QOS, "")
     return BagTopic(topic, name, definition, encoding, type_hash=type_hash(cls), offered_qos=qos), cls
 
 
 def messages_of(stream: Any, cls: type[Any], topic: str) -> Iterator[tuple[Any, int, int]]:
-    """Each row as a message, with its log time and publish time.
+    """Yield each row as a message, with its log time and publish time.
 
     Raises:
         BagError: a column is unknown, missing or of another kind, or a value does not fit; names it.
     """
     nodes = nodes_of(cls)
-    done = 0
+    count = 0
     while (batch := _next(stream, topic)) is not None:
-        for begin in range(0, batch.num_rows, _PORTION):
-            part = batch.slice(begin, _PORTION)
+        for begin in range(0, batch.num_rows, _PORTION_ROWS):
+            portion = batch.slice(begin, _PORTION_ROWS)
             try:
-                times, messages = _portion(part, cls, nodes)
+                times, messages = _portion(portion, cls, nodes)
             except (BagError, pa.ArrowException, ValueError, TypeError, OverflowError) as error:
-                raise BagError(f"{values.shown(topic)}: rows from {done}: {error}") from None
+                raise BagError(f"{values.short_text(topic)}: rows from {count}: {error}") from None
             yield from zip(messages, *times, strict=True)
-            done += part.num_rows
+            count += portion.num_rows
 
 
 def _next(stream: Any, topic: str) -> Any:
@@ -101,14 +100,14 @@ def _next(stream: Any, topic: str) -> Any:
         return None
     except RosidlError:
         raise
-    except (pa.ArrowException, OSError, ValueError) as error:  # what a foreign stream says
-        raise BagError(f"{values.shown(topic)}: the table cannot be read: {error}") from None
+    except (pa.ArrowException, OSError, ValueError) as error:  # of a stream of another library
+        raise BagError(f"{values.short_text(topic)}: the table cannot be read: {error}") from None
 
 
 def _portion(batch: Any, cls: type[Any], nodes: tuple[ColumnNode, ...]) -> tuple[list[list[int]], list[Any]]:
     tree: Tree = {}
     for name, column in zip(batch.schema.names, batch.columns, strict=True):
-        _put(tree, name, column)
+        _insert(tree, name, column)
     if LOG_TIME not in tree:
         raise BagError(f"there is no column {LOG_TIME}{did_you_mean(LOG_TIME, tree)}")
     log_times = _times(LOG_TIME, tree.pop(LOG_TIME))
@@ -125,17 +124,17 @@ def _times(name: str, column: Any) -> list[int]:
     return values.nanoseconds(column, name, Kind.TIME).tolist()  # type: ignore[no-any-return]
 
 
-def _put(tree: Tree, name: str, column: Any) -> None:
-    """Under its name, or nested as ``a.b`` says."""
-    *before, last = name.split(".")
-    at = tree
-    for part in before:
-        at = at.setdefault(part, {})
-        if not isinstance(at, dict):
-            raise BagError(f"there is a column {values.shown(name)}, and one that holds it")
-    if last in at:
-        raise BagError(f"there are two columns {values.shown(name)}, or one that holds it")
-    at[last] = column
+def _insert(tree: Tree, name: str, column: Any) -> None:
+    """Insert a column under its name, nested by the dots in it."""
+    *parents, last = name.split(".")
+    node = tree
+    for parent in parents:
+        node = node.setdefault(parent, {})
+        if not isinstance(node, dict):
+            raise BagError(f"there is a column {values.short_text(name)}, and another one that contains it")
+    if last in node:
+        raise BagError(f"there are two columns {values.short_text(name)}, or another one contains it")
+    node[last] = column
 
 
 # -------------------------------------------------------------------------------------------------------------- values
@@ -145,8 +144,8 @@ def _structs(cls: type[Any], nodes: Sequence[ColumnNode], tree: Tree, count: int
     known = {node.name: node for node in nodes}
     for name in tree:
         if name not in known:
-            own = values.shown(cls._TYPE.name)
-            raise BagError(f"{own} has no field {path}{values.shown(name)}{did_you_mean(name, known)}")
+            field = f"{path}{values.short_text(name)}"
+            raise BagError(f"{values.short_text(cls._TYPE.name)} has no field {field}{did_you_mean(name, known)}")
     names = [known[name].field.py_name for name in tree]
     columns = [_values(known[name], column, f"{path}{name}", count) for name, column in tree.items()]
     if not columns:
@@ -155,10 +154,9 @@ def _structs(cls: type[Any], nodes: Sequence[ColumnNode], tree: Tree, count: int
 
 
 def _values(node: ColumnNode, column: Any, path: str, count: int) -> Sequence[Any]:
-    """Python values of a column, or of those it is nested of."""
     if isinstance(column, dict):
         if node.kind is not Kind.STRUCT or node.length is not None:
-            raise BagError(f"{path} is {node.field.type}, and has no fields that are columns")
+            raise BagError(f"{path} is {node.field.type}; its fields cannot be columns")
         return _structs(_class(node), node.children, column, count, f"{path}.")
     column = values.plain(column)
     if node.length is None:
@@ -179,8 +177,8 @@ def _values(node: ColumnNode, column: Any, path: str, count: int) -> Sequence[An
 def _elements(node: ColumnNode, column: Any, path: str) -> Sequence[Any]:
     if node.kind is Kind.EMPTY:
         if column.null_count != len(column) and not (pa.types.is_struct(column.type) and not column.type.num_fields):
-            found = values.shown(column.type)
-            raise BagError(f"{path}: expected nulls for {node.field.type}, which has no fields, found {found}")
+            kind = values.short_text(column.type)
+            raise BagError(f"{path}: expected nulls for {node.field.type}, which has no fields, found {kind}")
         return [_class(node)() for _ in range(len(column))]
     values.require_values(column, path)
     if node.kind is Kind.NUMBER:
@@ -198,11 +196,11 @@ def _fields_of(node: ColumnNode, column: Any, path: str) -> Tree:
     if pa.types.is_null(column.type):  # the elements of lists that are all empty
         return {}
     if not pa.types.is_struct(column.type):
-        raise BagError(f"{path}: expected a struct for {node.field.type}, found {values.shown(column.type)}")
+        raise BagError(f"{path}: expected a struct for {node.field.type}, found {values.short_text(column.type)}")
     tree: Tree = {}
     for field, inner in zip(column.type, column.flatten(), strict=True):
         if field.name in tree:
-            raise BagError(f"{path}: there are two fields {values.shown(field.name)}")
+            raise BagError(f"{path}: there are two fields {values.short_text(field.name)}")
         tree[field.name] = inner
     return tree
 
@@ -213,6 +211,6 @@ def _class(node: ColumnNode) -> type[Any]:
 
 
 def located(error: EncodeError, topic: str, log_time: int) -> EncodeError:
-    """The error of a message with the topic and the time of its row."""
-    path = f"{values.shown(topic)} at {log_time} ns: {printable(error.path, _MAX_NAME)}"
+    """Return the error of a message with the topic and the time of its row."""
+    path = f"{values.short_text(topic)} at {log_time} ns: {printable(error.path, _MAX_NAME)}"
     return EncodeError(path, printable(error.reason, _MAX_NAME))

@@ -103,7 +103,7 @@ def test_patterns_in_quotes_mean_the_bags_that_are_called_so(run_here: Any, tmp_
     pattern = str(tmp_path / "c*.mcap")
     for command in (("sql", query, pattern), ("table", pattern, "-o", str(tmp_path / "none"))):
         code, _, err = run_here("bag", *command)
-        assert (code, err) == (1, f"error: {pattern}: nothing is called so\n")
+        assert (code, err) == (1, f"error: {pattern}: no bag matches\n")
     code, _, err = run_here("bag", "sql", query, str(tmp_path / "c.mcap"))
     assert (code, err) == (1, f"error: {tmp_path / 'c.mcap'}: there is no such bag\n")
     out = tmp_path / "out"
@@ -122,7 +122,7 @@ def test_a_query_has_so_much_memory_and_then_a_folder(
     whole = "select length(string_agg(repeat(header.frame_id, 500000), '')) from imu"
     code, said, err = run_here("bag", "sql", whole, bag, "--memory-limit", "40MB")
     assert (code, said) == (1, "") and err.startswith("error: DuckDB: Out of Memory Error: ")
-    assert err.endswith("; --memory-limit is what it may take\n")
+    assert err.endswith("; --memory-limit raises the limit\n")
     assert run_here("bag", "sql", whole, bag)[0] == 0
     limit = "select value from duckdb_settings() where name = 'memory_limit'"
     assert run_here("bag", "sql", limit, bag)[1] == "953.6 MiB\n"

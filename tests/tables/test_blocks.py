@@ -102,4 +102,4 @@ def test_damage_in_chunks_is_told_as_by_messages(tmp_path: Path) -> None:
             with BagReader(path) as reader:
                 assert reader.table("/a").column("data").to_pylist() == expected
         except BagError as error:
-            assert "tables have times up to" in str(error)
+            assert "expected a time of at most" in str(error)

@@ -30,7 +30,8 @@ from rosidl_py_gen.tables.multi_bag import datasets as many
 
 Int64: Any = get_message("std_msgs/msg/Int64")
 Array: Any = get_message("std_msgs/msg/UInt8MultiArray")
-BAGS, EACH = 200, 20
+BAGS = 60
+EACH = 20
 
 
 @pytest.fixture(scope="module")
@@ -45,26 +46,26 @@ def test_workers_that_are_killed_lose_nothing_and_duplicate_nothing(two_workers:
     folder, out = tmp_path / "bags", tmp_path / "out"
     folder.mkdir()
     bags = [bag_of(folder / f"{name:03}.mcap", *range(EACH * name, EACH * name + EACH)) for name in range(BAGS)]
-    bags[70].write_bytes(b"junk" * 30)
-    bags[71].unlink()
+    bags[20].write_bytes(b"junk" * 30)
+    bags[21].unlink()
     alive = [one.pid for one in two_workers.workers.values()]
     assert len(alive) == 2
 
     def kill(done: float, count: int) -> None:
         assert count == BAGS - 1
-        if done in (30, 110):
+        if done in (10, 35):
             os.kill(alive.pop(), signal.SIGKILL)
 
     report = write_datasets(bags, out, scheduler=two_workers.scheduler_address, progress=kill)
     assert not alive
-    assert sorted(report.failed) == [str(bags[70]), str(bags[71])]
-    right = [(f"{name:03}", EACH * name + k) for name in range(BAGS) if name not in (70, 71) for k in range(EACH)]
+    assert sorted(report.failed) == [str(bags[20]), str(bags[21])]
+    right = [(f"{name:03}", EACH * name + k) for name in range(BAGS) if name not in (20, 21) for k in range(EACH)]
     assert rows(out) == right
     assert not list(out.rglob("*.partial"))
-    bag_of(bags[70], 1), bag_of(bags[71], 2)
+    bag_of(bags[20], 1), bag_of(bags[21], 2)
     again = write_datasets(bags, out, scheduler=two_workers.scheduler_address)
-    assert said(again)[0] == ["070", "071"] and len(again.unchanged) == BAGS - 2 and not again.failed
-    assert rows(out) == sorted([*right, ("070", 1), ("071", 2)])
+    assert said(again)[0] == ["020", "021"] and len(again.unchanged) == BAGS - 2 and not again.failed
+    assert rows(out) == sorted([*right, ("020", 1), ("021", 2)])
 
 
 def test_a_bag_that_kills_its_worker_each_time_is_given_up(two_workers: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -72,7 +73,7 @@ def test_a_bag_that_kills_its_worker_each_time_is_given_up(two_workers: Any, mon
 
     def run(function: Any, tasks: list[Any]) -> Any:
         with distributed.Client(two_workers.scheduler_address, set_as_default=False) as client:
-            yield from dask_cluster._on(client)(function, tasks)
+            yield from dask_cluster._run(client, function, tasks)
 
     ((task, outcome),) = run(die, [5])
     assert task == 5 and "KilledWorker" in outcome.error
@@ -81,10 +82,10 @@ def test_a_bag_that_kills_its_worker_each_time_is_given_up(two_workers: Any, mon
 
 
 def test_a_scheduler_that_does_not_answer_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dask_cluster, "_CONNECT_S", 0.2)
+    monkeypatch.setattr(dask_cluster, "_CONNECT_TIMEOUT_S", 0.2)
     bag = bag_of(tmp_path / "a.mcap", 1)
     for address in ("tcp://127.0.0.1:1", "nope://127.0.0.1:1"):
-        with pytest.raises(dask_cluster.BagError, match=f"no scheduler of Dask answers at {address}"):
+        with pytest.raises(dask_cluster.BagError, match=f"no scheduler of Dask responds at {address}"):
             write_datasets([bag], tmp_path / "out", scheduler=address)
 
 
@@ -102,11 +103,11 @@ def test_a_scheduler_with_tls_takes_only_who_has_its_certificates(
         assert address.startswith("tls://")
         report = write_datasets([bag], out, scheduler=address)
         assert not report.failed and rows(out) == [("a", 1), ("a", 2)]
-        monkeypatch.setattr(dask_cluster, "_CONNECT_S", 0.5)
+        monkeypatch.setattr(dask_cluster, "_CONNECT_TIMEOUT_S", 0.5)
         for settings in (other, dict.fromkeys(own)):
             with (
                 dask.config.set(settings),
-                pytest.raises(dask_cluster.BagError, match="no scheduler of Dask answers at tls:"),
+                pytest.raises(dask_cluster.BagError, match="no scheduler of Dask responds at tls:"),
             ):
                 write_datasets([bag], tmp_path / "none", scheduler=address)
 
@@ -129,7 +130,7 @@ def _certificates(folder: Path) -> dict[str, str]:
 
 
 def test_processes_of_this_machine_are_reached_by_no_other(tmp_path: Path) -> None:
-    with pool.running(2) as run:
+    with pool.process_pool(2) as run:
         found = dict(run(pid, ["a", "b", "c", "d"]))
         pids = {int(one.error) for one in found.values()}
         assert sorted(found) == ["a", "b", "c", "d"] and len(pids) == 2 and os.getpid() not in pids
@@ -142,7 +143,7 @@ def test_a_process_that_dies_is_replaced_and_only_its_task_is_repeated_or_given_
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pool, "_MAX_DEATHS", 2)
-    with pool.running(2) as run:
+    with pool.process_pool(2) as run:
         tasks = [str(tmp_path / name) for name in "ab"]
         outcomes = dict(run(die_once, tasks))
         assert sorted(outcomes) == tasks and all(one.error.isdecimal() for one in outcomes.values())
@@ -164,15 +165,13 @@ def test_a_process_ends_when_the_one_that_started_it_is_gone() -> None:
 def test_memory_of_this_process_is_for_no_other(tmp_path: Path) -> None:
     bag = bag_of(tmp_path / "a.mcap", 1)
     for options in ({"workers": 2}, {"scheduler": "tcp://127.0.0.1:1"}):
-        with pytest.raises(
-            dask_cluster.BagError, match="memory://own: other processes do not have the memory of this one"
-        ):
+        with pytest.raises(dask_cluster.BagError, match="memory://own exists only in this process"):
             write_datasets([bag], "memory://own", **options)
 
 
 def test_processes_are_for_several_tasks_of_some_size(monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[Any] = []
-    monkeypatch.setattr(many, "running", started.append)
+    monkeypatch.setattr(many, "process_pool", started.append)
     size = many.POOL_BYTES
     many._runner(None, None, [size, size])
     assert started == [min(os.cpu_count() or 1, 2)]

@@ -122,7 +122,7 @@ def test_what_waits_is_written_when_it_is_too_much(
     drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(dataset, "_BATCH_BYTES", 1 << 10)
-    monkeypatch.setattr(dataset, "_MOST_WAITING", 1 << 13)
+    monkeypatch.setattr(dataset, "_MAX_WAITING_BYTES", 1 << 13)
     with BagReader(drive) as bag:
         report = write_dataset(bag, tmp_path / "out")
     assert sum(one.messages for one in report.files) == 220
@@ -222,7 +222,7 @@ def test_topics_are_tables_and_nested_fields_are_dotted(drive: Path, tmp_path: P
     ("query", "said"),
     [
         ("select * from imus", "no topic imus; did you mean ./imu.[?]; there are /camera, /imu, /nothing, /robot/odom"),
-        ('select * from "/nothing"', "there is no message of /nothing"),
+        ('select * from "/nothing"', "/nothing has no messages"),
         ("select nope from imu", "DuckDB: Binder Error: .*nope"),
         ("selec", "DuckDB: Parser Error: syntax error"),
         ("", "expected a query, .* got nothing"),

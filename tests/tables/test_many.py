@@ -84,7 +84,7 @@ def test_what_fails_stops_nothing_and_is_told_with_its_reason(tmp_path: Path) ->
         and "expected .mcap, .db3" in told["text.txt"]
     )
     assert "broken.mcap: /s at 7 ns: std_msgs/msg/String.data" in told["broken.mcap"]
-    assert told["gone.mcap"].endswith("gone.mcap: there is no such bag") and "without files" in told["empty"]
+    assert told["gone.mcap"].endswith("gone.mcap: there is no such bag") and "has no files" in told["empty"]
     assert not list(out.rglob("*broken*.parquet")) and not list(out.rglob("*.partial"))
     bag_of(tmp_path / "gone.mcap", 3)
     report = write_datasets([*good, tmp_path / "gone.mcap"], out)
@@ -213,7 +213,7 @@ def test_other_wishes_are_other_tasks(tmp_path: Path) -> None:
     assert "exists already" in again.failed[str(bag)], "other definitions may make something else of it"
     report = write_datasets([bag], tmp_path / "new", topics=["/nn"])
     assert 'has no topic /nn; did you mean "/n"?' in report.failed[str(bag)]
-    assert "nothing is left of it" in write_datasets([bag], out, start_offset_s=9).failed[str(bag)]
+    assert "begins after its end" in write_datasets([bag], out, start_offset_s=9).failed[str(bag)]
 
 
 def test_a_file_system_in_memory_is_a_place_for_bags_and_datasets(tmp_path: Path) -> None:
@@ -229,7 +229,7 @@ def test_a_file_system_in_memory_is_a_place_for_bags_and_datasets(tmp_path: Path
             ["memory://many/*.mcap", "memory://many/folder", "memory://none/*"], "memory://many/out"
         )
     assert said(report) == (["a", "b", "folder"], [], ["memory://many/c.mcap", "memory://none/*"])
-    assert report.failed["memory://none/*"] == "memory://none/*: nothing is called so"
+    assert report.failed["memory://none/*"] == "memory://none/*: no bag matches"
     assert rows("memory://many/out") == [("a", 1), ("a", 2), ("b", 3), ("folder", 4)]
     again = write_datasets(["memory://many/*.mcap", "memory://many/folder"], "memory://many/out")
     assert said(again) == ([], ["a", "b", "folder"], ["memory://many/c.mcap"])
@@ -296,7 +296,7 @@ def test_a_task_may_be_done_by_two(tmp_path: Path) -> None:
     bag, out = bag_of(tmp_path / "a.mcap", 1, 2), tmp_path / "out"
     found: list[Any] = []
     job = many._DatasetJob(str(out), bag_tasks.TaskOptions(), False, lambda done, count: None)
-    made = job.tasks(job.missing_bags(many.find([str(bag)])[0]), many.one_by_one)
+    made = job.tasks(job.missing_bags(many.find_bags([str(bag)])[0]), many.one_by_one)
     found += [run_task(made[0]), run_task(made[0])]
     assert [one.error for one in found] == ["", ""] and found[0].files == found[1].files
     assert rows(out) == [("a", 1), ("a", 2)]
@@ -325,5 +325,5 @@ def test_several_processes_need_posix(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_a_scheduler_has_its_own_workers(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="scheduler and workers"):
+    with pytest.raises(ValueError, match="either scheduler or workers"):
         write_datasets([], tmp_path, scheduler="tcp://x", workers=2)

@@ -76,7 +76,7 @@ STRINGS = {"log_time": [5], "data": ["x"]}
         ({**STRINGS, "data": [1]}, "data: expected text, found int64"),
         ({**STRINGS, "data": [b"x"]}, "data: expected text, found binary"),
         ({**STRINGS, "data": [["x"]]}, "data: expected text, found list"),
-        ({**STRINGS, "data.x": ["x"]}, "there is a column data.x, and one that holds it"),
+        ({**STRINGS, "data.x": ["x"]}, "there is a column data.x, and another one that contains it"),
         ({**STRINGS, "log_time": [1.5]}, "log_time: expected a time, or nanoseconds as integers, found double"),
         ({**STRINGS, "log_time": [-1]}, "/s: log time -1 is not from 0"),
         ({**STRINGS, "log_time": pa.array([2**64 - 1], pa.uint64())}, "rows from 0: .*18446744073709551615"),
@@ -101,7 +101,7 @@ def test_values_that_do_not_fit_are_errors_with_their_place(tmp_path: Path) -> N
             ("header", pa.array([{"stam": 1}]), "has no field header.stam; did you mean .stamp"),
             ("orientation_covariance", pa.array([1.0]), "orientation_covariance: expected a list"),
             ("orientation_covariance", pa.array([["x"]]), "rows from 0: .*x"),
-            ("orientation_covariance.x", pa.array([1.0]), "orientation_covariance is .*, and has no fields"),
+            ("orientation_covariance.x", pa.array([1.0]), "orientation_covariance is .*; its fields cannot be columns"),
         ]:
             table = pa.Table.from_arrays([pa.array([7]), value], ["log_time", column])
             with pytest.raises(ValueError, match=said):
@@ -111,8 +111,8 @@ def test_values_that_do_not_fit_are_errors_with_their_place(tmp_path: Path) -> N
 def test_a_table_that_does_not_say_what_it_holds_needs_a_topic_and_a_class(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "a.mcap") as writer:
         for arguments, said in {
-            (): "does not say its topic",
-            ("/s",): "does not say the type",
+            (): "table has no ros.topic .*; pass topic=",
+            ("/s",): "table has no ros.type .*; pass msg_type=",
             (None, String): "name the topic",
         }.items():
             with pytest.raises(BagError, match=said):
@@ -260,9 +260,9 @@ def test_numbers_and_times_fit_exactly_or_are_errors(tmp_path: Path) -> None:
             array([1], pa.timestamp("s")),
             "length: expected a duration, or nanoseconds as integers",
         ),
-        ("log_time.x", array([1]), "two columns log_time|and one that holds it"),
+        ("log_time.x", array([1]), "two columns log_time|another one that contains it"),
         ("inner", view([1], [5], array([1]), pa.int32()), "inner: expected a struct"),
-        ("list", view([3], [0], array([1]), pa.int32()), "list: lists that lie outside of their 1 elements"),
+        ("list", view([3], [0], array([1]), pa.int32()), "list: lists exceed their 1 elements"),
     ]
     text, day = array(["1"]), array([1], pa.int32()).cast(pa.date32())
     others = [text, text.cast(pa.large_string()), text.cast(pa.string_view()), text.cast(pa.binary()), day]

@@ -65,7 +65,7 @@ def sql(
 
     from rosidl_py_gen.ros_cli.bag.selection import progress_bar
     from rosidl_py_gen.tables.multi_bag.bag_sources import names_of
-    from rosidl_py_gen.tables.query import Database, is_dataset, named
+    from rosidl_py_gen.tables.query import Database, is_dataset, topics_in
 
     query, bags = _ordered(words)
     if as_json and form not in (None, "json"):
@@ -87,7 +87,7 @@ def sql(
         counts = [
             reader.topics[one].count
             for reader in readers.values()
-            for one in named(query, [*topics])
+            for one in topics_in(query, [*topics])
             if one in reader.topics
         ]
         with progress_bar(sum(one or 0 for one in counts)) as show:
@@ -124,13 +124,13 @@ def _each(bags: Iterable[str]) -> Iterator[str]:
     """With the places that paths and URLs with ``*`` mean."""
     from rosidl_py_gen.bags import BagError
     from rosidl_py_gen.bags.remote import is_url
-    from rosidl_py_gen.tables.multi_bag.bag_sources import find
+    from rosidl_py_gen.tables.multi_bag.bag_sources import find_bags
 
     for bag in bags:
         if not is_url(bag) and os.path.exists(bag):
             yield bag
             continue
-        found, failed = find([bag])
+        found, failed = find_bags([bag])
         for reason in failed.values():
             raise BagError(reason)
         yield from (one.place for one in found)

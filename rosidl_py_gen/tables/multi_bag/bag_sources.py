@@ -1,4 +1,4 @@
-"""Many bags: which ones are meant, how each is called in a dataset, and how one knows that it has changed."""
+"""Sources of a dataset: the bags that patterns match, their names in the dataset, and their versions."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from rosidl_py_gen.tables.output_files import file_system, url_of
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-_TAGS = "ETag", "etag", "md5Hash", "content_md5", "generation", "checksum"
-_TIMES = "mtime", "LastModified", "last_modified", "updated", "modified", "created"
-_WILD = frozenset("*?[")
+_TAG_KEYS = ("ETag", "etag", "md5Hash", "content_md5", "generation", "checksum")
+_TIME_KEYS = ("mtime", "LastModified", "last_modified", "updated", "modified", "created")
+_WILDCARDS = frozenset("*?[")
 
 
 @dataclass(frozen=True, slots=True)
 class BagSource:
-    """A bag.
+    """Source bag of a dataset.
 
     Attributes:
         place: an absolute path, or a URL.
         size: bytes of its files.
-        version: what changes with its files: their sizes, and their tags or the times they were changed.
+        version: digest of the sizes of its files and their tags or modification times.
     """
 
     place: str
@@ -38,78 +38,78 @@ class BagSource:
     version: str
 
 
-def find(bags: Iterable[str]) -> tuple[list[BagSource], dict[str, str]]:
-    """The bags that paths and URLs mean, in which ``*`` is fsspec's; and those that are not there, with the reason."""
-    found: dict[str, BagSource] = {}
+def find_bags(bags: Iterable[str]) -> tuple[list[BagSource], dict[str, str]]:
+    """Return the bags that paths and URLs, with ``*`` as in fsspec, match; and the errors of the others."""
+    sources: dict[str, BagSource] = {}
     failed: dict[str, str] = {}
     for bag in bags:
         try:
             with unreachable_as_error(bag):
-                some = _found(bag)
+                matches = _matches(bag)
         except (RosidlError, OSError) as error:
             failed[bag] = f"{bag}: there is no such bag" if isinstance(error, FileNotFoundError) else str(error)
             continue
-        found.update((one.place, one) for one in some)
-    return list(found.values()), failed
+        sources.update((one.place, one) for one in matches)
+    return list(sources.values()), failed
 
 
-def _found(bag: str) -> list[BagSource]:
+def _matches(bag: str) -> list[BagSource]:
     place = bag if is_url(bag) else os.path.abspath(bag)
     system, path = file_system(place)
     system.invalidate_cache()
-    if _WILD.isdisjoint(path) or system.exists(path):
-        return [_described(system, place, system.info(path))]
-    some = system.glob(path, detail=True)
-    if not some:
-        raise BagError(f"{bag}: nothing is called so")
-    return [_described(system, url_of(place, path), info) for path, info in sorted(some.items())]
+    if _WILDCARDS.isdisjoint(path) or system.exists(path):
+        return [_source(system, place, system.info(path))]
+    matches = system.glob(path, detail=True)
+    if not matches:
+        raise BagError(f"{bag}: no bag matches")
+    return [_source(system, url_of(place, path), info) for path, info in sorted(matches.items())]
 
 
-def _described(system: Any, place: str, info: Mapping[str, Any]) -> BagSource:
+def _source(system: Any, place: str, info: Mapping[str, Any]) -> BagSource:
     if info["type"] == "directory":
         files = sorted(system.find(info["name"], detail=True).values(), key=lambda one: str(one["name"]))
         if not files:
-            raise BagError(f"{place}: a folder without files")
+            raise BagError(f"{place}: the folder has no files")
     else:
         files = [dict(info)]
-    told = [(PurePath(one["name"]).name, int(one["size"] or 0), _mark(one)) for one in files]
-    return BagSource(place, sum(size for _, size, _ in told), digest(told))
+    versions = [(PurePath(one["name"]).name, int(one["size"] or 0), _tag_or_time(one)) for one in files]
+    return BagSource(place, sum(size for _, size, _ in versions), digest(versions))
 
 
-def _mark(info: Mapping[str, Any]) -> str:
-    return str(next((info[key] for key in (*_TAGS, *_TIMES) if info.get(key)), ""))
+def _tag_or_time(info: Mapping[str, Any]) -> str:
+    return str(next((info[key] for key in (*_TAG_KEYS, *_TIME_KEYS) if info.get(key)), ""))
 
 
-def digest(told: Any) -> str:
-    """A short name for values of JSON."""
-    return sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:12]
+def digest(values: Any) -> str:
+    """Return a short digest of values of JSON."""
+    return sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:12]
 
 
 def names_of(places: Iterable[str], known: Mapping[str, str] | None = None) -> dict[str, str]:
-    """A name for each bag that no other has: that of its file, with folders before it where that is not enough.
+    """Return a unique name for each bag: that of its file, with folders before it if necessary.
 
     Args:
-        known: names of bags by their places, which they keep, and no other gets.
+        known: existing names by place, which are kept and not assigned to others.
     """
     known = known or {}
-    wanted = list(dict.fromkeys(places))
-    parts = {place: _parts(place) for place in {**dict.fromkeys(wanted), **dict.fromkeys(known)}}
+    places = list(dict.fromkeys(places))
+    paths = {place: _path_names(place) for place in (*places, *known)}
     names: dict[str, str] = {}
-    taken = set(known.values())
-    for place in wanted:
-        own, length = parts[place], 1
+    reserved = set(known.values())
+    for place in places:
+        own, length = paths[place], 1
         if place in known:
             names[known[place]] = place
             continue
         while length < len(own) and (
-            sum(own[-length:] == other[-length:] for other in parts.values()) > 1 or "/".join(own[-length:]) in taken
+            sum(own[-length:] == other[-length:] for other in paths.values()) > 1 or "/".join(own[-length:]) in reserved
         ):
             length += 1
         name = "/".join(own[-length:])
-        names[name if name not in names and name not in taken else place] = place
+        names[name if name not in names and name not in reserved else place] = place
     return names
 
 
-def _parts(place: str) -> list[str]:
+def _path_names(place: str) -> list[str]:
     path = place.partition("://")[2] if is_url(place) else os.path.abspath(place)
     return [bag_name(part) for part in PurePath(path).parts if part.strip("/\\")] or ["bag"]

@@ -1,7 +1,6 @@
-"""One task of many: a bag, or a part of a large one between two log times, so that each message is in one task.
+"""Task of a dataset: a bag, or a part of a large one between two log times, so that each message is in one task.
 
-Decides how it is done wherever it is done: all files are written, and then get their names, as `manifest` says. What
-fails is an answer, not an exception.
+All files are written, and then renamed, as `manifest` describes. A failure is a result, not an exception.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ import os
 import warnings
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.bags import BagReader
@@ -26,14 +26,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from typing import TypeAlias
 
-    Within = Callable[[float], None]
-    Function: TypeAlias = "Callable[..., TaskResult]"
-    Run: TypeAlias = "Callable[[Function, list[Task]], Iterator[tuple[Task, TaskResult]]]"
+    TaskFunction: TypeAlias = "Callable[..., TaskResult]"
+    TaskRunner: TypeAlias = "Callable[[TaskFunction, list[Task]], Iterator[tuple[Task, TaskResult]]]"
 
 
 @dataclass(frozen=True, slots=True)
 class TaskOptions:
-    """What is asked of each bag; as of `write_datasets`."""
+    """Options that apply to every bag; see `write_datasets`."""
 
     topics: tuple[str, ...] | None = None
     include_large: bool = False
@@ -44,19 +43,18 @@ class TaskOptions:
     range_bytes: int = 1 << 28
 
     @property
-    def short(self) -> str:
-        """A name for it."""
-        told = asdict(self)
-        return digest({**told, "topics": self.topics and sorted(self.topics)})
+    def digest(self) -> str:
+        """Short digest of the options, the same for any order of the topics."""
+        return digest({**asdict(self), "topics": self.topics and sorted(self.topics)})
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Messages of a bag with ``start_ns <= log_time < end_ns``; None where the bag, or what is asked of it, ends."""
+    """Messages of a bag with ``start_ns <= log_time < end_ns``; None is the start or end of the selection."""
 
     entry: ManifestEntry
     out: str
-    wish: TaskOptions
+    options: TaskOptions
     overwrite: bool
     start_ns: int | None = None
     end_ns: int | None = None
@@ -64,12 +62,13 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class TaskResult:
-    """What came of a task.
+    """Result of a task.
 
     Attributes:
-        error: why it could not be done, or nothing.
-        warnings: what its reader warned of.
-        damaged: parts of the bag's files that were skipped.
+        error: reason of a failure, or an empty text.
+        warnings: warnings of the reader.
+        cuts: log times at which a large bag is split.
+        damaged: skipped parts of the bag's files.
     """
 
     files: tuple[DatasetFile, ...] = ()
@@ -80,85 +79,81 @@ class TaskResult:
     damaged: tuple[DamagedPart, ...] = ()
 
 
-def run_task(task: Task, on_progress: Within | None = None) -> TaskResult:
-    """Do a task, wherever this is called; `on_progress` is told how much of it is done, from 0 to 1."""
-    return _answered(partial(_write, on_progress=on_progress), task)
+def run_task(task: Task, on_progress: Callable[[float], None] | None = None) -> TaskResult:
+    """Run a task; `on_progress` is called with its completed fraction, from 0 to 1."""
+    return _run(partial(_write, on_progress=on_progress), task)
 
 
 def split_times_of(task: Task) -> TaskResult:
-    """Where a large bag is cut into parts."""
-    return _answered(_cut, task)
+    """Return the log times at which a large bag is split."""
+    return _run(_find_cuts, task)
 
 
-def _answered(function: Callable[[Task], TaskResult], task: Task) -> TaskResult:
-    with warnings.catch_warnings(record=True) as caught:  # of all threads, where a worker has several
+def _run(function: Callable[[Task], TaskResult], task: Task) -> TaskResult:
+    with warnings.catch_warnings(record=True) as caught:  # includes those of other threads of a worker
         warnings.simplefilter("always", BagWarning)
         try:
-            made = function(task)
+            result = function(task)
         except (RosidlError, OSError) as error:
-            made = TaskResult(error=str(error))
-        except Exception as error:  # of ours, or of a library: other bags shall be done all the same
-            made = TaskResult(error=f"{type(error).__name__}: {error}")
+            result = TaskResult(error=str(error))
+        except Exception as error:  # a bug must not stop the other bags
+            result = TaskResult(error=f"{type(error).__name__}: {error}")
     texts = (str(one.message) for one in caught if issubclass(one.category, BagWarning))
-    return replace(made, warnings=tuple(dict.fromkeys(texts)))
+    return replace(result, warnings=tuple(dict.fromkeys(texts)))
 
 
-def _opened(task: Task) -> BagReader:
-    wish = task.wish
-    return BagReader(task.entry.place, search_path=wish.search_path, skip_damaged=wish.on_error == "skip")
+def _open(task: Task) -> BagReader:
+    options = task.options
+    return BagReader(task.entry.place, search_path=options.search_path, skip_damaged=options.on_error == "skip")
 
 
-def _cut(task: Task) -> TaskResult:
-    with _opened(task) as reader:
-        start, end = _span(reader, task.wish)
-        cuts = reader._cuts(task.wish.range_bytes)
+def _find_cuts(task: Task) -> TaskResult:
+    with _open(task) as reader:
+        start, end = _span(reader, task.options)
+        cuts = reader._cuts(task.options.range_bytes)
     return TaskResult(cuts=tuple(cut for cut in cuts if start < cut < end))
 
 
 def split_task(task: Task, cuts: tuple[int, ...]) -> list[Task]:
-    """A task as several, each up to a cut."""
-    bounds = [None, *cuts, None]
+    """Return the parts of a task between the cuts."""
+    spans = [*pairwise([None, *cuts, None])]
+    entries = [replace(task.entry, number=number, task_count=len(spans)) for number in range(len(spans))]
     return [
-        replace(
-            task,
-            entry=replace(task.entry, number=number, task_count=len(cuts) + 1),
-            start_ns=bounds[number],
-            end_ns=bounds[number + 1],
-        )
-        for number in range(len(cuts) + 1)
+        replace(task, entry=entry, start_ns=start, end_ns=end)
+        for entry, (start, end) in zip(entries, spans, strict=True)
     ]
 
 
-def _span(reader: BagReader, wish: TaskOptions) -> tuple[int, int]:
-    """Log times of what is asked for. Raises `BagError`: the bag ends before."""
-    start, behind = reader.start_ns + round(wish.start_offset_s * NS_PER_S), reader.end_ns + 1
-    if start >= behind:
+def _span(reader: BagReader, options: TaskOptions) -> tuple[int, int]:
+    """Return the log times of the selection; raises `BagError` if the bag ends before it."""
+    start, end = reader.start_ns + round(options.start_offset_s * NS_PER_S), reader.end_ns + 1
+    if start >= end:
         length = (reader.end_ns - reader.start_ns) / NS_PER_S
-        raise BagError(f"{reader.path} is {length:.3f} s long; nothing is left of it")
-    return start, behind if wish.duration_s is None else min(behind, start + round(wish.duration_s * NS_PER_S))
+        raise BagError(f"{reader.path} is {length:.3f} s long; the selection begins after its end")
+    return start, end if options.duration_s is None else min(end, start + round(options.duration_s * NS_PER_S))
 
 
-def _write(task: Task, on_progress: Within | None) -> TaskResult:
-    entry, wish = task.entry, task.wish
+def _write(task: Task, on_progress: Callable[[float], None] | None) -> TaskResult:
+    entry, options = task.entry, task.options
     manifest = DatasetManifest(task.out)
     suffix = f"-{entry.number:04}" if entry.task_count > 1 else ""
-    with _opened(task) as reader:
-        start, end = _span(reader, wish)
+    with _open(task) as reader:
+        start, end = _span(reader, options)
         start = start if task.start_ns is None else task.start_ns
         end = end if task.end_ns is None else task.end_ns
-        topics = None if wish.topics is None else [one for one in wish.topics if one in reader.topics]
-        if wish.topics and not topics:
-            near = did_you_mean(wish.topics[0], reader.topics)
-            raise BagError(f"{reader.path} has no topic {wish.topics[0]}{near}")
+        topics = None if options.topics is None else [one for one in options.topics if one in reader.topics]
+        if options.topics and not topics:
+            near = did_you_mean(options.topics[0], reader.topics)
+            raise BagError(f"{reader.path} has no topic {options.topics[0]}{near}")
         may_replace = task.overwrite or manifest.has(entry)
         count = sum(reader.topics[one].count or 0 for one in topics or reader.topics)
-        progress = None if on_progress is None else lambda done: on_progress(min(1.0, done / max(1, count)))
-        with StagedDataset(reader, task.out, entry.name, may_replace, suffix=suffix) as draft:
-            draft.read_bag(topics, wish.include_large, start, end, wish.on_error, progress)
-            report = draft.report
-            below = len(joined(task.out, ""))
-            files = tuple(replace(one, path=one.path[below:].replace(os.sep, "/")) for one in report.files)
+        progress = None if on_progress is None else lambda messages: on_progress(min(1.0, messages / max(1, count)))
+        with StagedDataset(reader, task.out, entry.name, may_replace, suffix=suffix) as dataset:
+            dataset.read_bag(topics, options.include_large, start, end, options.on_error, progress)
+            report = dataset.report
+            prefix = len(joined(task.out, ""))
+            files = tuple(replace(one, path=one.path[prefix:].replace(os.sep, "/")) for one in report.files)
             manifest.begin(replace(entry, files=files))
-            draft.publish()
+            dataset.publish()
             manifest.end(replace(entry, files=files, is_done=True))
     return TaskResult(tuple(report.files), report.skipped_topics, damaged=tuple(reader.damaged))

@@ -1,13 +1,14 @@
-"""The workers of a Dask scheduler, for `datasets`.
+"""Execution of tasks by the workers of a Dask scheduler.
 
-A worker that is killed is replaced, and its task is repeated by another one; a task that kills four is given up, and
-its outcome says so. Whoever can connect to a scheduler without TLS can run code on its workers, and in this process,
-which reads their answers with pickle: nothing here starts a scheduler.
+Dask replaces a worker that is killed, and another one repeats its task; after four deaths the task fails. Anyone who
+can connect to a scheduler without TLS can run code on its workers, and in this process, which reads their results with
+pickle. Therefore this module starts no scheduler.
 """
 
 from __future__ import annotations
 
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.bags.common import BagError
@@ -22,39 +23,32 @@ except ModuleNotFoundError as missing:
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rosidl_py_gen.tables.multi_bag.bag_tasks import Function, Run, Task
+    from rosidl_py_gen.tables.multi_bag.bag_tasks import Task, TaskFunction, TaskRunner
 
 distributed: Any = _distributed
-_CONNECT_S = 10
+_CONNECT_TIMEOUT_S = 10
 
 
 @contextmanager
-def running(scheduler: str) -> Iterator[Run]:
-    """A function that runs tasks, and yields each with its outcome as they end.
+def connect(scheduler: str) -> Iterator[TaskRunner]:
+    """Yield a function that runs tasks, and yields each with its result as it finishes.
 
     Raises:
-        BagError: no scheduler answers.
+        BagError: the scheduler does not respond.
     """
-    with _connected(scheduler) as client:
-        yield _on(client)
-
-
-def _connected(scheduler: str) -> Any:
     try:
-        return distributed.Client(scheduler, timeout=_CONNECT_S, set_as_default=False)
+        client = distributed.Client(scheduler, timeout=_CONNECT_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError, TypeError, ImportError) as error:
-        raise BagError(f"no scheduler of Dask answers at {scheduler}: {error}") from None
+        raise BagError(f"no scheduler of Dask responds at {scheduler}: {error}") from None
+    with client:
+        yield partial(_run, client)
 
 
-def _on(client: Any) -> Run:
-    def run(function: Function, tasks: list[Task]) -> Iterator[tuple[Task, TaskResult]]:
-        futures = {client.submit(function, task, pure=False): task for task in tasks}
-        done = distributed.as_completed(futures, loop=client.loop, with_results=True, raise_errors=False)
-        for future, answer in done:
-            if not isinstance(answer, TaskResult):  # what was raised, with where
-                error = answer[1] if isinstance(answer, tuple) else answer
-                answer = TaskResult(error=f"the worker failed: {type(error).__name__}: {error}")
-            yield futures.pop(future), answer
-            future.release()
-
-    return run
+def _run(client: Any, function: TaskFunction, tasks: list[Task]) -> Iterator[tuple[Task, TaskResult]]:
+    futures = {client.submit(function, task, pure=False): task for task in tasks}
+    for future, result in distributed.as_completed(futures, loop=client.loop, with_results=True, raise_errors=False):
+        if not isinstance(result, TaskResult):  # an exception, possibly with its type and traceback
+            error = result[1] if isinstance(result, tuple) else result
+            result = TaskResult(error=f"the worker failed: {type(error).__name__}: {error}")
+        yield futures.pop(future), result
+        future.release()

@@ -1,10 +1,10 @@
-"""What a dataset has of which bags: an entry for each task, so that another run does only what is missing.
+"""Manifest of a dataset: an entry for each finished task, so that another run does only the missing ones.
 
-Decides when something is there: an entry says so, and all its files exist. An entry is written before its files get
-their names, which says that these are nobody else's, and once more when they have them. Names of files are the same
-each time, so whatever was cut off is done once more, and nothing is there twice.
+Content exists if an entry names it and all its files exist. An entry is written before its files are renamed, which
+marks them as its own, and again afterwards. Files have the same names in each run, so that a repeated task replaces
+incomplete content.
 
-The entries are in ``_manifest``, a name that readers of datasets leave out, by name of the bag.
+The entries are in ``_manifest``, a folder that readers of datasets ignore, by name of the bag.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ FOLDER = "_manifest"
 
 @dataclass(frozen=True, slots=True)
 class ManifestEntry:
-    """What was done of a bag.
+    """Result of a task for a bag.
 
     Attributes:
-        place, name: of the bag.
-        version: of its files.
-        wish: what was asked for, shortly.
-        number, of: which part of how many.
-        files: with paths below the dataset.
-        is_done: the files have their names.
+        place, name: path or URL of the bag, and its name.
+        version: version of its files.
+        options: digest of the options.
+        number, task_count: index of the part, and number of parts.
+        files: files with paths below the dataset.
+        is_done: True when the files have their final names.
     """
 
     place: str
     name: str
     version: str
-    wish: str
+    options: str
     number: int
     task_count: int
     files: tuple[DatasetFile, ...] = ()
@@ -49,8 +49,8 @@ class ManifestEntry:
 
     @property
     def path(self) -> str:
-        """Of the entry, below the dataset."""
-        return f"{_folder(self.name)}/{self.wish}-{self.version}-{self.number:04}-{self.task_count:04}.json"
+        """Path of the entry below the dataset."""
+        return f"{_folder(self.name)}/{self.options}-{self.version}-{self.number:04}-{self.task_count:04}.json"
 
 
 def _folder(name: str) -> str:
@@ -58,10 +58,11 @@ def _folder(name: str) -> str:
 
 
 class DatasetManifest:
-    """The entries of a dataset.
+    """Entries of a dataset.
 
     Raises:
-        BagError: the place is none. OSError: it cannot be read or written. So do all methods.
+        BagError: the place is not valid.
+        OSError: the place cannot be read or written. All methods raise the same errors.
     """
 
     def __init__(self, out: str) -> None:
@@ -70,38 +71,38 @@ class DatasetManifest:
         self._root = path.rstrip("/")
 
     def read(self) -> tuple[list[ManifestEntry], set[str]]:
-        """All entries, and the paths of all files of the dataset."""
+        """Return all entries, and the paths of all files of the dataset."""
         with unreachable_as_error(self._out):
             self._system.invalidate_cache()
-            begin = len(self._root) + 1
-            found = {path[begin:] for path in self._system.find(self._root)}
-            return self._entries(path for path in found if path.startswith(f"{FOLDER}/")), found
+            files = self._find(self._root)
+            return self._entries(path for path in files if path.startswith(f"{FOLDER}/")), files
+
+    def _find(self, folder: str) -> set[str]:
+        return {path[len(self._root) + 1 :] for path in self._system.find(folder)}
 
     def _entries(self, paths: Iterable[str]) -> list[ManifestEntry]:
-        wanted = [f"{self._root}/{path}" for path in paths if path.endswith(".json")]
-        told = self._system.cat(wanted, on_error="omit") if wanted else {}
-        return [one for one in map(_parsed, told.values()) if one is not None]
+        paths = [f"{self._root}/{path}" for path in paths if path.endswith(".json")]
+        contents = self._system.cat(paths, on_error="omit") if paths else {}
+        return [entry for entry in map(_parse, contents.values()) if entry is not None]
 
     def has(self, entry: ManifestEntry) -> bool:
-        """Whether there is one of this task, be it done or not: the files it names are its own."""
+        """Return True if an entry of this task exists, complete or not: its files belong to the task."""
         with unreachable_as_error(self._out):
             self._system.invalidate_cache()  # another process may have written it since
             return bool(self._system.exists(f"{self._root}/{entry.path}"))
 
     def begin(self, entry: ManifestEntry) -> None:
-        """Its files are about to get their names; others that had files of these names have them no more."""
+        """Write the entry before its files are renamed, and remove entries of other tasks for the same files."""
         with unreachable_as_error(self._out):
             self._system.invalidate_cache()
-            mine = {one.path for one in entry.files}
-            folder = f"{self._root}/{_folder(entry.name)}"
-            paths = [path[len(self._root) + 1 :] for path in self._system.find(folder)]
-            for other in self._entries(path for path in paths if path != entry.path):
-                if not mine.isdisjoint(one.path for one in other.files):
+            own = {one.path for one in entry.files}
+            for other in self._entries(self._find(f"{self._root}/{_folder(entry.name)}") - {entry.path}):
+                if not own.isdisjoint(one.path for one in other.files):
                     self._system.rm(f"{self._root}/{other.path}")
         self._write(entry)
 
     def end(self, entry: ManifestEntry) -> None:
-        """Its files have their names."""
+        """Write the entry after its files were renamed."""
         self._write(entry)
 
     def _write(self, entry: ManifestEntry) -> None:
@@ -116,7 +117,7 @@ class DatasetManifest:
                 os.replace(path + PARTIAL, path)
 
     def remove(self, entries: Iterable[ManifestEntry], existing: Collection[str]) -> None:
-        """Remove what a dataset has of these, the files first."""
+        """Remove entries and their files, files first."""
         with unreachable_as_error(self._out):
             for entry in entries:
                 for path in (*(one.path for one in entry.files), entry.path):
@@ -124,7 +125,7 @@ class DatasetManifest:
                         self._system.rm(f"{self._root}/{path}")
 
     def remove_partial(self, names: Iterable[str]) -> None:
-        """Remove what processes that were killed have left of bags with these names."""
+        """Remove partial files of bags with these names, left by processes that were killed."""
         with unreachable_as_error(self._out):
             folders = {f"{BAG}={quote(name, safe='')}" for name in names}
             for path in self._system.find(self._root):
@@ -132,11 +133,11 @@ class DatasetManifest:
                     self._system.rm(path)
 
 
-def _parsed(text: bytes) -> ManifestEntry | None:
-    """None for what was cut off while it was written, or is none of ours: that is done once more."""
+def _parse(text: bytes) -> ManifestEntry | None:
+    """Return None for an entry that is incomplete or invalid, so that its task is repeated."""
     try:
-        told: dict[str, Any] = json.loads(text)
-        files = tuple(DatasetFile(**one) for one in told.pop("files"))
-        return ManifestEntry(**told, files=files)
+        values: dict[str, Any] = json.loads(text)
+        files = tuple(DatasetFile(**one) for one in values.pop("files"))
+        return ManifestEntry(**values, files=files)
     except (ValueError, TypeError, KeyError, AttributeError):
         return None

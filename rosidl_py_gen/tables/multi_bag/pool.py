@@ -1,8 +1,8 @@
-"""Processes of this machine, for `datasets`.
+"""Execution of tasks by processes of this machine.
 
-They are connected by socket pairs, which no other process can open: a port on the loopback interface would let every
-user of the machine send tasks, that is, run code. A process runs one task at a time. One that dies is replaced, and
-its task is repeated; after `_MAX_DEATHS` the task is given up, and its outcome says so.
+Socket pairs connect them, which no other process can open: a port on the loopback interface would let every user of the
+machine send tasks, that is, run code. A process runs one task at a time. A process that dies is replaced, and its task
+is repeated; after `_MAX_DEATHS` deaths the task fails.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from rosidl_py_gen.tables.multi_bag.bag_tasks import TaskResult
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rosidl_py_gen.tables.multi_bag.bag_tasks import Function, Run, Task
+    from rosidl_py_gen.tables.multi_bag.bag_tasks import Task, TaskFunction, TaskRunner
 
 IS_POSIX = os.name == "posix"
 _MAX_DEATHS = 4
 """Number of processes that a task may kill before it is given up; Dask has the same limit."""
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-"""Environment of the processes, unless it is set: there is one for each core already."""
+"""Environment of the processes, unless it is set: one thread each, as there is a process for each core."""
 
 
 @contextmanager
-def running(workers: int) -> Iterator[Run]:
-    """Yield a function that runs tasks in `workers` processes, and yields each with its outcome as they end.
+def process_pool(workers: int) -> Iterator[TaskRunner]:
+    """Yield a function that runs tasks in `workers` processes, and yields each with its result as it finishes.
 
     Raises:
         BagError: the platform is not POSIX: processes inherit no socket there.
@@ -51,7 +51,9 @@ def running(workers: int) -> Iterator[Run]:
             worker.close()
 
 
-def _run(function: Function, tasks: list[Task], workers: int, idle: list[_Worker]) -> Iterator[tuple[Task, TaskResult]]:
+def _run(
+    function: TaskFunction, tasks: list[Task], workers: int, idle: list[_Worker]
+) -> Iterator[tuple[Task, TaskResult]]:
     due = deque((task, 0) for task in tasks)
     busy: dict[Any, tuple[_Worker, Task, int]] = {}
     try:
@@ -63,10 +65,10 @@ def _run(function: Function, tasks: list[Task], workers: int, idle: list[_Worker
                 worker.send(function, task)
             for connection in wait(list(busy)):
                 worker, task, deaths = busy.pop(connection)
-                outcome = worker.receive()
-                if outcome is not None:
+                result = worker.receive()
+                if result is not None:
                     idle.append(worker)
-                    yield task, outcome
+                    yield task, result
                     continue
                 worker.close()
                 if deaths + 1 < _MAX_DEATHS:
@@ -81,30 +83,28 @@ def _run(function: Function, tasks: list[Task], workers: int, idle: list[_Worker
 
 
 class _Worker:
-    """A process that waits for tasks. It ends at once when this process closes its connection, or ends."""
+    """Process that waits for tasks. It ends at once when this process closes its connection, or ends."""
 
     def __init__(self) -> None:
         self.connection, other = Pipe()
-        code = (
-            f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve({other.fileno()})"
-            # The main module of the program is not imported: it may have no `if __name__ == "__main__"`.
-        )
+        # Unlike multiprocessing, this does not import the main module, which may have no `if __name__ == "__main__"`.
+        code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve({other.fileno()})"
         command, environment = [sys.executable, "-c", code], {**_ONE_THREAD, **os.environ}
         with other:
             self.process = Popen(command, env=environment, pass_fds=[other.fileno()], stdin=DEVNULL, stdout=DEVNULL)
 
-    def send(self, function: Function, task: Task) -> None:
-        with suppress(OSError):  # it has died, which `receive` finds
+    def send(self, function: TaskFunction, task: Task) -> None:
+        with suppress(OSError):  # the process has died, which `receive` detects
             self.connection.send((function, task))
 
     def receive(self) -> TaskResult | None:
-        """Return the outcome of the task; None when the process has died."""
+        """Return the result of the task; None if the process has died."""
         try:
-            outcome = self.connection.recv()
+            result = self.connection.recv()
         except (EOFError, OSError):
             return None
-        assert isinstance(outcome, TaskResult)
-        return outcome
+        assert isinstance(result, TaskResult)
+        return result
 
     def close(self) -> None:
         self.connection.close()
@@ -114,12 +114,12 @@ class _Worker:
 
 def serve(descriptor: int) -> None:
     """Run the tasks that arrive on a connection; the main function of the processes."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to all processes; the first one decides
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to all processes; the parent handles it
     connection = Connection(descriptor)
     requests: SimpleQueue[bytes] = SimpleQueue()
     Thread(target=_receive, args=(connection, requests), daemon=True).start()
     while True:
-        connection.send(_outcome(requests.get()))
+        connection.send(_result(requests.get()))
 
 
 def _receive(connection: Any, requests: SimpleQueue[bytes]) -> None:
@@ -130,11 +130,11 @@ def _receive(connection: Any, requests: SimpleQueue[bytes]) -> None:
         os._exit(1)
 
 
-def _outcome(request: bytes) -> TaskResult:
+def _result(request: bytes) -> TaskResult:
     try:
         function, task = pickle.loads(request)
-        outcome = function(task)
-        assert isinstance(outcome, TaskResult)
-        return outcome
+        result = function(task)
+        assert isinstance(result, TaskResult)
+        return result
     except Exception as error:
         return TaskResult(error=f"the worker failed: {type(error).__name__}: {error}")
