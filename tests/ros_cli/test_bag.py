@@ -216,7 +216,7 @@ async def test_a_full_disk_ends_recording_with_a_file_that_can_be_read(node: Nod
         await asyncio.sleep(0.005)
     ended = await tool.end(process)
     assert (ended.code, ended.out) == (1, "")
-    assert f"error: {path}: File too large; what was recorded before can be read" in ended.err
+    assert f"error: {path}: File too large; earlier messages can be read" in ended.err
     with BagReader(path) as reader:
         assert sum(1 for _ in reader) > 10
 
@@ -245,7 +245,7 @@ async def test_a_disk_of_four_megabytes_is_filled_with_messages_that_can_be_read
         await asyncio.sleep(0.005)
     ended = await tool.end(process)
     assert "Traceback" not in ended.err
-    assert f"error: {path}: No space left on device; what was recorded before can be read" in ended.err
+    assert f"error: {path}: No space left on device; earlier messages can be read" in ended.err
     assert "code 1\n" in ended.out
     found = re.search(r"/words\tstd_msgs/msg/String\t(\d+)", ended.out)
     assert found is not None and 100 < int(found[1]) <= 210, ended.out
@@ -255,8 +255,8 @@ async def test_a_disk_of_four_megabytes_is_filled_with_messages_that_can_be_read
 def test_wrong_words_for_recording_are_told(run_here: Any, tmp_path: Path) -> None:
     (tmp_path / "there").mkdir()
     for words, code, text in (
-        ([], 2, "say what to record: topics, --services"),
-        (["-e", "("], 1, '"(" is no regular expression'),
+        ([], 2, "expected topics, --services"),
+        (["-e", "("], 1, '"(" is not a regular expression'),
         (["-a", "-o", str(tmp_path / "there")], 1, "there exists already"),
         (["/x", "--no-discovery", "--discovery", "off", "-o", str(tmp_path / "b")], 1, "nobody publishes /x"),
     ):
@@ -367,8 +367,8 @@ def test_wrong_words_for_bags_are_told(run_here: Any, tmp_path: Path) -> None:
     out = str(tmp_path / "out")
     for words, text in (
         (["play", path, "--topics", "/word"], "has no topic /word; did you mean"),
-        (["play", path, "--remap", "x"], '"x" is no remapping'),
-        (["play", path, "--remap", "/x:=/y", "--discovery", "off"], "/x is not played; there are /map, /words"),
+        (["play", path, "--remap", "x"], "--remap x: expected FROM:=TO"),
+        (["play", path, "--remap", "/x:=/y", "--discovery", "off"], "/x is not played; topics are /map, /words"),
         (["play", path, "--start-offset", "9"], "a.mcap is 0.950 s long"),
         (["convert", path, path], "exists already"),
         (["convert", path, out + ".mcap", "--max-bag-size", "9"], "out.mcap is one file; only a folder can be split"),

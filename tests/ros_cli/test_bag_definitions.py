@@ -56,7 +56,7 @@ def test_a_bag_without_definitions_is_written_with_those_of_the_path(
     out, folder = tmp_path / "out.mcap", package(tmp_path / "then" / "old_msgs", THEN)
     code, said, err = run_here("bag", "convert", humble, str(out), "--path", folder)
     assert code == 0 and said == f"6 messages of 3 topics in {out}\n", err
-    assert "definitions that the bag does not have are written: old_msgs/msg/Reading from " in err
+    assert "definitions that the bag does not contain are written: old_msgs/msg/Reading from " in err
     assert "/silent [old_msgs/msg/Never] is written without a definition" in err
     with BagReader(out) as reader:
         assert reader.topics["/reading"].definition.startswith(THEN)
@@ -72,7 +72,7 @@ def test_types_that_are_known_nowhere_are_named_and_nothing_is_written(
     out = tmp_path / "out"
     code, _, err = run_here("bag", "convert", humble, str(out), "-s", storage)
     assert code == 1 and not out.exists()
-    assert "would be written without definitions of old_msgs/msg/Reading: /reading: the bag has no definition" in err
+    assert ": no definitions of old_msgs/msg/Reading: /reading: the bag has no definition" in err
     assert "msg/Never" not in err and "msg/String" not in err  # nothing is lost of what was never sent
     assert run_here("bag", "convert", humble, str(tmp_path / "part"), "--topics", "/s")[0] == 0
     code, _, err = run_here("bag", "convert", humble, str(out), "-s", storage, "--without-definitions")
@@ -93,11 +93,11 @@ def test_a_definition_that_is_not_that_of_the_samples_is_not_written(
 def test_info_says_where_definitions_come_from(run_here: Any, humble: str, tmp_path: Path) -> None:
     folder = package(tmp_path / "then" / "old_msgs", THEN)
     out = run_here("bag", "info", humble, "--verbose", "--path", folder)[1]
-    assert "old_msgs/msg/Reading.msg (by its name alone)" in out
+    assert "old_msgs/msg/Reading.msg (guessed by name)" in out
     told = {one["name"]: one for one in json.loads(run_here("bag", "info", humble, "-v", "--json")[1])["topics"]}
     assert told["/reading"]["definition"] is None and "no definition" in told["/reading"]["problem"]
     assert told["/s"]["is_recorded"] is False and told["/s"]["definition_hash"] == type_hash(String)
-    assert "Types:      3 have no definition in the bag; --verbose says" in run_here("bag", "info", humble)[1]
+    assert "Types:      3 have no definition in the bag; --verbose prints" in run_here("bag", "info", humble)[1]
     assert "definition" not in json.loads(run_here("bag", "info", humble, "--json")[1])["topics"][0]
 
 
@@ -129,11 +129,11 @@ async def test_topics_that_ros_2_cannot_have_are_named_and_the_others_played(
     ended = await tool.end(process)
     assert ended.code == 0 and "published 2 messages of 2 topics" in ended.err, ended.err
     for text in (
-        '/none [] is left out: "" is not an interface name',
-        '/one [String] is left out: "String" is not an interface name',
-        "/four [std_msgs/msg/String/x] is left out",
-        "no slash [std_msgs/msg/String] is left out",
-        "/ros1 [std_msgs/String] is left out: its messages are ros1, not cdr",
+        '/none [] is skipped: "" is not an interface name',
+        '/one [String] is skipped: "String" is not an interface name',
+        "/four [std_msgs/msg/String/x] is skipped",
+        "no slash [std_msgs/msg/String] is skipped",
+        "/ros1 [std_msgs/String] is skipped: messages are ros1; expected cdr",
     ):
         assert text in ended.err, ended.err
 

@@ -324,7 +324,7 @@ async def test_a_terminal_shows_how_far_it_is_as_often_as_is_asked_for(
     for name, value in (("FORCE_COLOR", "1"), ("TERM", "xterm"), ("COLUMNS", "200")):
         monkeypatch.setenv(name, value)
     ended = await played(tool, path, *options)
-    shown = re.findall(r"([0-9.]+) s of 9.000 s, (\d+) messages; Ctrl-C ends it", ended.err)
+    shown = re.findall(r"([0-9.]+) s of 9.000 s, (\d+) messages; Ctrl-C ends playback", ended.err)
     shown = [one for one in shown if float(one[0]) < 8.9]  # the end is at the same time as the last message
     assert [float(at) for at, _ in shown] == pytest.approx(list(times), abs=0.002)
     assert all(int(count) in (int(float(at)), int(float(at)) + 1) for at, count in shown)
@@ -348,7 +348,7 @@ async def test_the_clock_has_its_rate_or_that_of_messages(node: Node, tool: Any,
 
     ended = await played(tool, path, "--clock")
     assert stamps() == pytest.approx([1000 + number / 40 for number in range(41)], abs=0.0251)
-    assert "/clock of the bag is left out" in ended.err
+    assert "skipped /clock of the bag" in ended.err
     await played(tool, path, "--clock", "5", "--rate", "2")
     assert stamps()[:3] == pytest.approx([1000, 1000.4, 1000.8])  # the bag's own
     await played(tool, path, "--clock-topics-all")
@@ -444,7 +444,7 @@ async def test_profiles_of_a_file_replace_those_of_the_bag(node: Node, tool: Any
     await Remote(node)("resume")
     ended = await tool.end(process)
     assert ended.code == 0
-    assert "--wait-for-all-acked: /a is best effort, which nobody acknowledges\n" in ended.err
+    assert "--wait-for-all-acked: /a is best effort, without acknowledgements\n" in ended.err
     assert "/ns/a" not in ended.err
 
 
@@ -494,13 +494,13 @@ async def test_recorded_requests_are_sent_to_the_service(
     assert asked[0][0] - heard.items[0][0] == pytest.approx(first_s)
     assert asked[1][0] - asked[0][0] == pytest.approx(1)
     assert "published 1 messages of 2 topics and sent 2 requests\n" in ended.err
-    kept = "/add/_service_event: its service_introspection kept no contents, so that there is nothing to send\n"
+    kept = "/add/_service_event: its service_introspection has no contents, so that no request is sent\n"
     assert (kept in ended.err) is missing
 
 
 async def test_requests_to_nobody_are_left_out_with_a_word(memory: World, tool: Any, sums: str) -> None:
     ended = await played(tool, sums, "--publish-service-requests")
-    assert ended.err.count("/add: no server is there, requests to it are left out\n") == 1
+    assert ended.err.count("/add: no server exists; requests are skipped\n") == 1
     assert "and sent 0 requests\n" in ended.err
 
 
@@ -544,7 +544,7 @@ async def test_a_service_that_is_known_nowhere_is_an_error(memory: World, tool: 
         bag.write_raw(RawMessage(replace(known, type_hash=""), b"\0\1\0\0\0\0\0\0", START, START))
     ended = await tool("bag", "play", str(tmp_path / "bag"), "--publish-service-requests")
     assert ended.code == 1 and "requests to /x/_service_event cannot be sent" in ended.err
-    assert "--path gives the folder with its definition" in ended.err
+    assert "pass the folder of its definition with --path" in ended.err
 
 
 async def test_actions_are_sent_as_a_client_does(memory: World, node: Node, tool: Any, tmp_path: Path) -> None:
@@ -605,31 +605,31 @@ async def test_a_bag_may_stand_before_or_behind_options(node: Node, tool: Any, m
 
 def test_wrong_words_for_playing_are_told(run_here: Any, words: str, mixed: str, tmp_path: Path) -> None:
     for arguments, code, text in (
-        ([], 2, "say which bag to play"),
-        ([words, "-i", words], 2, "say which bag to play"),
-        ([words, "--clock", "--clock-topics-all"], 2, "give only one of --clock, --clock-topics-all"),
+        ([], 2, "expected BAG, or --input BAG"),
+        ([words, "-i", words], 2, "expected BAG, or --input BAG"),
+        ([words, "--clock", "--clock-topics-all"], 2, "expected only one of --clock, --clock-topics-all"),
         (
             [words, "--playback-until-sec", "1", "--playback-until-nsec", "1"],
             2,
-            "give only one of --playback-until-sec",
+            "expected only one of --playback-until-sec",
         ),
-        ([words, "--rate", "nan"], 2, "nan is no finite number"),
+        ([words, "--rate", "nan"], 2, "nan is not a finite number"),
         ([words, "--rate", "0"], 2, "0"),
-        ([words, "--playback-duration", "inf"], 2, "inf is no finite number"),
-        ([words, "--start-offset", "nan"], 2, "nan is no finite number"),
+        ([words, "--playback-duration", "inf"], 2, "inf is not a finite number"),
+        ([words, "--start-offset", "nan"], 2, "nan is not a finite number"),
         ([words, "--clock", "x"], 2, "'x' is not a valid"),
         ([words, "--message-order", "x"], 2, "'x' is not one of 'received', 'sent'"),
         ([words, "--read-ahead-queue-size", "0"], 2, "0"),
-        ([words, "--regex", "("], 1, '--regex: "(" is no regular expression'),
-        ([words, "--exclude-regex", "["], 1, '--exclude-regex: "[" is no regular expression'),
-        ([words, "--regex", "/wor"], 1, "nothing is left to play; there are /words"),
+        ([words, "--regex", "("], 1, '--regex: "(" is not a regular expression'),
+        ([words, "--exclude-regex", "["], 1, '--exclude-regex: "[" is not a regular expression'),
+        ([words, "--regex", "/wor"], 1, "no topic is selected; topics are /words"),
         ([words, "--services", "/words"], 1, "has no service /words; it is a topic: --topics /words"),
         ([mixed, "--topics", "/coun"], 1, "has no topic /coun"),
         ([mixed, "--actions", "/cuont"], 1, 'has no action /cuont; did you mean "/count"?'),
         ([mixed, "--topics", "/count"], 1, "it is an action: --actions /count"),
-        ([words, "-s", "sqlite3"], 1, "words_0.mcap is mcap, not sqlite3"),
-        ([words, "--playback-until-sec", "3"], 1, "it is to be played until"),
-        ([words, "--clock-topics", "/x", "--discovery", "off"], 1, "--clock-topics /x: it is not played"),
+        ([words, "-s", "sqlite3"], 1, "words_0.mcap: storage is mcap; expected sqlite3"),
+        ([words, "--playback-until-sec", "3"], 1, "expected an end after it"),
+        ([words, "--clock-topics", "/x", "--discovery", "off"], 1, "--clock-topics /x: topic is not played"),
         ([words, "--qos-profile-overrides-path", str(tmp_path / "no.yaml")], 1, "no.yaml: No such file"),
     ):
         found, _, err = run_here("bag", "play", *arguments)

@@ -254,7 +254,7 @@ async def test_what_nobody_publishes_is_told(node: Node, tool: Any, tmp_path: Pa
         await said(process, *(f"recording {name} [" for name in ("/count", ADD, *FIB)))
     for kind, name in (("--services", "/silent"), ("--actions", "/act"), ("--topics", "/no")):
         ended = await tool("bag", "record", kind, name, "--no-discovery", "-o", str(tmp_path / name[1:]))
-        assert (ended.code, f"{name}" in ended.err, "waits for nobody" in ended.err) == (1, True, True), ended.err
+        assert (ended.code, f"{name}" in ended.err, "--no-discovery" in ended.err) == (1, True, True), ended.err
 
 
 # ------------------------------------------------------------------------------------------- services and actions
@@ -441,7 +441,7 @@ async def test_services_pause_and_split(node: Node, tool: Any, tmp_path: Path) -
         await until(lambda: count_of(path) == recorded)
 
     async with recording(tool, path, "/words", "--start-paused") as process:
-        await said(process, "paused from the beginning")
+        await said(process, "paused from the start")
         await said(process, "recording /words")
         assert await taken(node)
         await publish("a", recorded=0)
@@ -463,7 +463,7 @@ async def test_one_file_is_not_split_by_a_service(node: Node, tool: Any, tmp_pat
     async with recording(tool, path, "/words") as process:
         await said(process, "recording /words")
         await call(node, "split_bagfile", "SplitBagfile")
-        await said(process, f"{path} is one file, and not split")
+        await said(process, f"{path} is one file; only a folder can be split")
         await until(lambda: count_of(path) == 1)
 
 
@@ -487,8 +487,8 @@ async def test_a_snapshot_has_what_came_last(node: Node, tool: Any, tmp_path: Pa
     process.send_signal(signal.SIGINT)
     ended = await tool.end(process)
     assert ended.code == 0 and "recorded 5 messages of 1 topics" in ended.err
-    assert "1 messages are larger than --max-cache-size, and in no snapshot\n" in ended.err
-    assert "came faster" not in ended.err
+    assert "1 messages are larger than --max-cache-size, and are not in a snapshot\n" in ended.err
+    assert "arrived faster" not in ended.err
     assert [int(one) for one in words_of(path)] == [7, 8, 9, 10, 11]
     assert [one["message_count"] for one in metadata_of(path)["files"]][:2] == [3, 2]
     with RosbagsReader(path) as theirs:
@@ -521,7 +521,7 @@ def test_what_waits_is_bounded_and_a_snapshot_waits_for_the_last_one(tmp_path: P
             writer.enqueue("/words", data, number, number)
         if snapshots:
             writer.enqueue("/words", data * 4, 11, 11)  # more than there is room for
-            assert (writer.dropped, writer.snapshot_size_text) == (1, "3 messages kept for a snapshot")
+            assert (writer.dropped, writer.snapshot_size_text) == (1, "3 messages retained for a snapshot")
             assert writer.snapshot()
             assert not writer.snapshot()
         else:
@@ -555,7 +555,7 @@ def test_the_error_of_a_full_disk_has_the_path_once(tmp_path: Path) -> None:
             writer.enqueue("/a", b"", 0, 0)
             with pytest.raises(ToolError) as caught:
                 writer.end()
-        assert str(caught.value).startswith(f"{tmp_path / name}: full; what was recorded before")
+        assert str(caught.value).startswith(f"{tmp_path / name}: full; earlier messages")
 
 
 def raising(error: Exception) -> Any:
@@ -571,14 +571,14 @@ def raising(error: Exception) -> Any:
 def test_wrong_words_are_told(run_here: Any, tmp_path: Path) -> None:
     out = str(tmp_path / "bag")
     for words, code, text in (
-        (["--exclude-topics", "/a"], 2, "say what to record"),
-        (["/a", "--compression-format", "zstd"], 2, "--compression-format is for --compression-mode"),
-        (["/a", "--compression", "lz4", "-s", "sqlite3"], 2, "--compression is of chunks in MCAP files"),
+        (["--exclude-topics", "/a"], 2, "expected topics, --services"),
+        (["/a", "--compression-format", "zstd"], 2, "--compression-format requires --compression-mode"),
+        (["/a", "--compression", "lz4", "-s", "sqlite3"], 2, "--compression applies to chunks of MCAP files"),
         (["/a", "--use-sim-time", "--no-discovery"], 2, "--use-sim-time waits for /clock"),
-        (["/a", "--snapshot-mode", "--max-cache-size", "0"], 2, "--snapshot-mode has nothing to write"),
+        (["/a", "--snapshot-mode", "--max-cache-size", "0"], 2, "--snapshot-mode requires a --max-cache-size"),
         (["/a", "--custom-data", "x"], 2, 'expected KEY=VALUE, found "x"'),
         (["/a", "-f", "json"], 2, "'json' is not"),
-        (["/a", "--exclude-regex", "("], 1, '"(" is no regular expression'),
+        (["/a", "--exclude-regex", "("], 1, '"(" is not a regular expression'),
         (["--services", "/a b"], 1, "/a b"),
         (["--topic-types", "a/b/c/d"], 1, "a/b/c/d"),
         (["/a", "--node-name", "no name", "--discovery", "off"], 1, "no name"),
@@ -611,12 +611,12 @@ async def test_space_pauses_and_the_terminal_is_as_before(dds: World, tmp_path: 
         preexec_fn=lambda: _take_terminal(theirs),
     )
     try:
-        await said(process, "space pauses and goes on")
+        await said(process, "space pauses and resumes")
         await said(process, "recording /words")
         assert not termios.tcgetattr(theirs)[3] & (termios.ECHO | termios.ICANON)
         await publisher.wait_for_subscribers(20)
         os.write(ours, b"x ")
-        await said(process, "recording goes on")
+        await said(process, "recording resumed")
         publisher.publish(String(data="a"))
         await until(lambda: count_of(path) == 1)
         os.write(ours, b" ")

@@ -149,7 +149,7 @@ def test_a_file_without_index_gets_one_and_is_kept(run_here: Any, tmp_path: Path
     code, out, err = run_here("bag", "reindex", str(path))
     kept = tmp_path / "a.mcap.unindexed"
     assert (code, out) == (0, f"{count} messages of 1 topics in 1 files: {path}\n")
-    assert f"what it was before is kept as {kept}\n" in err
+    assert f"the old file is renamed to {kept}\n" in err
     assert kept.read_bytes() == before
     with BagReader(path) as reader, path.open("rb") as stream:
         assert reader.has_index and reader.unread_bytes == 0
@@ -167,7 +167,7 @@ def test_a_folder_with_a_file_without_index_says_so(run_here: Any, tmp_path: Pat
     without_index(path / "bag_2.mcap", cut=0)
     code, out, err = run_here("bag", "reindex", str(path))
     assert code == 0 and out.startswith("53 messages of 2 topics in 3 files")
-    assert err.startswith("bag_2.mcap has no index") and "`rosidl-py bag reindex` gives it one" in err
+    assert err.startswith("bag_2.mcap has no index") and "`rosidl-py bag reindex` adds an index" in err
     assert [one["message_count"] for one in told(path)["files"]] == [2, 1, 50]
 
 

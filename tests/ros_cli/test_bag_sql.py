@@ -91,7 +91,7 @@ def test_the_query_may_come_first_or_last(run_here: Any, tmp_path: Path, monkeyp
         code, _, err = run_here("bag", "sql", *wrong)
         assert code == 2 and "expected a query and a bag" in err
     code, _, err = run_here("bag", "sql", query, one, "--json", "--format", "csv")
-    assert code == 2 and "expected one of --json and --format csv" in err
+    assert code == 2 and "expected only one of --json and --format csv" in err
 
 
 def test_show_tables_lists_the_topics(run_here: Any, tmp_path: Path) -> None:

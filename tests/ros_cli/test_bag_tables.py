@@ -39,12 +39,12 @@ def test_bags_become_a_dataset_that_can_be_asked(run_here: Any, tmp_path: Path) 
     code, said, err = run_here("bag", "table", first, second, "--out", str(out))
     assert (code, said) == (0, f"102 messages of 2 topics in {out}\n")
     large = "sensor_msgs/msg/Image is large: --include-large (include_large=True) writes it"
-    assert err == "".join(f"{one}: left out /image: {large}\n" for one in "ab")
+    assert err == "".join(f"{one}: skipped /image: {large}\n" for one in "ab")
     query = 'select bag, count(*), max(linear_acceleration.x) from "/imu" group by bag order by bag'
     assert run_here("bag", "sql", query, str(out)) == (0, "a\t50\t24.5\nb\t50\t24.5\n", "")
     assert run_here("bag", "sql", query, first, second) == (0, "a\t50\t24.5\nb\t50\t24.5\n", "")
     code, said, err = run_here("bag", "table", first, "--out", str(out))
-    assert (code, said, err) == (0, f"0 messages of 0 topics in {out}; 1 bags were there\n", "")
+    assert (code, said, err) == (0, f"0 messages of 0 topics in {out}; 1 bags were unchanged\n", "")
     code, _, err = run_here("bag", "table", first, "--out", str(out), "--include-large")
     assert code == 1 and err.endswith("parquet exists already\n")
     assert run_here("bag", "table", first, "--out", str(out), "--overwrite", "--include-large")[0] == 0
@@ -74,9 +74,9 @@ def test_the_answer_has_the_format_that_is_asked_for(run_here: Any, tmp_path: Pa
     assert pq.read_table(tmp_path / "x.parquet").column("frame_id").to_pylist() == ["f0", "f1"]
     for arguments, wrong in {
         ("-o", str(tmp_path / "x.csv")): "exists already",
-        ("-o", str(tmp_path / "x.txt")): "say the format",
-        ("-o", str(tmp_path / "y"), "-f", "table"): "a table is for the terminal",
-        ("-f", "parquet"): "name one with --output",
+        ("-o", str(tmp_path / "x.txt")): "unknown format; pass --format",
+        ("-o", str(tmp_path / "y"), "-f", "table"): "--format table cannot be written to a file",
+        ("-f", "parquet"): "requires --output",
     }.items():
         code, said, err = run_here("bag", "sql", query, bag, *arguments)
         assert code == 1 and said == "" and wrong in err
@@ -88,7 +88,7 @@ def test_errors_name_bag_topic_and_message(run_here: Any, tmp_path: Path) -> Non
         code, _, err = run_here("bag", *command)
         assert code == 1 and f"{bag}: /s at 1000000000 ns: std_msgs/msg/String.data" in err
     code, said, err = run_here("bag", "table", bag, "-o", str(out), "--skip-damaged")
-    assert code == 0 and said == f"50 messages of 1 topics in {out}\n" and "left out /s: " in err
+    assert code == 0 and said == f"50 messages of 1 topics in {out}\n" and "skipped /s: " in err
     code, _, err = run_here("bag", "sql", "select * from nothing", bag)
     assert code == 1 and "no topic nothing; there are /image, /imu, /s" in err
 
@@ -174,8 +174,8 @@ def test_processes_of_this_machine_do_it_without_a_scheduler(
     assert rows(out) == [("b", 1)] + [("large", number) for number in range(3_000)]
     assert len(list(out.rglob("bag=large/*.parquet"))) > 1
     code, printed, err = run_here("bag", "table", str(large), str(good), "-o", str(out))
-    assert (code, printed, err) == (0, f"0 messages of 0 topics in {out}; 2 bags were there\n", "")
+    assert (code, printed, err) == (0, f"0 messages of 0 topics in {out}; 2 bags were unchanged\n", "")
     code, printed, _ = run_here("bag", "table", str(good), str(tmp_path / "junk.mcap"), "-o", str(out))
-    assert (code, printed) == (1, f"0 messages of 0 topics in {out}; 1 bags were there\n")
+    assert (code, printed) == (1, f"0 messages of 0 topics in {out}; 1 bags were unchanged\n")
     code, _, err = run_here("bag", "table", str(good), "-o", str(out), "--scheduler", "tcp://x:1", "--workers", "2")
-    assert code == 2 and "a scheduler has its own workers" in err
+    assert code == 2 and "expected only one of --scheduler and --workers" in err

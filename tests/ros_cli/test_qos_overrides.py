@@ -68,7 +68,7 @@ def test_policies_have_the_names_of_rosbag2(tmp_path: Path) -> None:
         ("/scan:\n  deadline: {s: 1}", '<profiles>:2:14: deadline: expected sec: and nsec:, found "s"'),
         ("/scan:\n  deadline: 1", "<profiles>:2:13: deadline: expected sec: and nsec:"),
         ("/scan:\n  avoid_ros_namespace_conventions: 2", "<profiles>:2:36: avoid_ros_namespace_conventions: expected"),
-        ("/scan: {}\n/scan: {}", '<profiles>:2:1: "/scan" is there twice'),
+        ("/scan: {}\n/scan: {}", '<profiles>:2:1: "/scan" is defined twice'),
         ("/scan: &a {depth: 1}\n/b: *a", "<profiles>:1:8: anchors and aliases are not supported"),
         ("/scan: {", "<profiles>:2:1: did not find expected node content"),
     ],

@@ -1,4 +1,4 @@
-"""``rosidl-py bag``: a module for each command, or for several that do nearly the same."""
+"""Command group ``rosidl-py bag``; its verbs are imported when called."""
 
 import click
 
@@ -11,14 +11,14 @@ from rosidl_py_gen.ros_cli.groups import LazyGroup
     verbs={
         "convert": (
             "convert",
-            "Write a bag again: SQLite as MCAP or the reverse, a part of it.",
+            "Copy a bag: SQLite as MCAP or the reverse, or a selection.",
         ),
-        "info": ("info", "Print what a bag holds."),
-        "migrate": ("migrate", "Carry a recording over to changed definitions, field by field, by their names."),
-        "play": (".playback.command", "Publish what a bag holds, as far apart as it was recorded."),
+        "info": ("info", "Print the contents of a bag."),
+        "migrate": ("migrate", "Convert a recording to changed definitions: fields are matched by name."),
+        "play": (".playback.command", "Publish the messages of a bag with the recorded timing."),
         "record": (".recording.command", "Record topics until Ctrl-C or SIGTERM."),
-        "reindex": ("reindex", "Write the metadata.yaml of a bag folder again, as after a crash."),
-        "sql": ("sql", "Ask bags, or a dataset that `bag table` has written, with the SQL of DuckDB."),
+        "reindex": ("reindex", "Recreate the metadata.yaml of a bag folder, as after a crash."),
+        "sql": ("sql", "Query bags, or a dataset of `bag table`, with the SQL of DuckDB."),
         "table": ("table", "Write bags as a Parquet dataset, for polars, pandas, DuckDB and Spark."),
     },
 )

@@ -1,13 +1,10 @@
-"""``bag convert``: a bag, or a part of it, written again.
-
-What the copy says its messages are is decided in described.py.
-"""
+"""``bag convert``; also creates and fills the bag of ``bag migrate``."""
 
 from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
-from pathlib import Path
+from contextlib import contextmanager
 from time import monotonic
 from typing import TYPE_CHECKING
 
@@ -16,18 +13,24 @@ import click
 from rosidl_py_gen.ros_cli import DAMAGED, options, terminal_output, verb
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, SqliteWriter
+    from collections.abc import Callable, Iterator, Mapping
+
+    from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage, SqliteWriter
     from rosidl_py_gen.ros_cli.bag.selection import BagSelection
 
-
-_PROGRESS_S = 0.25
+_PROGRESS_INTERVAL_S = 0.25
 
 
 @click.command("convert", cls=options.MultiValueCommand)
 @options.bag_path
 @click.argument("output", type=click.Path())
 @click.option(
-    "-s", "--storage", type=click.Choice(["mcap", "sqlite3"]), default="mcap", show_default=True, help="Of the output."
+    "-s",
+    "--storage",
+    type=click.Choice(["mcap", "sqlite3"]),
+    default="mcap",
+    show_default=True,
+    help="Storage format of the output bag.",
 )
 @options.bag_selection
 @options.compression
@@ -35,7 +38,7 @@ _PROGRESS_S = 0.25
 @click.option(
     "--without-definitions",
     is_flag=True,
-    help="Also copy topics whose types are known nowhere; nobody can read them without these.",
+    help="Also copy topics without a known definition; they cannot be decoded without it.",
 )
 @options.paths
 @options.as_json
@@ -54,36 +57,31 @@ def convert(
     paths: Sequence[str],
     without_definitions: bool,
 ) -> int:
-    """Write a bag again: SQLite as MCAP or the reverse, a part of it, a whole one of one whose recorder was killed.
+    """Copy a bag: SQLite as MCAP or the reverse, a selection, or a complete bag of one whose recorder was killed.
 
-    OUTPUT is a folder, or a file that ends with .mcap. Types that the bag has no definition of, as those of Humble,
-    are looked for in the folders of --path.
+    OUTPUT is a folder, or a file that ends with .mcap. Definitions that the bag does not contain, as those of Humble,
+    are read from the folders of --path.
 
     \b
     rosidl-py bag convert old_bag new_bag
     rosidl-py bag convert humble_bag new_bag --path ~/ws/src
     rosidl-py bag convert my_bag short.mcap --topics /imu --start-offset 10 --duration 5
     """
-    from rosidl_py_gen.bags import BagReader, BagWriter, SqliteWriter
+    from rosidl_py_gen.bags import BagReader
     from rosidl_py_gen.ros_cli.bag.output_definitions import channels_with_definitions
     from rosidl_py_gen.ros_cli.bag.selection import damaged_rows, select_part
 
     with BagReader(path, search_path=paths, skip_damaged=True) as reader:
         part = select_part(reader, topics, offset_s, duration_s)
         channels = channels_with_definitions(reader, part.topics, without_definitions)
-        if storage == "mcap":
-            inside = "" if compression == "none" else compression
-            writer: BagWriter | SqliteWriter = BagWriter(
-                output, compression=inside, split_bytes=split_bytes, split_s=split_s
+        with new_bag(output, storage, compression, split_bytes, split_s) as writer:
+            count = copy_messages(
+                reader,
+                writer,
+                part,
+                channels,
+                lambda channel: lambda item: item._replace(channel=channels[channel.key]),
             )
-        else:
-            writer = SqliteWriter(output, split_bytes=split_bytes, split_s=split_s)
-        try:
-            with writer:
-                count = _copy(reader, writer, part, channels)
-        except BaseException:
-            remove(Path(output))  # part of a bag would look like all of it
-            raise
     if as_json:
         damaged = damaged_rows(reader.damaged)
         terminal_output.document({"path": output, "messages": count, "topics": len(part.topics), "damaged": damaged})
@@ -92,33 +90,58 @@ def convert(
     return DAMAGED if reader.damaged else 0
 
 
-def remove(path: Path) -> None:
-    """Take back a bag that was begun."""
-    if path.is_dir():
-        shutil.rmtree(path, ignore_errors=True)
+@contextmanager
+def new_bag(
+    output: str, storage: str, compression: str, split_bytes: int | None, split_s: float | None
+) -> Iterator[BagWriter | SqliteWriter]:
+    """Create a bag; remove it on failure, as an incomplete bag would look complete."""
+    from rosidl_py_gen.bags import BagWriter, SqliteWriter
+
+    writer: BagWriter | SqliteWriter
+    if storage == "mcap":
+        inside = "" if compression == "none" else compression
+        writer = BagWriter(output, compression=inside, split_bytes=split_bytes, split_s=split_s)
     else:
-        path.unlink(missing_ok=True)
+        writer = SqliteWriter(output, split_bytes=split_bytes, split_s=split_s)
+    try:
+        with writer:
+            yield writer
+    except BaseException:
+        if writer.path.is_dir():
+            shutil.rmtree(writer.path, ignore_errors=True)
+        else:
+            writer.path.unlink(missing_ok=True)
+        raise
 
 
-def _copy(
-    reader: BagReader, writer: BagWriter | SqliteWriter, part: BagSelection, channels: dict[tuple[str, ...], BagTopic]
+def copy_messages(
+    reader: BagReader,
+    writer: BagWriter | SqliteWriter,
+    selection: BagSelection,
+    channels: Mapping[tuple[str, ...], BagTopic],
+    converter_of: Callable[[BagTopic], Callable[[RawMessage], RawMessage]],
 ) -> int:
-    from rosidl_py_gen.bags import RawMessage
+    """Copy messages, and return their number.
+
+    Args:
+        channels: channels of the copy, by the key of the original.
+        converter_of: returns the function that converts the messages of a channel.
+    """
     from rosidl_py_gen.ros_cli.bag.selection import progress
 
     for channel in channels.values():
         writer.add_raw_topic(channel)
     total = sum(channel.count or 0 for channel in channels.values())
-    count, shown = 0, monotonic()
-    written: dict[int, tuple[BagTopic, BagTopic]] = {}  # by identity: comparing definitions takes long
+    count, shown_at = 0, monotonic()
+    converters: dict[int, tuple[BagTopic, Callable[[RawMessage], RawMessage]]] = {}
     with progress() as show:
-        for item in reader.raw_messages(part.topics, start_ns=part.start_ns, end_ns=part.end_ns):
-            known = written.get(id(item.channel))
-            if known is None:
-                known = written[id(item.channel)] = item.channel, channels[item.channel.key]
-            writer.write_raw(RawMessage(known[1], *item[1:]))
+        for item in reader.raw_messages(selection.topics, start_ns=selection.start_ns, end_ns=selection.end_ns):
+            key = id(item.channel)  # comparing definitions for each message takes long; the tuple retains the channel
+            if key not in converters:
+                converters[key] = item.channel, converter_of(item.channel)
+            writer.write_raw(converters[key][1](item))
             count += 1
-            if monotonic() > shown + _PROGRESS_S:
-                shown = monotonic()
+            if monotonic() > shown_at + _PROGRESS_INTERVAL_S:
+                shown_at = monotonic()
                 show(f"{count} of {total} messages")
     return count

@@ -1,7 +1,7 @@
-"""Values carried over from messages of one class to those of another, by a plan.
+"""Conversion of messages of one class to another, by a migration plan.
 
-Decides that no value becomes another one in silence: what does not fit is an `EncodeError` with the field's path, here
-or when the message is encoded. The only exception is float64 to float32, which is rounded.
+No value changes silently: a value that does not fit raises `EncodeError` with the path of the field, here or when the
+message is encoded. The only exception is float64 to float32, which is rounded.
 """
 
 from __future__ import annotations
@@ -25,44 +25,44 @@ if TYPE_CHECKING:
 
 
 def message_converter(plans: Plans, old: type[Message], new: type[Message]) -> Callable[[Any], Any]:
-    """A function that makes a message of the new class of one of the old class; it raises `EncodeError`."""
+    """Return a function that converts messages of the old class to the new one, or raises `EncodeError`."""
     makers: dict[tuple[str, str], Converter] = {}
     old_classes, new_classes = referenced_classes(old), referenced_classes(new)
 
     def maker(pair: tuple[str, str]) -> Converter:
-        """Of a nested pair; types do not contain themselves, so that this ends."""
+        """Return the converter of a nested pair; recursion ends, as types do not contain themselves."""
         if pair not in makers:
             makers[pair] = _maker(pair)
         return makers[pair]
 
-    def carry_of(step: FieldConversion, path: str) -> Converter | None:
+    def converter_of(step: FieldConversion, path: str) -> Converter | None:
         return None if step.way is ConversionKind.MESSAGE and is_same(step) else _field_converter(step, path, maker)
 
     def is_same(step: FieldConversion) -> bool:
-        """Whether messages stay what they are, down to the last one."""
+        """Return True if messages are equal in all nested types."""
         pair = step.old_type.base, step.new_type.base
-        nested = (one for one in plans[pair].steps if one.way is ConversionKind.MESSAGE)
+        nested = (field for field in plans[pair].steps if field.way is ConversionKind.MESSAGE)
         same_class = old_classes[pair[0]] is new_classes[pair[1]]
         return same_class and not plans[pair].is_conversion and all(map(is_same, nested))
 
     def _maker(pair: tuple[str, str]) -> Converter:
-        then: Any = old_classes[pair[0]]
+        old_class: Any = old_classes[pair[0]]
         cls: Any = new_classes[pair[1]]
-        then_names = {one.ros_name: one.py_name for one in then._TYPE.fields}
-        now_names = {one.ros_name: one.py_name for one in cls._TYPE.fields}
+        old_names = {field.ros_name: field.py_name for field in old_class._TYPE.fields}
+        new_names = {field.ros_name: field.py_name for field in cls._TYPE.fields}
         steps = [
-            (then_names[step.old], now_names[step.new], carry_of(step, f"{pair[1]}.{step.new}"))
+            (old_names[step.old], new_names[step.new], converter_of(step, f"{pair[1]}.{step.new}"))
             for step in plans[pair].steps
         ]
 
-        def carried(message: Any) -> Any:
-            made = cls()
-            for source, target, carry in steps:
+        def convert(message: Any) -> Any:
+            converted = cls()
+            for source, target, converter in steps:
                 value = getattr(message, source)
-                setattr(made, target, value if carry is None else carry(value))
-            return made
+                setattr(converted, target, value if converter is None else converter(value))
+            return converted
 
-        return carried
+        return convert
 
     return maker((old._TYPE.name, new._TYPE.name))
 
@@ -70,14 +70,14 @@ def message_converter(plans: Plans, old: type[Message], new: type[Message]) -> C
 def _field_converter(
     step: FieldConversion, path: str, maker: Callable[[tuple[str, str]], Converter]
 ) -> Converter | None:
-    """None where the value is taken as it is; how many there may be is found out when the message is encoded."""
+    """Return a converter, None if the value is copied; array sizes are checked when the message is encoded."""
     is_scalar = step.new_type.arity is Arity.SCALAR
     match step.way:
         case ConversionKind.COPY:
             return None
         case ConversionKind.MESSAGE:
-            one = maker((step.old_type.base, step.new_type.base))
-            return one if is_scalar else lambda values: [one(value) for value in values]
+            field = maker((step.old_type.base, step.new_type.base))
+            return field if is_scalar else lambda values: [field(value) for value in values]
         case ConversionKind.NUMBER:
             assert step.new_type.primitive is not None
             primitive = step.new_type.primitive
@@ -91,33 +91,33 @@ def _scalar(kind: str, path: str) -> Converter:
         return int
 
     def real(value: Any) -> float:
-        found = float(value)
-        if isinstance(value, int) and found != value:
+        array = float(value)
+        if isinstance(value, int) and array != value:
             raise EncodeError(path, f"{value} is no floating point number")
-        return found
+        return array
 
     return real
 
 
 def _array(dtype: np.dtype[Any], code: str, path: str) -> Converter:
-    def carried(values: Any) -> Any:
-        found = np.asarray(values)
-        if not found.size:
-            return found.astype(dtype)
+    def convert(values: Any) -> Any:
+        array = np.asarray(values)
+        if not array.size:
+            return array.astype(dtype)
         if code in INTEGER_RANGES:
             low, high = INTEGER_RANGES[code]
-            if int(found.min()) < low or int(found.max()) > high:
-                raise EncodeError(path, f"expected {low} to {high}, found {int(found.min())} to {int(found.max())}")
-            return found.astype(dtype)
+            if int(array.min()) < low or int(array.max()) > high:
+                raise EncodeError(path, f"expected {low} to {high}, found {int(array.min())} to {int(array.max())}")
+            return array.astype(dtype)
         with np.errstate(over="ignore", invalid="ignore"):
-            made = found.astype(dtype)
-            if found.dtype.kind == "f":
-                is_right = np.isinf(made) == np.isinf(found)
+            converted = array.astype(dtype)
+            if array.dtype.kind == "f":
+                is_right = np.isinf(converted) == np.isinf(array)
             else:
                 # As Python's numbers where they are large: numpy would compare both as floating point.
-                is_right = made.astype(object) == found.astype(object) if found.dtype.itemsize > 2 else True
+                is_right = converted.astype(object) == array.astype(object) if array.dtype.itemsize > 2 else True
         if not np.all(is_right):
             raise EncodeError(path, f"has values that are no {dtype} numbers")
-        return made
+        return converted
 
-    return carried
+    return convert

@@ -1,4 +1,4 @@
-"""``bag info``."""
+"""``bag info``: contents of a bag."""
 
 from __future__ import annotations
 
@@ -18,14 +18,12 @@ if TYPE_CHECKING:
 
 @click.command("info")
 @options.bag_path
-@click.option(
-    "-v", "--verbose", "is_verbose", is_flag=True, help="Also where the definition of each topic's type comes from."
-)
+@click.option("-v", "--verbose", "is_verbose", is_flag=True, help="Also print the origin of each topic's definition.")
 @options.paths
 @options.as_json
 @verb
 def info(path: str, is_verbose: bool, paths: Sequence[str], as_json: bool) -> int:
-    """Print what a bag holds. One whose recorder was killed is read to the end for it.
+    """Print the contents of a bag. A bag whose recorder was killed is read completely.
 
     \b
     rosidl-py bag info my_bag
@@ -35,22 +33,22 @@ def info(path: str, is_verbose: bool, paths: Sequence[str], as_json: bool) -> in
     from rosidl_py_gen.bags import BagReader
 
     with BagReader(path, search_path=paths, skip_damaged=True) as reader:
-        channels = _counted(reader)
+        channels = _with_counts(reader)
         if as_json:
-            terminal_output.document(_told(reader, channels, is_verbose))
+            terminal_output.document(_document(reader, channels, is_verbose))
         else:
             _show(reader, channels, is_verbose)
     return 0
 
 
-def _counted(reader: BagReader) -> list[BagTopic]:
-    """The channels with their counts; where a file does not tell them, it is read for them."""
+def _with_counts(reader: BagReader) -> list[BagTopic]:
+    """Return the channels with message counts; a file without counts is read."""
     from collections import Counter
 
     if all(one.count is not None for one in reader.channels):
         return reader.channels
-    found = Counter(message.channel.key for message in reader.raw_messages())
-    return [replace(one, count=found[one.key]) for one in reader.channels]
+    definition = Counter(message.channel.key for message in reader.raw_messages())
+    return [replace(one, count=definition[one.key]) for one in reader.channels]
 
 
 def _messages(channels: Sequence[BagTopic]) -> int:
@@ -61,7 +59,7 @@ def _size(reader: BagReader) -> int:
     return sum(file.stat().st_size for file in reader.files)
 
 
-def _told(reader: BagReader, channels: Sequence[BagTopic], is_verbose: bool) -> dict[str, Any]:
+def _document(reader: BagReader, channels: Sequence[BagTopic], is_verbose: bool) -> dict[str, Any]:
     from rosidl_py_gen.bags.metadata import qos_profiles
     from rosidl_py_gen.ros_cli.bag.selection import damaged_rows
 
@@ -95,17 +93,21 @@ def _told(reader: BagReader, channels: Sequence[BagTopic], is_verbose: bool) -> 
 
 def _definition(reader: BagReader, topic: BagTopic) -> dict[str, Any]:
     try:
-        found = reader.definition(topic)
+        definition = reader.definition(topic)
     except RosidlError as error:
         return {"definition": None, "problem": str(error)}
-    return {"definition": found.origin, "is_recorded": found.is_recorded, "definition_hash": found.type_hash}
+    return {
+        "definition": definition.origin,
+        "is_recorded": definition.is_recorded,
+        "definition_hash": definition.type_hash,
+    }
 
 
 def _definition_text(reader: BagReader, topic: BagTopic) -> str:
-    told = _definition(reader, topic)
-    if told["definition"] is None:
-        return str(told["problem"])
-    return str(told["definition"]) + ("" if told["is_recorded"] else " (by its name alone)")
+    row = _definition(reader, topic)
+    if row["definition"] is None:
+        return str(row["problem"])
+    return str(row["definition"]) + ("" if row["is_recorded"] else " (guessed by name)")
 
 
 def _storage(reader: BagReader) -> str:
@@ -132,43 +134,41 @@ def _show(reader: BagReader, channels: Sequence[BagTopic], is_verbose: bool) -> 
         ("Messages", str(_messages(channels))),
     ]
     if not reader.has_index:
-        advice = (
-            "`rosidl-py bag convert` makes a whole bag of this" if _messages(channels) else "there is no message in it"
-        )
-        rows.append(("Index", f"missing: the recorder did not end; {advice}"))
+        advice = "`rosidl-py bag convert` creates a complete bag" if _messages(channels) else "it contains no message"
+        rows.append(("Index", f"missing: the recorder was killed; {advice}"))
     if reader.unread_bytes:
         rows.append(("Lost", f"{size_text(reader.unread_bytes)} of an unfinished record at the end"))
     if reader.damaged:
-        rows.append(("Damaged", f"{len(reader.damaged)} parts; `rosidl-py bag convert` saves the others"))
+        rows.append(("Damaged", f"{len(reader.damaged)} parts; `rosidl-py bag convert` copies the others"))
     missing = sum(not topic.definition for topic in reader.channels)
     if missing and not is_verbose:
-        rows.append(("Types", f"{missing} have no definition in the bag; --verbose says which is taken from here"))
+        rows.append(("Types", f"{missing} have no definition in the bag; --verbose prints the local ones"))
     for name, text in rows:
         terminal_output.line(f"{name + ':':<12}{text}")
     terminal_output.line()
-    shown = [[one.name, one.type_name, str(one.count), _qos_text(one)] for one in channels]
+    table_rows = [[one.name, one.type_name, str(one.count), _qos_text(one)] for one in channels]
     columns = ["topic", "type", "count", "QoS"]
     if is_verbose:
-        shown = [[*row, _definition_text(reader, one)] for row, one in zip(shown, channels, strict=True)]
+        table_rows = [[*row, _definition_text(reader, one)] for row, one in zip(table_rows, channels, strict=True)]
         columns.append("definition")
-    terminal_output.table(shown, *columns)
+    terminal_output.table(table_rows, *columns)
     _show_double(reader)
 
 
 def _show_double(reader: BagReader) -> None:
     for name, known in reader.topics.items():
-        several = [one for one in reader.channels if one.name == name]
-        if len(several) > 1:
-            types = ", ".join(sorted({f"{one.type_name} {one.type_hash}".strip() for one in several}))
-            terminal_output.line(f"{known.name}: recorded with {len(several)} definitions: {types}")
+        definitions = [one for one in reader.channels if one.name == name]
+        if len(definitions) > 1:
+            types = ", ".join(sorted({f"{one.type_name} {one.type_hash}".strip() for one in definitions}))
+            terminal_output.line(f"{known.name}: recorded with {len(definitions)} definitions: {types}")
 
 
 def _qos_text(topic: BagTopic) -> str:
-    """What all its publishers offered, in a few words."""
+    """Return the reliability and durability of all publishers as text."""
     from rosidl_py_gen.bags.metadata import qos_profiles
 
-    shown = {
+    table_rows = {
         f"{profile.reliability.name}, {profile.durability.name}".lower().replace("_", " ")
         for profile in qos_profiles(topic.offered_qos)
     }
-    return " / ".join(sorted(shown))
+    return " / ".join(sorted(table_rows))

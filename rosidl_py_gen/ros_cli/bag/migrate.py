@@ -1,16 +1,13 @@
-"""``bag migrate``: a recording carried over to changed definitions.
+"""``bag migrate``: conversion of a recording to changed definitions.
 
-Decides which topics are carried over: those whose type, or one that it contains, is defined in the folders of --path;
-others stay as they were recorded. Messages of a type whose hash did not change keep their bytes. Nothing is left of a
-bag that could not be carried over whole.
+Topics are converted if their type, or a type in it, is defined in the folders of --path; others are copied. Messages of
+types whose hash is equal keep their bytes. An incomplete output is removed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -20,24 +17,21 @@ from rosidl_py_gen.errors import DecodeError, EncodeError, InvalidNameError, Ros
 from rosidl_py_gen.ros_cli import DAMAGED, ToolError, options, terminal_output, verb
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage
+    from rosidl_py_gen.bags import BagReader, BagTopic, RawMessage
     from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.compiler.compatibility.migration import MessagePlan, MigrationRules
 
 
-_PROGRESS_S = 0.25
-
-
 @dataclass(slots=True)
 class _Topic:
-    """A channel and what becomes of it; `carry` is None where its bytes stay."""
+    """Channel and its conversion; `convert` is None if its bytes are copied."""
 
     old: BagTopic
     new: BagTopic
     plans: list[MessagePlan] = field(default_factory=list)
     defaults: dict[str, dict[str, str]] = field(default_factory=dict)
     decode: Callable[[bytes], Any] | None = None
-    carry: Callable[[Any], Any] | None = None
+    convert: Callable[[Any], Any] | None = None
     note: str = ""
     count: int = 0
 
@@ -50,21 +44,27 @@ class _Topic:
     multiple=True,
     required=True,
     metavar="DIR",
-    help="A folder with the new definitions; may be given several times.",
+    help="Folder with the new definitions. May be repeated.",
 )
-@click.option("-o", "--output", type=click.Path(), help="A folder, or a file that ends with .mcap.")
-@click.option("--rules", "rules_file", type=click.Path(), metavar="FILE", help="YAML: what types and fields are now.")
+@click.option("-o", "--output", type=click.Path(), help="Folder, or file that ends with .mcap.")
+@click.option(
+    "--rules",
+    "rules_file",
+    type=click.Path(),
+    metavar="FILE",
+    help="YAML file that maps old names of types and fields to new ones.",
+)
 @click.option(
     "--old-path",
     "old_paths",
     multiple=True,
     metavar="DIR",
-    help="A folder with the definitions of then, for bags that do not have theirs; may be given several times.",
+    help="Folder with the old definitions, for bags without definitions. May be repeated.",
 )
 @options.topics
 @options.compression
 @options.split_options
-@click.option("--dry-run", is_flag=True, help="Only say what would be carried over, dropped and defaulted.")
+@click.option("--dry-run", is_flag=True, help="Only print converted, dropped and defaulted fields.")
 @options.as_json
 @verb
 def migrate(
@@ -80,10 +80,9 @@ def migrate(
     dry_run: bool,
     as_json: bool,
 ) -> int:
-    """Carry a recording over to changed definitions, field by field, by their names.
+    """Convert a recording to changed definitions: fields are matched by name.
 
-    What is dropped, and what gets its default value, is listed. A file of rules says which types and fields have other
-    names now:
+    Dropped fields, and fields that get their default value, are listed. A file of rules maps renamed types and fields:
 
     \b
     types:
@@ -91,50 +90,44 @@ def migrate(
     fields:
       my_msgs/msg/Wheel:
         name: label
-        debug: null     # let go
+        debug: null     # dropped
 
     \b
     rosidl-py bag migrate drive --path ~/robot_ws/src -o drive_now
     rosidl-py bag migrate drive --path ~/robot_ws/src --rules renames.yaml --dry-run
     """
     if output is None and not dry_run:
-        raise click.UsageError("say where to write: --output, or --dry-run")
-    from rosidl_py_gen.bags import BagReader, BagWriter
+        raise click.UsageError("expected --output or --dry-run")
+    from rosidl_py_gen.bags import BagReader
     from rosidl_py_gen.compiler.compatibility.migration import MigrationRules
-    from rosidl_py_gen.ros_cli.bag.convert import remove
+    from rosidl_py_gen.ros_cli.bag.convert import copy_messages, new_bag
     from rosidl_py_gen.ros_cli.bag.migration_rules import read_rules
     from rosidl_py_gen.ros_cli.bag.selection import select_part
 
     rules = read_rules(rules_file) if rules_file else MigrationRules()
     with BagReader(path, search_path=old_paths, skip_damaged=True) as reader:
-        wanted = select_part(reader, topics, 0.0, None).topics
-        found = _planned(reader, wanted, paths, rules)
-        _warn_unused_rules(rules, found)
+        selection = select_part(reader, topics, 0.0, None)
+        planned = _plan_topics(reader, selection.topics, paths, rules)
+        _warn_unused_rules(rules, planned)
         if not as_json:
-            _show(found)
-        if not dry_run:
-            assert output is not None
-            inside = "" if compression == "none" else compression
-            writer = BagWriter(output, compression=inside, split_bytes=split_bytes, split_s=split_s)
-            try:
-                with writer:
-                    _copy(reader, writer, wanted, found)
-            except BaseException:
-                remove(Path(output))  # part of a bag would look like all of it
-                raise
-    carried = sum(one.count for one in found.values() if one.carry)
-    count = sum(one.count for one in found.values())
+            _show(planned)
+        if output is not None and not dry_run:
+            channels = {key: topic.new for key, topic in planned.items()}
+            with new_bag(output, "mcap", compression, split_bytes, split_s) as writer:
+                copy_messages(
+                    reader, writer, selection, channels, lambda channel: _converter(reader, planned[channel.key])
+                )
+    carried = sum(one.count for one in planned.values() if one.convert)
+    count = sum(one.count for one in planned.values())
     if as_json:
-        terminal_output.document(_document(output, found, None if dry_run else count))
+        terminal_output.document(_document(output, planned, None if dry_run else count))
     elif not dry_run:
-        names = {one.old.name for one in found.values()}
-        terminal_output.line(f"{count} messages of {len(names)} topics in {output}, {carried} of them carried over")
+        names = {one.old.name for one in planned.values()}
+        terminal_output.line(f"{count} messages of {len(names)} topics in {output}, {carried} of them converted")
     return DAMAGED if reader.damaged else 0
 
 
 class _NewDefinitions:
-    """The definitions of now."""
-
     def __init__(self, paths: Sequence[str]) -> None:
         from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
         from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
@@ -143,11 +136,11 @@ class _NewDefinitions:
         self._search = scan_search_path(self._paths)
         self._library = InterfaceRegistry(self._search)
 
-    def found(self, name: str) -> tuple[type[Message], str] | str:
-        """Class and text of a type; or why its messages stay as they are.
+    def planned(self, name: str) -> tuple[type[Message], str] | str:
+        """Return class and text of a type, or the reason for copying its messages.
 
         Raises:
-            DefinitionError: it has problems.
+            DefinitionError: the definition is invalid.
         """
         from rosidl_py_gen import get_message
         from rosidl_py_gen.compiler.frontend.definition_text import full_text, read_checked
@@ -162,24 +155,24 @@ class _NewDefinitions:
         return get_message(name, path=self._paths), full_text(self._library, owner)
 
 
-def _planned(
+def _plan_topics(
     reader: BagReader, wanted: Sequence[str], paths: Sequence[str], rules: MigrationRules
 ) -> dict[tuple[str, ...], _Topic]:
-    """What becomes of each channel, by its key; all that hinders is raised at once."""
+    """Return the conversion of each channel by its key; raises one `ToolError` for all failures."""
     from rosidl_py_gen.compiler.compatibility.migration import MigrationError
 
     definitions = _NewDefinitions(paths)
     problems: list[str] = []
-    found = {}
+    planned = {}
     for channel in reader.channels:
         if channel.name in wanted:
             try:
-                found[channel.key] = _topic(reader, channel, definitions, rules)
+                planned[channel.key] = _topic(reader, channel, definitions, rules)
             except (MigrationError, ToolError) as error:
                 problems.append(str(error))
     if problems:
-        raise ToolError(f"{reader.path} cannot be carried over: " + "\n".join(dict.fromkeys(problems)))
-    return found
+        raise ToolError(f"{reader.path} cannot be converted: " + "\n".join(dict.fromkeys(problems)))
+    return planned
 
 
 def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, rules: MigrationRules) -> _Topic:
@@ -196,24 +189,24 @@ def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, r
         name = rules.type_name(str(split_ros_name(channel.type_name, "msg")))
     except InvalidNameError as error:
         return _Topic(channel, channel, note=str(error))
-    now = definitions.found(name)
-    if isinstance(now, str):
+    new_definition = definitions.planned(name)
+    if isinstance(new_definition, str):
         if name != channel.type_name and channel.type_name in rules.types:
-            raise ToolError(f"{rules.types[channel.type_name].place}: {name} is {now}")
-        return _Topic(channel, channel, note=now)
+            raise ToolError(f"{rules.types[channel.type_name].place}: {name} is {new_definition}")
+        return _Topic(channel, channel, note=new_definition)
     try:
-        known = reader.definition(channel)
+        definition = reader.definition(channel)
         reason = guess_mismatch(reader, channel)
     except RosidlError as error:
         reason = str(error)
     if reason:
         if channel.count == 0:
             return _Topic(channel, channel, note=f"no messages, and {reason}")
-        raise ToolError(f"{reason}; --old-path gives the definitions of then, --topics leaves topics out")
-    old: Any = known.message_class
-    new, text = now
+        raise ToolError(f"{reason}; pass the old definitions with --old-path, or select topics with --topics")
+    old: Any = definition.message_class
+    new, text = new_definition
     target = replace(
-        described(channel, known),
+        described(channel, definition),
         type_name=name,
         definition=text,
         encoding="ros2idl" if text.startswith("=") else "ros2msg",
@@ -229,74 +222,55 @@ def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, r
 
 
 def fields_of(cls: type[Message]) -> dict[str, list[tuple[str, Any]]]:
-    """A message and all it contains, as `plan` takes them."""
+    """Return the fields of a message and of all types in it, as input of `plan`."""
     from rosidl_py_gen.cdr.typesupport import referenced_classes
 
     classes: dict[str, Any] = referenced_classes(cls)
-    return {name: [(one.ros_name, one.type) for one in found._TYPE.fields] for name, found in classes.items()}
+    return {name: [(one.ros_name, one.type) for one in planned._TYPE.fields] for name, planned in classes.items()}
 
 
-def _warn_unused_rules(rules: MigrationRules, found: dict[tuple[str, ...], _Topic]) -> None:
-    """Say which rules are about types that no message has: a mistyped name would go unnoticed."""
-    used = {one.old for topic in found.values() for one in topic.plans}
-    used |= {topic.old.type_name for topic in found.values()}
+def _warn_unused_rules(rules: MigrationRules, planned: dict[tuple[str, ...], _Topic]) -> None:
+    """Note rules for types without messages, which are probably misspelled."""
+    used = {one.old for topic in planned.values() for one in topic.plans}
+    used |= {topic.old.type_name for topic in planned.values()}
     for name in sorted({*rules.types, *rules.fields} - used):
-        terminal_output.note(f"no rule about {name} was needed: the bag has no messages of it that change")
+        terminal_output.note(f"rule for {name} is unused: the bag has no messages of this type that change")
 
 
-def _copy(reader: BagReader, writer: BagWriter, wanted: Sequence[str], found: dict[tuple[str, ...], _Topic]) -> None:
-    from rosidl_py_gen.bags import RawMessage
-    from rosidl_py_gen.ros_cli.bag.selection import progress
+def _converter(reader: BagReader, topic: _Topic) -> Callable[[RawMessage], RawMessage]:
+    def convert(item: RawMessage) -> RawMessage:
+        topic.count += 1
+        if topic.convert is None or topic.decode is None:
+            return item._replace(channel=topic.new)
+        place = f"{reader.path}: {topic.old.name} at {item.log_time} ns"
+        try:
+            data = topic.convert(topic.decode(item.data)).encode()
+        except DecodeError as error:
+            raise DecodeError(f"{place}: {error.path}", error.offset_bytes, error.reason) from None
+        except EncodeError as error:
+            raise ToolError(f"{place}: {error.path}: {error.reason}") from None
+        return item._replace(channel=topic.new, data=data)
 
-    for topic in found.values():
-        writer.add_raw_topic(topic.new)
-    total = sum(topic.old.count or 0 for topic in found.values())
-    count, shown = 0, monotonic()
-    known: dict[int, tuple[BagTopic, _Topic]] = {}  # by identity: comparing definitions takes long
-    with progress() as show:
-        for item in reader.raw_messages(wanted):
-            if id(item.channel) not in known:
-                known[id(item.channel)] = item.channel, found[item.channel.key]
-            topic = known[id(item.channel)][1]
-            data = _carried(reader, topic, item) if topic.carry else item.data
-            writer.write_raw(RawMessage(topic.new, data, item.log_time, item.publish_time))
-            topic.count += 1
-            count += 1
-            if monotonic() > shown + _PROGRESS_S:
-                shown = monotonic()
-                show(f"{count} of {total} messages")
+    return convert
 
 
-def _carried(reader: BagReader, topic: _Topic, item: RawMessage) -> bytes:
-    assert topic.decode is not None and topic.carry is not None
-    place = f"{reader.path}: {topic.old.name} at {item.log_time} ns"
-    try:
-        message = topic.carry(topic.decode(item.data))
-        data: bytes = message.encode()
-    except DecodeError as error:
-        raise DecodeError(f"{place}: {error.path}", error.offset_bytes, error.reason) from None
-    except EncodeError as error:
-        raise ToolError(f"{place}: {error.path}: {error.reason}") from None
-    return data
-
-
-def _show(found: dict[tuple[str, ...], _Topic]) -> None:
+def _show(planned: dict[tuple[str, ...], _Topic]) -> None:
     shown: dict[tuple[str, ...], list[str]] = {}  # by what is said: two definitions of one type may change otherwise
-    for topic in found.values():
+    for topic in planned.values():
         for one in topic.plans:
             was = "" if one.old == one.new else f"{one.old} -> "
-            lines = f"{was}{one.new}", *_lines(one, topic.defaults.get(one.new, {}))
+            lines = f"{was}{one.new}", *_change_lines(one, topic.defaults.get(one.new, {}))
             shown.setdefault(lines, []).append(topic.old.name)
     for (head, *changes), topics in shown.items():
         terminal_output.line(f"{head}, in {', '.join(dict.fromkeys(topics))}", "bold")
         for text in changes:
             terminal_output.line(f"    {text}")
-    for topic in found.values():
+    for topic in planned.values():
         if topic.note:
-            terminal_output.line(f"{topic.old.name} [{topic.old.type_name}] stays as it is: {topic.note}")
+            terminal_output.line(f"{topic.old.name} [{topic.old.type_name}] is copied: {topic.note}")
 
 
-def _lines(one: MessagePlan, defaults: Mapping[str, str]) -> list[str]:
+def _change_lines(one: MessagePlan, defaults: Mapping[str, str]) -> list[str]:
     lines = []
     for step in one.steps:
         name = step.old if step.old == step.new else f"{step.old} -> {step.new}"
@@ -304,12 +278,12 @@ def _lines(one: MessagePlan, defaults: Mapping[str, str]) -> list[str]:
             lines.append(f"{name}: {step.old_type} -> {step.new_type}")
         elif step.old != step.new:
             lines.append(name)
-    lines += [f"- {name}: dropped{', as a rule says' if name in one.dropped_by_rule else ''}" for name in one.dropped]
+    lines += [f"- {name}: dropped{' by a rule' if name in one.dropped_by_rule else ''}" for name in one.dropped]
     values = {name: f", {defaults[name][:60]}" if name in defaults else "" for name in one.defaulted}
     return lines + [f"+ {name}: its default{value}" for name, value in values.items()]
 
 
-def _document(output: str | None, found: dict[tuple[str, ...], _Topic], count: int | None) -> dict[str, Any]:
+def _document(output: str | None, planned: dict[tuple[str, ...], _Topic], count: int | None) -> dict[str, Any]:
     return {
         "path": output,
         "messages": count,
@@ -319,7 +293,7 @@ def _document(output: str | None, found: dict[tuple[str, ...], _Topic], count: i
                 "type": one.new.type_name,
                 "old_type": one.old.type_name,
                 "count": one.count if count is not None else one.old.count,
-                "carried_over": one.carry is not None,
+                "carried_over": one.convert is not None,
                 "note": one.note,
                 "changes": [
                     {
@@ -337,6 +311,6 @@ def _document(output: str | None, found: dict[tuple[str, ...], _Topic], count: i
                     for change in one.plans
                 ],
             }
-            for one in found.values()
+            for one in planned.values()
         ],
     }

@@ -1,7 +1,4 @@
-"""Rules for ``bag migrate``: a small YAML file of names that changed.
-
-Decides what may be written there.
-"""
+"""Rules for ``bag migrate``: a YAML file of renamed types and fields."""
 
 from __future__ import annotations
 
@@ -19,16 +16,17 @@ _SECTIONS = ("types", "fields")
 
 
 def read_rules(path: str) -> MigrationRules:
-    """The rules of a file.
+    """Return the rules of a file.
 
     Raises:
-        ToolError: it is wrong, with file, line and column. OSError: it cannot be read.
+        ToolError: the file is invalid; names file, line and column.
+        OSError: the file cannot be read.
     """
     return parse_rules(read_text(path, "rules"), path)
 
 
 def parse_rules(source: str, name: str = "<rules>") -> MigrationRules:
-    """The rules of a text; `name` is shown in errors, which are those of `read_rules`."""
+    """Return the rules of a text; `name` is that of errors, which are those of `read_rules`."""
     root = parse(source, name, "rules")
     if root is None:
         return MigrationRules()
@@ -36,11 +34,11 @@ def parse_rules(source: str, name: str = "<rules>") -> MigrationRules:
     fields: dict[str, dict[str, RenameRule]] = {}
     for key, value in entries(root, name, "expected types: and fields:"):
         if key.value == "types":
-            for old, new in entries(value, name, "types: expected the name of then: the name of now"):
+            for old, new in entries(value, name, "types: expected the old name: the new name"):
                 types[_type_name(old, name)] = RenameRule(_type_name(new, name), place(new, name))
         elif key.value == "fields":
             for owner, rules in entries(value, name, "fields: expected a type, and its fields below it"):
-                what = f"{owner.value}: expected the field of then: the field of now, or null"
+                what = f"{owner.value}: expected the old field: the new field, or null"
                 fields[_type_name(owner, name)] = {
                     text(old, name): RenameRule("" if is_null(new) else text(new, name), place(new, name))
                     for old, new in entries(rules, name, what)

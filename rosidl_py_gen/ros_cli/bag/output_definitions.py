@@ -1,7 +1,4 @@
-"""Channels with the definitions that a bag is to be written with.
-
-Decides that nothing is written with a definition that is not that of its messages, nor silently without one.
-"""
+"""Definitions of the channels of a bag that is written: never those of other messages, and never silently none."""
 
 from __future__ import annotations
 
@@ -17,24 +14,24 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader, BagTopic
 
 _SAMPLES = 20
-"""Of each channel whose definition is a guess, read before."""
+"""Number of messages that are checked for each channel whose definition is a guess."""
 
 
 def channels_with_definitions(
     reader: BagReader, topics: Sequence[str], keeps_unknown: bool
 ) -> dict[tuple[str, ...], BagTopic]:
-    """What is written for each channel, by its key: with the definition in the bag, or the one that is known here.
+    """Return the channels to write, by the key of the original: with the definition in the bag, or a local one.
 
     Raises:
-        ToolError: there is none, or a wrong one, of channels with messages, and `keeps_unknown` is not said.
+        ToolError: a channel with messages has no matching definition, and `keeps_unknown` is False.
     """
-    found: dict[tuple[str, ...], BagTopic] = {}
+    channels: dict[tuple[str, ...], BagTopic] = {}
     unknown: list[tuple[BagTopic, str]] = []
     guessed: set[str] = set()
     for channel in reader.channels:
         if channel.name not in topics:
             continue
-        found[channel.key] = channel
+        channels[channel.key] = channel
         if channel.definition or channel.message_encoding != "cdr":
             continue
         try:
@@ -45,33 +42,33 @@ def channels_with_definitions(
         if reason := guess_mismatch(reader, channel):
             unknown.append((channel, reason))
             continue
-        found[channel.key] = described(channel, known)
-        if has_definition(found[channel.key]):
+        channels[channel.key] = described(channel, known)
+        if has_definition(channels[channel.key]):
             guessed.add(f"{channel.type_name} from {known.origin}")
     _require_known(reader, unknown, keeps_unknown)
     if guessed:
-        terminal_output.note(f"definitions that the bag does not have are written: {', '.join(sorted(guessed))}")
-    return found
+        terminal_output.note(f"definitions that the bag does not contain are written: {', '.join(sorted(guessed))}")
+    return channels
 
 
 def guess_mismatch(reader: BagReader, channel: BagTopic) -> str:
-    """Why the definition that is guessed for a channel is not that of its first messages; empty when it may be."""
+    """Return why the guessed definition of a channel differs from its first messages; empty if it may fit."""
     try:
         known = reader.definition(channel)
     except RosidlError:  # there is none
         return ""
     if known.is_recorded:
         return ""
-    found = (one.data for one in reader.raw_messages(channel.name) if one.channel.key == channel.key)
-    return mismatch_reason(channel, known, islice(found, _SAMPLES))
+    channels = (one.data for one in reader.raw_messages(channel.name) if one.channel.key == channel.key)
+    return mismatch_reason(channel, known, islice(channels, _SAMPLES))
 
 
 def _require_known(reader: BagReader, unknown: Sequence[tuple[BagTopic, str]], keeps_unknown: bool) -> None:
     missing = [f"{channel.type_name}: {reason}" for channel, reason in unknown if channel.count != 0]
     if missing and not keeps_unknown:
         raise ToolError(
-            f"{reader.path} would be written without definitions of {'; '.join(missing)}. "
-            "--path DIR gives them, --topics leaves topics out, --without-definitions writes them all the same"
+            f"{reader.path}: no definitions of {'; '.join(missing)}. Pass them with --path DIR, select topics with "
+            "--topics, or write them without definitions with --without-definitions"
         )
     for channel, reason in unknown:
         terminal_output.note(f"{channel.name} [{channel.type_name}] is written without a definition: {reason}")

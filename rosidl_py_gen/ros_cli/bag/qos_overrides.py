@@ -1,4 +1,4 @@
-"""``--qos-profile-overrides-path``: a YAML file with the quality of service of topics, in rosbag2's format.
+"""``--qos-profile-overrides-path``: a YAML file with QoS profiles of topics, in the format of rosbag2.
 
     /scan:
       reliability: best_effort
@@ -6,7 +6,7 @@
       depth: 5
       deadline: {sec: 0, nsec: 500000000}
 
-Decides what a profile is where a file says only a part of it: the rest is of ROS's default profile.
+Missing policies are those of ROS's default profile.
 """
 
 from __future__ import annotations
@@ -31,16 +31,17 @@ _BOOLS = {"true": True, "false": False}
 
 
 def read_qos_overrides(path: str | None) -> dict[str, QoSProfile]:
-    """Full name of a topic -> its profile; none without a file.
+    """Return profiles by full topic name; none without a file.
 
     Raises:
-        ToolError: it is wrong, with file, line and column. OSError: it cannot be read.
+        ToolError: the file is invalid; names file, line and column.
+        OSError: the file cannot be read.
     """
     return {} if path is None else parse_qos_overrides(read_text(path, "profiles"), path)
 
 
 def parse_qos_overrides(source: str, name: str = "<profiles>") -> dict[str, QoSProfile]:
-    """The profiles of a text; `name` is shown in errors, which are those of `read_qos_overrides`."""
+    """Return the profiles of a text; `name` is that of errors, which are those of `read_qos_overrides`."""
     root = parse(source, name, "profiles")
     if root is None:
         return {}
@@ -63,42 +64,42 @@ def _expected() -> str:
 
 
 def _policy(key: YamlScalar, value: YamlNode, name: str) -> tuple[str, Any]:
-    """A field of a profile, and what it becomes."""
-    what: str = key.value
-    if what in POLICIES:
-        members = {one.name.lower(): one for one in POLICIES[what] if one.name != "UNKNOWN"}
-        expected = f"{what}: expected one of {', '.join(members)}"
+    """Return a field of a profile and its value."""
+    policy: str = key.value
+    if policy in POLICIES:
+        members = {one.name.lower(): one for one in POLICIES[policy] if one.name != "UNKNOWN"}
+        expected = f"{policy}: expected one of {', '.join(members)}"
         word = text(value, name, expected).lower()
         if word not in members:
             wrong(value, name, f'{expected}; found "{word[:80]}"{did_you_mean(word, members)}')
-        return what, members[word]
-    if what in _PERIOD_FIELDS:
-        return _PERIOD_FIELDS[what], _period(what, value, name)
-    if what == "depth":
-        return what, _number(value, name, "depth")
-    if what == _CONVENTIONS:
-        word = text(value, name, f"{what}: expected true or false").lower()
+        return policy, members[word]
+    if policy in _PERIOD_FIELDS:
+        return _PERIOD_FIELDS[policy], _period(policy, value, name)
+    if policy == "depth":
+        return policy, _number(value, name, "depth")
+    if policy == _CONVENTIONS:
+        word = text(value, name, f"{policy}: expected true or false").lower()
         if word not in _BOOLS:
-            wrong(value, name, f'{what}: expected true or false, found "{word[:80]}"')
-        return what, _BOOLS[word]
-    wrong(key, name, f'{_expected()}; found "{what[:80]}"{did_you_mean(what, _KEYS)}')
+            wrong(value, name, f'{policy}: expected true or false, found "{word[:80]}"')
+        return policy, _BOOLS[word]
+    wrong(key, name, f'{_expected()}; found "{policy[:80]}"{did_you_mean(policy, _KEYS)}')
 
 
-def _period(what: str, node: YamlNode, name: str) -> int:
-    """Nanoseconds; nothing, or null, is none in particular."""
-    expected = f"{what}: expected sec: and nsec:"
-    told = {}
+def _period(policy: str, node: YamlNode, name: str) -> int:
+    """Return nanoseconds; null is 0."""
+    expected = f"{policy}: expected sec: and nsec:"
+    values = {}
     for key, value in entries(node, name, expected):
         if key.value not in ("sec", "nsec"):
             wrong(key, name, f'{expected}, found "{key.value[:80]}"')
-        told[key.value] = _number(value, name, f"{what}: {key.value}")
-    if len(told) == 1:
-        wrong(node, name, f"{expected}, found only {next(iter(told))}:")
-    return min(told.get("sec", 0) * NS_PER_S + told.get("nsec", 0), INFINITE_NS)
+        values[key.value] = _number(value, name, f"{policy}: {key.value}")
+    if len(values) == 1:
+        wrong(node, name, f"{expected}, found only {next(iter(values))}:")
+    return min(values.get("sec", 0) * NS_PER_S + values.get("nsec", 0), INFINITE_NS)
 
 
-def _number(node: YamlNode, name: str, what: str) -> int:
-    expected = f"{what}: expected a whole number, 0 or more"
+def _number(node: YamlNode, name: str, policy: str) -> int:
+    expected = f"{policy}: expected a whole number, 0 or more"
     word = text(node, name, expected)
     if not (word.isascii() and word.isdecimal() and len(word) < 20):
         wrong(node, name, f'{expected}; found "{word[:80]}"')

@@ -1,4 +1,4 @@
-"""``bag reindex``."""
+"""``bag reindex``: repair of metadata and indexes."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from rosidl_py_gen.ros_cli import DAMAGED, options, terminal_output, verb
 @options.as_json
 @verb
 def reindex(path: str, as_json: bool) -> int:
-    """Write the metadata.yaml of a bag folder again, as after a crash; give a single MCAP file its index.
+    """Recreate the metadata.yaml of a bag folder, as after a crash; add an index to a single MCAP file.
 
-    A file that gets an index is written again; what it was before is kept beside it, as FILE.unindexed.
+    A file that gets an index is rewritten; the old file is renamed to FILE.unindexed.
 
     \b
     rosidl-py bag reindex my_bag
@@ -25,26 +25,26 @@ def reindex(path: str, as_json: bool) -> int:
     from rosidl_py_gen.bags.reindexing import reindex_file, reindex_folder
     from rosidl_py_gen.ros_cli.bag.selection import damaged_rows
 
-    place = Path(path)
-    done = reindex_folder(place) if place.is_dir() else reindex_file(place)
+    location = Path(path)
+    result = reindex_folder(location) if location.is_dir() else reindex_file(location)
     if as_json:
         terminal_output.document(
             {
-                "path": str(done.path),
-                "files": done.files,
-                "messages": done.messages,
-                "topics": done.topics,
-                "without_index": list(done.unindexed_files),
-                "kept": None if done.backup is None else str(done.backup),
-                "damaged": damaged_rows(done.damaged),
+                "path": str(result.path),
+                "files": result.files,
+                "messages": result.messages,
+                "topics": result.topics,
+                "without_index": list(result.unindexed_files),
+                "kept": None if result.backup is None else str(result.backup),
+                "damaged": damaged_rows(result.damaged),
             }
         )
-        return DAMAGED if done.damaged else 0
-    for name in done.unindexed_files:
+        return DAMAGED if result.damaged else 0
+    for name in result.unindexed_files:
         terminal_output.note(
-            f"{name} has no index: it is read once through when it is opened; `rosidl-py bag reindex` gives it one"
+            f"{name} has no index, so that it is read completely when opened; `rosidl-py bag reindex` adds an index"
         )
-    if done.backup is not None:
-        terminal_output.note(f"what it was before is kept as {done.backup}")
-    terminal_output.line(f"{done.messages} messages of {done.topics} topics in {done.files} files: {done.path}")
-    return DAMAGED if done.damaged else 0
+    if result.backup is not None:
+        terminal_output.note(f"the old file is renamed to {result.backup}")
+    terminal_output.line(f"{result.messages} messages of {result.topics} topics in {result.files} files: {result.path}")
+    return DAMAGED if result.damaged else 0

@@ -1,7 +1,8 @@
-"""Which part of a bag a command is about, and how bags are spoken of."""
+"""Selection of topics and times of a bag, texts for sizes and times, and progress displays."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -27,17 +28,25 @@ class BagSelection(NamedTuple):
 
 
 def select_part(reader: BagReader, topics: Sequence[str], offset_s: float, duration_s: float | None) -> BagSelection:
-    """Raises `ToolError`: no such topic, or the bag ends before."""
+    """Return the selection of options; raises `ToolError` if a topic does not exist, or the bag is too short."""
     for name in topics:
         if name not in reader.topics:
             raise ToolError(f"{reader.path} has no topic {name}{did_you_mean(name, reader.topics)}")
     start = reader.start_ns + round(offset_s * NS_PER_S)
     if start > reader.end_ns:
         raise ToolError(
-            f"{reader.path} is {duration_text(reader.end_ns - reader.start_ns)} long; nothing is left of it"
+            f"{reader.path} is {duration_text(reader.end_ns - reader.start_ns)} long; expected a start offset within it"
         )
     end = reader.end_ns + 1 if duration_s is None else min(start + round(duration_s * NS_PER_S), reader.end_ns + 1)
     return BagSelection([*(topics or reader.topics)], start, end)
+
+
+def compile_pattern(text: str, option: str) -> re.Pattern[str]:
+    """Return a regular expression of a command line; raises `ToolError`."""
+    try:
+        return re.compile(text)
+    except re.error as error:
+        raise ToolError(f'{option}: "{text}" is not a regular expression: {error}') from None
 
 
 def damaged_rows(parts: Iterable[DamagedPart]) -> list[dict[str, Any]]:
@@ -46,12 +55,12 @@ def damaged_rows(parts: Iterable[DamagedPart]) -> list[dict[str, Any]]:
 
 
 def duration_text(nanoseconds: int) -> str:
-    """Seconds with milliseconds."""
+    """Return seconds with milliseconds."""
     return f"{nanoseconds / NS_PER_S:.3f} s"
 
 
 def time_text(nanoseconds: int) -> str:
-    """Local date and time, and seconds since 1970; only those when the date is beyond the calendar."""
+    """Return local date and time and seconds since 1970; only the latter for dates outside of the calendar."""
     seconds, rest = sec_nanosec(nanoseconds)
     try:
         date = datetime.fromtimestamp(seconds).astimezone().strftime("%Y-%m-%d %H:%M:%S")
@@ -61,7 +70,7 @@ def time_text(nanoseconds: int) -> str:
 
 
 def size_text(count: float) -> str:
-    """Bytes in binary units, as rosbag2 shows them."""
+    """Return bytes in binary units, as rosbag2 displays them."""
     for unit in ("B", "KiB", "MiB", "GiB"):
         if count < 1024:
             return f"{count:.0f} B" if unit == "B" else f"{count:.1f} {unit}"
@@ -71,7 +80,7 @@ def size_text(count: float) -> str:
 
 @contextmanager
 def progress_bar(total: int, what: str = "messages") -> Iterator[Callable[[float], None]]:
-    """A bar at the bottom of the terminal: how many of `total` are done; nothing elsewhere."""
+    """Display a progress bar on a terminal; yields a function that sets how many of `total` are done."""
     if not terminal_output.is_terminal() or not total:
         yield lambda done: None
         return
@@ -85,7 +94,7 @@ def progress_bar(total: int, what: str = "messages") -> Iterator[Callable[[float
 
 @contextmanager
 def progress() -> Iterator[Callable[[str], None]]:
-    """A line at the bottom of the terminal that says how far it is; nothing elsewhere."""
+    """Display a status line on a terminal; yields a function that sets its text."""
     if not terminal_output.is_terminal():
         yield lambda text: None
         return
@@ -97,7 +106,7 @@ def progress() -> Iterator[Callable[[str], None]]:
 
 
 def _console() -> Console:
-    """Standard error. The cursor stays to be seen: what a signal ends or stops could not bring it back."""
+    """Return a console for standard error with a visible cursor, which a signal could not restore."""
     from rich import console
 
     class Steady(console.Console):

@@ -1,4 +1,4 @@
-"""``bag sql``: a query over bags, or over a dataset that `bag table` has written."""
+"""``bag sql``: SQL queries over bags or datasets."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.tables.query import Result
 
 
-_MOST_SHOWN = 10_000
+_MAX_ROWS = 10_000
 
 
 @click.command("sql")
@@ -27,15 +27,15 @@ _MOST_SHOWN = 10_000
     "--format",
     "form",
     type=click.Choice(["table", "csv", "json", "parquet"]),
-    help="table unless --output has an ending; json is a line for each row.",
+    help="Output format. [default: by the ending of --output, else table]; json prints a line for each row.",
 )
-@click.option("-o", "--output", type=click.Path(), metavar="FILE", help="Instead of standard output.")
+@click.option("-o", "--output", type=click.Path(), metavar="FILE", help="Write to a file instead of standard output.")
 @click.option(
     "--memory-limit",
     default="1GB",
     show_default=True,
     metavar="SIZE",
-    help="Of DuckDB, as 500MB or 8GiB; what needs more goes through a temporary folder, where that is possible.",
+    help="Memory limit of DuckDB, such as 500MB or 8GiB; larger operations use a temporary folder if possible.",
 )
 @options.skip_damaged
 @options.paths
@@ -50,10 +50,10 @@ def sql(
     memory_limit: str,
     paths: Sequence[str],
 ) -> int:
-    """Ask bags, or a dataset that `bag table` has written, with the SQL of DuckDB. Needs the extra tables.
+    """Query bags, or a dataset of `bag table`, with the SQL of DuckDB. Needs the extra tables.
 
-    Topics are tables, nested fields are a.b, and each table has columns log_time, publish_time and bag. The query
-    comes first or last; show tables lists the topics. --json prints a line for each row.
+    Topics are tables, nested fields are a.b, and each table has columns log_time, publish_time and bag. The query is
+    the first or the last argument; show tables lists the topics. --json prints a line for each row.
 
     \b
     rosidl-py bag sql 'select log_time, linear_acceleration.x from "/imu" limit 5' my_bag
@@ -67,22 +67,22 @@ def sql(
     from rosidl_py_gen.tables.multi_bag.bag_sources import names_of
     from rosidl_py_gen.tables.query import Database, is_dataset, topics_in
 
-    query, bags = _ordered(words)
+    query, bags = _query_and_bags(words)
     if as_json and form not in (None, "json"):
-        raise click.UsageError(f"--json is the same as --format json: expected one of --json and --format {form}")
+        raise click.UsageError(f"--json means --format json; expected only one of --json and --format {form}")
     form = "json" if as_json else form
-    atexit.unregister(gc.freeze)  # what DuckDB's bindings find of their own at the end they complain of
-    form = form or _form(output)
+    atexit.unregister(gc.freeze)  # DuckDB's bindings warn at exit about objects that are still alive
+    form = form or _format_of(output)
     if form == "parquet" and output is None:
-        raise ToolError("Parquet is for files: name one with --output")
+        raise ToolError("--format parquet requires --output")
     if output is not None and Path(output).exists():
         raise ToolError(f"{output} exists already")
     with ExitStack() as stack:
         base = stack.enter_context(Database(memory_limit))
-        places = [*_each(bags)]
+        places = [*_expanded(bags)]
         datasets = [path for path in places if is_dataset(path)]
         names = names_of(path for path in places if path not in datasets)
-        readers = {name: _opened(stack, path, paths, skips) for name, path in names.items()}
+        readers = {name: _open_reader(stack, path, paths, skips) for name, path in names.items()}
         topics = {topic for reader in readers.values() for topic in reader.topics}
         counts = [
             reader.topics[one].count
@@ -94,19 +94,19 @@ def sql(
             on_error = "skip" if skips else "raise"
             left_out = base.add(query, readers, datasets, on_error=on_error, progress=show)
         for topic, reason in left_out.items():
-            terminal_output.note(f"left out {topic}: {reason}")
-        _give(base.run(query), form, output)
+            terminal_output.note(f"skipped {topic}: {reason}")
+        _print_result(base.run(query), form, output)
     return DAMAGED if any(one.damaged for one in readers.values()) else 0
 
 
-def _opened(stack: ExitStack, path: str, paths: Sequence[str], skips: bool) -> BagReader:
+def _open_reader(stack: ExitStack, path: str, paths: Sequence[str], skips: bool) -> BagReader:
     from rosidl_py_gen.bags import BagReader
 
     return stack.enter_context(BagReader(path, search_path=paths, skip_damaged=skips))
 
 
-def _ordered(words: Sequence[str]) -> tuple[str, Sequence[str]]:
-    """The query and the bags: the query comes first or last."""
+def _query_and_bags(words: Sequence[str]) -> tuple[str, Sequence[str]]:
+    """Return the query, which is the first or the last argument, and the bags."""
     if len(words) < 2:
         raise click.UsageError("expected a query and a bag, as 'select * from \"/imu\"' my_bag")
     if not _is_query(words[0]) and _is_query(words[-1]):
@@ -120,8 +120,8 @@ def _is_query(word: str) -> bool:
     return len(word.split()) > 1 and not is_url(word) and not os.path.exists(word)
 
 
-def _each(bags: Iterable[str]) -> Iterator[str]:
-    """With the places that paths and URLs with ``*`` mean."""
+def _expanded(bags: Iterable[str]) -> Iterator[str]:
+    """Yield the bags, with ``*`` in paths and URLs expanded."""
     from rosidl_py_gen.bags import BagError
     from rosidl_py_gen.bags.remote import is_url
     from rosidl_py_gen.tables.multi_bag.bag_sources import find_bags
@@ -136,16 +136,16 @@ def _each(bags: Iterable[str]) -> Iterator[str]:
         yield from (one.place for one in found)
 
 
-def _form(output: str | None) -> str:
+def _format_of(output: str | None) -> str:
     suffix = Path(output or "").suffix.removeprefix(".")
     if output is None:
         return "table"
     if suffix not in ("csv", "json", "parquet"):
-        raise ToolError(f"{output}: say the format with --format, or by a name that ends with .csv, .json or .parquet")
+        raise ToolError(f"{output}: unknown format; pass --format, or a name that ends with .csv, .json or .parquet")
     return suffix
 
 
-def _give(result: Result, form: str, output: str | None) -> None:
+def _print_result(result: Result, form: str, output: str | None) -> None:
     if form == "table":
         _show(result, output)
     elif output is not None:
@@ -156,11 +156,11 @@ def _give(result: Result, form: str, output: str | None) -> None:
 
 def _show(result: Result, output: str | None) -> None:
     if output is not None:
-        raise ToolError("a table is for the terminal: --format csv, json or parquet for a file")
+        raise ToolError("--format table cannot be written to a file; expected csv, json or parquet")
     rows: list[list[str]] = []
     for row in result.rows():
-        if len(rows) == _MOST_SHOWN:
-            terminal_output.note(f"only the first {_MOST_SHOWN} rows are shown: --format csv gives all")
+        if len(rows) == _MAX_ROWS:
+            terminal_output.note(f"printed only the first {_MAX_ROWS} rows; --format csv prints all")
             break
         rows.append(row)
     terminal_output.table(rows, *result.columns, fields_of_wide_rows=True)

@@ -19,20 +19,18 @@ if TYPE_CHECKING:
 
 @click.command("table", cls=options.MultiValueCommand)
 @click.argument("bags", nargs=-1, required=True, type=click.Path(), metavar="BAG...", cls=options.SeveralArgument)
-@click.option("-o", "--out", required=True, metavar="PLACE", help="A folder, or a URL that fsspec knows.")
-@click.option("--include-large", is_flag=True, help="Also images and clouds, and messages that have some inside.")
+@click.option("-o", "--out", required=True, metavar="PLACE", help="Output folder, or URL of fsspec.")
+@click.option("--include-large", is_flag=True, help="Also write images and clouds, and messages that contain them.")
 @options.bag_selection
 @options.skip_damaged
-@click.option("--overwrite", is_flag=True, help="Replace files that are there already.")
+@click.option("--overwrite", is_flag=True, help="Replace existing files.")
 @click.option(
     "--scheduler",
     metavar="URL",
-    help="Dask scheduler whose workers do it: tls://10.0.0.1:8786. With tcp:// everybody who reaches the scheduler "
-    "or a worker can run code on all of them, and as the user of this command.",
+    help="Dask scheduler whose workers share the work: tls://10.0.0.1:8786. With tcp://, every host that reaches the "
+    "scheduler or a worker can run code on all of them, and as the user of this command.",
 )
-@click.option(
-    "--workers", type=click.IntRange(1), metavar="N", help="Number of processes of this machine; 1 is this one."
-)
+@click.option("--workers", type=click.IntRange(1), metavar="N", help="Number of local processes; 1 uses this process.")
 @options.paths
 @options.as_json
 @verb
@@ -52,10 +50,9 @@ def table(
 ) -> int:
     """Write bags as a Parquet dataset, for polars, pandas, DuckDB and Spark. Needs the extra tables.
 
-    There is a file for each topic and bag, PLACE/topic=.../bag=.../*.parquet; large bags have several. A bag that
-    fails stops no other. Another run does what is missing or has changed. Bags may be URLs that fsspec knows, with *.
-    Several processes do it where there is enough to do; they open no port. Workers of a Dask cluster need the extra
-    cluster.
+    Each topic of each bag is written to PLACE/topic=.../bag=.../*.parquet; large bags are split. A bag that fails does
+    not stop others. A second run writes only missing or changed bags. Bags may be URLs of fsspec, with *. Several
+    processes share the work if it is worth it; they open no port. Workers of a Dask cluster need the extra cluster.
 
     \b
     rosidl-py bag table my_bag --out dataset
@@ -66,9 +63,9 @@ def table(
     from rosidl_py_gen.tables import write_datasets
 
     if scheduler and workers:
-        raise click.UsageError("a scheduler has its own workers: give --scheduler or --workers")
-    with _bar() as show:
-        found = write_datasets(
+        raise click.UsageError("expected only one of --scheduler and --workers")
+    with _task_bar() as show:
+        datasets = write_datasets(
             bags,
             out,
             topics=topics or None,
@@ -82,46 +79,54 @@ def table(
             search_path=paths,
             progress=show,
         )
-    _tell(found, out, as_json)
-    return 1 if found.failed else DAMAGED if found.damaged else 0
+    _report(datasets, out, as_json)
+    return 1 if datasets.failed else DAMAGED if datasets.damaged else 0
 
 
 @contextmanager
-def _bar() -> Iterator[Callable[[float, int], None]]:
-    """A bar for as many tasks as there turn out to be."""
+def _task_bar() -> Iterator[Callable[[float, int], None]]:
+    """Display a progress bar whose length is known with the first report."""
     from rosidl_py_gen.ros_cli.bag.selection import progress_bar
 
     with ExitStack() as stack:
-        shown: list[Callable[[float], None]] = []
+        update: list[Callable[[float], None]] = []
 
         def show(done: float, count: int) -> None:
-            if not shown:
-                shown.append(stack.enter_context(progress_bar(count, "tasks")))
-            shown[0](done)
+            if not update:
+                update.append(stack.enter_context(progress_bar(count, "tasks")))
+            update[0](done)
 
         yield show
 
 
-def _tell(found: DatasetsReport, out: str, as_json: bool) -> None:
+def _report(datasets: DatasetsReport, out: str, as_json: bool) -> None:
     from rosidl_py_gen.ros_cli.bag.selection import damaged_rows
 
-    files = [(name, one) for name, some in found.files.items() for one in some]
-    left_out = [(name, *one) for name, some in found.skipped_topics.items() for one in some.items()]
+    files = [(name, one) for name, some in datasets.files.items() for one in some]
+    left_out = [(name, *one) for name, some in datasets.skipped_topics.items() for one in some.items()]
     for name, topic, reason in left_out:
-        terminal_output.note(f"{name}: left out {topic}: {reason}")
+        terminal_output.note(f"{name}: skipped {topic}: {reason}")
     if as_json:
-        shown = [
+        rows = [
             {"bag": name, "topic": one.topic, "type": one.type_name, "path": one.path, "messages": one.messages}
             for name, one in files
         ]
         missing = [{"bag": name, "topic": topic, "reason": reason} for name, topic, reason in left_out]
-        failed = [{"bag": bag, "error": error} for bag, error in found.failed.items()]
-        told = {"path": out, "files": shown, "left_out": missing, "failed": failed, "unchanged": found.unchanged}
-        told["damaged"] = [{"bag": name, **row} for name, some in found.damaged.items() for row in damaged_rows(some)]
-        terminal_output.document(told)
-    elif files or found.unchanged or not found.failed:
+        failed = [{"bag": bag, "error": error} for bag, error in datasets.failed.items()]
+        document = {
+            "path": out,
+            "files": rows,
+            "left_out": missing,
+            "failed": failed,
+            "unchanged": datasets.unchanged,
+        }
+        document["damaged"] = [
+            {"bag": name, **row} for name, some in datasets.damaged.items() for row in damaged_rows(some)
+        ]
+        terminal_output.document(document)
+    elif files or datasets.unchanged or not datasets.failed:
         count, topics = sum(one.messages for _, one in files), len({one.topic for _, one in files})
-        there = f"; {len(found.unchanged)} bags were there" if found.unchanged else ""
-        terminal_output.line(f"{count} messages of {topics} topics in {out}{there}")
-    for error in found.failed.values():
+        unchanged = f"; {len(datasets.unchanged)} bags were unchanged" if datasets.unchanged else ""
+        terminal_output.line(f"{count} messages of {topics} topics in {out}{unchanged}")
+    for error in datasets.failed.values():
         report(error)

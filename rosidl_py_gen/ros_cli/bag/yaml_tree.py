@@ -1,7 +1,6 @@
-"""Small YAML files that commands of ``bag`` are given: as trees whose nodes know their places.
+"""Small YAML files for ``bag`` commands, as trees whose nodes know their location.
 
-Decides what may be written there at all. The files are a stranger's: they are read as trees of texts, without anchors,
-tags or anything else that could grow or run, and whatever is wrong is an error at its place.
+The files are not trusted: they are parsed as trees of texts, without anchors or tags, and errors name the location.
 """
 
 from __future__ import annotations
@@ -25,10 +24,11 @@ _NULLS = ("", "~", "null", "Null", "NULL")
 
 
 def read_text(path: str, what: str) -> str:
-    """The text of a file of `what`.
+    """Return the text of a file; `what` names its contents in errors.
 
     Raises:
-        ToolError: it is too long or no text. OSError: it cannot be read.
+        ToolError: the file is too long, or not UTF-8.
+        OSError: the file cannot be read.
     """
     with Path(path).open("rb") as file:
         data = file.read(_MAX_BYTES + 1)
@@ -41,7 +41,7 @@ def read_text(path: str, what: str) -> str:
 
 
 def parse(text: str, name: str, what: str) -> yaml.Node | None:
-    """The tree of a text, None for an empty one; `name` is shown in errors. Raises `ToolError`."""
+    """Return the tree of a text, None if it is empty; `name` is that of errors. Raises `ToolError`."""
     try:
         return compose_yaml(text, max_bytes=_MAX_BYTES)
     except YamlError as error:
@@ -49,7 +49,7 @@ def parse(text: str, name: str, what: str) -> yaml.Node | None:
 
 
 def entries(node: yaml.Node, name: str, expected: str) -> Iterator[tuple[yaml.ScalarNode, yaml.Node]]:
-    """Keys and values of a mapping; none for null. Raises `ToolError`."""
+    """Yield keys and values of a mapping; none for null. Raises `ToolError`."""
     if is_null(node):
         return
     if not isinstance(node, yaml.MappingNode):
@@ -58,28 +58,28 @@ def entries(node: yaml.Node, name: str, expected: str) -> Iterator[tuple[yaml.Sc
     for key, value in node.value:
         written = text(key, name)
         if written in seen:
-            wrong(key, name, f'"{written}" is there twice')
+            wrong(key, name, f'"{written}" is defined twice')
         seen.add(written)
         yield key, value
 
 
 def text(node: yaml.Node, name: str, expected: str = "expected a name") -> str:
-    """What is written there; ``y`` and ``no`` are texts here, whatever YAML makes of them. Raises `ToolError`."""
+    """Return the text of a node as written, so ``y`` and ``no`` are texts. Raises `ToolError`."""
     if not isinstance(node, yaml.ScalarNode) or is_null(node) or len(node.value) > _MAX_TEXT:
         wrong(node, name, expected)
     return str(node.value)
 
 
 def is_null(node: yaml.Node) -> bool:
-    """Whether nothing is written there, or null."""
+    """Return True if a value is missing or null."""
     return isinstance(node, yaml.ScalarNode) and node.tag == UNTAGGED and not node.style and node.value in _NULLS
 
 
 def place(node: yaml.Node, name: str) -> str:
-    """File, line and column."""
+    """Return file, line and column."""
     return f"{name}:{node.start_mark.line + 1}:{node.start_mark.column + 1}"
 
 
 def wrong(node: yaml.Node, name: str, reason: str) -> NoReturn:
-    """Raise `ToolError` that names the place."""
+    """Raise `ToolError` with the location of a node."""
     raise ToolError(f"{place(node, name)}: {reason}")

@@ -1,5 +1,5 @@
 """``rosidl-py bag play``.
 
-Decides what of a recording is played (selection), when (timeline), how each message is sent (senders, requests), and
-who may steer that: keys of a terminal, and the services of rosbag2's player (controls). `player` brings them together.
+`selection` determines the topics, `timeline` the time, `senders` and `requests` send messages, and `player` combines
+them. `controls` has the services of rosbag2's player; keys of the terminal call the same methods.
 """

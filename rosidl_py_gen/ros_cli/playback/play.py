@@ -1,4 +1,4 @@
-"""``bag play``: what a run of it is."""
+"""``bag play``: a run from options to the final report."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from rosidl_py_gen.ros_cli.keyboard import read_keys
 from rosidl_py_gen.ros_cli.playback.controls import PLAYER, serve
 from rosidl_py_gen.ros_cli.playback.player import Player
 from rosidl_py_gen.ros_cli.playback.recording import Recording
-from rosidl_py_gen.ros_cli.playback.selection import part_of, played
-from rosidl_py_gen.ros_cli.playback.senders import unplayable
+from rosidl_py_gen.ros_cli.playback.selection import select_messages, selected_topics
+from rosidl_py_gen.ros_cli.playback.senders import cannot_play_reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -24,37 +24,37 @@ if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.playback.command import PlayOptions
     from rosidl_py_gen.runtime import QoSProfile
 
-_LISTENERS_S = 2.0
-"""Until everybody who listens is known; those on Fast DDS are up to a second late (docs/internals/dds.md 6)."""
+_SUBSCRIBER_DISCOVERY_S = 2.0
+"""Time for discovering subscribers; Fast DDS takes up to a second longer (docs/internals/dds.md 6)."""
 _RATE_STEP = 0.1
 
 
 def play_bag(network: NetworkOptions, options: PlayOptions) -> AsyncCommand:
-    """Play what the options say. Raises as `read_qos_overrides`."""
+    """Return the command for the options. Raises as `read_qos_overrides`."""
     overrides = read_qos_overrides(options.qos_file)
     return AsyncCommand(_open(network, options, overrides), endless=options.loop)
 
 
 async def _open(network: NetworkOptions, options: PlayOptions, overrides: Mapping[str, QoSProfile]) -> int:
     with Recording(options.bags, options.paths, options.storage) as recording:
-        topics = _playable(recording, played(recording, options))
-        part = part_of(recording, topics, options)
+        topics = _playable_topics(recording, selected_topics(recording, options))
+        part = select_messages(recording, topics, options)
         await _play(network, recording, part, options, overrides)
         return DAMAGED if recording.is_damaged else 0
 
 
-def _playable(recording: Recording, topics: Sequence[str]) -> list[str]:
-    """Without the topics that ROS 2 cannot have.
+def _playable_topics(recording: Recording, topics: Sequence[str]) -> list[str]:
+    """Return the topics without those whose name or type is invalid in ROS 2.
 
     Raises:
-        ToolError: nothing is left.
+        ToolError: no topic is left.
     """
     left = {}
     for _, channel in recording.channels:
         if channel.name not in topics:
             continue
-        if reason := unplayable(channel):
-            terminal_output.note(f"{channel.name} [{channel.type_name}] is left out: {reason}")
+        if reason := cannot_play_reason(channel):
+            terminal_output.note(f"{channel.name} [{channel.type_name}] is skipped: {reason}")
         else:
             left[channel.name] = True
     if topics and not left:
@@ -69,14 +69,15 @@ async def _play(
     options: PlayOptions,
     overrides: Mapping[str, QoSProfile],
 ) -> None:
-    node_options = {"start_type_description_service": True}  # others may not have the types
+    node_options = {"start_type_description_service": True}  # peers may not have the types
     async with CommandNode(network, parameter_overrides=node_options) as session:
         player = Player(session, recording, part, options, overrides)
         serve(session.node, player)
         await session.wait_for_discovery()
         if network.get("spin_time_s") is None:
             await asyncio.gather(
-                player.senders.wait_for_subscribers(_LISTENERS_S), player.requests.wait_for_servers(_LISTENERS_S)
+                player.senders.wait_for_subscribers(_SUBSCRIBER_DISCOVERY_S),
+                player.requests.wait_for_servers(_SUBSCRIBER_DISCOVERY_S),
             )
         await asyncio.sleep(options.delay_s)
         await _play_with_keys(player, options)
@@ -87,7 +88,6 @@ async def _play(
 
 
 async def _play_with_keys(player: Player, options: PlayOptions) -> None:
-    """Play as long as it is to be, and let keys steer it."""
     actions: dict[str, Callable[[], object]] = {
         "space": player.toggle,
         "right": player.step,
@@ -95,7 +95,7 @@ async def _play_with_keys(player: Player, options: PlayOptions) -> None:
         "down": lambda: player.change_rate(-_RATE_STEP),
     }
     with nullcontext(False) if options.no_keys else read_keys(actions) as has_keys, progress() as show:
-        usage = "space: pause, →: next message, ↑↓: rate; Ctrl-C ends it" if has_keys else "Ctrl-C ends it"
+        usage = "space: pause, →: next message, ↑↓: rate; Ctrl-C ends playback" if has_keys else "Ctrl-C ends playback"
         if has_keys and not terminal_output.is_terminal():
             terminal_output.note(usage)
         if options.start_paused and not has_keys:
@@ -108,7 +108,7 @@ async def _play_with_keys(player: Player, options: PlayOptions) -> None:
         if options.progress_hz:
             player.on_change = show_state
         if options.progress_hz > 0:
-            helpers.append(_again(show_state, 1 / options.progress_hz))
+            helpers.append(_repeat(show_state, 1 / options.progress_hz))
         await first_of(_play_repeatedly(player, options.loop), *helpers)
 
 
@@ -118,7 +118,7 @@ async def _play_repeatedly(player: Player, is_loop: bool) -> None:
         await player.play()
 
 
-async def _again(show: Callable[[], None], every_s: float) -> None:
+async def _repeat(show: Callable[[], None], every_s: float) -> None:
     while True:
         show()
         await asyncio.sleep(every_s)

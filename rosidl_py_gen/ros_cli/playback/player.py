@@ -1,4 +1,4 @@
-"""Plays a recording: every message when it is due."""
+"""Player of a recording: sends each message when it is due."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rosidl_py_gen.ros_cli.bag.selection import duration_text
 from rosidl_py_gen.ros_cli.name_lookup import full_topic_name
 from rosidl_py_gen.ros_cli.playback.recording import by_publish_time
 from rosidl_py_gen.ros_cli.playback.requests import Requests
-from rosidl_py_gen.ros_cli.playback.senders import OnceNotes, Senders, unplayable
+from rosidl_py_gen.ros_cli.playback.senders import OnceNotes, Senders, cannot_play_reason
 from rosidl_py_gen.ros_cli.playback.timeline import Timeline
 from rosidl_py_gen.runtime import QoSProfile
 
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 
 
 class Player:
-    """What plays, and what keys and services steer; made on the loop of the session.
+    """Player with the methods that keys and services call. Thread: loop.
 
     Raises:
-        ToolError: a remapping is wrong, or the definition of a service is missing whose requests are to be sent.
+        ToolError: a remapping is invalid, or the definition of a service is missing whose requests are to be sent.
     """
 
     def __init__(
@@ -48,37 +48,37 @@ class Player:
         note = OnceNotes()
         self.senders = Senders(session.node, overrides, note)
         self.requests = Requests(session.node, options.requests_source, options.paths, note)
-        self._names = _remapped(session, recording, part.topics, options.remaps)
+        self._names = _remapped_names(session, recording, part.topics, options.remaps)
         self._clock_topics = {full_topic_name(session, one) for one in options.clock_topics}
-        _require_played(self._clock_topics, part.topics)
+        _check_clock_topics(self._clock_topics, part.topics)
         self._clock: Callable[[int], None] = self._clock_sender() if options.has_clock else lambda now: None
         self._send: dict[tuple[str, ...], Callable[[bytes], bool]] = {}
         for reader, channel in recording.channels:
             if channel.name in part.topics and channel.key not in self._send:
                 self._send[channel.key] = self._sender(reader, channel)
         self._by_channel: dict[int, Callable[[bytes], bool]] = {}
-        self._kept: list[BagTopic] = []  # so that their `id` is nobody else's
+        self._channels: list[BagTopic] = []  # so that their `id` stays unique
         self.timeline = Timeline(part.start_ns, options.rate, is_paused=options.start_paused)
         self._messages: Iterator[RawMessage] = iter(())
         self._next: RawMessage | None = None
         self._is_stopped = False
         self._has_begun = asyncio.Event()
         self.count = 0
-        """Messages published, and requests sent."""
+        """Number of messages published and requests sent."""
         self.on_change: Callable[[], None] = lambda: None
-        """Called when there is something new to show."""
+        """Called when `state` has changed."""
 
     # --------------------------------------------------------------------------------------------------------- sending
 
     def _sender(self, reader: BagReader, channel: BagTopic) -> Callable[[bytes], bool]:
-        """What sends a message of this channel; it answers whether it did."""
-        if unplayable(channel):
+        """Return a function that sends a message of a channel, and returns True if it did."""
+        if cannot_play_reason(channel):
             return lambda data: False
         kind, name, service = self._recording.owners[channel.name]
         if kind == "action" and self._options.actions_as_client:
             if service:
                 return self.requests.sender(reader, channel, self._names.get(service, service))
-            return lambda data: False  # the server will publish its own
+            return lambda data: False  # the server publishes them
         if kind == "service" and self._options.publish_requests:
             return self.requests.sender(reader, channel, self._names.get(name, name))
         return self.senders.sender(reader, channel, self._names.get(channel.name, channel.name))
@@ -87,7 +87,7 @@ class Player:
         send = self._by_channel.get(id(item.channel))  # comparing definitions for each message takes long
         if send is None:
             send = self._by_channel[id(item.channel)] = self._send[item.channel.key]
-            self._kept.append(item.channel)
+            self._channels.append(item.channel)
         if self._options.clock_topics_all or item.channel.name in self._clock_topics:
             self._clock(self._due(item))
         was_sent = send(item.data)
@@ -108,7 +108,7 @@ class Player:
         return send
 
     async def publish_clock(self, hz: float) -> None:
-        """Publish ``/clock`` so often for ever."""
+        """Publish ``/clock`` at a rate until cancelled."""
         rate = self._node.create_rate(hz)
         while True:
             self._clock(self.timeline.now_ns())
@@ -117,7 +117,7 @@ class Player:
     # --------------------------------------------------------------------------------------------------------- playing
 
     async def play(self) -> None:
-        """Publish everything once, or until somebody stops it; at the end, wait until it is not paused."""
+        """Publish all messages once, or until `stop`; at the end, wait while paused."""
         self._begin(self._part.start_ns)
         self._has_begun.set()
         while not self._is_stopped:
@@ -127,19 +127,19 @@ class Player:
                 await self.timeline.until(None)
             elif await self.timeline.until(self._due(self._next)):
                 item = self._next
-                self._take()
+                self._advance()
                 self._publish(item)
 
     @property
     def is_stopped(self) -> bool:
-        """Whether somebody stopped it."""
+        """True after `stop`."""
         return self._is_stopped
 
     def _due(self, item: RawMessage) -> int:
         return item.publish_time if self._options.order == "sent" else item.log_time
 
     def _begin(self, at_ns: int) -> None:
-        """Go on with the messages from a time on."""
+        """Continue with the messages from a time on."""
         topics, _, end_ns = self._part
         if self._options.order == "sent":
             found = self._recording.messages(topics, self._part.start_ns, self._recording.end_ns + 1)
@@ -148,20 +148,20 @@ class Player:
             self._messages = (one for one in ordered if first <= one.publish_time < end_ns)
         else:
             self._messages = self._recording.messages(topics, at_ns, end_ns)
-        self._take()
+        self._advance()
         self.timeline.jump(at_ns)
 
-    def _take(self) -> None:
+    def _advance(self) -> None:
         self._next = next(self._messages, None)
 
     # -------------------------------------------------------------------------------------------------------- steering
 
-    async def begun(self) -> None:
-        """Wait until `play` knows what is next; before, there is no step, and nowhere to seek."""
+    async def started(self) -> None:
+        """Wait until `play` has started; before, there is no next message."""
         await self._has_begun.wait()
 
     def toggle(self) -> None:
-        """Pause, or go on."""
+        """Pause or resume."""
         if self.timeline.is_paused:
             self.timeline.resume()
         else:
@@ -169,17 +169,17 @@ class Player:
         self.on_change()
 
     def change_rate(self, by: float) -> None:
-        """Change the rate; never to nothing or less."""
+        """Add to the rate, which stays above 0."""
         self.timeline.set_rate(round(self.timeline.rate + by, 6))
         self.on_change()
 
     def step(self) -> bool:
-        """Publish the next message; only while it is paused."""
+        """Publish the next message if playback is paused; returns True if a message was sent."""
         if not self.timeline.is_paused:
             return False
         while self._next is not None:
             item = self._next
-            self._take()
+            self._advance()
             was_sent = self._publish(item)
             self.timeline.jump(self._due(item))
             if was_sent:
@@ -187,14 +187,14 @@ class Player:
         return False
 
     def burst(self, count: int) -> int:
-        """Publish the next messages at once, 0 for all that are left; only while it is paused. Answers how many."""
+        """Publish the next `count` messages, 0 for all, if playback is paused; returns how many were sent."""
         done = 0
         while (not count or done < count) and self.step():
             done += 1
         return done
 
     def seek(self, at_ns: int) -> bool:
-        """Go on at another time of the part that is played, at its begin if that is before; False behind its end."""
+        """Continue at another time within the selection; returns False if it is after the end."""
         if at_ns >= self._part.end_ns:
             return False
         self._begin(max(at_ns, self._part.start_ns))
@@ -202,12 +202,12 @@ class Player:
         return True
 
     def stop(self) -> None:
-        """End playing."""
+        """End playback."""
         self._is_stopped = True
         self.timeline.wake()
 
     def state(self) -> str:
-        """How far it is, in a line."""
+        """Return the progress as a line of text."""
         length = duration_text(self._part.end_ns - self._part.start_ns)
         at = duration_text(min(max(0, self.timeline.now_ns() - self._part.start_ns), self._part.end_ns))
         rate = "" if self.timeline.rate == 1 else f", at {self.timeline.rate:g} times the rate"
@@ -215,24 +215,24 @@ class Player:
         return f"{at} of {length}, {self.count} messages{rate}{paused}"
 
 
-def _require_played(clock_topics: set[str], topics: Sequence[str]) -> None:
-    """Raises `ToolError`."""
+def _check_clock_topics(clock_topics: set[str], topics: Sequence[str]) -> None:
+    """Raise `ToolError` for topics of --clock-topics that are not played."""
     for name in sorted(clock_topics.difference(topics)):
-        raise ToolError(f"--clock-topics {name}: it is not played; there are {', '.join(topics)[:300]}")
+        raise ToolError(f"--clock-topics {name}: topic is not played; topics are {', '.join(topics)[:300]}")
 
 
-def _remapped(
+def _remapped_names(
     session: CommandNode, recording: Recording, topics: Sequence[str], remaps: Sequence[str]
 ) -> dict[str, str]:
-    """Topic or service of the bag -> what it is called now. Raises `ToolError`."""
+    """Return new names by topic or service of the bag. Raises `ToolError`."""
     known = {*topics, *filter(None, (recording.owners[topic].service for topic in topics))}
     names = {}
     for remap in remaps:
         before, arrow, after = remap.partition(":=")
         if not (before and arrow and after):
-            raise ToolError(f'"{remap}" is no remapping; expected FROM:=TO')
+            raise ToolError(f"--remap {remap}: expected FROM:=TO")
         name = full_topic_name(session, before)
         if name not in known:
-            raise ToolError(f"--remap {remap}: {name} is not played; there are {', '.join(topics)[:300]}")
+            raise ToolError(f"--remap {remap}: {name} is not played; topics are {', '.join(topics)[:300]}")
         names[name] = full_topic_name(session, after)
     return names

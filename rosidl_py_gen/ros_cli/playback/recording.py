@@ -1,4 +1,4 @@
-"""One or several bags that are played as one."""
+"""One or several bags that are played together."""
 
 from __future__ import annotations
 
@@ -22,10 +22,11 @@ class Recording:
     """Bags whose messages are played by their times; use it with ``with``.
 
     Args:
-        storage: what all files have to be, if the user said so.
+        storage: required storage of all files, if the user stated one.
 
     Raises:
-        ToolError: a bag of another storage. BagError, OSError: as `BagReader`.
+        ToolError: a bag has another storage.
+        BagError, OSError: as for `BagReader`.
     """
 
     def __init__(self, places: Sequence[str], paths: Sequence[str], storage: str | None = None) -> None:
@@ -37,25 +38,25 @@ class Recording:
         except BaseException:
             self.close()
             raise
-        self.name = ", ".join(str(one.path) for one in self._readers)
-        """The paths, for messages."""
+        self.name = ", ".join(str(reader.path) for reader in self._readers)
+        """Paths of the bags, for messages."""
         self.channels: list[tuple[BagReader, BagTopic]] = [
             (reader, channel) for reader in self._readers for channel in reader.channels
         ]
-        """What was recorded, and which bag knows its definition; one that is in several bags is there several times."""
+        """Recorded channels and the reader of each."""
         self.owners = {channel.name: topic_owner(channel.name, channel.type_name) for _, channel in self.channels}
-        """What each topic belongs to."""
+        """Service, action or topic that each topic belongs to."""
         self.topics = sorted(self.owners)
-        filled = [one for one in self._readers if one.end_ns]
-        self.start_ns = min((one.start_ns for one in filled), default=0)
-        """Log time of the first message; 0 when there is none."""
-        self.end_ns = max((one.end_ns for one in filled), default=0)
+        filled = [reader for reader in self._readers if reader.end_ns]
+        self.start_ns = min((reader.start_ns for reader in filled), default=0)
+        """Log time of the first message; 0 without messages."""
+        self.end_ns = max((reader.end_ns for reader in filled), default=0)
         """Log time of the last message."""
 
     def messages(self, topics: Sequence[str], start_ns: int, end_ns: int) -> Iterator[RawMessage]:
-        """Those with ``start_ns <= log_time < end_ns``, by log time."""
+        """Yield messages with ``start_ns <= log_time < end_ns``, by log time."""
         each = [
-            reader.raw_messages([one for one in topics if one in reader.topics], start_ns=start_ns, end_ns=end_ns)
+            reader.raw_messages([name for name in topics if name in reader.topics], start_ns=start_ns, end_ns=end_ns)
             for reader in self._readers
         ]
         return each[0] if len(each) == 1 else merge(*each, key=attrgetter("log_time"))
@@ -63,12 +64,12 @@ class Recording:
     @property
     def is_damaged(self) -> bool:
         """True if damaged parts were skipped so far."""
-        return any(one.damaged for one in self._readers)
+        return any(reader.damaged for reader in self._readers)
 
     def close(self) -> None:
-        """May be called twice."""
-        for one in self._readers:
-            one.close()
+        """Close the bags; may be called repeatedly."""
+        for reader in self._readers:
+            reader.close()
 
     def __enter__(self) -> Recording:
         return self
@@ -81,11 +82,11 @@ def _require_storage(reader: BagReader, storage: str | None) -> None:
     for file in reader.files:
         found = _KINDS.get(file.suffix if file.suffix in _KINDS else file.with_suffix("").suffix, "")
         if storage is not None and found != storage:
-            raise ToolError(f"{file} is {found}, not {storage}; leave out --storage, as files say what they are")
+            raise ToolError(f"{file}: storage is {found}; expected {storage}, or no --storage")
 
 
 def by_publish_time(messages: Iterable[RawMessage], ahead: int) -> Iterator[RawMessage]:
-    """Put in the order of their publish times those of which at most `ahead` others came too early."""
+    """Sort messages by publish time within a window of `ahead` messages."""
     waiting: list[tuple[int, int, RawMessage]] = []
     for number, message in enumerate(messages):
         heappush(waiting, (message.publish_time, number, message))

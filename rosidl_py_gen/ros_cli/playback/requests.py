@@ -1,7 +1,7 @@
-"""Requests to services, of what their introspection published when it was recorded.
+"""Requests to services, from recorded service events.
 
-Decides that a request is sent once, though client and server may both have told of it: what one of them told is taken.
-Responses are waited for at the end only, so that requests come as far apart as then.
+A request is sent once, although both client and server may have published its event: only events of one side are used.
+Responses are awaited at the end only, so that requests keep their recorded timing.
 """
 
 from __future__ import annotations
@@ -27,36 +27,36 @@ _EVENT_TYPES = {
     "service_introspection": ServiceEventType.REQUEST_RECEIVED,
     "client_introspection": ServiceEventType.REQUEST_SENT,
 }
-_ANSWERED_S = 5.0
-"""How long responses are waited for when everything was sent."""
-_MAX_RESPONSE_WAIT_S = 300.0
+_RESPONSE_TIMEOUT_S = 5.0
+"""Maximum time to wait for responses after the last request."""
+_CALL_TIMEOUT_S = 300.0
 _MAX_PENDING = 1000
 
 
 class Requests:
-    """The clients of a player.
+    """Clients of a player.
 
     Args:
-        source: whose events are taken, ``service_introspection`` or ``client_introspection``.
-        paths: folders with definitions, for bags that do not have them.
+        source: side whose events are used, ``service_introspection`` or ``client_introspection``.
+        paths: folders with definitions, for bags without them.
     """
 
     def __init__(self, node: Node, source: str, paths: Sequence[str], note: OnceNotes) -> None:
         self._node = node
         self._source = source
-        self._taken = _EVENT_TYPES[source]
+        self._event_type = _EVENT_TYPES[source]
         self._paths = paths
         self._note = note
         self._clients: dict[tuple[str, str], Client[Any, Any]] = {}
         self._pending: set[asyncio.Task[None]] = set()
         self.count = 0
-        """Requests that were sent."""
+        """Number of requests sent."""
 
     def sender(self, reader: BagReader, channel: BagTopic, service: str) -> Callable[[bytes], bool]:
-        """What sends the request of an event of this channel to a service; it answers whether there was one to send.
+        """Return a function that sends the request in an event of a channel, and returns True if it did.
 
         Raises:
-            ToolError: the definition of the service is known nowhere.
+            ToolError: the definition of the service is unknown.
         """
         cls, event = self._classes(reader, channel)
         key = service, type_hash(event)
@@ -66,18 +66,20 @@ class Requests:
 
         def send(data: bytes) -> bool:
             try:
-                told: Any = event.decode(data)
+                event_message: Any = event.decode(data)
             except DecodeError as error:
-                self._note(f"{channel.name}: left out an event: {error}")
+                self._note(f"{channel.name}: skipped an event: {error}")
                 return False
-            return told.info.event_type == self._taken and self._send(client, channel, told.request)
+            return event_message.info.event_type == self._event_type and self._send(
+                client, channel, event_message.request
+            )
 
         return send
 
     def _classes(self, reader: BagReader, channel: BagTopic) -> tuple[type[Any], type[Any]]:
-        """The service, and its event as it was recorded."""
+        """Return the service, and its event as recorded."""
         name = channel.type_name.removesuffix("_Event")
-        advice = "--path gives the folder with its definition"
+        advice = "pass the folder of its definition with --path"
         try:
             event = reader.definition(channel).message_class
         except RosidlError as error:
@@ -89,15 +91,17 @@ class Requests:
                 continue
             if issubclass(cls, Service) and type_hash(cls.Event) == type_hash(event):
                 return cls, event
-        raise ToolError(f"requests to {channel.name} cannot be sent: {name} is not known as it was then; {advice}")
+        raise ToolError(
+            f"requests to {channel.name} cannot be sent: no definition of {name} matches the recording; {advice}"
+        )
 
     def _send(self, client: Client[Any, Any], channel: BagTopic, requests: Sequence[Any]) -> bool:
         if not requests:
-            self._note(f"{channel.name}: its {self._source} kept no contents, so that there is nothing to send")
+            self._note(f"{channel.name}: its {self._source} has no contents, so that no request is sent")
         elif not client.service_is_available():
-            self._note(f"{client.name}: no server is there, requests to it are left out")
+            self._note(f"{client.name}: no server exists; requests are skipped")
         elif len(self._pending) >= _MAX_PENDING:
-            self._note(f"{client.name}: {_MAX_PENDING} requests have no response yet, further ones are left out")
+            self._note(f"{client.name}: {_MAX_PENDING} requests have no response yet; further ones are skipped")
         else:
             task = asyncio.ensure_future(self._call(client, requests[0]))
             self._pending.add(task)
@@ -108,19 +112,19 @@ class Requests:
 
     async def _call(self, client: Client[Any, Any], request: Any) -> None:
         try:
-            await client.call(request, timeout_s=_MAX_RESPONSE_WAIT_S)
+            await client.call(request, timeout_s=_CALL_TIMEOUT_S)
         except RosidlError as error:
             self._note(f"{client.name}: {error}")
 
     async def wait_for_servers(self, timeout_s: float) -> None:
-        """Wait until every service is there, or the time has passed."""
-        await wait_each_until_timeout(one.wait_for_service(timeout_s) for one in self._clients.values())
+        """Wait until every service has a server, or the timeout has passed."""
+        await wait_each_until_timeout(client.wait_for_service(timeout_s) for client in self._clients.values())
 
     async def wait_for_responses(self) -> None:
-        """Wait for responses, five seconds at most, and say how many are missing."""
+        """Wait for responses, and note how many are missing."""
         if self._pending:
-            await asyncio.wait(self._pending, timeout=_ANSWERED_S)
+            await asyncio.wait(self._pending, timeout=_RESPONSE_TIMEOUT_S)
         if self._pending:
-            self._note(f"{len(self._pending)} requests had no response in {_ANSWERED_S:.0f} s")
+            self._note(f"{len(self._pending)} requests had no response in {_RESPONSE_TIMEOUT_S:.0f} s")
         for task in self._pending:
             task.cancel()

@@ -1,20 +1,20 @@
-"""What of a recording is played: topics, events of services, and the topics and events that an action consists of.
+"""Selection of topics, service events and topics of actions that are played.
 
-Decides that what is named is all there is: with ``--topics``, ``--services``, ``--actions`` or ``--regex``, nothing
-else is played, and what is excluded is not, whoever names it. Patterns match whole names, as for ``ros2 bag play``.
+With ``--topics``, ``--services``, ``--actions`` or ``--regex`` only the named ones are played. Exclusion precedes
+inclusion. Patterns match whole names, as for ``ros2 bag play``.
 """
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.ros_cli import ToolError, terminal_output
-from rosidl_py_gen.ros_cli.bag.selection import BagSelection, duration_text, time_text
+from rosidl_py_gen.ros_cli.bag.selection import BagSelection, compile_pattern, duration_text, time_text
 
 if TYPE_CHECKING:
+    import re
     from collections.abc import Iterable, Sequence
 
     from rosidl_py_gen.ros_cli.name_lookup import TopicOwner
@@ -22,83 +22,79 @@ if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.playback.recording import Recording
 
 
-def played(recording: Recording, options: PlayOptions) -> list[str]:
-    """The topics that are played, sorted.
+def selected_topics(recording: Recording, options: PlayOptions) -> list[str]:
+    """Return the topics to play, sorted.
 
     Raises:
-        ToolError: one that was named is not there, a pattern is none, or nothing is left.
+        ToolError: a named topic does not exist, a pattern is invalid, or no topic is left.
     """
     owners = recording.owners
-    given = {"topic": options.topics, "service": options.services, "action": options.actions}
+    included = {"topic": options.topics, "service": options.services, "action": options.actions}
     excluded = {
         "topic": options.exclude_topics,
         "service": options.exclude_services,
         "action": options.exclude_actions,
     }
-    named = {kind: _known(recording, owners.values(), kind, names, "") for kind, names in given.items()}
-    without = {kind: _known(recording, owners.values(), kind, names, "exclude-") for kind, names in excluded.items()}
-    regex, exclude = _pattern("--regex", options.regex), _pattern("--exclude-regex", options.exclude_regex)
-    is_choice = any(given.values()) or regex is not None
-    found = []
+    named = {kind: _existing_names(recording, owners.values(), kind, names, "") for kind, names in included.items()}
+    excluded_names = {
+        kind: _existing_names(recording, owners.values(), kind, names, "exclude-") for kind, names in excluded.items()
+    }
+    regex = compile_pattern(options.regex, "--regex") if options.regex else None
+    exclude = compile_pattern(options.exclude_regex, "--exclude-regex") if options.exclude_regex else None
+    is_choice = any(included.values()) or regex is not None
+    selected = []
     for topic in recording.topics:
         kind, name, _ = owners[topic]
-        chosen = not is_choice or name in named[kind] or topic in named["topic"] or _matches(regex, topic, name)
-        left_out = name in without[kind] or topic in without["topic"] or _matches(exclude, topic, name)
-        if chosen and not left_out:
-            found.append(topic)
-    if options.has_clock and "/clock" in found:
-        terminal_output.note("/clock of the bag is left out, as this publishes its own")
-        found.remove("/clock")
-    if recording.topics and not found:
+        is_included = not is_choice or name in named[kind] or topic in named["topic"] or _matches(regex, topic, name)
+        is_excluded = name in excluded_names[kind] or topic in excluded_names["topic"] or _matches(exclude, topic, name)
+        if is_included and not is_excluded:
+            selected.append(topic)
+    if options.has_clock and "/clock" in selected:
+        terminal_output.note("skipped /clock of the bag, as --clock publishes it")
+        selected.remove("/clock")
+    if recording.topics and not selected:
         raise ToolError(
-            f"{recording.name}: nothing is left to play; there are {', '.join(recording.topics)[:300]}, and --regex "
+            f"{recording.name}: no topic is selected; topics are {', '.join(recording.topics)[:300]}; --regex "
             "and --exclude-regex match whole names"
         )
-    return found
+    return selected
 
 
-def _known(
+def _existing_names(
     recording: Recording, owners: Iterable[TopicOwner], kind: str, names: Sequence[str], prefix: str
 ) -> set[str]:
-    """Full names. What is to be played has to be there; what is excluded and is not there is only said."""
+    """Return full names that exist. A missing name raises `ToolError`; a missing excluded name is noted."""
     owners = list(owners)
-    there = {one.name for one in owners if one.kind == kind} | (set(recording.topics) if kind == "topic" else set())
+    existing = {one.name for one in owners if one.kind == kind} | (set(recording.topics) if kind == "topic" else set())
     full = {name if name.startswith("/") else f"/{name}" for name in names}
-    for name in sorted(full - there):
-        reason = f"{recording.name} has no {kind} {name}{did_you_mean(name, there)}"
+    for name in sorted(full - existing):
+        reason = f"{recording.name} has no {kind} {name}{did_you_mean(name, existing)}"
         other = next((one.kind for one in owners if one.name == name), "")
         if other:
             reason += f"; it is a{'n' if other == 'action' else ''} {other}: --{prefix}{other}s {name}"
         if not prefix:
             raise ToolError(reason)
         terminal_output.note(f"--{prefix}{kind}s: {reason}")
-    return full & there
-
-
-def _pattern(option: str, text: str | None) -> re.Pattern[str] | None:
-    try:
-        return re.compile(text) if text else None
-    except re.error as error:
-        raise ToolError(f'{option}: "{text}" is no regular expression: {error}') from None
+    return full & existing
 
 
 def _matches(pattern: re.Pattern[str] | None, *names: str) -> bool:
     return pattern is not None and any(pattern.fullmatch(name) for name in names)
 
 
-def part_of(recording: Recording, topics: Sequence[str], options: PlayOptions) -> BagSelection:
-    """Which messages of these topics are played.
+def select_messages(recording: Recording, topics: Sequence[str], options: PlayOptions) -> BagSelection:
+    """Return the messages of these topics that are played.
 
-    The end is the later one of what ``--playback-duration`` and ``--playback-until-…`` say, and includes its own
-    nanosecond, as in rosbag2; that of ``--duration`` does not, as for the other commands.
+    The end is the later one of ``--playback-duration`` and ``--playback-until-…``, and is inclusive as in rosbag2; that
+    of ``--duration`` is exclusive as for the other commands.
 
     Raises:
-        ToolError: nothing is left of it.
+        ToolError: no time is left.
     """
     start = recording.start_ns + round(options.offset_s * NS_PER_S)
     if start > recording.end_ns:
         length = duration_text(recording.end_ns - recording.start_ns)
-        raise ToolError(f"{recording.name} is {length} long; nothing is left of it")
+        raise ToolError(f"{recording.name} is {length} long; expected a start offset within it")
     ends = []
     if options.playback_s is not None:
         ends.append(start + round(options.playback_s * NS_PER_S) + 1 if options.playback_s else start)
@@ -109,6 +105,6 @@ def part_of(recording: Recording, topics: Sequence[str], options: PlayOptions) -
         end = min(end, start + round(options.duration_s * NS_PER_S))
     if end < start:
         raise ToolError(
-            f"{recording.name}: it is to be played until {time_text(end - 1)}, and begins at {time_text(start)}"
+            f"{recording.name}: starts at {time_text(start)}; expected an end after it, got {time_text(end - 1)}"
         )
     return BagSelection(list(topics), start, end)

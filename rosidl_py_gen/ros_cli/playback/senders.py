@@ -1,8 +1,7 @@
-"""Publishers of what was recorded.
+"""Publishers of recorded topics.
 
-Decides the quality of service of what is published: what the user says, else the strongest that was offered when it was
-recorded, which every subscription connects to that did then. A topic with messages of two definitions has a publisher
-for each.
+The QoS is that of the user; else the strongest that was offered when recorded, which connects to the same
+subscriptions. A topic with messages of two definitions has a publisher for each.
 """
 
 from __future__ import annotations
@@ -26,13 +25,13 @@ if TYPE_CHECKING:
 
 _MIN_DEPTH = 10
 _MAX_NOTES = 10
-_ACKNOWLEDGED_S = 5.0
+_ACKNOWLEDGEMENT_TIMEOUT_S = 5.0
 
 
-def unplayable(channel: BagTopic) -> str:
-    """Why messages cannot be published; empty when they can. A type of two parts is a message's, as everywhere."""
+def cannot_play_reason(channel: BagTopic) -> str:
+    """Return why messages of a channel cannot be published; empty if they can."""
     if channel.message_encoding != "cdr":
-        return f"its messages are {channel.message_encoding}, not cdr"
+        return f"messages are {channel.message_encoding}; expected cdr"
     try:
         validate_full_name(channel.name)
         split_ros_name(channel.type_name, "msg")
@@ -42,22 +41,22 @@ def unplayable(channel: BagTopic) -> str:
 
 
 class OnceNotes:
-    """Says each sentence once, and not more than ten of them."""
+    """Prints each note once, and at most ten of them."""
 
     def __init__(self) -> None:
-        self._said: set[str] = set()
+        self._printed: set[str] = set()
 
     def __call__(self, text: str) -> None:
-        if text not in self._said and len(self._said) < _MAX_NOTES:
-            self._said.add(text)
+        if text not in self._printed and len(self._printed) < _MAX_NOTES:
+            self._printed.add(text)
             terminal_output.note(text)
 
 
 class Senders:
-    """The publishers of a player.
+    """Publishers of a player.
 
     Args:
-        overrides: quality of service by topic of the bag, or by the name it is published under.
+        overrides: QoS profiles by topic of the bag, or by the name it is published with.
     """
 
     def __init__(self, node: Node, overrides: Mapping[str, QoSProfile], note: OnceNotes) -> None:
@@ -67,69 +66,73 @@ class Senders:
         self._publishers: list[Publisher[Any]] = []
 
     def sender(self, reader: BagReader, channel: BagTopic, name: str) -> Callable[[bytes], bool]:
-        """What publishes a message of this channel; it answers whether it did."""
-        qos = self._overrides.get(channel.name) or self._overrides.get(name) or _offered(channel)
-        publisher = self._node.create_publisher(_class(reader, channel), name, qos)
+        """Return a function that publishes a message of a channel, and returns True if it did."""
+        qos = self._overrides.get(channel.name) or self._overrides.get(name) or _offered_qos(channel)
+        publisher = self._node.create_publisher(_class_of(reader, channel), name, qos)
         self._publishers.append(publisher)
 
         def send(data: bytes) -> bool:
             try:
                 publisher.publish_raw(data)
-            except EncodeError as reason:  # big endian, as other systems may record it
+            except EncodeError as reason:  # big endian, as recorded by other systems
                 try:
                     publisher.publish(reader.definition(channel).message_class.decode(data))
                 except (DecodeError, RosidlError):
-                    self._note(f"{channel.name}: left out a message: {reason}")
+                    self._note(f"{channel.name}: skipped a message: {reason}")
                     return False
             return True
 
         return send
 
     async def wait_for_subscribers(self, timeout_s: float) -> None:
-        """Wait until every topic has a subscriber, or the time has passed."""
-        await wait_each_until_timeout(one.wait_for_subscribers(timeout_s) for one in self._publishers)
+        """Wait until every topic has a subscriber, or the timeout has passed."""
+        await wait_each_until_timeout(publisher.wait_for_subscribers(timeout_s) for publisher in self._publishers)
 
     async def wait_acknowledged(self, timeout_ms: int | None) -> None:
-        """Wait until what was published has arrived; None for 5 s at most, 0 as long as it takes.
+        """Wait until published messages are acknowledged; None waits 5 s at most, 0 without limit.
 
-        When the user said how long, what did not arrive is told.
+        With a limit of the user, missing acknowledgements are noted.
         """
         if timeout_ms is None:
-            await wait_each_until_timeout(one.wait_for_acknowledged(_ACKNOWLEDGED_S) for one in self._publishers)
+            await wait_each_until_timeout(
+                publisher.wait_for_acknowledged(_ACKNOWLEDGEMENT_TIMEOUT_S) for publisher in self._publishers
+            )
             return
-        for one in self._publishers:
-            if one.qos.reliability is Reliability.BEST_EFFORT:
-                terminal_output.note(f"--wait-for-all-acked: {one.topic} is best effort, which nobody acknowledges")
+        for publisher in self._publishers:
+            if publisher.qos.reliability is Reliability.BEST_EFFORT:
+                terminal_output.note(
+                    f"--wait-for-all-acked: {publisher.topic} is best effort, without acknowledgements"
+                )
         timeout_s = timeout_ms / 1000 if timeout_ms else None
-        waits = (one.wait_for_acknowledged(timeout_s) for one in self._publishers)
-        for late in await wait_each_until_timeout(waits):
-            terminal_output.note(f"--wait-for-all-acked: {late}")
+        waits = (publisher.wait_for_acknowledged(timeout_s) for publisher in self._publishers)
+        for timed_out in await wait_each_until_timeout(waits):
+            terminal_output.note(f"--wait-for-all-acked: {timed_out}")
 
 
 async def wait_each_until_timeout(waits: Iterable[Awaitable[object]]) -> list[WaitTimeoutError]:
-    """Wait for all of these, each as long as it takes at most; gives those whose time was over."""
-    late = []
+    """Wait for all awaitables; return the errors of those that timed out."""
+    timed_out = []
     for outcome in await asyncio.gather(*waits, return_exceptions=True):
         if isinstance(outcome, WaitTimeoutError):
-            late.append(outcome)
+            timed_out.append(outcome)
         elif isinstance(outcome, BaseException):
             raise outcome
-    return late
+    return timed_out
 
 
-def _class(reader: BagReader, channel: BagTopic) -> type[Message]:
-    """Without a definition, or with a wrong one, the bytes are published under the name of their type alone."""
+def _class_of(reader: BagReader, channel: BagTopic) -> type[Message]:
+    """Return the class of a channel; a class without fields if its definition is missing or wrong."""
     if reason := guess_mismatch(reader, channel):
         terminal_output.note(reason)
-        return _opaque(channel)
+        return _opaque_class(channel)
     try:
         return reader.definition(channel).message_class
     except RosidlError:
-        return _opaque(channel)
+        return _opaque_class(channel)
 
 
-def _opaque(topic: BagTopic) -> type[Message]:
-    """A class with the name and hash of a topic's messages, for publishing their bytes."""
+def _opaque_class(topic: BagTopic) -> type[Message]:
+    """Return a class with name and hash of a type, for publishing serialized messages."""
 
     class OpaqueMessage(Message):
         __slots__ = ()
@@ -138,12 +141,12 @@ def _opaque(topic: BagTopic) -> type[Message]:
     return OpaqueMessage
 
 
-def _offered(topic: BagTopic) -> QoSProfile:
-    """Depths are often not known to recorders: at least ROS's default of ten."""
+def _offered_qos(topic: BagTopic) -> QoSProfile:
+    """Return the QoS of a topic, with a depth of at least 10, as recorders often do not know it."""
     offered = qos_profiles(topic.offered_qos)
-    profile = QoSProfile(depth=max(_MIN_DEPTH, *(one.depth for one in offered)) if offered else _MIN_DEPTH)
-    if offered and all(one.reliability is Reliability.BEST_EFFORT for one in offered):
+    profile = QoSProfile(depth=max(_MIN_DEPTH, *(publisher.depth for publisher in offered)) if offered else _MIN_DEPTH)
+    if offered and all(publisher.reliability is Reliability.BEST_EFFORT for publisher in offered):
         profile = profile.best_effort()
-    if any(one.durability is Durability.TRANSIENT_LOCAL for one in offered):
+    if any(publisher.durability is Durability.TRANSIENT_LOCAL for publisher in offered):
         profile = profile.transient_local()
     return profile

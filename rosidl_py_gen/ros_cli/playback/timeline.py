@@ -1,4 +1,4 @@
-"""The time of a recording while it is played."""
+"""Time of a recording during playback."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from rosidl_py_gen.ros_cli.command_node import now_s
 
 
 class Timeline:
-    """Passes at a rate, stands still while it is paused, and jumps. Made on the loop it goes with.
+    """Clock that runs at a rate, pauses and jumps. Thread: loop.
 
     Args:
-        at_ns: its time now, nanoseconds.
+        at_ns: initial time, in nanoseconds.
     """
 
     def __init__(self, at_ns: int, rate: float, *, is_paused: bool = False) -> None:
@@ -20,37 +20,37 @@ class Timeline:
         self._since_s = now_s()
         self._rate = rate
         self._is_paused = is_paused
-        self._waiting: asyncio.Future[bool] | None = None
+        self._wake_up: asyncio.Future[bool] | None = None
         self._changes = 0
 
     @property
     def rate(self) -> float:
-        """2.0 is twice as fast."""
+        """Speed; 2.0 is twice as fast."""
         return self._rate
 
     @property
     def is_paused(self) -> bool:
-        """Whether it stands still."""
+        """True while paused."""
         return self._is_paused
 
     def now_ns(self) -> int:
-        """The time of the recording."""
+        """Return the time of the recording, in nanoseconds."""
         if self._is_paused:
             return self._at_ns
         return self._at_ns + round((now_s() - self._since_s) * self._rate * NS_PER_S)
 
     def pause(self) -> None:
-        """Stand still."""
+        """Stop the time."""
         self.jump(self.now_ns())
         self._is_paused = True
 
     def resume(self) -> None:
-        """Go on."""
+        """Continue the time."""
         self.jump(self.now_ns())
         self._is_paused = False
 
     def set_rate(self, rate: float) -> bool:
-        """Go on at another rate; False, and no change, when it is none."""
+        """Set the rate; returns False if it is not a positive number."""
         if not 0 < rate < float("inf"):
             return False
         self.jump(self.now_ns())
@@ -58,18 +58,18 @@ class Timeline:
         return True
 
     def jump(self, at_ns: int) -> None:
-        """Be at another time. Whoever waits looks again what is due."""
+        """Set the time, and wake up `until`."""
         self._at_ns, self._since_s = at_ns, now_s()
         self.wake()
 
     def wake(self) -> None:
-        """Let `until` return."""
+        """Make `until` return."""
         self._changes += 1
-        if self._waiting is not None and not self._waiting.done():
-            self._waiting.set_result(False)
+        if self._wake_up is not None and not self._wake_up.done():
+            self._wake_up.set_result(False)
 
     async def until(self, at_ns: int | None) -> bool:
-        """Wait for a time, None for ever; False when something changed before, and what to wait for may be another."""
+        """Wait for a time, None without end; returns False if the time was changed, so that it must be rechecked."""
         if not self._is_paused and at_ns is not None:
             left_s = self._since_s + (at_ns - self._at_ns) / NS_PER_S / self._rate - now_s()
             if left_s <= 0:
@@ -80,16 +80,16 @@ class Timeline:
             left_s = None
         loop = asyncio.get_running_loop()
         waiting: asyncio.Future[bool] = loop.create_future()
-        self._waiting = waiting
-        due = None if left_s is None else loop.call_later(left_s, _say_due, waiting)
+        self._wake_up = waiting
+        due = None if left_s is None else loop.call_later(left_s, _set_due, waiting)
         try:
             return await waiting
         finally:
-            self._waiting = None
+            self._wake_up = None
             if due is not None:
                 due.cancel()
 
 
-def _say_due(waiting: asyncio.Future[bool]) -> None:
+def _set_due(waiting: asyncio.Future[bool]) -> None:
     if not waiting.done():
         waiting.set_result(True)

@@ -1,1 +1,1 @@
-"""What ``bag record`` does: record begins and ends it, selection chooses topics, recorder receives, writer writes."""
+"""``bag record``: `record` runs it, `selection` chooses topics, `recorder` receives, `writer` writes."""

@@ -19,7 +19,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 @dataclass(frozen=True, slots=True)
 class RecordOptions:
-    """What was asked of ``bag record``."""
+    """Options of ``bag record``."""
 
     topics: Sequence[str]
     services: Sequence[str]
@@ -60,22 +60,22 @@ class RecordOptions:
     as_json: bool
 
 
-_WHAT = (
+_SELECTING_OPTIONS = (
     *("topics", "services", "actions", "topic_types", "regex"),
     *("everything", "all_topics", "all_services", "all_actions"),
 )
-"""What says what is recorded; one of them has to be given."""
+"""Options that select topics; at least one is required."""
 
 
 def _several(*names: str, of: str = "", **settings: Any) -> Callable[[F], F]:
-    """Of `of`: ``topics``, ``services`` or ``actions`` of the live graph, or ``types``, which are completed."""
+    """Option with several values; `of` is ``topics``, ``services``, ``actions`` or ``types``, for completion."""
     if of:
         settings["shell_complete"] = options.completion(of)
     return click.option(*names, cls=options.MultiValueOption, **settings)
 
 
 def _pairs(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> dict[str, str]:
-    """KEY=VALUE of each; the last one of a key counts."""
+    """Parse KEY=VALUE; the last value of a key counts."""
     found = {}
     for one in value:
         key, equals, text = one.partition("=")
@@ -87,31 +87,37 @@ def _pairs(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> 
 
 @click.command("record", cls=options.MultiValueCommand)
 @click.argument("topics", nargs=-1, cls=options.SeveralArgument, shell_complete=options.completion("topics"))
-@_several("--topics", "more_topics", of="topics", metavar="TOPIC...", help="The same as TOPICS.")
-@_several("--services", of="services", metavar="SERVICE...", help="The events of these, if they publish any.")
-@_several("--actions", of="actions", metavar="ACTION...", help="Feedback and status of these, and events.")
-@_several("--topic-types", of="types", metavar="TYPE...", help="Topics of these types.")
-@click.option("-a", "--all", "everything", is_flag=True, help="All topics, services and actions that publish.")
-@click.option("--all-topics", is_flag=True, help="Every topic that is published.")
-@click.option("--all-services", is_flag=True, help="The events of all services that publish any.")
-@click.option("--all-actions", is_flag=True, help="What belongs to actions, as --actions.")
-@click.option("-e", "--regex", metavar="REGEX", help="Topics, services and actions whose name has a match.")
+@_several(
+    "--topics", "more_topics", of="topics", metavar="TOPIC...", help="Record these topics, in addition to TOPICS."
+)
+@_several(
+    "--services", of="services", metavar="SERVICE...", help="Record the events of these services, if they publish any."
+)
+@_several("--actions", of="actions", metavar="ACTION...", help="Record feedback, status and events of these actions.")
+@_several("--topic-types", of="types", metavar="TYPE...", help="Record topics of these types.")
+@click.option("-a", "--all", "everything", is_flag=True, help="Record all topics, services and actions that publish.")
+@click.option("--all-topics", is_flag=True, help="Record every published topic.")
+@click.option("--all-services", is_flag=True, help="Record the events of all services that publish any.")
+@click.option("--all-actions", is_flag=True, help="Record all actions, as with --actions.")
+@click.option("-e", "--regex", metavar="REGEX", help="Record topics, services and actions whose name contains a match.")
 @click.option(
     "-x",
     "--exclude",
     "--exclude-regex",
     multiple=True,
     metavar="REGEX",
-    help="Leave out those whose name has a match; may be given several times.",
+    help="Skip names that contain a match. May be repeated.",
 )
-@_several("--exclude-topics", of="topics", metavar="TOPIC...", help="Leave these out.")
-@_several("--exclude-services", of="services", metavar="SERVICE...", help="Leave these out.")
-@_several("--exclude-actions", of="actions", metavar="ACTION...", help="Leave these out.")
-@_several("--exclude-topic-types", of="types", metavar="TYPE...", help="Leave topics of these types out.")
-@click.option("--include-hidden-topics", "hidden", is_flag=True, help="Also those that begin with _.")
-@click.option("--include-unpublished-topics", "unpublished", is_flag=True, help="Also those nobody publishes yet.")
-@click.option("--ignore-leaf-topics", "no_leaves", is_flag=True, help="Not those nobody subscribes to.")
-@click.option("--no-discovery", is_flag=True, help="Only the topics that are there at the beginning.")
+@_several("--exclude-topics", of="topics", metavar="TOPIC...", help="Skip these topics.")
+@_several("--exclude-services", of="services", metavar="SERVICE...", help="Skip these services.")
+@_several("--exclude-actions", of="actions", metavar="ACTION...", help="Skip these actions.")
+@_several("--exclude-topic-types", of="types", metavar="TYPE...", help="Skip topics of these types.")
+@click.option("--include-hidden-topics", "hidden", is_flag=True, help="Also record names that begin with _.")
+@click.option(
+    "--include-unpublished-topics", "unpublished", is_flag=True, help="Also record topics without publishers."
+)
+@click.option("--ignore-leaf-topics", "no_leaves", is_flag=True, help="Skip topics without subscribers.")
+@click.option("--no-discovery", is_flag=True, help="Record only topics that exist at the start.")
 @click.option(
     "-p",
     "--polling-interval",
@@ -120,29 +126,34 @@ def _pairs(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> 
     default=0,
     show_default=True,
     metavar="MILLISECONDS",
-    help="Look for new topics at most so often; 0 is as soon as they appear.",
+    help="Minimum interval between searches for new topics; 0 records them as soon as they appear.",
 )
 @click.option(
     "--qos-profile-overrides-path",
     "qos_file",
     type=click.Path(),
     metavar="FILE",
-    help="YAML: the quality of service to receive topics with.",
+    help="YAML file with QoS profiles of subscriptions.",
 )
-@click.option("-o", "--output", type=click.Path(), help="A folder, or a file that ends with .mcap.")
+@click.option("-o", "--output", type=click.Path(), help="Folder, or file that ends with .mcap.")
 @click.option(
-    "-s", "--storage", type=click.Choice(["mcap", "sqlite3"]), default="mcap", show_default=True, help="Of the output."
+    "-s",
+    "--storage",
+    type=click.Choice(["mcap", "sqlite3"]),
+    default="mcap",
+    show_default=True,
+    help="Storage format of the output bag.",
 )
 @click.option(
     "-f",
     "--serialization-format",
     type=click.Choice(["cdr"]),
-    help="Of messages; there is no other.",
+    help="Serialization of messages.",
 )
 @click.option(
     "--compression",
     type=click.Choice(["zstd", "lz4", "none"]),
-    help="Of chunks inside MCAP files: zstd, or none with --compression-mode.",
+    help="Compression of chunks inside MCAP files. [default: zstd, none with --compression-mode]",
 )
 @click.option(
     "--compression-mode",
@@ -151,14 +162,14 @@ def _pairs(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> 
     show_default=True,
     help="Compress whole files, or each message.",
 )
-@click.option("--compression-format", type=click.Choice(["zstd"]), help="Of --compression-mode.")
+@click.option("--compression-format", type=click.Choice(["zstd"]), help="Compression of --compression-mode.")
 @click.option(
     "--compression-threads",
     "threads",
     type=click.IntRange(0, 256),
     default=0,
     metavar="COUNT",
-    help="Of --compression-mode; 0 is one for each core for files, and one for messages.",
+    help="Threads of --compression-mode; 0 uses one for each core for files, and one for messages.",
 )
 @options.split_options
 @click.option(
@@ -166,23 +177,25 @@ def _pairs(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> 
     "cache_bytes",
     type=click.IntRange(0),
     metavar="BYTES",
-    help="Messages that may wait to be written, 512 MiB if nothing is said, or that a snapshot has, 100 MiB; "
-    "0 writes each at once.",
+    help="Maximum size of waiting messages [default: 512 MiB], or of a snapshot [default: 100 MiB]; 0 writes each "
+    "message at once.",
 )
 @click.option(
     "--duration",
     "duration_s",
     type=click.FloatRange(0, min_open=True),
     metavar="SECONDS",
-    help="End after so long, discovery included, instead of on Ctrl-C.",
+    help="Maximum duration, including discovery.",
 )
 @_several("--custom-data", callback=_pairs, metavar="KEY=VALUE...", help="Texts for metadata.yaml.")
-@click.option("--snapshot-mode", "snapshots", is_flag=True, help="Write what came last when ~/snapshot is called.")
-@click.option("--start-paused", is_flag=True, help="Record nothing until the space key or a service says so.")
-@click.option("--disable-keyboard-controls", "no_keys", is_flag=True, help="Leave the keyboard alone.")
-@click.option("--use-sim-time", "sim_time", is_flag=True, help="Times of /clock, and nothing before the first one.")
+@click.option("--snapshot-mode", "snapshots", is_flag=True, help="Write the latest messages when ~/snapshot is called.")
+@click.option("--start-paused", is_flag=True, help="Start paused; the space key or a service resumes.")
+@click.option("--disable-keyboard-controls", "no_keys", is_flag=True, help="Do not read the keyboard.")
 @click.option(
-    "--node-name", default="rosbag2_recorder", show_default=True, metavar="NAME", help="Of the node that records."
+    "--use-sim-time", "sim_time", is_flag=True, help="Use the times of /clock, and skip messages before the first one."
+)
+@click.option(
+    "--node-name", default="rosbag2_recorder", show_default=True, metavar="NAME", help="Name of the recording node."
 )
 @options.paths
 @options.as_json
@@ -195,9 +208,9 @@ def record(
     compression_format: str | None,
     **arguments: Any,
 ) -> AsyncCommand:
-    """Record topics until Ctrl-C or SIGTERM. Messages stay as they are; types need not be installed.
+    """Record topics until Ctrl-C or SIGTERM. Messages are stored as received; types need not be installed.
 
-    On a terminal, space pauses and goes on. The services of rosbag2's recorder, as /rosbag2_recorder/pause, do the
+    On a terminal, space pauses and resumes. The services of rosbag2's recorder, such as /rosbag2_recorder/pause, do the
     same.
 
     \b
@@ -207,16 +220,16 @@ def record(
     rosidl-py bag record --regex '^/camera' --exclude depth --max-bag-size 1000000000
     """
     arguments["topics"] = [*arguments["topics"], *more_topics]
-    if not any(arguments[name] for name in _WHAT):
-        raise click.UsageError("say what to record: topics, --services, --actions, --topic-types, --regex, or --all")
+    if not any(arguments[name] for name in _SELECTING_OPTIONS):
+        raise click.UsageError("expected topics, --services, --actions, --topic-types, --regex, or --all")
     if compression_format and arguments["compression_mode"] == "none":
-        raise click.UsageError("--compression-format is for --compression-mode file or message")
+        raise click.UsageError("--compression-format requires --compression-mode file or message")
     if arguments["compression"] not in (None, "none") and arguments["storage"] == "sqlite3":
-        raise click.UsageError("--compression is of chunks in MCAP files; SQLite bags have --compression-mode")
+        raise click.UsageError("--compression applies to chunks of MCAP files; use --compression-mode for SQLite bags")
     if arguments["sim_time"] is True and arguments["no_discovery"] is True:
-        raise click.UsageError("--use-sim-time waits for /clock, and --no-discovery waits for nobody")
+        raise click.UsageError("--use-sim-time waits for /clock, which --no-discovery prevents")
     if arguments["snapshots"] and arguments["cache_bytes"] == 0:
-        raise click.UsageError("--snapshot-mode has nothing to write with --max-cache-size 0")
+        raise click.UsageError("--snapshot-mode requires a --max-cache-size above 0")
     from rosidl_py_gen.ros_cli.recording.record import record_bag
 
     return record_bag(network, RecordOptions(**arguments))

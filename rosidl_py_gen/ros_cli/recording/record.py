@@ -1,7 +1,4 @@
-"""``bag record``: from the command line to a bag that is closed.
-
-Decides what is written where: the storage, its compression, and what is said at the end.
-"""
+"""``bag record``: a run from options to the final report."""
 
 from __future__ import annotations
 
@@ -14,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.bags import BagWriter, SqliteWriter
 from rosidl_py_gen.ros_cli import AsyncCommand, terminal_output
 from rosidl_py_gen.ros_cli.bag.qos_overrides import read_qos_overrides
+from rosidl_py_gen.ros_cli.bag.rosbag2_services import serve_rosbag2
 from rosidl_py_gen.ros_cli.bag.selection import progress, size_text
 from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, first_of
 from rosidl_py_gen.ros_cli.keyboard import read_keys
-from rosidl_py_gen.ros_cli.recording.controls import serve
 from rosidl_py_gen.ros_cli.recording.recorder import Recorder
 from rosidl_py_gen.ros_cli.recording.selection import Selection
 from rosidl_py_gen.ros_cli.recording.writer import WriterThread
@@ -26,17 +23,16 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from rosidl_py_gen.ros_cli.recording.command import RecordOptions
-    from rosidl_py_gen.runtime import QoSProfile
+    from rosidl_py_gen.runtime import Node, QoSProfile
 
 
 def record_bag(network: NetworkOptions, options: RecordOptions) -> AsyncCommand:
-    """Record what the options say. Raises as `Selection` and `read_qos_overrides`."""
+    """Return the command for the options. Raises as `Selection` and `read_qos_overrides`."""
     selection, qos = Selection(options), read_qos_overrides(options.qos_file)
     return AsyncCommand(_record(network, partial(_writer, options), options, selection, qos), endless=True)
 
 
 def _writer(options: RecordOptions) -> BagWriter | SqliteWriter:
-    """The bag; raises as its class."""
     path = options.output or f"rosbag2_{datetime.now():%Y_%m_%d-%H_%M_%S}"
     packs_files = options.compression_mode == "file"
     common: dict[str, Any] = {
@@ -63,10 +59,10 @@ async def _record(
     failed = asyncio.Event()
     writer: WriterThread | None = None
     recorder: Recorder | None = None
-    # Others have the types of the services from this node; nobody has rosbag2_interfaces installed for it.
+    # Peers get the types of the services from this node; rosbag2_interfaces need not be installed.
     overrides = {"start_type_description_service": True, "use_sim_time": options.sim_time}
     try:
-        # The network first, so that no bag is made where nothing can be heard.
+        # The network first, so that no bag is created if it fails.
         async with CommandNode(network, name=options.node_name, parameter_overrides=overrides) as session:
             writer = WriterThread(
                 create(),
@@ -75,23 +71,36 @@ async def _record(
                 snapshots=options.snapshots,
             )
             recorder = Recorder(session, writer, options, selection, qos)
-            serve(session.node, recorder, snapshots=options.snapshots)
-            with ExitStack() as kept:
-                if not options.no_keys and kept.enter_context(read_keys({"space": recorder.toggle_paused})):
-                    terminal_output.note("space pauses and goes on")
+            _serve(session.node, recorder, snapshots=options.snapshots)
+            with ExitStack() as resources:
+                if not options.no_keys and resources.enter_context(read_keys({"space": recorder.toggle_paused})):
+                    terminal_output.note("space pauses and resumes")
                 if options.start_paused:
-                    terminal_output.note("paused from the beginning")
-                show = kept.enter_context(progress())
+                    terminal_output.note("paused from the start")
+                show = resources.enter_context(progress())
                 end = () if options.duration_s is None else (asyncio.sleep(options.duration_s),)
                 await first_of(failed.wait(), recorder.run(), recorder.report(show), *end)
     finally:
         if writer is not None:
             writer.end()
-            _say_end(writer, recorder, as_json=options.as_json)
+            _report(writer, recorder, as_json=options.as_json)
     return 0
 
 
-def _say_end(writer: WriterThread, recorder: Recorder | None, *, as_json: bool) -> None:
+def _serve(node: Node, recorder: Recorder, *, snapshots: bool) -> None:
+    handlers: list[tuple[str, str, Callable[[Any], dict[str, Any] | None]]] = [
+        ("pause", "Pause", lambda _: recorder.pause()),
+        ("resume", "Resume", lambda _: recorder.resume()),
+        ("toggle_paused", "TogglePaused", lambda _: recorder.toggle_paused()),
+        ("is_paused", "IsPaused", lambda _: {"paused": recorder.is_paused}),
+        ("split_bagfile", "SplitBagfile", lambda _: recorder.split()),
+    ]
+    if snapshots:
+        handlers.append(("snapshot", "Snapshot", lambda _: {"success": recorder.snapshot()}))
+    serve_rosbag2(node, "~/", handlers)
+
+
+def _report(writer: WriterThread, recorder: Recorder | None, *, as_json: bool) -> None:
     topics = 0 if recorder is None else len(recorder.recorded)
     received, early = (0, 0) if recorder is None else (recorder.dropped, recorder.early)
     dropped = writer.dropped + received
@@ -104,9 +113,9 @@ def _say_end(writer: WriterThread, recorder: Recorder | None, *, as_json: bool) 
         f"recorded {writer.messages} messages of {topics} topics, {size_text(writer.bytes)}, in {writer.path}"
     )
     if early:
-        terminal_output.note(f"{early} messages came before the first time of /clock, and are left out")
+        terminal_output.note(f"{early} messages arrived before the first time of /clock, and were skipped")
     if writer.dropped and writer.is_snapshot_mode:
-        terminal_output.note(f"{writer.dropped} messages are larger than --max-cache-size, and in no snapshot")
+        terminal_output.note(f"{writer.dropped} messages are larger than --max-cache-size, and are not in a snapshot")
         dropped = received
     if dropped:
-        terminal_output.note(f"{dropped} messages came faster than they could be written, and are missing")
+        terminal_output.note(f"{dropped} messages arrived faster than they could be written, and were dropped")

@@ -1,6 +1,6 @@
-"""Receives what is recorded, and hands it to the writer.
+"""Recorder: receives messages and passes them to the writer.
 
-Decides when a topic is subscribed to: before its definition is known, so that nothing is missed while peers are asked.
+A topic is subscribed to before its definition is known, so that no message is missed while peers are asked for it.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import QoSProfile
 
 _DEPTH = 1000
-"""Messages that may come while this process does something else."""
-_PROGRESS_S = 0.5
+"""Queue depth: number of messages that may arrive while the process is busy."""
+_PROGRESS_INTERVAL_S = 0.5
 _MISSING = {
     "topic": "{}",
     "service": "events of the service {}, whose introspection may be off,",
@@ -44,7 +44,7 @@ _MISSING = {
 
 
 class Recorder:
-    """Subscribes to what is wanted, as `qos` says for a topic, or as its publishers offer it."""
+    """Subscribes to the selected topics, with the given QoS, or as their publishers offer it."""
 
     def __init__(
         self,
@@ -60,46 +60,47 @@ class Recorder:
         self._options = options
         self._selection = selection
         self._qos = qos
-        self._followed: list[AdaptiveSubscription[bytes]] = []
-        self._has_looked = False
-        self._compiling = asyncio.Lock()
+        self._subscriptions: list[AdaptiveSubscription[bytes]] = []
+        self._has_searched = False
+        self._compile_lock = asyncio.Lock()
         self._tasks: list[asyncio.Task[None]] = []
         self._owners: set[TopicOwner] = set()  # of what is recorded
         self.is_paused = options.start_paused
-        """Whether messages are left out."""
+        """True while messages are skipped."""
         self.recorded: set[str] = set()
-        """Topics that are recorded."""
+        """Names of recorded topics."""
         self._refused: set[str] = set()
         self.early = 0
-        """Messages that came before the first time of ``/clock``, and were left out."""
+        """Number of skipped messages before the first time of ``/clock``."""
 
     # ------------------------------------------------------------------------------------------------------- steering
 
     def pause(self) -> None:
-        """Leave out what comes."""
+        """Skip received messages."""
         if not self.is_paused:
             self.is_paused = True
             self._note("paused")
 
     def resume(self) -> None:
-        """Record what comes."""
+        """Record received messages."""
         if self.is_paused:
             self.is_paused = False
-            self._note("recording goes on")
+            self._note("recording resumed")
 
     def toggle_paused(self) -> None:
-        """The one or the other."""
         (self.resume if self.is_paused else self.pause)()
 
     def split(self) -> None:
-        """Go on in a new file."""
+        """Continue in a new file."""
         if not self._writer.split():
-            self._note(f"{self._writer.path} is one file, and not split")
+            self._note(f"{self._writer.path} is one file; only a folder can be split")
 
     def snapshot(self) -> bool:
-        """Write what is kept; False when an earlier snapshot is still being written."""
+        """Write the retained messages; returns False while an earlier snapshot is written."""
         is_done = self._writer.snapshot()
-        self._note(f"snapshot into {self._writer.path}" if is_done else "no snapshot: the last one is being written")
+        self._note(
+            f"snapshot into {self._writer.path}" if is_done else "no snapshot: the previous one is still being written"
+        )
         return is_done
 
     def _note(self, text: str) -> None:
@@ -110,14 +111,14 @@ class Recorder:
 
     @property
     def dropped(self) -> int:
-        """Messages that were not taken in time."""
-        return sum(one.dropped for one in self._followed)
+        """Number of messages that arrived faster than they were read."""
+        return sum(one.dropped for one in self._subscriptions)
 
     async def run(self) -> None:
-        """Record what is there, and what appears, for ever."""
+        """Record existing and new topics until cancelled."""
         try:
             await self._session.wait_for_discovery()
-            self._look()
+            self._subscribe_to_new()
             for named in self._selection.named:
                 if named not in self._owners:
                     what = _MISSING[named.kind].format(named.name)
@@ -126,9 +127,9 @@ class Recorder:
                     terminal_output.note(f"nobody publishes {what} yet; waiting for it")
             pause_s = self._options.polling_ms / 1000
             await asyncio.sleep(pause_s)
-            self._look()
+            self._subscribe_to_new()
             async for _ in self._node.graph_changes():
-                self._look()
+                self._subscribe_to_new()
                 await asyncio.sleep(pause_s)
         finally:
             for task in self._tasks:
@@ -136,24 +137,24 @@ class Recorder:
             await asyncio.gather(*self._tasks, return_exceptions=True)
 
     async def report(self, show: Any) -> None:
-        """Say how far it is, for ever."""
+        """Display the progress until cancelled."""
         began = now_s()
         while True:
             dropped = f", {self.dropped} dropped" if self.dropped else ""
             text = f"{self._writer.messages} messages of {len(self.recorded)} topics, {size_text(self._writer.bytes)}"
-            kept = f", {self._writer.snapshot_size_text}" if self._writer.snapshot_size_text else ""
+            snapshot = f", {self._writer.snapshot_size_text}" if self._writer.snapshot_size_text else ""
             what = "paused after" if self.is_paused else "recording for"
-            show(f"{what} {now_s() - began:.0f} s: {text}{kept}{dropped}; Ctrl-C ends it")
-            await asyncio.sleep(_PROGRESS_S)
+            show(f"{what} {now_s() - began:.0f} s: {text}{snapshot}{dropped}; Ctrl-C ends recording")
+            await asyncio.sleep(_PROGRESS_INTERVAL_S)
             for task in self._tasks:
                 if task.done():
-                    task.result()  # its failure is ours
+                    task.result()  # raises its error
 
-    def _look(self) -> None:
-        """Begin with new topics."""
-        if self._has_looked and self._options.no_discovery:
+    def _subscribe_to_new(self) -> None:
+        """Subscribe to new topics."""
+        if self._has_searched and self._options.no_discovery:
             return
-        self._has_looked = True
+        self._has_searched = True
         for name, kinds in self._node.get_topic_names_and_types():
             if (
                 name in self.recorded
@@ -201,15 +202,15 @@ class Recorder:
             note=lambda text: terminal_output.note(f"{topic}: {text}"),
         )
         async with following as messages:
-            self._followed.append(messages)
+            self._subscriptions.append(messages)
             self._writer.add_topic(await self._bag_topic(topic, kind, offered))
             self._note(f"recording {topic} [{kind}]")
             with suppress(ClosedError):  # the node ends
                 while True:
                     data, info = await messages.receive_with_info()
-                    self._take(topic, data, info.received_timestamp_ns, max(0, info.source_timestamp_ns))
+                    self._handle_message(topic, data, info.received_timestamp_ns, max(0, info.source_timestamp_ns))
 
-    def _take(self, topic: str, data: bytes, received_ns: int, published_ns: int) -> None:
+    def _handle_message(self, topic: str, data: bytes, received_ns: int, published_ns: int) -> None:
         if self.is_paused:
             return
         if self._options.sim_time:
@@ -220,9 +221,9 @@ class Recorder:
         self._writer.enqueue(topic, data, received_ns, published_ns)
 
     async def _bag_topic(self, topic: str, kind: str, qos: Sequence[Any]) -> BagTopic:
-        """The topic as the bag keeps it; without definition when it cannot be found."""
-        async with self._compiling:
-            with suppress(RosidlError):  # in a thread: what arrives meanwhile is to have its own time
+        """Return the topic as the bag stores it; without definition if it cannot be found."""
+        async with self._compile_lock:
+            with suppress(RosidlError):  # in a thread, so that messages get their own times
                 await asyncio.to_thread(get_message, kind, path=tuple(self._options.paths))
         try:
             cls = await types.message_class(self._session, topic, kind, self._options.paths)
@@ -233,7 +234,7 @@ class Recorder:
         return BagTopic(topic, kind, type_hash=(hashes or [""])[0], offered_qos=qos_text(qos))
 
     async def _topic_of(self, topic: str, cls: type[Message], qos: Sequence[Any]) -> BagTopic:
-        """What belongs to an action has its text; one that is installed nowhere is asked for as a whole."""
+        """Return a topic; a topic of an action has the definition of the whole action."""
         try:
             return topic_of(topic, cls, qos)
         except TypeNotFoundError:

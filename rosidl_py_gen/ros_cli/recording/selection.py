@@ -1,16 +1,15 @@
-"""Which topics ``bag record`` takes.
+"""Selection of topics for ``bag record``.
 
-Decides whose a topic is, a service's, an action's or its own, and that what is excluded is left out whatever includes
-it. Source: rosbag2's design documents of recording services and actions, and its topic filter.
+A topic belongs to a service, an action or itself. Exclusion precedes inclusion. Source: rosbag2's design documents of
+recording services and actions, and its topic filter.
 """
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli.bag.selection import compile_pattern
 from rosidl_py_gen.ros_cli.name_lookup import TopicOwner, is_hidden, topic_owner
 from rosidl_py_gen.runtime import validate_full_name
 
@@ -21,25 +20,25 @@ if TYPE_CHECKING:
 
 
 def owner_of(topic: str, type_name: str) -> TopicOwner:
-    """The topic itself, the service or the action, whichever of its services the topic is of."""
+    """Return the service, the action or the topic itself that a topic belongs to."""
     kind, name, _ = topic_owner(topic, type_name)
     return TopicOwner(kind, name)
 
 
 class Selection:
-    """What was asked for; raises `ToolError` and `InvalidNameError` for patterns and names that are none."""
+    """Selection of the options; raises `ToolError` for invalid patterns, `InvalidNameError` for invalid names."""
 
     def __init__(self, options: RecordOptions) -> None:
         self.named = [
-            *(TopicOwner("topic", name) for name in _full(options.topics)),
-            *(TopicOwner("service", name) for name in _full(options.services)),
-            *(TopicOwner("action", name) for name in _full(options.actions)),
+            *(TopicOwner("topic", name) for name in _full_names(options.topics)),
+            *(TopicOwner("service", name) for name in _full_names(options.services)),
+            *(TopicOwner("action", name) for name in _full_names(options.actions)),
         ]
-        """What was named, hidden or not."""
-        self._left_out = {
-            "topic": {*_full(options.exclude_topics)},
-            "service": {*_full(options.exclude_services)},
-            "action": {*_full(options.exclude_actions)},
+        """Named topics, services and actions, hidden or not."""
+        self._excluded = {
+            "topic": {*_full_names(options.exclude_topics)},
+            "service": {*_full_names(options.exclude_services)},
+            "action": {*_full_names(options.exclude_actions)},
         }
         self._all = {
             "topic": options.everything or options.all_topics,
@@ -48,43 +47,36 @@ class Selection:
         }
         self._types = {str(split_ros_name(name, "msg")) for name in options.topic_types}
         self._excluded_types = {str(split_ros_name(name, "msg")) for name in options.exclude_topic_types}
-        self._regex = None if options.regex is None else _pattern(options.regex)
-        self._exclude = [_pattern(text) for text in options.exclude]
+        self._regex = None if options.regex is None else compile_pattern(options.regex, "--regex")
+        self._exclude_patterns = [compile_pattern(text, "--exclude") for text in options.exclude]
         self._hidden = options.hidden
 
     def takes(self, topic: str, type_name: str) -> bool:
-        """Whether a topic is recorded."""
-        if TopicOwner("topic", topic) in self.named:  # whoever's it is
-            return not self._is_left_out(TopicOwner("topic", topic), type_name)
-        whose = owner_of(topic, type_name)
-        if self._is_left_out(whose, type_name):
+        """Return True if a topic is recorded."""
+        if TopicOwner("topic", topic) in self.named:  # also if it belongs to a service or action
+            return not self._is_excluded(TopicOwner("topic", topic), type_name)
+        owner = owner_of(topic, type_name)
+        if self._is_excluded(owner, type_name):
             return False
         is_wanted = (
-            self._all[whose.kind]
-            or whose in self.named
-            or (self._regex is not None and self._regex.search(whose.name) is not None)
+            self._all[owner.kind]
+            or owner in self.named
+            or (self._regex is not None and self._regex.search(owner.name) is not None)
         )
-        if whose.kind != "topic":
+        if owner.kind != "topic":
             return is_wanted
         return (is_wanted or type_name in self._types) and (self._hidden or not is_hidden(topic))
 
-    def _is_left_out(self, whose: TopicOwner, type_name: str) -> bool:
+    def _is_excluded(self, owner: TopicOwner, type_name: str) -> bool:
         return (
-            whose.name in self._left_out[whose.kind]
-            or any(one.search(whose.name) for one in self._exclude)
-            or (whose.kind == "topic" and type_name in self._excluded_types)
+            owner.name in self._excluded[owner.kind]
+            or any(one.search(owner.name) for one in self._exclude_patterns)
+            or (owner.kind == "topic" and type_name in self._excluded_types)
         )
 
 
-def _full(names: Iterable[str]) -> list[str]:
+def _full_names(names: Iterable[str]) -> list[str]:
     found = [name if name.startswith("/") else f"/{name}" for name in names]
     for name in found:
         validate_full_name(name)
     return found
-
-
-def _pattern(text: str) -> re.Pattern[str]:
-    try:
-        return re.compile(text)
-    except re.error as error:
-        raise ToolError(f'"{text}" is no regular expression: {error}') from None

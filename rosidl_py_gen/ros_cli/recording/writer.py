@@ -1,6 +1,6 @@
-"""Writing a bag from a thread of its own, so that compression and a slow disk do not hold up who receives.
+"""Writer of a bag in a thread, so that compression and a slow disk do not delay receiving.
 
-Decides how much may wait to be written, how old it may get before it is in the file, and what a snapshot is.
+It limits the memory of waiting messages and the time until they are in the file, and keeps messages for snapshots.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 MAX_BYTES = 512 << 20
 SNAPSHOT_BYTES = 100 << 20
-"""As rosbag2 has it."""
-_FLUSH_S = 1.0
+"""Default of rosbag2."""
+_FLUSH_INTERVAL_S = 1.0
 _OVERHEAD_BYTES = 200
-"""Bytes that a message takes beside its own while it waits: objects for it, its times, and a place in the queue."""
+"""Memory of a waiting message in addition to its data: objects, times, and an entry of the queue."""
 
 
 class _Message(NamedTuple):
@@ -39,17 +39,17 @@ def _memory(message: _Message) -> int:
 
 
 class _Split:
-    """Go on in a new file."""
+    pass
 
 
 class WriterThread:
-    """Writes what is put, until `end`.
+    """Writes enqueued messages until `end`.
 
     Args:
-        on_error: called once, from the thread, when the bag cannot be written any more.
-        max_bytes: of memory for messages that wait to be written, or that a snapshot has; None is the usual number.
-            Where it is 0, everything is handed to the operating system at once.
-        snapshots: only those are written; each into a file of its own, unless the bag is one file.
+        on_error: called once, from the thread, when the bag cannot be written.
+        max_bytes: maximum memory of messages that wait, or that a snapshot contains; None is the default. With 0,
+            everything is passed to the operating system at once.
+        snapshots: write only snapshots, each into a new file, unless the bag is one file.
     """
 
     def __init__(
@@ -64,71 +64,71 @@ class WriterThread:
         self.path = bag.path
         self._on_error = on_error
         self._max_bytes = max_bytes or (SNAPSHOT_BYTES if snapshots else MAX_BYTES)
-        self._flush_s = 0.0 if max_bytes == 0 else _FLUSH_S
-        self._kept: deque[_Message] | None = deque() if snapshots else None
-        self._kept_bytes = 0
+        self._flush_s = 0.0 if max_bytes == 0 else _FLUSH_INTERVAL_S
+        self._retained: deque[_Message] | None = deque() if snapshots else None
+        self._retained_bytes = 0
         self._items: queue.SimpleQueue[BagTopic | _Message | _Split | None] = queue.SimpleQueue()
-        self._taken = 0  # bytes of memory of all that was put
-        self._let_go = 0  # those of what was written; changed by the thread
+        self._enqueued_bytes = 0  # memory of all enqueued messages
+        self._written_bytes = 0  # memory of all written messages; changed by the thread
         self.bytes = self.messages = 0
-        """What was put; of snapshots, what these took."""
+        """Size and number of enqueued messages; of snapshots in snapshot mode."""
         self.dropped = 0
-        """Messages that were not put, because too much waited to be written, or because no snapshot has room for it."""
+        """Number of messages that were dropped, because too many waited, or because they exceed a snapshot."""
         self._error: Exception | None = None
         self._thread = threading.Thread(target=self._run, name="bag writer", daemon=True)
         self._thread.start()
 
     @property
     def is_snapshot_mode(self) -> bool:
-        """Whether only snapshots are written."""
-        return self._kept is not None
+        """True if only snapshots are written."""
+        return self._retained is not None
 
     @property
     def snapshot_size_text(self) -> str:
-        """How much a snapshot would take, in words; empty without snapshots."""
-        return "" if self._kept is None else f"{len(self._kept)} messages kept for a snapshot"
+        """Text with the size of the next snapshot; empty without snapshots."""
+        return "" if self._retained is None else f"{len(self._retained)} messages retained for a snapshot"
 
     def add_topic(self, topic: BagTopic) -> None:
-        """Before its first message."""
+        """Register a topic before its first message."""
         self._items.put(topic)
 
     def enqueue(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
-        """Write a message soon, or keep it for a snapshot."""
+        """Write a message soon, or retain it for a snapshot."""
         message = _Message(topic, data, log_time_ns, publish_time_ns)
-        if self._kept is not None:
-            self._keep(message, self._kept)
-        elif self._taken - self._let_go > self._max_bytes:
+        if self._retained is not None:
+            self._retain(message, self._retained)
+        elif self._enqueued_bytes - self._written_bytes > self._max_bytes:
             self.dropped += 1
         else:
-            self._put(message)
+            self._enqueue_now(message)
 
-    def _put(self, message: _Message) -> None:
+    def _enqueue_now(self, message: _Message) -> None:
         self.bytes += len(message.data)
         self.messages += 1
-        self._taken += _memory(message)
+        self._enqueued_bytes += _memory(message)
         self._items.put(message)
 
-    def _keep(self, message: _Message, kept: deque[_Message]) -> None:
+    def _retain(self, message: _Message, retained: deque[_Message]) -> None:
         if _memory(message) > self._max_bytes:
             self.dropped += 1
             return
-        kept.append(message)
-        self._kept_bytes += _memory(message)
-        while self._kept_bytes > self._max_bytes:
-            self._kept_bytes -= _memory(kept.popleft())
+        retained.append(message)
+        self._retained_bytes += _memory(message)
+        while self._retained_bytes > self._max_bytes:
+            self._retained_bytes -= _memory(retained.popleft())
 
     def snapshot(self) -> bool:
-        """Write what is kept; False when an earlier snapshot is still being written, and nothing is done."""
-        if self._kept is None or self._taken != self._let_go:
+        """Write retained messages; returns False while an earlier snapshot is written."""
+        if self._retained is None or self._enqueued_bytes != self._written_bytes:
             return False
         self.split()
-        while self._kept:
-            self._put(self._kept.popleft())
-        self._kept_bytes = 0
+        while self._retained:
+            self._enqueue_now(self._retained.popleft())
+        self._retained_bytes = 0
         return True
 
     def split(self) -> bool:
-        """Go on in a new file, unless nothing is in the current one; False for a bag of one file."""
+        """Continue in a new file, unless the current one is empty; returns False for a bag of one file."""
         if self.path.suffix == ".mcap":
             return False
         self._items.put(_Split())
@@ -145,7 +145,7 @@ class WriterThread:
         flushed = monotonic()
         while True:
             try:
-                item = self._items.get(timeout=_FLUSH_S)
+                item = self._items.get(timeout=_FLUSH_INTERVAL_S)
             except queue.Empty:
                 pass
             else:
@@ -153,7 +153,7 @@ class WriterThread:
                     return
                 if isinstance(item, _Message):
                     self._bag.write(*item)
-                    self._let_go += _memory(item)
+                    self._written_bytes += _memory(item)
                 elif isinstance(item, _Split):
                     self._bag.split()
                 else:
@@ -163,7 +163,7 @@ class WriterThread:
                 flushed = monotonic()
 
     def end(self) -> None:
-        """Write what waits, and close the bag; what no snapshot took is not written.
+        """Write waiting messages, and close the bag; retained messages are discarded.
 
         Raises:
             ToolError: not everything could be written.
@@ -176,6 +176,4 @@ class WriterThread:
             self._error = self._error or error
         if self._error is not None:
             reason = str(getattr(self._error, "strerror", None) or self._error).removeprefix(f"{self.path}: ")
-            raise ToolError(
-                f"{self.path}: {reason}; what was recorded before can be read, `rosidl-py bag info` shows it"
-            )
+            raise ToolError(f"{self.path}: {reason}; earlier messages can be read; see `rosidl-py bag info`")
