@@ -274,10 +274,6 @@ class ParameterMethods:
         """Raises `ParameterNotDeclaredError`."""
         return self._store.describe(require_name(name))
 
-    def describe(self, name: str) -> ParameterDescriptor:
-        """Short for `describe_parameter`."""
-        return self.describe_parameter(name)
-
     def get_parameters_by_prefix(self, prefix: str = "") -> dict[str, Parameter]:
         """The parameters below a prefix, by their names without it; without a prefix all there are.
 

@@ -204,7 +204,7 @@ BAD_CALLS: list[tuple[Callable[[Any], object], type[Exception], str]] = [
     (lambda n: n.get_parameter(["a"]), TypeError, r"name must be a text, got \['a'\]"),
     (lambda n: n.get_parameter("tags", ["x"]), TypeError, "is no parameter type"),
     (lambda n: n.has_parameter(["a"]), TypeError, "name must be a text"),
-    (lambda n: n.describe(5), TypeError, "name must be a text, got 5"),
+    (lambda n: n.describe_parameter(5), TypeError, "name must be a text, got 5"),
     (lambda n: n.undeclare_parameter([]), TypeError, "name must be a text"),
     (lambda n: n.list_parameters(5), TypeError, "prefixes must be given as a list of texts, got 5"),
     (lambda n: n.set_parameter(5, 1), TypeError, "name must be a text, got 5"),

@@ -35,7 +35,7 @@ def test_the_value_stays_where_it_fits_and_nobody_hears_of_it(node: Node) -> Non
     events: list[ParameterEvent] = []
     node.add_parameter_event_callback(events.append)
     assert node.set_descriptor("a", ParameterDescriptor("other name", integer_range=IntRange(0, 10)), 3) == 5
-    assert node.describe("a") == ParameterDescriptor("a", ParameterType.INTEGER, integer_range=IntRange(0, 10))
+    assert node.describe_parameter("a") == ParameterDescriptor("a", ParameterType.INTEGER, integer_range=IntRange(0, 10))
     assert events == []
     with pytest.raises(InvalidParameterValueError, match=r"out of range\. Min: 0, Max: 10, value: 11"):
         node.set_parameter("a", 11)
@@ -48,7 +48,7 @@ def test_the_alternative_is_set_where_the_value_does_not_fit(node: Node) -> None
     node.add_post_set_callback(lambda parameters: heard.extend(one.name for one in parameters))
     described = ParameterDescriptor(type=ParameterType.DOUBLE, floating_point_range=FloatRange(0.0, 4.0))
     assert node.set_descriptor("a", described, 2) == 2.0  # a whole number is a double where one is declared
-    assert node.get_parameter("a") == 2.0 and node.describe("a").type is ParameterType.DOUBLE
+    assert node.get_parameter("a") == 2.0 and node.describe_parameter("a").type is ParameterType.DOUBLE
     assert [one.value.value for event in events for one in event.changed] == [2.0] and heard == ["a"]
 
 
@@ -68,7 +68,7 @@ def test_what_fits_neither_value_is_refused_and_changes_nothing(
 ) -> None:
     with pytest.raises(InvalidParameterValueError, match=reason):
         node.set_descriptor("a", descriptor, alternative)
-    assert node.get_parameter("a") == 5 and node.describe("a").description == "before"
+    assert node.get_parameter("a") == 5 and node.describe_parameter("a").description == "before"
 
 
 def test_a_callback_may_refuse_the_alternative(node: Node) -> None:
@@ -94,7 +94,7 @@ def test_the_class_that_shows_a_parameter_keeps_its_type(memory: World) -> None:
 def test_dynamic_typing_comes_and_goes(node: Node) -> None:
     assert node.set_descriptor("a", ParameterDescriptor(dynamic_typing=True)) == 5
     node.set_parameter("a", "text")
-    assert node.describe("a").type is ParameterType.STRING
+    assert node.describe_parameter("a").type is ParameterType.STRING
     assert node.set_descriptor("a", ParameterDescriptor()) == "text"
     with pytest.raises(InvalidParameterValueError, match=r"expected 'Type\.STRING' got 'Type\.INTEGER'"):
         node.set_parameter("a", 5)
@@ -121,4 +121,4 @@ def test_read_only_and_undeclared_ones_are_refused(node: Node, memory: World) ->
 def test_what_is_no_descriptor_is_refused(node: Node, descriptor: Any) -> None:
     with pytest.raises(TypeError, match="parameter 'a': "):
         node.set_descriptor("a", descriptor)
-    assert node.describe("a").description == "before"
+    assert node.describe_parameter("a").description == "before"
