@@ -47,17 +47,17 @@ def test_nothing_private_is_recorded(found: str) -> None:
 @pytest.mark.parametrize(
     "lines",
     [
-        "class runtime.MemoryTransport\n    __init__(clocks: Clocks = SYSTEM_CLOCKS)\n",
+        "class runtime.MemoryTransport\n    __init__(clocks: ClockFunctions = SYSTEM_CLOCKS)\n",
         "class runtime.ClientGoal\n    accepted_stamp: Time | None\n",  # made by a client: no constructor
         "class runtime.Subscription\n    (async for)\n    def close() -> None\n",
         "    def get_parameter(name: str) -> PythonValue\n    def get_parameter(name: str, type: type[T], ",
         "    async def receive(timeout_s: float | None = None) -> T\n    receive_sync\n",  # one docstring for both
         "class bags.BagMessage(NamedTuple)\n    topic: str\n    message: Any\n",  # the order of fields counts
-        "class runtime.Outcome(Enum)\n    ERROR\n    FAILURE\n    SUCCESS\n",
+        "class runtime.TransitionCallbackReturn(Enum)\n    ERROR\n    FAILURE\n    SUCCESS\n",
         "class runtime.LifecycleNode(Node)\n    __init__(name: str, namespace: str = '', ",  # inherited
         "\nruntime.qos.DEFAULT = QoSProfile()\n",
         "\ndef type_hash(subject: object) -> str\n",
-        "\nros_world: MemoryTransport\n",
+        "\nros_domain: MemoryTransport\n",
         "\nrosidl-py-gen\n    --version\n    --path DIR ...\n    --filter NAMES\n",
         "\nrosidl-py bag convert\n    PATH\n    OUTPUT\n    -s, --storage mcap|sqlite3\n",
     ],

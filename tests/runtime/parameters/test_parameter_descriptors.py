@@ -35,7 +35,9 @@ def test_the_value_stays_where_it_fits_and_nobody_hears_of_it(node: Node) -> Non
     events: list[ParameterEvent] = []
     node.add_parameter_event_callback(events.append)
     assert node.set_descriptor("a", ParameterDescriptor("other name", integer_range=IntRange(0, 10)), 3) == 5
-    assert node.describe_parameter("a") == ParameterDescriptor("a", ParameterType.INTEGER, integer_range=IntRange(0, 10))
+    assert node.describe_parameter("a") == ParameterDescriptor(
+        "a", ParameterType.INTEGER, integer_range=IntRange(0, 10)
+    )
     assert events == []
     with pytest.raises(InvalidParameterValueError, match=r"out of range\. Min: 0, Max: 10, value: 11"):
         node.set_parameter("a", 11)
