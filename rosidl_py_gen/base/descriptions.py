@@ -1,7 +1,6 @@
-"""Type descriptions and the RIHS01 hash (docs/internals/protocol.md 3), from any source that can name the fields of a
-type.
+"""Type descriptions and the RIHS01 hash (docs/internals/protocol.md 3).
 
-The compiler calls this with its model, type support with the field tables of generated classes: one algorithm for both.
+The fields of a type come from the compiler's model or from the tables of generated classes.
 """
 
 from __future__ import annotations
@@ -13,8 +12,8 @@ from typing import Any
 
 from rosidl_py_gen.base.fieldtype import FieldType
 
-# name, type, text of the default value ("" when there is none)
 FieldRow = tuple[str, FieldType, str]
+"""Name, type and text of the default value, which may be empty."""
 FieldLookup = Callable[[str], Iterable[FieldRow]]
 Description = dict[str, Any]
 
@@ -22,34 +21,38 @@ EMPTY_MESSAGE: tuple[FieldRow, ...] = (("structure_needs_at_least_one_member", F
 
 
 def service_rows(name: str) -> tuple[FieldRow, ...]:
-    """The three members of a service's description."""
+    """Return the fields of a service's description."""
     return tuple(
         (f"{part.lower()}_message", FieldType(f"{name}_{part}"), "") for part in ("Request", "Response", "Event")
     )
 
 
 def action_rows(name: str) -> tuple[FieldRow, ...]:
-    """The six members of an action's description."""
-    parts = (
-        ("goal", "Goal"),
-        ("result", "Result"),
-        ("feedback", "Feedback"),
-        ("send_goal_service", "SendGoal"),
-        ("get_result_service", "GetResult"),
-        ("feedback_message", "FeedbackMessage"),
-    )
-    return tuple((field, FieldType(f"{name}_{suffix}"), "") for field, suffix in parts)
+    """Return the fields of an action's description."""
+    suffixes = {
+        "goal": "Goal",
+        "result": "Result",
+        "feedback": "Feedback",
+        "send_goal_service": "SendGoal",
+        "get_result_service": "GetResult",
+        "feedback_message": "FeedbackMessage",
+    }
+    return tuple((field, FieldType(f"{name}_{suffix}"), "") for field, suffix in suffixes.items())
 
 
 def default_text(value: object) -> str:
-    """`default_value` of a description; `value` is None, a scalar or a tuple (docs/internals/protocol.md 3.4)."""
+    """Return the text of a default value in a description (docs/internals/protocol.md 3.4).
+
+    Args:
+        value: a scalar, a tuple, or None for no default value.
+    """
     if value is None:
         return ""
     return value if isinstance(value, str) else repr(value)
 
 
 def individual_description(name: str, rows: Iterable[FieldRow]) -> Description:
-    """The description of one type without the types it refers to."""
+    """Return the description of one type without the types that it refers to."""
     fields = [
         {"name": field, "type": kind.description(), "default_value": default}
         for field, kind, default in (tuple(rows) or EMPTY_MESSAGE)
@@ -58,11 +61,11 @@ def individual_description(name: str, rows: Iterable[FieldRow]) -> Description:
 
 
 def build_type_description(name: str, lookup: FieldLookup) -> Description:
-    """The full description of a type: itself and everything it refers to, sorted by name.
+    """Return the full description of a type with the types that it refers to, sorted by name.
 
     Args:
         name: full name.
-        lookup: gives the rows of any type named on the way.
+        lookup: returns the fields of a type.
     """
     seen: dict[str, Description] = {}
     pending = [name]
@@ -78,16 +81,20 @@ def build_type_description(name: str, lookup: FieldLookup) -> Description:
 
 
 def rihs01(description: Description) -> str:
-    """The hash of a full description; default values do not take part."""
-    return _hash(
-        _hashed_text(description["type_description"]),
-        [_hashed_text(one) for one in description["referenced_type_descriptions"]],
-    )
+    """Return the hash of a full description; default values have no influence."""
+    referenced = map(_hashed_text, description["referenced_type_descriptions"])
+    return _hash(_hashed_text(description["type_description"]), referenced)
 
 
-def _hashed_text(one: Description) -> str:
-    fields = [{"name": field["name"], "type": field["type"]} for field in one["fields"]]
-    return json.dumps({"type_name": one["type_name"], "fields": fields}, ensure_ascii=True, separators=(", ", ": "))
+def individual_descriptions(description: Description) -> dict[str, Description]:
+    """Return the descriptions of the single types in a full description by name, the main type first."""
+    every = [description["type_description"], *description["referenced_type_descriptions"]]
+    return {one["type_name"]: one for one in every}
+
+
+def _hashed_text(description: Description) -> str:
+    fields = [{"name": field["name"], "type": field["type"]} for field in description["fields"]]
+    return json.dumps({"type_name": description["type_name"], "fields": fields}, separators=(", ", ": "))
 
 
 def _hash(top: str, referenced: Iterable[str]) -> str:
@@ -96,33 +103,33 @@ def _hash(top: str, referenced: Iterable[str]) -> str:
 
 
 class TypeHasher:
-    """RIHS01 of many types that refer to each other: each is looked up and written once.
+    """RIHS01 hashes of types that refer to each other; the text of each type is made once.
 
     Args:
-        lookup: as for `describe`.
+        lookup: returns the fields of a type.
     """
 
     def __init__(self, lookup: FieldLookup) -> None:
         self._lookup = lookup
         self._texts: dict[str, tuple[str, tuple[str, ...]]] = {}
-        self._found: dict[str, str] = {}
+        self._hashes: dict[str, str] = {}
 
     def of(self, name: str) -> str:
-        """The hash of a type whose references all exist."""
-        if name not in self._found:
+        """Return the hash of a type whose references all exist."""
+        if name not in self._hashes:
             seen: dict[str, str] = {}
             pending = [name]
             while pending:
                 current = pending.pop()
                 if current not in seen:
-                    seen[current], below = self._one(current)
+                    seen[current], below = self._text(current)
                     pending += below
             top = seen.pop(name)
-            self._found[name] = _hash(top, (seen[key] for key in sorted(seen)))
-        return self._found[name]
+            self._hashes[name] = _hash(top, (seen[key] for key in sorted(seen)))
+        return self._hashes[name]
 
-    def _one(self, name: str) -> tuple[str, tuple[str, ...]]:
-        """A type as it is hashed, and the types of its fields."""
+    def _text(self, name: str) -> tuple[str, tuple[str, ...]]:
+        """Return the hashed text of a type, and the types of its fields."""
         if name not in self._texts:
             rows = tuple(self._lookup(name))
             below = dict.fromkeys(kind.base for _, kind, _ in rows if kind.is_message)

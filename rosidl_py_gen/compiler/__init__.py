@@ -1,4 +1,5 @@
-"""From interface definitions to Python modules: `spec` reads and resolves them, `codegen` writes classes.
+"""Compiler from interface definitions to Python modules.
 
-`generate` runs both over folders. Imports no runtime: a base install generates, encodes and decodes.
+`frontend` reads and checks definitions, `codegen` generates classes, `generate` runs both for folders, `compatibility`
+compares definitions. Imports no runtime: a base installation generates, encodes and decodes.
 """

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import did_you_mean, split_ros_name
-from rosidl_py_gen.compiler.compatibility.compare import ChangeKind, chosen, compare
+from rosidl_py_gen.compiler.compatibility.compare import ChangeKind, compare, select_names
 from rosidl_py_gen.compiler.frontend.registry import split_filter
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.generator_cli import diagnostics_output, diff_output
@@ -41,7 +41,7 @@ def run(
         for name in full:
             if name not in known and all(name != type_name.partition("/")[0] for type_name in known):
                 raise SourceError(f"--filter {name}: neither {old} nor {new} has it{did_you_mean(name, known)}")
-        found = chosen(found, full)
+        found = select_names(found, full)
     sorts = found.sorts()
     breaking = sorted(sort.value for sort in sorts if sort in _failing(fail_on or _DEFAULT))
     notes = [*then.notes, *now.notes]

@@ -17,7 +17,7 @@ from rosidl_py_gen.compiler.compatibility.definition_set import (
     DefinitionSet,
     as_recorded,
     collect,
-    facts_with_needs,
+    collect_with_dependencies,
     merge,
 )
 from rosidl_py_gen.compiler.frontend.definition_text import read_checked
@@ -218,7 +218,7 @@ def _of_bag(path: str, paths: Sequence[str]) -> LoadedDefinitions:
                 continue
             if not found.is_recorded:
                 notes.append(f"{path}: {channel.type_name} is taken from {found.origin}, by its name alone")
-            parts.append((channel.name, as_recorded(facts_with_needs(registry, registry.owner(name) or name))))
+            parts.append((channel.name, as_recorded(collect_with_dependencies(registry, registry.owner(name) or name))))
     try:
         return LoadedDefinitions(merge(parts), None, notes)
     except RosidlError as error:

@@ -9,19 +9,17 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.descriptions import rihs01
+from rosidl_py_gen.base.descriptions import individual_descriptions, rihs01
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr.codec import encode
 from rosidl_py_gen.cdr.convert import to_dict
 from rosidl_py_gen.cdr.typesupport import type_description
-from rosidl_py_gen.compiler.compatibility.definition_set import DefinitionSet, facts_with_needs, merge
+from rosidl_py_gen.compiler.compatibility.definition_set import DefinitionSet, collect_with_dependencies, merge
 from rosidl_py_gen.compiler.frontend.type_description_reader import registry_from_descriptions
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.type_loading.description_cache import MAX_BYTES
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from rosidl_py_gen.runtime import Node
 
 _QUIET_S = 0.5
@@ -127,24 +125,22 @@ def _described(type_name: str, told: Any) -> DefinitionSet:
     if len(encode(told)) > MAX_BYTES:
         raise NodeDefinitionsError(f"it is described in more than {MAX_BYTES} bytes")
     description = to_dict(told.type_description)
-    everything: Iterable[Any] = [description["type_description"], *description["referenced_type_descriptions"]]
     name = split_ros_name(type_name)
     if description["type_description"]["type_name"] != type_name:
         raise NodeDefinitionsError(
             f"the answer describes another type: {description['type_description']['type_name'][:100]}"
         )
     sources = {one.type_name: (one.encoding, one.raw_file_contents) for one in told.type_sources}
-    individuals = {one["type_name"]: one for one in everything}
-    registry = registry_from_descriptions(name, individuals, sources)
+    registry = registry_from_descriptions(name, individual_descriptions(description), sources)
     if registry.type_hash(type_name) != rihs01(description):
         raise NodeDefinitionsError("the answer describes types that do not belong to it")
-    return facts_with_needs(registry, registry.owner(name) or name)
+    return collect_with_dependencies(registry, registry.owner(name) or name)
 
 
 def _of_class(type_name: str, cls: type[Any]) -> DefinitionSet:
     """Facts of the class of a service or action, whose constants nobody told."""
     name = split_ros_name(type_name)
-    description = type_description(cls)
-    everything = [description["type_description"], *description["referenced_type_descriptions"]]
-    individuals = {one["type_name"]: one for one in everything}
-    return facts_with_needs(registry_from_descriptions(name, individuals, {}, is_service=name.kind == "srv"), name)
+    individuals = individual_descriptions(type_description(cls))
+    return collect_with_dependencies(
+        registry_from_descriptions(name, individuals, {}, is_service=name.kind == "srv"), name
+    )

@@ -1,6 +1,6 @@
-"""Definitions of generated packages that `import` finds, for types that are not on the search path.
+"""Definitions of importable generated packages, for types that are not on the search path.
 
-A generated class has names, types, bounds and default values of its fields. Comments and constants' types are lost.
+A generated class has names, types, bounds and default values of its fields, but no comments and no types of constants.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.descriptions import individual_descriptions
 from rosidl_py_gen.base.generated_files import is_generated
 from rosidl_py_gen.base.installed_classes import find_installed_class
 from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
@@ -28,7 +29,7 @@ _EXPORTS = re.compile(r"__all__ = \[([^\]]*)\]")
 
 
 def generated_names() -> dict[RosName, Path]:
-    """Return the interfaces of generated packages that `import` finds, with the packages' folders; imports nothing."""
+    """Return the interfaces of importable generated packages with the packages' folders, without an import."""
     found: dict[RosName, Path] = {}
     current = [finder.folder for finder in sys.meta_path if isinstance(finder, GeneratedPackages)]
     for entry in map(Path, [*sys.path, *current]):
@@ -62,9 +63,7 @@ def registry_of_generated_class(text: str) -> tuple[InterfaceRegistry, RosName, 
             return None
         cls = find_installed_class(name, "")
         if cls is not None:
-            description = type_description(cls)
-            every = [description["type_description"], *description["referenced_type_descriptions"]]
-            individuals = {one["type_name"]: one for one in every}
+            individuals = individual_descriptions(type_description(cls))
             is_service = name.kind == "srv" and "_" not in name.name
             file = import_module(cls.__module__).__file__ or ""
             note = f"{name} is not on the search path: this is its generated class in {display_path(file)}"

@@ -1,4 +1,4 @@
-"""What became of definitions: two sets of them compared, and messages of the first carried over to the second.
+"""Comparison of two sets of definitions, and conversion of messages of the old set to the new one.
 
-Nothing here reads files, bags or networks: facts in, frozen results out.
+No module here reads files, bags or networks: definitions in, frozen results out.
 """

@@ -1,8 +1,8 @@
-"""Two sets of definitions compared: types added, removed and changed, and what each change breaks.
+"""Comparison of two sets of definitions: added, removed and changed types, and the consequences of each change.
 
-Decides what is a change, and of which sort; whether old messages are still read is in `wire`. Fields and constants are
-told apart by name. A field that is gone and another one that came in its place with the same type may be the same under
-a new name: that is said as a guess, because nothing in a definition tells.
+Fields and constants are identified by name. A removed field and an added field of the same type at the same place are
+reported as a probable rename, because a definition does not state renames. `wire_compatibility` decides whether old
+messages can be read.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 
 class ChangeKind(Enum):
-    """Whom a change concerns.
+    """Consequence of a change.
 
-    DATA: recordings, and messages of nodes that were not updated, are read otherwise or not at all. CODE: programs that
-    use the type may not work any more. HASH: the type hash is another one; tools warn, and on Zenoh nodes of then and
-    now do not meet. DEFAULT: new messages hold other values. UNIT: numbers mean something else, as comments say.
-    ADDITION: there is more than before.
+    DATA: recordings, and messages of nodes with the old definition, are misread or cannot be read. CODE: programs that
+    use the type may fail. HASH: the type hash differs; tools warn, and on Zenoh old and new nodes do not match.
+    DEFAULT: new messages have other values. UNIT: numbers have another unit, by their comments. ADDITION: only
+    additions.
     """
 
     DATA = "data"
@@ -39,14 +39,15 @@ class ChangeKind(Enum):
 
 
 class FieldChange(NamedTuple):
-    """What became of a field.
+    """A change of a field.
 
     Attributes:
-        what: added, removed, renamed (a guess), type, moved, default or unit.
-        name: of now; of then, when it is removed.
-        before: the type, default, unit or name of then; empty when there was none.
-        after: the same of now.
-        place: where it is defined now, or was then.
+        what: added, removed, renamed (probably), type, moved, default or unit.
+        name: the new name; the old name of a removed field.
+        before: the old type, default, unit, place or name; empty if there was none.
+        after: the new one.
+        place: location of the new definition, or of the old one of a removed field.
+        sort: consequence of the change.
     """
 
     what: str
@@ -58,7 +59,7 @@ class FieldChange(NamedTuple):
 
 
 class ConstantChange(NamedTuple):
-    """What became of a constant: added, removed or changed; `before` and `after` are ``type value``."""
+    """A change of a constant: added, removed or changed; `before` and `after` are ``type value``."""
 
     what: str
     name: str
@@ -70,13 +71,13 @@ class ConstantChange(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MessageChange:
-    """A message, or a section of a service or action.
+    """Changes of a message, or of a section of a service or action.
 
     Attributes:
         fields: changes of its own fields.
         constants: changes of its own constants.
-        through: changed types that it contains, by full name.
-        old_data: how messages of then are read now.
+        through: full names of changed types that it contains.
+        old_data: result of reading old messages with the new definition.
     """
 
     name: str
@@ -88,7 +89,7 @@ class MessageChange:
     old_data: ReadVerdict
 
     def sorts(self) -> frozenset[ChangeKind]:
-        """Of all that changed."""
+        """Return the consequences of the changes."""
         found = {one.sort for one in self.fields} | {one.sort for one in self.constants}
         if self.old_hash != self.new_hash:
             found.add(ChangeKind.HASH)
@@ -99,10 +100,10 @@ class MessageChange:
 
 @dataclass(frozen=True, slots=True)
 class TypeChange:
-    """An interface that says something else now.
+    """A changed interface.
 
     Attributes:
-        messages: what changed: itself, or sections of a service or action.
+        messages: changes of the message, or of sections of the service or action.
         used_by: interfaces that contain it, and so change with it.
     """
 
@@ -113,17 +114,17 @@ class TypeChange:
     used_by: tuple[str, ...]
 
     def sorts(self) -> frozenset[ChangeKind]:
-        """Of all that changed."""
+        """Return the consequences of the changes."""
         return frozenset().union(*(one.sorts() for one in self.messages))
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What became of a set of definitions; names are full names of interfaces, in order.
+    """Result of a comparison; names are sorted full names of interfaces.
 
     Attributes:
-        not_compared: types that only one side has, where each is only part of something.
-        same: types that say the same.
+        not_compared: types that only one set has, if neither set is complete.
+        same: types without changes.
     """
 
     added: tuple[str, ...]
@@ -133,7 +134,7 @@ class Comparison:
     same: tuple[str, ...]
 
     def sorts(self) -> frozenset[ChangeKind]:
-        """Of all that changed. A type that is gone breaks data and code."""
+        """Return the consequences of the changes; a removed type breaks data and code."""
         found = set().union(*(one.sorts() for one in self.changed))
         if self.added:
             found.add(ChangeKind.ADDITION)
@@ -142,20 +143,20 @@ class Comparison:
         return frozenset(found)
 
 
-def chosen(found: Comparison, wanted: Iterable[str]) -> Comparison:
-    """What a comparison says of some packages and interfaces."""
-    kept = {*wanted}
+def select_names(comparison: Comparison, names: Iterable[str]) -> Comparison:
+    """Return the part of a comparison for some packages and interfaces."""
+    selected = {*names}
 
     def has(name: str) -> bool:
-        return name in kept or name.partition("/")[0] in kept
+        return not selected.isdisjoint((name, name.partition("/")[0]))
 
     return replace(
-        found,
-        added=tuple(filter(has, found.added)),
-        removed=tuple(filter(has, found.removed)),
-        changed=tuple(one for one in found.changed if has(one.name)),
-        not_compared=tuple(filter(has, found.not_compared)),
-        same=tuple(filter(has, found.same)),
+        comparison,
+        added=tuple(filter(has, comparison.added)),
+        removed=tuple(filter(has, comparison.removed)),
+        changed=tuple(change for change in comparison.changed if has(change.name)),
+        not_compared=tuple(filter(has, comparison.not_compared)),
+        same=tuple(filter(has, comparison.same)),
     )
 
 
@@ -165,8 +166,9 @@ def compare(
     """Compare two sets of definitions.
 
     Args:
-        old_is_whole: the old ones are all there were; what only the new ones have was added.
-        new_is_whole: the new ones are all there are; what only the old ones have was removed.
+        old, new: the sets.
+        old_is_whole: the old set is complete: a type that only the new one has was added.
+        new_is_whole: the new set is complete: a type that only the old one has was removed.
     """
     only_new = sorted(set(new.interfaces) - set(old.interfaces))
     only_old = sorted(set(old.interfaces) - set(new.interfaces))
@@ -206,7 +208,7 @@ def _changed(old: DefinitionSet, new: DefinitionSet, names: Sequence[str]) -> It
 
 
 def _contained_types(message: str, sides: Iterable[Mapping[str, MessageDefinition]]) -> set[str]:
-    """Names of all types that a message contains, on either side."""
+    """Return the names of all types that a message contains in either set."""
     found: set[str] = set()
     for messages in sides:
         pending, seen = [message], set[str]()
@@ -222,7 +224,7 @@ def _contained_types(message: str, sides: Iterable[Mapping[str, MessageDefinitio
 def _dependents(
     own: Mapping[str, object], owners: Mapping[str, str], inside: Mapping[str, set[str]]
 ) -> dict[str, tuple[str, ...]]:
-    """The interfaces that contain one which changed itself, by the name of that one."""
+    """Return the interfaces that contain a changed one, by the name of the changed one."""
     found: dict[str, set[str]] = {}
     for message, user in owners.items():
         for part in inside[message] & own.keys():
@@ -259,7 +261,7 @@ def _field_changes(wire: WireCompatibility, old: MessageDefinition, new: Message
             found.append(FieldChange("moved", one.name, *places, one.place, ChangeKind.HASH))
         if before.default != one.default:
             found.append(FieldChange("default", one.name, before.default, one.default, one.place, ChangeKind.DEFAULT))
-        # Texts that bags and nodes give may have lost their comments.
+        # Texts of bags and nodes may lack comments.
         if before.unit and one.unit and before.unit != one.unit:
             found.append(FieldChange("unit", one.name, before.unit, one.unit, one.place, ChangeKind.UNIT))
     return tuple(found)
@@ -270,52 +272,53 @@ def _place(fields: Sequence[FieldDefinition], name: str) -> int:
 
 
 def _probable_renames(old: Sequence[FieldDefinition], new: Sequence[FieldDefinition]) -> dict[str, str]:
-    """New name -> old name of fields that came where others of the same type went, between the same neighbours."""
-    then, now = {one.name for one in old}, {one.name for one in new}
-    gone, came = _unmatched_runs(old, now), _unmatched_runs(new, then)
+    """Return new name -> old name of fields that replace a field of the same type between the same neighbours."""
+    removed = _unmatched_runs(old, {one.name for one in new})
+    added = _unmatched_runs(new, {one.name for one in old})
     found: dict[str, str] = {}
-    for gap, fields in came.items():
-        pairs = zip(fields, gone.get(gap, []), strict=False)
-        found |= {
-            one.name: other.name for one, other in pairs if canonical_type(one.type) == canonical_type(other.type)
-        }
+    for previous, fields in added.items():
+        for one, other in zip(fields, removed.get(previous, []), strict=False):
+            if canonical_type(one.type) == canonical_type(other.type):
+                found[one.name] = other.name
     return found
 
 
-def _unmatched_runs(fields: Sequence[FieldDefinition], kept: set[str]) -> dict[str, list[FieldDefinition]]:
-    """Fields that only one side has, by the common field in front of them."""
+def _unmatched_runs(fields: Sequence[FieldDefinition], common: set[str]) -> dict[str, list[FieldDefinition]]:
+    """Return the fields that only one set has, by the preceding common field."""
     found: dict[str, list[FieldDefinition]] = {}
-    behind = ""
+    previous = ""
     for one in fields:
-        if one.name in kept:
-            behind = one.name
+        if one.name in common:
+            previous = one.name
         else:
-            found.setdefault(behind, []).append(one)
+            found.setdefault(previous, []).append(one)
     return found
 
 
 def _reordered(old: Sequence[str], new: Sequence[str]) -> set[str]:
-    """Names that are on both sides, in another order: as few as explain it."""
+    """Return the fewest names that must have moved: those outside of the longest increasing subsequence.
+
+    Patience sorting: `ends` has the last place of the best subsequence of each length, `previous` links its places.
+    """
     places = {name: number for number, name in enumerate(new)}
-    kept: list[int] = []  # the last places of the longest rising runs, by length
-    links: dict[int, int | None] = {}
-    for name in old:
-        place = places[name]
-        length = bisect_left(kept, place)
-        links[place] = kept[length - 1] if length else None
-        kept[length : length + 1] = [place]
-    staying: set[int] = set()
-    one = kept[-1] if kept else None
-    while one is not None:
-        staying.add(one)
-        one = links[one]
-    return {name for name in old if places[name] not in staying}
+    ends: list[int] = []
+    previous: dict[int, int | None] = {}
+    for place in map(places.__getitem__, old):
+        length = bisect_left(ends, place)
+        previous[place] = ends[length - 1] if length else None
+        ends[length : length + 1] = [place]
+    ordered: set[int] = set()
+    place_in_order = ends[-1] if ends else None
+    while place_in_order is not None:
+        ordered.add(place_in_order)
+        place_in_order = previous[place_in_order]
+    return {name for name in old if places[name] not in ordered}
 
 
 def _constant_changes(
     old: tuple[ConstantFact, ...] | None, new: tuple[ConstantFact, ...] | None
 ) -> Iterator[ConstantChange]:
-    if old is None or new is None:  # nobody told
+    if old is None or new is None:  # unknown
         return
     then, now = {one.name: one for one in old}, {one.name: one for one in new}
     for name, one in then.items():
@@ -323,8 +326,8 @@ def _constant_changes(
             yield ConstantChange("removed", name, f"{one.type} {one.value}", "", one.place, ChangeKind.CODE)
     for name, one in now.items():
         before = then.get(name)
-        shown = f"{one.type} {one.value}"
+        after = f"{one.type} {one.value}"
         if before is None:
-            yield ConstantChange("added", name, "", shown, one.place, ChangeKind.ADDITION)
+            yield ConstantChange("added", name, "", after, one.place, ChangeKind.ADDITION)
         elif before[:3] != one[:3]:
-            yield ConstantChange("changed", name, f"{before.type} {before.value}", shown, one.place, ChangeKind.CODE)
+            yield ConstantChange("changed", name, f"{before.type} {before.value}", after, one.place, ChangeKind.CODE)

@@ -1,6 +1,6 @@
-"""What is compared of definitions: interfaces, fields, constants, hashes, as plain values.
+"""Definitions as plain values that can be compared: interfaces, fields, constants, hashes.
 
-Facts come from checked registries, whatever these were read from. Places are for people and never make a difference.
+They come from checked registries. Locations are for display and are not compared.
 """
 
 from __future__ import annotations
@@ -11,26 +11,26 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.descriptions import default_text
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.compiler.frontend.model import ActionDef, MessageDef, ServiceDef, messages_of
+from rosidl_py_gen.compiler.frontend.model import MessageDef, messages_of, nested_types, sections_of
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
     from rosidl_py_gen.base.fieldtype import FieldType
     from rosidl_py_gen.base.names import RosName
-    from rosidl_py_gen.compiler.frontend.model import Interface, Location
+    from rosidl_py_gen.compiler.frontend.model import Location
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
 
 
 _IMPLIED_PACKAGES = ("service_msgs", "unique_identifier_msgs", "builtin_interfaces")
-"""Of types that every service or action leads to."""
+"""Packages of types that every service or action refers to."""
 
 
 class AmbiguousTypeError(RosidlError):
-    """What is compared has two definitions of a type; the user has to say which part of it is meant."""
+    """The definitions to compare have two definitions of one type; select the part to compare."""
 
 
 class FieldDefinition(NamedTuple):
-    """One field; `default` and `unit` are empty when there is none, `place` is ``path:line:column``."""
+    """A field; `default` and `unit` may be empty, `place` is ``path:line:column``."""
 
     name: str
     type: FieldType
@@ -40,7 +40,7 @@ class FieldDefinition(NamedTuple):
 
 
 class ConstantFact(NamedTuple):
-    """One constant; `value` as Python writes it."""
+    """A constant; `value` is a Python literal."""
 
     name: str
     type: str
@@ -49,24 +49,20 @@ class ConstantFact(NamedTuple):
 
 
 class MessageDefinition(NamedTuple):
-    """One message.
-
-    Attributes:
-        constants: None when nobody tells them, as for descriptions that come without their text.
-    """
+    """A message; `constants` is None if they are unknown, as for type descriptions without text."""
 
     name: str
     fields: tuple[FieldDefinition, ...]
     constants: tuple[ConstantFact, ...] | None
 
     def comparison_key(self) -> tuple[object, ...]:
-        """What makes a difference."""
+        """Return the values to compare: names, types and defaults of fields, and constants, without locations."""
         constants = None if self.constants is None else tuple(one[:3] for one in self.constants)
         return tuple((one.name, canonical_type(one.type), one.default) for one in self.fields), constants
 
 
 def canonical_type(kind: FieldType) -> FieldType:
-    """A type as descriptions know it, which make no difference between ``char`` and ``uint8`` of .msg files."""
+    """Return a type as in type descriptions, which do not distinguish ``char`` and ``uint8`` of .msg files."""
     return replace(kind, base="uint8") if kind.base == "char" else kind
 
 
@@ -75,9 +71,9 @@ class DefinitionSet:
     """A set of definitions.
 
     Attributes:
-        interfaces: full name -> the messages it is written as: itself, or the sections of a service or action.
-        messages: those, and every one they refer to.
-        hashes: RIHS01 of all of them, services and actions included.
+        interfaces: full name -> the message itself, or the sections of a service or action.
+        messages: these messages, and those that they refer to.
+        hashes: RIHS01 hashes of all types, with services and actions.
     """
 
     interfaces: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -86,14 +82,14 @@ class DefinitionSet:
 
 
 def collect(registry: InterfaceRegistry, names: Iterable[RosName]) -> DefinitionSet:
-    """Facts of checked interfaces, and of what they refer to as far as that is needed to read them."""
+    """Return the definitions of checked interfaces, and of the messages that they refer to."""
     interfaces: dict[str, tuple[str, ...]] = {}
     messages: dict[str, MessageDefinition] = {}
     hashes: dict[str, str] = {}
     for name in names:
         interface = registry.interface(name)
         assert interface is not None, name
-        interfaces[str(name)] = _sections(interface)
+        interfaces[str(name)] = tuple(str(section.name) for section in sections_of(interface))
         hashes[str(name)] = registry.type_hash(str(name))
         pending = [str(one.name) for one in messages_of(interface)]
         while pending:
@@ -106,8 +102,8 @@ def collect(registry: InterfaceRegistry, names: Iterable[RosName]) -> Definition
     return DefinitionSet(interfaces, messages, hashes)
 
 
-def facts_with_needs(registry: InterfaceRegistry, top: RosName) -> DefinitionSet:
-    """Facts of a checked interface and of every interface it leads to, as of something that has no other files."""
+def collect_with_dependencies(registry: InterfaceRegistry, top: RosName) -> DefinitionSet:
+    """Return the definitions of a checked interface and of all interfaces that it refers to."""
     needed: dict[RosName, None] = {}
     pending = [top]
     while pending:
@@ -117,68 +113,54 @@ def facts_with_needs(registry: InterfaceRegistry, top: RosName) -> DefinitionSet
         needed[name] = None
         interface = registry.interface(name)
         assert interface is not None, name
-        own = {str(one.name) for one in messages_of(interface)}
-        bases = {item.type.base for one in messages_of(interface) for item in one.fields if item.type.is_message}
-        for base in sorted(bases - own):
-            part = split_ros_name(base)
-            if name.kind == "msg" or part.package not in _IMPLIED_PACKAGES:
-                pending.append(registry.owner(part) or part)
+        for nested in map(split_ros_name, sorted(nested_types(interface))):
+            if name.kind == "msg" or nested.package not in _IMPLIED_PACKAGES:
+                pending.append(registry.owner(nested) or nested)
     return collect(registry, needed)
 
 
-def as_recorded(facts: DefinitionSet) -> DefinitionSet:
-    """The same as a recorder tells it, who may leave out constants: where there are none, nobody knows of any."""
-    messages = {name: one._replace(constants=one.constants or None) for name, one in facts.messages.items()}
-    return replace(facts, messages=messages)
+def as_recorded(definitions: DefinitionSet) -> DefinitionSet:
+    """Return definitions of a recording: recorders may omit constants, so no constants means unknown constants."""
+    messages = {name: one._replace(constants=one.constants or None) for name, one in definitions.messages.items()}
+    return replace(definitions, messages=messages)
 
 
 def merge(parts: Iterable[tuple[str, DefinitionSet]]) -> DefinitionSet:
-    """Facts of several places as one.
+    """Return the union of several sets.
 
     Args:
-        parts: each with the name of its place, such as a topic.
+        parts: sets with the names of their origins, such as topics.
 
     Raises:
-        AmbiguousTypeError: two places say something else of one type.
+        AmbiguousTypeError: two sets have different definitions of a type.
     """
     interfaces: dict[str, tuple[str, ...]] = {}
     messages: dict[str, MessageDefinition] = {}
     hashes: dict[str, str] = {}
     places: dict[str, str] = {}
-    for place, facts in parts:
-        for name, message in facts.messages.items():
+    for place, definitions in parts:
+        for name, message in definitions.messages.items():
             before = messages.setdefault(name, message)
             places.setdefault(name, place)
             if before is not message and (
-                hashes[name] != facts.hashes[name]
+                hashes[name] != definitions.hashes[name]
                 or _without_unknown(before, message) != _without_unknown(message, before)
             ):
                 raise AmbiguousTypeError(
-                    f"there are two definitions of {name}: {hashes[name]} of {places[name]}, and {facts.hashes[name]} "
-                    f"of {place}"
+                    f"there are two definitions of {name}: {hashes[name]} of {places[name]}, and "
+                    f"{definitions.hashes[name]} of {place}"
                 )
             if before.constants is None and message.constants is not None:
                 messages[name] = message
-            hashes.setdefault(name, facts.hashes[name])
-        interfaces.update(facts.interfaces)
-        hashes.update(facts.hashes)
+            hashes.setdefault(name, definitions.hashes[name])
+        interfaces.update(definitions.interfaces)
+        hashes.update(definitions.hashes)
     return DefinitionSet(dict(sorted(interfaces.items())), messages, hashes)
 
 
 def _without_unknown(one: MessageDefinition, other: MessageDefinition) -> tuple[object, ...]:
-    """What `one` says of what the other may contradict."""
+    """Return the values to compare, without constants if those of the other message are unknown."""
     return one._replace(constants=None).comparison_key() if other.constants is None else one.comparison_key()
-
-
-def _sections(interface: Interface) -> tuple[str, ...]:
-    match interface:
-        case MessageDef():
-            parts: tuple[MessageDef, ...] = (interface,)
-        case ServiceDef():
-            parts = (interface.request, interface.response)
-        case ActionDef():
-            parts = (interface.goal, interface.result, interface.feedback)
-    return tuple(str(one.name) for one in parts)
 
 
 def _message(message: MessageDef) -> MessageDefinition:
@@ -189,8 +171,8 @@ def _message(message: MessageDef) -> MessageDefinition:
     constants = tuple(
         ConstantFact(one.name, str(one.type), repr(one.value), _place(one.location)) for one in message.constants
     )
-    is_told = message.source.format != "implicit" or bool(constants)
-    return MessageDefinition(str(message.name), fields, constants if is_told else None)
+    has_constants = message.source.format != "implicit" or bool(constants)
+    return MessageDefinition(str(message.name), fields, constants if has_constants else None)
 
 
 def _place(location: Location) -> str:

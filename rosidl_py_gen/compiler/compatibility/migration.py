@@ -1,9 +1,8 @@
-"""How messages of old definitions become messages of new ones, field by field.
+"""Plan of the conversion of messages from old definitions to new ones, field by field.
 
-Decides which field a value goes to: the one that a rule names, else the one of the same name; and whether a value of
-one type may become one of another. What has no place is dropped, what has no source gets its default value, and both
-are listed. A value that would become another one is refused, here where types tell it, and by whoever carries it over
-where only the value does. Text never becomes a number, nor a number text.
+A value is assigned to the field that a rule names, else to the field of its name. Fields without a target are dropped,
+fields without a source get their default value; the plan lists both. Conversions that would change a value are refused:
+here by type, and during the conversion by value. Text is never converted to a number, nor a number to text.
 """
 
 from __future__ import annotations
@@ -21,18 +20,18 @@ if TYPE_CHECKING:
     from rosidl_py_gen.base.fieldtype import FieldType
 
 Types = Mapping[str, Sequence[tuple[str, "FieldType"]]]
-"""The fields of messages by full name, as name and type."""
+"""Names and types of fields by the full name of their message."""
 
 
 class MigrationError(RosidlError):
-    """Messages cannot be carried over to these definitions by these rules; the text has every reason."""
+    """Messages cannot be converted to the new definitions by these rules; the text has all reasons."""
 
 
 class RenameRule(NamedTuple):
-    """Where a name of then goes.
+    """Rename rule of a type or field, with its location in the rules file.
 
     Attributes:
-        target: the name of now; empty when it is let go.
+        target: the new name; empty to drop a field.
         place: ``file:line:column``, for errors.
     """
 
@@ -42,24 +41,24 @@ class RenameRule(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MigrationRules:
-    """What nothing in the definitions tells.
+    """Renames that the definitions do not show.
 
     Attributes:
-        types: full name of then -> that of now.
-        fields: full name of a message of then -> its fields.
+        types: rules by the old full name of a type.
+        fields: rules by field, by the old full name of a message.
     """
 
     types: Mapping[str, RenameRule] = field(default_factory=dict)
     fields: Mapping[str, Mapping[str, RenameRule]] = field(default_factory=dict)
 
     def type_name(self, old: str) -> str:
-        """What a type is called now."""
+        """Return the new name of a type."""
         rule = self.types.get(old)
         return rule.target if rule else old
 
 
 class ConversionKind(Enum):
-    """How a value is carried over: as it is, as a number of another kind, or as a message of another definition."""
+    """Conversion of a value: a copy, a number of another type, or a message of another definition."""
 
     COPY = "copy"
     NUMBER = "number"
@@ -67,23 +66,23 @@ class ConversionKind(Enum):
 
 
 class FieldConversion(NamedTuple):
-    """A value of a field and where it goes."""
+    """Conversion of an old field to a new one."""
 
     old: str
     new: str
     old_type: FieldType
     new_type: FieldType
-    way: ConversionKind
+    kind: ConversionKind
 
 
 @dataclass(frozen=True, slots=True)
 class MessagePlan:
-    """How messages of one type become those of another.
+    """Conversion of the messages of one type to those of another.
 
     Attributes:
-        dropped: fields of then that go nowhere.
-        let_go: those of them that a rule names.
-        defaulted: fields of now that nothing comes to.
+        dropped: old fields without a target.
+        dropped_by_rule: those that a rule drops.
+        defaulted: new fields without a source.
     """
 
     old: str
@@ -95,25 +94,26 @@ class MessagePlan:
 
     @property
     def is_conversion(self) -> bool:
-        """Whether it is more than a copy."""
+        """True if the conversion is not only a copy."""
         is_same = all(one.old == one.new and one.old_type == one.new_type for one in self.steps)
         return not is_same or bool(self.dropped or self.defaulted) or self.old != self.new
 
 
 Plans = Mapping[tuple[str, str], MessagePlan]
-"""By the names of then and now; one for each pair that a message leads to."""
+"""Plans by old and new name, for a message and all that it contains."""
 
 
 def plan(old: Types, new: Types, top: str, rules: MigrationRules) -> dict[tuple[str, str], MessagePlan]:
-    """Plan how messages of a type are carried over, with all that they contain.
+    """Plan the conversion of the messages of a type, with all that they contain.
 
     Args:
-        old: the type and all it refers to, then.
-        new: the same now; the type may have another name.
-        top: its name then.
+        old: the old type and all types that it refers to.
+        new: the new type and all types that it refers to.
+        top: the old name of the type.
+        rules: the renames.
 
     Raises:
-        MigrationError: fields that cannot be carried over, and rules that name what is not there.
+        MigrationError: fields cannot be converted, or rules name fields that do not exist.
     """
     problems: list[str] = []
     plans: dict[tuple[str, str], MessagePlan] = {}
@@ -124,7 +124,7 @@ def plan(old: Types, new: Types, top: str, rules: MigrationRules) -> dict[tuple[
             continue
         plans[pair] = one = _message(pair, old, new, rules, problems)
         pending += [
-            (step.old_type.base, step.new_type.base) for step in one.steps if step.way is ConversionKind.MESSAGE
+            (step.old_type.base, step.new_type.base) for step in one.steps if step.kind is ConversionKind.MESSAGE
         ]
     if problems:
         raise MigrationError("\n".join(dict.fromkeys(problems)))
@@ -146,16 +146,16 @@ def _message(pair: tuple[str, str], old: Types, new: Types, rules: MigrationRule
             dropped.append(name)
             continue
         try:
-            steps.append(FieldConversion(name, target, kind, now[target], _way(kind, now[target], rules)))
+            steps.append(FieldConversion(name, target, kind, now[target], _conversion_kind(kind, now[target], rules)))
         except _NotConvertibleError as error:
             becomes = "" if name == target else f" becomes {target}"
             problems.append(
-                f"{old_name}.{name}{becomes}: {error}; a rule `fields: {{{old_name}: {{{name}: null}}}}` lets it go"
+                f"{old_name}.{name}{becomes}: {error}; a rule `fields: {{{old_name}: {{{name}: null}}}}` drops it"
             )
     filled = {step.new for step in steps}
-    let_go = tuple(name for name in dropped if name in own)
+    by_rule = tuple(name for name in dropped if name in own)
     return MessagePlan(
-        old_name, new_name, tuple(steps), tuple(dropped), let_go, tuple(name for name in now if name not in filled)
+        old_name, new_name, tuple(steps), tuple(dropped), by_rule, tuple(name for name in now if name not in filled)
     )
 
 
@@ -175,15 +175,19 @@ def _check_rules(
             problems.append(f"{rule.place}: {new_name} has no field {rule.target}{did_you_mean(rule.target, now)}")
         first = taken.setdefault(rule.target, name)
         if rule.target and first != name:
-            problems.append(f"{rule.place}: {rule.target} is what {first} becomes already")
+            problems.append(f"{rule.place}: {rule.target} is the target of {first} already")
 
 
 class _NotConvertibleError(RosidlError):
     """A value of one type cannot become one of another."""
 
 
-def _way(old: FieldType, new: FieldType, rules: MigrationRules) -> ConversionKind:
-    """Raises `_NotConvertibleError`. Bounds and lengths are looked at value by value."""
+def _conversion_kind(old: FieldType, new: FieldType, rules: MigrationRules) -> ConversionKind:
+    """Return the conversion between two types, without bounds and lengths, which depend on the values.
+
+    Raises:
+        _NotConvertibleError: values of the types cannot be converted.
+    """
     if (old.arity is Arity.SCALAR) is not (new.arity is Arity.SCALAR):
         raise _NotConvertibleError(f"{old} cannot become {new}")
     if old.is_message or new.is_message:
@@ -191,7 +195,7 @@ def _way(old: FieldType, new: FieldType, rules: MigrationRules) -> ConversionKin
             raise _NotConvertibleError(f"{old} cannot become {new}")
         if rules.type_name(old.base) != new.base:
             raise _NotConvertibleError(
-                f"{old} cannot become {new}, unless a rule `types: {{{old.base}: {new.base}}}` says that they are one"
+                f"{old} cannot become {new}, unless a rule `types: {{{old.base}: {new.base}}}` maps one to the other"
             )
         return ConversionKind.MESSAGE
     if old.is_string and new.is_string:

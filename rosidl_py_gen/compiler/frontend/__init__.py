@@ -1,1 +1,1 @@
-"""From interface text to a resolved model with type hashes. Never imports the generator's output or the runtime."""
+"""Front end of the compiler: from definition files to checked interfaces."""

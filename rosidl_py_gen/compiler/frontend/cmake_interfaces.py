@@ -1,7 +1,7 @@
 """The interface files of a source package.
 
 If its CMakeLists.txt calls `rosidl_generate_interfaces` with literal names and globs, these are its files, as in a
-build; conditions are not decided, so every branch counts. Otherwise all interface files below the package folder are.
+build; conditions are not evaluated, so every branch counts. Otherwise all interface files below its folder are used.
 """
 
 from __future__ import annotations
@@ -15,17 +15,18 @@ from rosidl_py_gen.base.names import KINDS, RosName, did_you_mean, split_ros_nam
 from rosidl_py_gen.compiler.frontend.cmake_reader import GENERATE, UNKNOWN, CMakeArgument, CMakeScript, inside
 from rosidl_py_gen.compiler.frontend.files import UnreadableError, files_below, interface_name, is_of_package, read_text
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface, read_source
-from rosidl_py_gen.compiler.frontend.model import MAX_PROBLEMS, Diagnostics, Location, SourceText, messages_of
+from rosidl_py_gen.compiler.frontend.model import MAX_PROBLEMS, Diagnostics, Location, SourceText, nested_types
 from rosidl_py_gen.errors import Diagnostic, display_path
 
 
 class CMakeInterfaceList:
-    """The files of a source package.
+    """The interface files of a source package.
 
     Attributes:
-        files: by interface name.
-        complete: they are the list of CMakeLists.txt; otherwise all files below the package folder.
-        problems, notes: listed files that do not exist; assumptions and skipped files.
+        files: files by interface name, in name order.
+        complete: True for the list of CMakeLists.txt; False for all files below the package folder.
+        problems: listed files that do not exist.
+        notes: assumptions and skipped files.
     """
 
     def __init__(self, package: str, folder: Path) -> None:
@@ -34,18 +35,19 @@ class CMakeInterfaceList:
         self.notes: list[Diagnostic] = []
         self._package, self._folder = package, folder
         self._text = ""
-        self._paths: dict[RosName, dict[str, int]] = {}  # of each interface, and where they are listed
+        self._paths: dict[RosName, dict[str, int]] = {}  # paths of an interface, and where they are listed
         try:
             self._text = read_text(folder, "CMakeLists.txt")
             self._add_listed()
         except UnreadableError as error:
             self._add_all(error)
-        self.files = self._chosen()
+        self.files = self._select_files()
 
     def _add_listed(self) -> None:
         script = CMakeScript(self._folder, self._text)
         calls = [words[1:] for name, words in script.calls if name == GENERATE]
-        own = [words for words in calls if all(word.text != "SKIP_INSTALL" for word in words)]  # others are for tests
+        # A call with SKIP_INSTALL is for the package's tests.
+        own = [words for words in calls if all(word.text != "SKIP_INSTALL" for word in words)]
         unknown: list[int] = []
         for words in own or calls:
             keyword = ""
@@ -62,12 +64,12 @@ class CMakeInterfaceList:
             raise UnreadableError(f"{GENERATE}() has no list of literal names and globs", *unknown[:1])
 
     def _add(self, word: CMakeArgument, may_be_created: bool) -> None:
-        base, colon, relative = word.text.rpartition(":")  # an absolute base folder may stand in front
+        base, colon, relative = word.text.rpartition(":")  # an absolute base folder may precede
         path = inside(posixpath.join(base, relative) if colon else relative)
         name = interface_name(self._package, relative)
         if path is None or not is_of_package(self._folder, path):
             self._report(self.notes, word.offset, f'"{path or word.text[:80]}" is not in the package folder; skipped')
-        elif name is None and not is_generated(self._folder / path):  # a glob may match our own output
+        elif name is None and not is_generated(self._folder / path):  # a glob may match generated files
             self._report(self.problems, word.offset, f'"{path}" is not an interface file (.msg, .srv, .action or .idl)')
         elif name is not None and os.path.isfile(self._folder / path):
             self._paths.setdefault(name, {}).setdefault(path, word.offset)
@@ -90,10 +92,10 @@ class CMakeInterfaceList:
         except UnreadableError as error:
             self._report(self.problems, -1, str(error))
 
-    def _chosen(self) -> dict[RosName, Path]:
-        """Return one file for each interface: of several the first one that compiles."""
-        chosen = {name: min(found, key=lambda path: self._rank(name, path)) for name, found in self._paths.items()}
-        rest = [(path, name) for name, found in self._paths.items() for path in found if path != chosen[name]]
+    def _select_files(self) -> dict[RosName, Path]:
+        """Return one file for each interface; of several, the first that compiles."""
+        chosen = {name: min(paths, key=lambda path: self._rank(name, path)) for name, paths in self._paths.items()}
+        rest = [(path, name) for name, paths in self._paths.items() for path in paths if path != chosen[name]]
         for path, name in [one for one in rest if not one[0].endswith(".idl")][:1]:
             more = f" and {len(rest) - 1} more are" if len(rest) > 1 else " is"
             text = f'"{path}"{more} skipped: "{chosen[name]}" defines the same interface'
@@ -104,9 +106,9 @@ class CMakeInterfaceList:
         diagnostics = Diagnostics()
         source = read_source(self._folder / path, path, diagnostics) if len(self._paths[name]) > 1 else None
         interface = parse_interface(name, source, diagnostics) if source is not None else None
-        bases = {item.type.base for one in messages_of(interface) for item in one.fields} if interface else set()
-        needs = [split_ros_name(base) for base in bases if base.startswith(f"{self._package}/msg/")]
-        is_wrong = bool(diagnostics.items) or any(need not in self._paths for need in needs)
+        needs = map(split_ros_name, nested_types(interface) if interface else ())
+        is_incomplete = any(need.package == self._package and need not in self._paths for need in needs)
+        is_wrong = bool(diagnostics.items) or is_incomplete
         is_elsewhere = posixpath.dirname(path) not in KINDS
         return path.endswith(".idl"), is_wrong, self._paths[name][path] < 0, is_elsewhere, "ros1" in path, path
 

@@ -1,7 +1,7 @@
-"""Reader of CMakeLists.txt: what its calls list, as far as that consists of literal names and globs.
+"""Reader of CMakeLists.txt: arguments of its calls, if they consist of literal names and globs.
 
-Nothing is run, and no condition is decided: `set`, `list(APPEND)` and `file(GLOB)` all add to a list. A variable that
-any other command or file may change is unknown from there on.
+No command is run, and no condition is evaluated: `set`, `list(APPEND)` and `file(GLOB)` all add to a list. A variable
+that any other command or file may change is unknown from there on.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 GENERATE = "rosidl_generate_interfaces"
-UNKNOWN = "\0"  # the value of what cannot be known
+UNKNOWN = "\0"
+"""Value of an argument that cannot be determined."""
 
 _TOKEN = re.compile(
     r'#?\[(?P<level>=*)\[(?P<raw>.*?)(?:\](?P=level)\]|\Z)|#[^\n]*|"(?P<quoted>[^"\\]*(?:\\.[^"\\]*)*)("|\Z)|[()]'
@@ -29,19 +30,23 @@ _TOKEN = re.compile(
 )
 _REFERENCE = re.compile(r"\$\{([\w./+-]+)\}")
 _BLOCKS = ("if", "foreach", "while", "function", "macro", "block")
-_HARMLESS = re.compile(  # beginnings of commands that change no list
+_HARMLESS = re.compile(  # prefixes of commands that change no list
     "message|set |unset|find_|return|if|else|end|target_|ament_|link_|rosidl_|rclcpp_|catkin_|include_|set_[pt]"
     "|add_(lib|exec|comp|def|dep|custom|test|link)|list (sort|reverse|remove_d)"
 )
 _FOLDERS = "CMAKE_SOURCE_DIR", "PROJECT_SOURCE_DIR", "CMAKE_CURRENT_SOURCE_DIR", "CMAKE_CURRENT_LIST_DIR"
 _GLOB_WORDS = ("RELATIVE", "LIST_DIRECTORIES", "CONFIGURE_DEPENDS", "FOLLOW_SYMLINKS")
-_MAX_STARS, _MAX_PATH = 4, 4096
-_ACCESS_COST = 500  # characters that one access to a file or folder counts as: it is at least one system call
-_MAX_BUDGET = 2_000_000  # characters of values and file names that one CMakeLists.txt may make this module process
+_MAX_STARS = 4
+_MAX_PATH = 4096
+_ACCESS_COST = 500
+"""Cost of one access to a file or folder in characters: it is at least one system call."""
+_MAX_BUDGET = 2_000_000
+"""Maximum characters of values and file names to process for one CMakeLists.txt, so that its reader takes bounded time.
+"""
 
 
 class CMakeArgument(NamedTuple):
-    """One argument, or one element of a list: its text, its place in the file, and True if every build has it."""
+    """An argument or an element of a list, with its offset in the file; `certain`: every build has it."""
 
     text: str
     offset: int = 0
@@ -69,14 +74,14 @@ def parse_commands(text: str) -> Iterator[tuple[str, list[CMakeArgument]]]:
 
 
 class CMakeScript:
-    """One CMakeLists.txt: its `calls` of `rosidl_generate_interfaces` and `install`, by name and arguments."""
+    """A CMakeLists.txt with its `calls` of `rosidl_generate_interfaces` and `install`, as name and arguments."""
 
     def __init__(self, folder: Path, text: str) -> None:
-        """Raises `UnreadableError`: the text lists more than a package can have."""
+        """Read a script; raises `UnreadableError` if it lists more than a package can have."""
         self._folder = folder
         self._files: list[list[str]] = []
         self._budget = _MAX_BUDGET
-        self._depth = 0  # of open blocks
+        self._depth = 0  # depth of blocks
         self._is_lost = False  # any variable may have been set
         self.creates_files = False  # the build may add files to the package folder
         self._fixed = dict.fromkeys(_FOLDERS, ".")
@@ -119,9 +124,9 @@ class CMakeScript:
         with suppress(UnreadableError):  # a module of CMake is not in the package
             text = read_text(self._folder, path) if path else ""
         self._spend(_ACCESS_COST + len(text))
-        if GENERATE in text.lower() and "SKIP_INSTALL" not in text:  # not for the package's own tests
+        if GENERATE in text.lower() and "SKIP_INSTALL" not in text:  # SKIP_INSTALL: for tests
             self.calls.append((GENERATE, [target, CMakeArgument(UNKNOWN, target.offset)]))
-        if path is None:  # of another package, unless this file sets the name
+        if path is None:  # a file of another package, unless this script sets the name
             self._is_lost |= not self._values.keys().isdisjoint(_REFERENCE.findall(target.text))
         elif is_include or "PARENT_SCOPE" in text or "CACHE" in text:
             self._is_lost |= re.search(r"\binclude\s*\([^)]*[./$]", text, re.IGNORECASE) is not None

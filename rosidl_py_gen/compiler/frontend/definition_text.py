@@ -1,18 +1,19 @@
-"""One interface of a search path: read and checked, and as text for people and for bags.
+"""Text of one interface of a search path, for people and for bags.
 
-Decides how a definition looks when the types it uses are shown with it: below the line that names them, indented by a
-tab, as `ros2 interface show` does it. Text is taken from the file as it stands; what comes from an .idl file, and the
-messages ROS derives, are written in the notation of .msg files.
+A definition with the types that it uses has these types below the fields, indented by a tab, as in `ros2 interface
+show`. The text is that of the file; definitions of .idl files and derived messages are converted to the notation of
+.msg files.
 """
 
 from __future__ import annotations
 
+from itertools import islice
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.descriptions import build_type_description, default_text
+from rosidl_py_gen.base.descriptions import default_text
 from rosidl_py_gen.base.names import KINDS, RosName, is_constant_name, is_field_name, split_ros_name
 from rosidl_py_gen.compiler.frontend.missing import missing_interface
-from rosidl_py_gen.compiler.frontend.model import ActionDef, FieldDef, MessageDef, ServiceDef
+from rosidl_py_gen.compiler.frontend.model import FieldDef, MessageDef, sections_of
 from rosidl_py_gen.compiler.frontend.registry import check, raise_diagnostics
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, TypeNotFoundError
 
@@ -24,16 +25,16 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
 MAX_LINES = 20_000
-"""Types that use each other twice a level double the text with each level."""
-_LINE = "=" * 80
+"""Maximum lines of an expanded definition: types that contain each other twice double the text with each level."""
+_SEPARATOR = "=" * 80
 
 
 def read_checked(registry: InterfaceRegistry, name: RosName) -> RosName:
-    """Read what a name needs; returns the interface it belongs to: itself, or X for ``X_Request`` and the like.
+    """Read and check an interface, and return its name; X for a derived name such as ``X_Request``.
 
     Raises:
-        TypeNotFoundError: there is no such interface.
-        DefinitionError: it, or something it uses, has problems.
+        TypeNotFoundError: the interface does not exist.
+        DefinitionError: the interface or a type that it uses has problems.
     """
     owner = registry.owner(name)
     if owner is None:
@@ -46,11 +47,11 @@ def read_checked(registry: InterfaceRegistry, name: RosName) -> RosName:
 
 
 def full_name(search: SearchPath, text: str) -> RosName:
-    """The interface a user means: ``pkg/msg/Name``, ``pkg/Name`` of any kind, or ``Name`` when one package has it.
+    """Return the interface of a text: ``pkg/msg/Name``, ``pkg/Name`` of any kind, or ``Name`` if one package has it.
 
     Raises:
-        InvalidNameError: the text has another shape.
-        TypeNotFoundError: several interfaces have that name.
+        InvalidNameError: the text is not a name.
+        TypeNotFoundError: several interfaces have the name.
     """
     if "/" in text:
         kinds = (kind for kind in KINDS if search.file(split_ros_name(text, kind)) is not None)
@@ -62,41 +63,42 @@ def full_name(search: SearchPath, text: str) -> RosName:
 
 
 def source_text(registry: InterfaceRegistry, owner: RosName) -> str:
-    """The file's text, with a line break at the end."""
+    """Return the text of the file, with a line break at the end."""
     text = _interface(registry, owner).source.text
     return text if text.endswith("\n") else text + "\n"
 
 
 def full_text(registry: InterfaceRegistry, top: RosName) -> str:
-    """ros2msg text as bags and MCAP files carry it; `compile_definition` reads it.
+    """Return the ros2msg text of a definition for bags and MCAP files; `compile_definition` reads it.
 
-    What comes from .idl files is written in the notation of .msg files, the only one that most readers of bags know.
-    With names that those do not allow it stays IDL below a line that says so; if the top one does, it is ros2idl text.
+    Definitions of .idl files are converted to the notation of .msg files, the only one that most readers of bags
+    support. A definition with names that .msg files do not allow stays IDL below a header; if `top` does, this is
+    ros2idl text.
     """
-    description = build_type_description(str(top), registry.field_rows)
-    used = (split_ros_name(one["type_name"]) for one in description["referenced_type_descriptions"])
-    parts = []
-    for name in (top, *(name for name in used if name.kind == "msg")):
-        if _stays_idl(registry, name):
-            parts.append(f"{_LINE}\nIDL: {name}\n{source_text(registry, name)}")
-        else:
-            head = "" if name == top else f"{_LINE}\nMSG: {name.package}/{name.name}\n"
-            parts.append(head + _file_text(registry, name))
-    return "".join(parts)
+    texts = []
+    for name in map(split_ros_name, registry.closure(str(top))):
+        if name == top or name.kind == "msg":
+            if _must_stay_idl(registry, name):
+                texts.append(f"{_SEPARATOR}\nIDL: {name}\n{source_text(registry, name)}")
+            else:
+                head = "" if name == top else f"{_SEPARATOR}\nMSG: {name.package}/{name.name}\n"
+                texts.append(head + _file_text(registry, name))
+    return "".join(texts)
 
 
-def _stays_idl(registry: InterfaceRegistry, name: RosName) -> bool:
+def _must_stay_idl(registry: InterfaceRegistry, name: RosName) -> bool:
     interface = registry.interface(name)
     if interface is None or interface.source.format != "idl":
         return False
-    sections = _sections(interface)
-    fields = [item.name for section in sections for item in section.fields]
-    constants = [item.name for section in sections for item in section.constants]
-    return not (all(map(is_field_name, fields)) and all(map(is_constant_name, constants)))
+    sections = sections_of(interface)
+    has_valid_fields = all(is_field_name(item.name) for section in sections for item in section.fields)
+    return not (
+        has_valid_fields and all(is_constant_name(item.name) for section in sections for item in section.constants)
+    )
 
 
 def _file_text(registry: InterfaceRegistry, name: RosName) -> str:
-    """The file's text; written anew for IDL, and for what no file has: messages that ROS derives, described types."""
+    """Return the text of the file; text in the notation of .msg for IDL, derived messages and type descriptions."""
     interface = registry.interface(name)
     if interface is not None and interface.source.text and interface.source.format != "idl":
         return source_text(registry, name)
@@ -106,19 +108,17 @@ def _file_text(registry: InterfaceRegistry, name: RosName) -> str:
 def expanded_lines(
     registry: InterfaceRegistry, name: RosName, *, comments: bool = True, nested_comments: bool = False
 ) -> list[str]:
-    """The definition, and below each field the definition of its type. Without comments there are no empty lines.
+    """Return the lines of a definition, with the definition of its type below each field.
+
+    Without comments there are no empty lines.
 
     Raises:
-        DefinitionError: it would be more than `MAX_LINES`.
+        DefinitionError: there are more than `MAX_LINES` lines.
     """
-    found: list[str] = []
-    for line in _expanded(registry, name, comments, nested_comments):
-        found.append(line)
-        if len(found) > MAX_LINES:
-            raise DefinitionError(
-                Diagnostic(str(name), 0, 0, f"has more than {MAX_LINES} lines with all types it uses")
-            )
-    return found
+    lines = [*islice(_expanded(registry, name, comments, nested_comments), MAX_LINES + 1)]
+    if len(lines) > MAX_LINES:
+        raise DefinitionError(Diagnostic(str(name), 0, 0, f"has more than {MAX_LINES} lines with all types it uses"))
+    return lines
 
 
 def _expanded(registry: InterfaceRegistry, name: RosName, comments: bool, nested_comments: bool) -> Iterator[str]:
@@ -140,33 +140,23 @@ def _interface(registry: InterfaceRegistry, name: RosName) -> Interface:
 
 
 def _lines(registry: InterfaceRegistry, name: RosName) -> Iterator[tuple[str, FieldDef | None]]:
-    """The lines of a definition, each with the field it defines."""
+    """Yield the lines of a definition, each with the field that it defines."""
     message = registry.message(str(name))
     interface = registry.interface(name)
     if interface is None or interface.source.format == "idl" or not interface.source.text:
-        sections = _sections(interface) if interface is not None else [message] if message is not None else []
+        sections = sections_of(interface) if interface is not None else (message,) if message is not None else ()
         for number, section in enumerate(sections):
             if number:
                 yield "---", None
-            yield from _written(section)
+            yield from _msg_lines(section)
         return
-    fields = {item.location.line: item for section in _sections(interface) for item in section.fields}
+    fields = {item.location.line: item for section in sections_of(interface) for item in section.fields}
     for number, line in enumerate(interface.source.text.splitlines(), 1):
         yield line.rstrip(), fields.get(number)
 
 
-def _sections(interface: Interface) -> list[MessageDef]:
-    match interface:
-        case MessageDef():
-            return [interface]
-        case ServiceDef():
-            return [interface.request, interface.response]
-        case ActionDef():
-            return [interface.goal, interface.result, interface.feedback]
-
-
-def _written(message: MessageDef) -> Iterator[tuple[str, FieldDef | None]]:
-    """A message in the notation of .msg files."""
+def _msg_lines(message: MessageDef) -> Iterator[tuple[str, FieldDef | None]]:
+    """Yield the lines of a message in the notation of .msg files."""
     for text in message.comment:
         yield f"# {text}".rstrip(), None
     for constant in message.constants:
@@ -174,7 +164,8 @@ def _written(message: MessageDef) -> Iterator[tuple[str, FieldDef | None]]:
         yield f"{constant.type} {constant.name}={default_text(constant.value)}", None
     for item in message.fields:
         yield from _comment(item)
-        default = "" if item.default is None else f" {_default(item.default)}"
+        value = list(item.default) if isinstance(item.default, tuple) else item.default
+        default = "" if value is None else f" {value!r}"
         kind = str(item.type).replace("/msg/", "/")
         yield f"{kind} {item.name}{default}", item
 
@@ -184,7 +175,3 @@ def _comment(element: FieldDef | ConstantDef) -> Iterator[tuple[str, None]]:
     lines = list(element.comment) or ([""] if unit else [])
     for number, text in enumerate(lines):
         yield f"# {text}{'' if number else unit}".replace("#  ", "# ").rstrip(), None
-
-
-def _default(value: object) -> str:
-    return str(list(value)) if isinstance(value, tuple) else repr(value)

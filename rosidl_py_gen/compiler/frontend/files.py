@@ -1,4 +1,4 @@
-"""Files of one package folder: which there are, what they contain, and which interface a file defines."""
+"""Files of one package folder and the interfaces that they define."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 _MENTIONED = re.compile(rb"\brosidl_(generate_interfaces|default_generators|interface_packages)\b", re.IGNORECASE)
 IGNORE_MARKS = ("COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE")
 BUILD_TREE_MARKERS = ("pyvenv.cfg", "CMakeCache.txt")
-"""Files of folders that hold copies: of a virtual environment, and of a build."""
+"""Files that mark a virtual environment or a build folder, which contains copies of packages."""
 _BUILD_FOLDERS = ("build", "install", "log")
 MAX_BYTES = 1 << 20
-"""Size of a CMakeLists.txt or another file of a package that is read."""
+"""Maximum size of a CMakeLists.txt or another file of a package."""
 _MAX_ENTRIES = 100_000
-"""Files and folders below one package folder. More are an error, so that a wrong folder does not take minutes."""
+"""Maximum files and folders below a package folder, so that a wrong folder does not take minutes."""
 
 
 class UnreadableError(RosidlError):
-    """A file or folder of a package cannot be read, or not understood; `offset` is the place in the file's text."""
+    """A file or folder of a package cannot be read or parsed; `offset` is the position in the file's text."""
 
     def __init__(self, reason: str, offset: int = -1) -> None:
         super().__init__(reason)
@@ -44,10 +44,7 @@ def mentions_interfaces(folder: Path) -> bool:
 
 
 def interface_name(package: str, path: str) -> RosName | None:
-    """Return the interface that a file defines; None if it is not an interface file.
-
-    The suffix tells the kind, for an .idl its folder.
-    """
+    """Return the interface that a file defines, by its suffix or the folder of an .idl; None for another file."""
     holder, file = os.path.split(path)
     stem, suffix = os.path.splitext(file)
     kind = os.path.basename(holder) if suffix == ".idl" else suffix[1:]
@@ -55,11 +52,11 @@ def interface_name(package: str, path: str) -> RosName | None:
 
 
 def is_of_package(folder: Path, path: str) -> bool:
-    """Return True if the file lies in the package: links lead elsewhere only from its msg, srv and action."""
-    return os.path.dirname(path) in KINDS or _lies_inside(folder, path)
+    """Return True if a file is in the package: only files in msg, srv and action may be links to other folders."""
+    return os.path.dirname(path) in KINDS or _is_inside(folder, path)
 
 
-def _lies_inside(folder: Path, path: str) -> bool:
+def _is_inside(folder: Path, path: str) -> bool:
     real, home = os.path.realpath(folder / path), os.path.realpath(folder)
     return os.path.commonpath([real, home]) == home
 
@@ -67,7 +64,7 @@ def _lies_inside(folder: Path, path: str) -> bool:
 def files_below(folder: Path) -> list[str]:
     """Return the files of a package by their sorted paths below its folder.
 
-    Hidden files, the folders ``build``, ``install`` and ``log``, ignored folders and other packages are left out. Links
+    Hidden files, the folders ``build``, ``install`` and ``log``, ignored folders and other packages are skipped. Links
     to folders are followed only for msg, srv and action of the package itself.
 
     Raises:
@@ -103,7 +100,7 @@ def files_below(folder: Path) -> list[str]:
 def read_text(folder: Path, name: str) -> str:
     """Return the text of a file of the package. Raises `UnreadableError`."""
     try:
-        if not _lies_inside(folder, name):
+        if not _is_inside(folder, name):
             raise UnreadableError("the file lies outside the package folder")
         if not os.path.isfile(folder / name):  # opening a pipe would wait for its writer
             raise UnreadableError("there is no such file")

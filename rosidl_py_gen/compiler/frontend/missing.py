@@ -1,4 +1,4 @@
-"""Explanations for a package that is not on the search path: where it is, and why it does not count there."""
+"""Error texts for packages and interfaces that are not on the search path, with their location and the reason."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
 _MAX_FOLDERS = 2000
-"""Folders that are visited for an explanation. It takes 0.1 s; more would delay the error in a large home folder."""
+"""Maximum folders to visit for an error text: 0.1 s; more would delay the error in a large home folder."""
 _NOT_SOURCES = ("build", "install", "log", "node_modules", "site-packages")
 
 
 class _Place(NamedTuple):
-    """The folder of a package; `mark` is the file that makes search paths ignore it."""
+    """The folder of a package; `mark` is the file because of which a search ignores it."""
 
     folder: Path
     mark: Path | None
@@ -62,7 +62,7 @@ def missing_package(search: SearchPath, package: str, subject: str, type_name: s
 
 
 def missing_interface(search: SearchPath, name: RosName, subject: str) -> str:
-    """Return an error text for an interface that the search path lacks; `subject` begins it if the package is there."""
+    """Return an error text for an interface that the search path lacks; starts with `subject` if the package exists."""
     package = search.packages.get(name.package)
     if package is None and name.package not in search.refused:
         return missing_package(search, name.package, f'no package "{name.package}" for {name}', str(name))
@@ -72,7 +72,7 @@ def missing_interface(search: SearchPath, name: RosName, subject: str) -> str:
 
 
 def _find(root: Path, package: str) -> _Place | None:
-    """Return the package's folder below another one, rather one that counts."""
+    """Return the folder of a package below another folder, preferably one that a search uses."""
     found: list[_Place] = []
     waiting: list[tuple[Path, Path | None]] = [(root, None)]
     for folder, above in waiting:  # grows inside the loop
@@ -110,7 +110,7 @@ def _has_interfaces(package: str, folder: Path, from_source: bool) -> bool:
 
 
 def _generated_package(package: str) -> Path | None:
-    """Return the folder of a package that this tool generated and that `import` finds; nothing is imported."""
+    """Return the folder of an importable generated package, without an import."""
     try:
         spec = find_spec(package) if package.isidentifier() else None
     except (ImportError, ValueError, AttributeError):

@@ -1,7 +1,7 @@
-"""What of a selection can still be generated when some of it is wrong.
+"""Selections with problems: the interfaces that can be generated nevertheless.
 
-An interface is left out when its own file has problems, or when it needs one that is left out; the latter gets a
-problem of its own that names the cause.
+An interface is skipped if its own file has problems, or if it needs a skipped one; the latter gets a diagnostic with
+the cause.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.compiler.frontend.model import messages_of
+from rosidl_py_gen.compiler.frontend.model import messages_of, nested_types
 from rosidl_py_gen.compiler.frontend.registry import type_location
 from rosidl_py_gen.errors import Diagnostic, display_path
 
@@ -44,17 +44,13 @@ def skip_strays(registry: InterfaceRegistry, names: list[RosName], wanted: Conta
         if (listing := listings[name.package]) and not listing.complete and str(name) not in wanted
         if (path := display_path(packages[name.package].files[name])) in diagnostics
     }
-    users: dict[RosName, set[RosName]] = {}
-    for name in names if strays else ():
-        for item in _references(registry, name):
-            need = split_ros_name(item.type.base)
-            users.setdefault(registry.owner(need) or need, set()).add(name)
+    users = _users(registry, names if strays else [])
     dropped: dict[RosName, Diagnostic] = {}
-    waiting = list(strays)
-    for name in waiting:  # grows inside the loop
-        if name in strays and name not in dropped and users.get(name, set()) <= {name, *dropped}:
+    pending = list(strays)
+    for name in pending:  # grows inside the loop
+        if name in strays and name not in dropped and users.get(name, {}).keys() <= {name, *dropped}:
             dropped[name] = strays[name]
-            waiting += [need for need, found in users.items() if name in found]
+            pending += [need for need, found in users.items() if name in found]
     rest = {name.package for name in names if name not in dropped}
     for name, problem in dropped.items():
         listing = listings[name.package]
@@ -66,34 +62,29 @@ def skip_strays(registry: InterfaceRegistry, names: list[RosName], wanted: Conta
 
 
 def split_valid(registry: InterfaceRegistry, names: list[RosName]) -> tuple[list[RosName], list[Diagnostic]]:
-    """Tell the right interfaces from the wrong ones.
+    """Separate the valid interfaces from those with problems.
 
     Args:
-        registry: its diagnostics say what is wrong; `check` has been over the names.
-        names: a selection that has all it depends on.
+        registry: contains the diagnostics of `check` for the names.
+        names: a selection with all its dependencies.
 
     Returns:
-        The interfaces that can be generated, in the order given, and a problem for each that cannot only because of
-        another one.
+        The valid interfaces in the order of `names`, and a diagnostic for each interface that only needs a wrong one.
     """
     wrong = _with_problems(registry, names)
     if not wrong:
         return names, []
-    causes = {name: name for name in wrong}  # what is left out -> what is wrong in the first place
-    users: dict[RosName, list[tuple[RosName, FieldDef]]] = {}
-    for name in names:
-        for item in _references(registry, name):
-            need = split_ros_name(item.type.base)
-            users.setdefault(registry.owner(need) or need, []).append((name, item))
+    causes = {name: name for name in wrong}  # skipped interface -> interface with problems
+    users = _users(registry, names)
     problems: list[Diagnostic] = []
-    waiting = list(wrong)
-    for gone in waiting:  # grows while it is gone through
-        for user, item in users.get(gone, ()):
+    pending = list(wrong)
+    for skipped in pending:  # grows inside the loop
+        for user, item in users.get(skipped, {}).items():
             if user not in causes:
-                causes[user] = causes[gone]
-                text = f"{user} needs {causes[gone]}, which has problems"
+                causes[user] = causes[skipped]
+                text = f"{user} needs {causes[skipped]}, which has problems"
                 problems.append(type_location(item).diagnostic(text))
-                waiting.append(user)
+                pending.append(user)
     return [name for name in names if name not in causes], problems
 
 
@@ -103,10 +94,16 @@ def _with_problems(registry: InterfaceRegistry, names: list[RosName]) -> list[Ro
     return [name for name, file in files if registry.interface(name) is None or (file and display_path(file) in paths)]
 
 
-def _references(registry: InterfaceRegistry, name: RosName) -> list[FieldDef]:
-    interface = registry.interface(name)
-    if interface is None:
-        return []
-    own = {str(message.name) for message in messages_of(interface)}
-    fields = (item for message in messages_of(interface) for item in message.fields)
-    return [item for item in fields if item.type.is_message and item.type.base not in own]
+def _users(registry: InterfaceRegistry, names: list[RosName]) -> dict[RosName, dict[RosName, FieldDef]]:
+    """Return the interfaces that need an interface, each with the first field of the type."""
+    users: dict[RosName, dict[RosName, FieldDef]] = {}
+    for name in names:
+        interface = registry.interface(name)
+        if interface is None:
+            continue
+        nested = nested_types(interface)
+        for item in (item for message in messages_of(interface) for item in message.fields):
+            if item.type.base in nested:
+                need = split_ros_name(item.type.base)
+                users.setdefault(registry.owner(need) or need, {}).setdefault(name, item)
+    return users

@@ -1,7 +1,7 @@
-"""From a search path and a selection to a checked set of interfaces: parsed, complete, free of cycles.
+"""Checked set of interfaces of a search path and a selection: parsed, complete, free of cycles.
 
-`InterfaceRegistry` parses on demand and never twice. `select` turns the user's filter into packages and interfaces
-and adds the dependency closure; `check` finds references to types that do not exist and types that contain themselves.
+`InterfaceRegistry` parses on demand and never twice. `select` converts the user's filter to interfaces and adds their
+dependencies; `check` reports references to types that do not exist, and types that contain themselves.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from rosidl_py_gen.base.descriptions import (
     action_rows,
     build_type_description,
     default_text,
+    individual_descriptions,
     service_rows,
 )
 from rosidl_py_gen.base.names import INTERFACE_RULE, RosName, did_you_mean, split_ros_name
@@ -31,6 +32,7 @@ from rosidl_py_gen.compiler.frontend.model import (
     Location,
     MessageDef,
     messages_of,
+    nested_types,
 )
 from rosidl_py_gen.compiler.frontend.msg_parser import FOREIGN_TYPES
 from rosidl_py_gen.compiler.frontend.size_limits import MAX_LEVELS, SizeChecker
@@ -41,15 +43,16 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
 _COMMON_PACKAGES = ("std_msgs", "builtin_interfaces", "geometry_msgs")
-"""Packages that are suggested before others: ROS 1 has types of the first two without a package."""
+"""Packages that are suggested before others: in ROS 1, types of the first two have no package."""
 _DERIVED = re.compile(r"_(Request|Response|Event|Goal|Result|Feedback|FeedbackMessage|SendGoal|GetResult)\Z")
 
 
 class InterfaceRegistry:
-    """Interfaces by name, parsed when first asked for.
+    """Interfaces by name, parsed on first use.
 
     Attributes:
-        diagnostics: what was wrong with the files read so far.
+        search: the search path.
+        diagnostics: problems of the files that were read.
     """
 
     def __init__(self, search: SearchPath) -> None:
@@ -62,22 +65,22 @@ class InterfaceRegistry:
         self._missing: set[tuple[str, str]] = set()
 
     def is_new_missing(self, path: str, package: str) -> bool:
-        """Return True for the first call with a file and a package that is missing; a file reports each once."""
+        """Return True for the first call with a file and a missing package: a file reports each once."""
         is_new = (path, package) not in self._missing
         self._missing.add((path, package))
         return is_new
 
     def add_text(self, name: RosName, source: SourceText) -> Interface | None:
-        """Parse text that comes from no file of the search path; it hides a file of the same name."""
+        """Parse a text that is not from the search path; it hides a file of the same name."""
         return self.add(name, parse_interface(name, source, self.diagnostics))
 
     def add(self, name: RosName, interface: Interface | None) -> Interface | None:
-        """Take in what comes from no file of the search path; it hides a file of the same name."""
+        """Add an interface that is not from the search path; it hides a file of the same name."""
         self._texts.add(name)
-        return self._keep(name, interface)
+        return self._store(name, interface)
 
     def interface(self, name: RosName) -> Interface | None:
-        """The interface of this name; None when there is no file, or it has problems (see `diagnostics`)."""
+        """Return an interface; None if there is no file, or the file has problems (see `diagnostics`)."""
         if name not in self._interfaces:
             path = self.search.file(name)
             source = read_source(path, display_path(path), self.diagnostics) if path else None
@@ -85,19 +88,19 @@ class InterfaceRegistry:
                 text = f'"{name.name}" is not an interface name; expected {INTERFACE_RULE}'
                 self.diagnostics.add(Location(source, 1, 1), text)
                 source = None
-            self._keep(name, parse_interface(name, source, self.diagnostics) if source else None)
+            self._store(name, parse_interface(name, source, self.diagnostics) if source else None)
         return self._interfaces[name]
 
     def exists(self, name: RosName) -> bool:
-        """Whether there is a file or text of this name, however broken."""
+        """Return True if there is a file or text of this name, even if it has problems."""
         return name in self._texts or self.search.file(name) is not None
 
     def has_package(self, package: str) -> bool:
-        """Whether any interface of the package is known, from files or texts."""
+        """Return True if there is a file or text of the package."""
         return package in self.search.packages or any(name.package == package for name in self._texts)
 
     def message(self, full_name: str) -> MessageDef | None:
-        """A message by full name, derived ones (``pkg/srv/X_Request``) included."""
+        """Return a message by full name, which may be derived (``pkg/srv/X_Request``)."""
         if full_name not in self._messages:
             name = split_ros_name(full_name)
             self.interface(name)
@@ -108,7 +111,7 @@ class InterfaceRegistry:
         return self._messages.get(full_name)
 
     def knows(self, full_name: str) -> bool:
-        """Whether a message, service or action of this name came out of what was read."""
+        """Return True if there is a valid message, service or action of this name."""
         try:
             tuple(self.field_rows(full_name))
         except TypeNotFoundError:
@@ -116,7 +119,7 @@ class InterfaceRegistry:
         return True
 
     def owner(self, name: RosName) -> RosName | None:
-        """The interface a name belongs to: itself, or for ``X_Request`` and the like X; None when there is none."""
+        """Return the interface of a name: X for a derived name such as ``X_Request``; None if there is no interface."""
         stem = name.name
         while not self.exists(name._replace(name=stem)):
             stem, underscore, _ = stem.rpartition("_")
@@ -125,7 +128,11 @@ class InterfaceRegistry:
         return name._replace(name=stem)
 
     def field_rows(self, full_name: str) -> Iterable[FieldRow]:
-        """The fields of any type, services and actions included, for a type description."""
+        """Return the fields of a message, service or action for a type description.
+
+        Raises:
+            TypeNotFoundError: there is no such type.
+        """
         message = self.message(full_name)
         if message is not None:
             return [(item.name, item.type, default_text(item.default)) for item in message.fields]
@@ -137,27 +144,28 @@ class InterfaceRegistry:
         return service_rows(full_name)
 
     def type_hash(self, full_name: str) -> str:
-        """RIHS01 of a message, service or action whose references all exist."""
+        """Return the RIHS01 hash of a message, service or action whose references all exist."""
         return self._hashes.of(full_name)
 
     def all_hashes(self, full_name: str) -> dict[str, str]:
-        """RIHS01 of a type and of every type it refers to, by name."""
-        description = build_type_description(full_name, self.field_rows)
-        names = [full_name, *(one["type_name"] for one in description["referenced_type_descriptions"])]
-        return {name: self.type_hash(name) for name in names}
+        """Return the RIHS01 hashes of a type and of the types that it refers to, by name."""
+        return {name: self.type_hash(name) for name in self.closure(full_name)}
+
+    def closure(self, full_name: str) -> list[str]:
+        """Return the name of a type, then the sorted names of the types that it refers to."""
+        return [*individual_descriptions(build_type_description(full_name, self.field_rows))]
 
     def constants(self, full_name: str) -> dict[str, str]:
-        """The constants of a message as name -> repr of the Python value; empty for services and actions."""
+        """Return the constants of a message as name -> repr of the Python value; empty for services and actions."""
         message = self.message(full_name)
         return {item.name: repr(item.value) for item in message.constants} if message else {}
 
     def fingerprint(self, full_name: str) -> tuple[Description, dict[str, dict[str, str]]]:
-        """All that a class of the type depends on: its full description with defaults, and all constants by type."""
+        """Return the full description of a type with defaults, and the constants of all its types."""
         description = build_type_description(full_name, self.field_rows)
-        names = [full_name, *(one["type_name"] for one in description["referenced_type_descriptions"])]
-        return description, {name: self.constants(name) for name in names}
+        return description, {name: self.constants(name) for name in individual_descriptions(description)}
 
-    def _keep(self, name: RosName, interface: Interface | None) -> Interface | None:
+    def _store(self, name: RosName, interface: Interface | None) -> Interface | None:
         self._interfaces[name] = interface
         if interface is not None:
             for message in messages_of(interface):
@@ -166,18 +174,18 @@ class InterfaceRegistry:
 
 
 def split_filter(text: str) -> list[str]:
-    """``a:b;c`` -> the names in it; both separators count, blanks and empty parts do not."""
+    """Return the names of a filter such as ``a:b;c``."""
     return [part.strip() for part in re.split("[:;,]", text) if part.strip()]
 
 
 def select(registry: InterfaceRegistry, wanted: list[str]) -> list[RosName]:
-    """The interfaces to generate: what the filter names, with its dependencies, in name order.
+    """Return the interfaces of a filter with their dependencies, in name order.
 
-    A package name selects the package and the packages it depends on, whole. A full name selects one interface and the
-    interfaces it needs. An empty filter selects every package found.
+    A package name selects the whole package and the packages that it depends on. A full name selects one interface and
+    the interfaces that it depends on. An empty filter selects all packages.
 
     Raises:
-        DefinitionError: a name in the filter stands for nothing.
+        DefinitionError: a package or interface of the filter does not exist.
     """
     names, problems = select_valid_names(registry, wanted)
     if problems:
@@ -186,7 +194,7 @@ def select(registry: InterfaceRegistry, wanted: list[str]) -> list[RosName]:
 
 
 def select_valid_names(registry: InterfaceRegistry, wanted: list[str]) -> tuple[list[RosName], list[Diagnostic]]:
-    """What `select` gives, with the problems of the filter beside what the rest of it stands for."""
+    """Return the interfaces of `select` for the valid names of a filter, and the problems of the other names."""
     search = registry.search
     whole: dict[str, None] = {}
     single: dict[RosName, None] = {}
@@ -209,7 +217,7 @@ def select_valid_names(registry: InterfaceRegistry, wanted: list[str]) -> tuple[
 
 
 def _transitive_closure(registry: InterfaceRegistry, packages: list[str], names: list[RosName]) -> list[RosName]:
-    taken: dict[RosName, None] = {}
+    closure: set[RosName] = set()
     done: set[str] = set()
     while packages or names:
         if packages:
@@ -217,43 +225,37 @@ def _transitive_closure(registry: InterfaceRegistry, packages: list[str], names:
             if package in done:
                 continue
             done.add(package)
-            found = registry.search.packages[package]
-            registry.diagnostics.items += found.listing.problems if found.listing else ()
-            for name in found.files:
-                taken[name] = None
+            files = registry.search.packages[package]
+            registry.diagnostics.items += files.listing.problems if files.listing else ()
+            for name in files.files:
+                closure.add(name)
                 needed = {need.package for need in _dependencies(registry, name)} | set(IMPLIED[name.kind])
                 packages += sorted(need for need in needed - done if need in registry.search.packages)
             continue
         name = names.pop()
-        if name not in taken and registry.search.file(name) is not None:
-            taken[name] = None
+        if name not in closure and registry.search.file(name) is not None:
+            closure.add(name)
             names += _dependencies(registry, name)
-    return sorted(taken)
+    return sorted(closure)
 
 
 def _dependencies(registry: InterfaceRegistry, name: RosName) -> list[RosName]:
     interface = registry.interface(name)
-    if interface is None:
-        return []
-    own = {str(message.name) for message in messages_of(interface)}
-    bases = {item.type.base for message in messages_of(interface) for item in message.fields if item.type.is_message}
-    return sorted(split_ros_name(base) for base in bases - own)
+    return sorted(map(split_ros_name, nested_types(interface))) if interface is not None else []
 
 
 def check(registry: InterfaceRegistry, names: Iterable[RosName]) -> None:
-    """Add a finding for every reference to a type that does not exist, and for every type that contains itself or is
-    too large.
-    """
-    state: dict[str, int] = {}  # depth of what is done; -1 while it is being visited
-    measures = SizeChecker(registry.diagnostics)
+    """Report references to types that do not exist, and types that contain themselves or are too large."""
+    state: dict[str, int] = {}  # depth of the visited types; -1 during the visit
+    sizes = SizeChecker(registry.diagnostics)
     for name in names:
         interface = registry.interface(name)
         if interface is not None:
             for message in messages_of(interface):
-                _visit(registry, message, state, measures)
+                _visit(registry, message, state, sizes)
 
 
-def _visit(registry: InterfaceRegistry, top: MessageDef, state: dict[str, int], measures: SizeChecker) -> None:
+def _visit(registry: InterfaceRegistry, top: MessageDef, state: dict[str, int], sizes: SizeChecker) -> None:
     if str(top.name) in state:
         return
     stack = [(top, iter(top.fields), [0])]
@@ -264,8 +266,8 @@ def _visit(registry: InterfaceRegistry, top: MessageDef, state: dict[str, int], 
         if item is None:
             stack.pop()
             state[str(message.name)] = depth[0]
-            measures.check(message)
-            if depth[0] == MAX_LEVELS:  # whatever contains this one would be deeper
+            sizes.check(message)
+            if depth[0] == MAX_LEVELS:  # types that contain this one would be deeper
                 at = Location(message.source, 1, 1)
                 registry.diagnostics.add(at, f"{message.name} nests types deeper than {MAX_LEVELS - 1} levels")
             if stack:
@@ -292,7 +294,7 @@ def _report_unknown(registry: InterfaceRegistry, message: MessageDef, item: Fiel
     short = f"{name.package}/{name.name}"
     at = type_location(item)
     if registry.exists(name):
-        return  # the file is there and has problems of its own, reported there
+        return  # the file exists, and its problems are reported
     package = registry.search.packages.get(name.package)
     if package is None and registry.has_package(name.package):
         where = ", ".join(registry.search.searched) or "nothing"
@@ -308,7 +310,7 @@ def _report_unknown(registry: InterfaceRegistry, message: MessageDef, item: Fiel
 
 
 def _other_type(registry: InterfaceRegistry, user: RosName, name: RosName) -> str:
-    """Return what may be meant by a type that its package lacks; never the message that has the field."""
+    """Return a suggestion for a type that its package lacks; never the message that has the field."""
     packages = registry.search.packages
     used = [one for one in (_COMMON_PACKAGES + tuple(packages)) if one in packages and one != name.package]
     others = [f"{one}/{name.name}" for one in used if RosName(one, "msg", name.name) in packages[one].files]
@@ -321,20 +323,16 @@ def _other_type(registry: InterfaceRegistry, user: RosName, name: RosName) -> st
 
 
 def type_location(item: FieldDef) -> Location:
-    """Where a field names its type: in a .msg in column 1; an .idl member is located by its name."""
+    """Return the location of a field's type: column 1 in a .msg; the member's name in an .idl."""
     return item.location if item.location.source.format == "idl" else item.location._replace(column=1)
 
 
 def raise_diagnostics(registry: InterfaceRegistry) -> None:
-    """Raise what was found, in file and line order.
-
-    Raises:
-        DefinitionError: when there is anything.
-    """
+    """Raise `DefinitionError` with the diagnostics of a registry, if there are any."""
     if registry.diagnostics.items:
         raise DefinitionError(sorted_diagnostics(registry.diagnostics.items))
 
 
 def sorted_diagnostics(problems: Iterable[Diagnostic]) -> list[Diagnostic]:
-    """Each problem once, in file and line order."""
+    """Return each diagnostic once, in file and line order."""
     return sorted(dict.fromkeys(problems), key=lambda problem: (problem.path, problem.line, problem.column))

@@ -1,12 +1,11 @@
-"""Which interface packages there are, and which files belong to them.
+"""Search for interface packages and their files.
 
-Folders called msg, srv or action that hold other files only make no package: those of Python packages, what this tool
-generates among them, and of C++ headers. Virtual environments and CMake's build folders are not looked into.
+Of packages with one name, the first is used: from the folders of the caller, the prefixes of AMENT_PREFIX_PATH, wheels
+of message packages, and the bundled interfaces.
 
-First hit wins: the folders the caller names, then every prefix of AMENT_PREFIX_PATH, then packages that were installed
-as wheels of `distribution`, then the bundled interfaces.
-Reads directory entries and package.xml names; interface files themselves, and the CMakeLists.txt that says which files
-a source package consists of, are opened later, and only when needed.
+The search reads only directory entries and names in package.xml; interface files and CMakeLists.txt are opened later. A
+folder msg, srv or action without interface files is not a package: Python packages and C++ headers have such folders.
+Virtual environments and build folders of CMake are skipped.
 """
 
 from __future__ import annotations
@@ -32,19 +31,19 @@ if TYPE_CHECKING:
 _NAME_TAG = re.compile(r"<name>\s*([^<>]*?)\s*</name>")
 _SUFFIXES = (".idl", *(f".{kind}" for kind in KINDS))
 INSTALLED = "installed"
-"""The origin of packages that were installed by pip."""
+"""The origin of packages that pip installed."""
 MAX_DEPTH = 12
 _MAX_XML_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
 class Package:
-    """A folder with interface files.
+    """An interface package.
 
     Attributes:
-        name: the package name.
-        folder: holds ``msg``, ``srv``, ``action``.
-        origin: the search path entry it was found through, as shown to the user.
+        name: name of the package.
+        folder: contains ``msg``, ``srv``, ``action``.
+        origin: the search path entry that contains the package, for display.
         from_source: the folder has a package.xml and may have a CMakeLists.txt that lists the files.
     """
 
@@ -55,30 +54,26 @@ class Package:
 
     @cached_property
     def listing(self) -> CMakeInterfaceList | None:
-        """What the package's CMakeLists.txt lists; None for packages that are installed or have no such list."""
+        """List of the package's CMakeLists.txt; None for an installed package or without a list."""
         if not self.from_source or not mentions_interfaces(self.folder):
             return None
-        from rosidl_py_gen.compiler.frontend.cmake_interfaces import (
-            CMakeInterfaceList,  # installed packages need none of CMake
-        )
+        # Not needed for installed packages.
+        from rosidl_py_gen.compiler.frontend.cmake_interfaces import CMakeInterfaceList
 
         return CMakeInterfaceList(self.name, self.folder)
 
     @cached_property
     def files(self) -> dict[RosName, Path]:
-        """Every interface file, by name and in name order."""
-        listing = self.listing
-        if listing is None:
-            return self._in_folders()
-        return dict(sorted(listing.files.items()))
+        """The interface files in name order."""
+        return self._in_folders() if self.listing is None else self.listing.files
 
     def not_in_cmake_note(self, name: RosName) -> str:
-        """A note for who misses a name whose file is there, but not listed; empty when that is not so."""
+        """Return a note about an interface whose file exists, but is not in CMakeLists.txt; else an empty text."""
         file = None if name in self.files else self._in_folders().get(name)
         return f"; {name.kind}/{file.name} is there, but CMakeLists.txt does not list it" if file else ""
 
     def _in_folders(self) -> dict[RosName, Path]:
-        """The files in msg, srv and action; a .msg/.srv/.action hides an .idl of the same stem."""
+        """Return the files in msg, srv and action; an .idl is hidden by another file of its name."""
         found: dict[RosName, Path] = {}
         for kind in KINDS:
             for entry in _entries(self.folder / kind):
@@ -92,13 +87,13 @@ class Package:
 
 @dataclass(frozen=True)
 class SearchPath:
-    """Where interfaces are looked for.
+    """Packages that a search has found.
 
     Attributes:
-        packages: by name, in name order; each from the first entry that has it.
-        hidden: packages of the same name found later, for `--list`.
-        searched: the entries, as shown in errors.
-        refused: packages whose name is not legal, by that name; an error only for who asks for them.
+        packages: packages by name, in name order.
+        hidden: packages whose name an earlier entry has, for `--list`.
+        searched: entries of the search path, for errors.
+        refused: diagnostics of packages with an invalid name; an error only if such a package is requested.
     """
 
     packages: dict[str, Package]
@@ -114,15 +109,15 @@ class SearchPath:
 def scan_search_path(
     folders: Sequence[str | os.PathLike[str]] = (), ament: str | None = None, bundled: bool = True
 ) -> SearchPath:
-    """Look through the given folders, the ament prefixes and the bundled interfaces.
+    """Search folders, ament prefixes, installed wheels and the bundled interfaces.
 
     Args:
-        folders: package folders, folders of packages or colcon workspaces' `src`.
+        folders: folders of packages, of one package, or ``src`` of colcon workspaces.
         ament: prefixes joined by the path separator; None reads AMENT_PREFIX_PATH.
-        bundled: whether the interfaces shipped with this package come last.
+        bundled: search installed wheels and the bundled interfaces, too.
 
     Raises:
-        DefinitionError: a folder does not exist, cannot be read, holds no package, or holds two of one name.
+        DefinitionError: a folder does not exist, cannot be read, or contains no package or two of one name.
     """
     found = SearchPath({})
     for folder in folders:
@@ -141,11 +136,9 @@ def scan_search_path(
 
 
 def holds_packages(folder: Path) -> bool:
-    """Whether there is a package with interfaces in a folder; errors as of `scan_search_path`."""
-    found: list[Package] = []
+    """Return True if a folder contains a package with interfaces; raises as `scan_search_path`."""
     refused: dict[str, Diagnostic] = {}
-    _descend(folder, str(folder), found, refused, set(), 0)
-    return bool(found or refused)
+    return bool([*_descend(folder, str(folder), refused, set())] or refused)
 
 
 def preload() -> None:
@@ -154,11 +147,10 @@ def preload() -> None:
 
 
 def _installed() -> Iterator[Package]:
-    """Packages whose wheels say where they are; nothing of them is imported."""
-    from importlib.metadata import entry_points  # takes a while, and is needed where something is not bundled
+    """Yield the packages of installed wheels, without an import of them."""
+    from importlib.metadata import entry_points  # slow to import
 
-    for one in sorted({(entry.name, entry.value) for entry in entry_points(group=ENTRY_POINTS)}):
-        name, module = one
+    for name, module in sorted({(entry.name, entry.value) for entry in entry_points(group=ENTRY_POINTS)}):
         try:
             spec = find_spec(module.partition(".")[0])
         except (ImportError, ValueError):
@@ -184,10 +176,10 @@ def _add(found: SearchPath, origin: str, packages: Iterable[Package]) -> None:
 
 
 def _entries(folder: Path) -> list[os.DirEntry[str]]:
-    """Directory entries by name; none when there is no such folder.
+    """Return the directory entries of a folder by name; none if it does not exist.
 
     Raises:
-        DefinitionError: the folder is there and cannot be read; taking it for empty would lose definitions.
+        DefinitionError: the folder cannot be read; if it were ignored, definitions would be lost.
     """
     try:
         with os.scandir(folder) as entries:
@@ -200,25 +192,23 @@ def _entries(folder: Path) -> list[os.DirEntry[str]]:
 
 
 def holds_interfaces(folder: Path) -> bool:
-    """Return True if there is a folder for interfaces: with one in it, or empty, because the last one was removed."""
+    """Return True if a folder for interfaces contains one, or is empty because the last one was removed."""
     return any(_is_for_interfaces(folder / kind) for kind in KINDS)
 
 
 def _is_for_interfaces(folder: Path) -> bool:
     try:
         with os.scandir(folder) as entries:
-            first = next(entries, None)
-            return (
-                first is None or first.name.endswith(_SUFFIXES) or any(one.name.endswith(_SUFFIXES) for one in entries)
-            )
+            names = [entry.name for entry in entries]
+            return not names or any(name.endswith(_SUFFIXES) for name in names)
     except (FileNotFoundError, NotADirectoryError):
         return False
-    except OSError:  # whoever reads it says why it cannot be read
+    except OSError:  # reported when it is read
         return True
 
 
 def _groups_packages(folder: Path) -> bool:
-    """Whether folders called msg, srv or action hold packages instead of interface files."""
+    """Return True if the folders msg, srv and action contain packages instead of interface files."""
     inside = [Path(entry.path) for kind in KINDS for entry in _entries(folder / kind)]
     return any(os.path.isfile(path / "package.xml") for path in inside)
 
@@ -226,17 +216,16 @@ def _groups_packages(folder: Path) -> bool:
 def _packages_below(root: Path, refused: dict[str, Diagnostic]) -> list[Package]:
     if not root.is_dir():
         raise DefinitionError(Diagnostic(str(root), 0, 0, "expected a folder with interface packages, found none"))
-    found: list[Package] = []
-    _descend(root, str(root), found, refused, set(), 0)
-    if not found and not refused:
+    packages = [*_descend(root, str(root), refused, set())]
+    if not packages and not refused:
         text = "expected a package with definitions (in a folder msg, srv or action), found none in this folder"
         raise DefinitionError(Diagnostic(str(root), 0, 0, text))
-    return found
+    return packages
 
 
 def _descend(
-    folder: Path, origin: str, found: list[Package], refused: dict[str, Diagnostic], visited: set[str], depth: int
-) -> None:
+    folder: Path, origin: str, refused: dict[str, Diagnostic], visited: set[str], depth: int = 0
+) -> Iterator[Package]:
     real = os.path.realpath(folder)  # links may form loops
     if real in visited or depth > MAX_DEPTH or any(os.path.exists(folder / mark) for mark in IGNORE_MARKS):
         return
@@ -253,19 +242,19 @@ def _descend(
             if not holds and not (package.listing and package.listing.files):
                 return
             if is_package_name(name):
-                found.append(package)
+                yield package
             else:
-                shown = str(manifest if is_package else folder)
-                refused[name] = Diagnostic(shown, 0, 0, f'"{name[:80]}" is not a legal package name; {PACKAGE_RULE}')
+                place = str(manifest if is_package else folder)
+                refused[name] = Diagnostic(place, 0, 0, f'"{name[:80]}" is not a legal package name; {PACKAGE_RULE}')
         return
     for entry in _entries(folder):
         # Not entry.is_dir(): that raises for a link to itself.
         if os.path.isdir(entry.path) and not entry.name.startswith(".") and os.access(entry.path, os.R_OK | os.X_OK):
-            _descend(Path(entry.path), origin, found, refused, visited, depth + 1)
+            yield from _descend(Path(entry.path), origin, refused, visited, depth + 1)
 
 
 def package_name(manifest: Path, folder: Path) -> str:
-    """What package.xml calls the package, else the folder's name."""
+    """Return the name of a package in its package.xml, else the name of its folder."""
     try:
         with manifest.open("rb") as file:
             text = file.read(_MAX_XML_BYTES).decode(errors="replace")

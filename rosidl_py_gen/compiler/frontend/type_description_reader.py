@@ -1,8 +1,8 @@
-"""From type descriptions, as nodes send them, to the interfaces they describe.
+"""Interfaces from the type descriptions that nodes send.
 
-A description says what the RIHS01 hash covers: names, types and the order of fields. Constants and comments are only in
-the source that may come with it. A source is used when it says the same fields; the hash tells nothing of the rest of
-it. Both are untrusted: whatever no definition could have led to is refused, and how much may be described is limited.
+A description contains what the RIHS01 hash covers: names, types and the order of fields. Constants and comments are
+only in the source that may be sent with it, which is used if it has the same fields; the hash does not cover the rest
+of it. Both are untrusted: a description that no definition can have is refused, and the size is limited.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from functools import cache
 from rosidl_py_gen.base.descriptions import EMPTY_MESSAGE, Description, individual_description
 from rosidl_py_gen.base.fieldtype import PRIMITIVES, STRINGS, Arity, FieldType
 from rosidl_py_gen.base.names import RosName, py_name, split_ros_name
-from rosidl_py_gen.compiler.frontend import derived_interfaces
+from rosidl_py_gen.compiler.frontend.derived_interfaces import assemble, section_names
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface
 from rosidl_py_gen.compiler.frontend.literal_values import LiteralProblem, parse_scalar, python_value
 from rosidl_py_gen.compiler.frontend.model import (
@@ -34,61 +34,64 @@ from rosidl_py_gen.errors import DefinitionError, Diagnostic, InvalidNameError
 
 MAX_TYPES = 500
 MAX_FIELDS = 5000
-"""Of all types together."""
+"""Maximum fields of all types together."""
 MAX_OF_ONE = 1000
-"""Fields of one type; CPython takes 0.2 s for its class then, and far more than twice as long for twice as many."""
+"""Maximum fields of one type: CPython takes 0.2 s for its class, and far more than twice the time for twice the fields.
+"""
 MAX_TEXT = 1 << 18
-"""Characters of all sources together, and of all default values; more are not looked at."""
+"""Maximum characters of all sources together, and of all default values; more are ignored."""
 
 Sources = Mapping[str, tuple[str, str]]
 """Type name -> encoding (``msg``, ``srv``, ``action``, ``idl``, ``implicit``) and text."""
 
 _FIELD_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z", re.ASCII)
 _WSTRINGS = 22 + Arity.BOUNDED.value
-_ENOUGH = ("service_msgs", "unique_identifier_msgs", "builtin_interfaces")
-"""Packages whose types derived messages refer to, though the descriptions of their neighbours do not."""
+_IMPLIED_PACKAGES = ("service_msgs", "unique_identifier_msgs", "builtin_interfaces")
+"""Packages of the types of derived messages, which other descriptions may lack."""
 _BASES = {1: "", **{one.type_id: name for name, one in PRIMITIVES.items() if name != "char"}}
 _BOUNDED = (21, 22)
 _BASES |= {number: name for name, number in STRINGS.items()} | dict(zip(_BOUNDED, STRINGS, strict=True))
 
 
 def written_messages(name: RosName, is_service: bool) -> tuple[str, ...]:
-    """The messages that make up an interface; everything else of it is derived from these."""
-    if is_service:
-        return tuple(str(derived_interfaces.derived_name(name, part)) for part in ("Request", "Response"))
-    if name.kind == "action" and "_" not in name.name:
-        return tuple(str(derived_interfaces.derived_name(name, part)) for part in ("Goal", "Result", "Feedback"))
-    return (str(name),)
+    """Return the messages from which all others of an interface are derived."""
+    is_action = name.kind == "action" and "_" not in name.name
+    return tuple(map(str, section_names(name, "srv" if is_service else "action" if is_action else "msg")))
 
 
 def registry_from_descriptions(
     name: RosName, individuals: Mapping[str, Description], sources: Sources, is_service: bool = False
 ) -> InterfaceRegistry:
-    """The interface `name` and all it refers to, checked.
+    """Return a checked registry of an interface and all types that it refers to.
 
     Args:
-        individuals: the description of each type alone, by name; those that are not needed do not matter.
-        is_service: the name is that of a service.
+        name: name of the interface.
+        individuals: descriptions of single types by name; others than the needed ones are ignored.
+        sources: texts of the types.
+        is_service: the interface is a service.
 
     Raises:
-        DefinitionError: no definition could have led to this, or it is too large.
+        DefinitionError: no definition can have this description, or it is too large.
     """
-    _limit(name, individuals)
-    registry = InterfaceRegistry(_implied())
-    described = _Described(individuals)
-    texts = _within_size_limits(sources)
+    _check_size(name, individuals)
+    registry = InterfaceRegistry(_implied_packages())
+    descriptions = _DescriptionConverter(individuals)
+    texts = sources if sum(len(text) for _, text in sources.values()) <= MAX_TEXT else {}
     own = written_messages(name, is_service)
-    top = _from_source(name, texts, individuals, own) or _assembled(name, [described.message(one) for one in own])
+    top = _from_source(name, texts, individuals, own)
+    if top is None:
+        messages = [descriptions.message(one) for one in own]
+        top = assemble(name, messages, messages[0].source)
     registry.add(name, top)
     for needed in _reachable(messages_of(top), individuals):
-        part = split_ros_name(needed)
-        registry.add(part, _from_source(part, texts, individuals, (needed,)) or described.message(needed))
+        nested = split_ros_name(needed)
+        registry.add(nested, _from_source(nested, texts, individuals, (needed,)) or descriptions.message(needed))
     check(registry, [name])
     raise_diagnostics(registry)
     return registry
 
 
-def _limit(name: RosName, individuals: Mapping[str, Description]) -> None:
+def _check_size(name: RosName, individuals: Mapping[str, Description]) -> None:
     counts = [len(one["fields"]) for one in individuals.values()]
     if len(counts) > MAX_TYPES or sum(counts) > MAX_FIELDS or max(counts, default=0) > MAX_OF_ONE:
         raise _problem(
@@ -98,22 +101,14 @@ def _limit(name: RosName, individuals: Mapping[str, Description]) -> None:
         )
 
 
-def _within_size_limits(sources: Sources) -> Sources:
-    return sources if sum(len(text) for _, text in sources.values()) <= MAX_TEXT else {}
-
-
 @cache
-def _implied() -> SearchPath:
+def _implied_packages() -> SearchPath:
     found = scan_search_path((), ament="")
-    return SearchPath({name: found.packages[name] for name in _ENOUGH}, [], ["the description"])
-
-
-def _assembled(name: RosName, messages: list[MessageDef]) -> Interface:
-    return derived_interfaces.assemble(name, messages, messages[0].source)
+    return SearchPath({name: found.packages[name] for name in _IMPLIED_PACKAGES}, [], ["the description"])
 
 
 def _reachable(start: Iterable[MessageDef], individuals: Mapping[str, Description]) -> Iterator[str]:
-    """Names of the types that messages refer to, those that belong to `start` itself left out."""
+    """Yield the names of the types that messages refer to, without `start` itself."""
     own = {str(one.name) for one in start}
     seen = set(own)
     pending = [item.type.base for message in start for item in message.fields if item.type.is_message]
@@ -138,7 +133,7 @@ def _problem(name: str, text: str) -> DefinitionError:
 def _from_source(
     name: RosName, sources: Sources, individuals: Mapping[str, Description], own: tuple[str, ...]
 ) -> Interface | None:
-    """What the source of a type says, if there is one that says what the description does."""
+    """Return the interface of a type's source; None unless it has the fields of the description."""
     encoding, text = sources.get(str(name), ("", ""))
     if encoding not in (name.kind, "idl") or not text or _elements(encoding, text) > 2 * MAX_OF_ONE:
         return None
@@ -153,14 +148,14 @@ def _from_source(
 
 
 def _elements(encoding: str, text: str) -> int:
-    """About how many fields and constants there are, before any of them is looked at."""
+    """Return the approximate number of fields and constants without parsing them."""
     if encoding == "idl":
         return text.count(";")
     return sum(line[:1] not in ("", "#") for line in map(str.lstrip, text.splitlines()))
 
 
 class _RaiseOnFirst(Diagnostics):
-    """The first problem ends it: showing the line of each would take the square of their number."""
+    """Diagnostics that raise the first problem: the source line of each would take quadratic time."""
 
     def add(self, location: Location, text: str) -> None:
         raise DefinitionError(location.diagnostic(text))
@@ -178,15 +173,15 @@ def _fields_of(one: Description | None) -> list[tuple[object, object]]:
 # --- from the description -------------------------------------------------------------------------------------------
 
 
-class _Described:
-    """Messages of descriptions; default values of one answer share a limit."""
+class _DescriptionConverter:
+    """Converts descriptions to messages; all their default values together have a limit."""
 
     def __init__(self, individuals: Mapping[str, Description]) -> None:
         self._individuals = individuals
         self._left = MAX_TEXT
 
     def message(self, name: str) -> MessageDef:
-        """Raises `DefinitionError`."""
+        """Return the message of a type; raises `DefinitionError`."""
         one = self._individuals.get(name)
         if one is None:
             raise _problem(name, "the type is not described")
@@ -217,12 +212,12 @@ class _Described:
             raise _problem(where, f"default value: {problem}") from None
 
 
-def _type(where: str, told: Description) -> FieldType:
-    number, capacity, bound = told["type_id"], told["capacity"], told["string_capacity"]
+def _type(where: str, description: Description) -> FieldType:
+    number, capacity = description["type_id"], description["capacity"]
+    bound, nested = description["string_capacity"], description["nested_type_name"]
     base = _BASES.get(number % 48)
     if base is None or number // 48 > 3:
         raise _problem(where, f"the type id {number} is not supported")
-    nested = told["nested_type_name"]
     if not base:
         try:
             split_ros_name(nested)
@@ -230,17 +225,17 @@ def _type(where: str, told: Description) -> FieldType:
             raise _problem(where, str(error)[:400]) from None
     arity = Arity(number // 48 * 48)
     if number == _WSTRINGS and capacity == bound:
-        # So the reference describes wstring<=N[] (docs/internals/protocol.md 1.7).
+        # The description of wstring<=N[] by the reference (docs/internals/protocol.md 1.7).
         arity, capacity = Arity.UNBOUNDED, 0
     kind = FieldType(base or nested, arity, capacity, bound)
     is_right = (capacity > 0) is (arity in (Arity.ARRAY, Arity.BOUNDED)) and (bound > 0) is (number % 48 in _BOUNDED)
-    if not is_right or kind.description() != told:
-        raise _problem(where, f"no field has the type {told}"[:400])
+    if not is_right or kind.description() != description:
+        raise _problem(where, f"no field has the type {description}"[:400])
     return kind
 
 
 def _default(kind: FieldType, text: str) -> Default:
-    """The inverse of `default_text`."""
+    """Return the default value of a text of `default_text`."""
     if kind.is_message:
         raise LiteralProblem(f'a field of type "{kind}" cannot have a default')
     if kind.arity is Arity.SCALAR:

@@ -1,11 +1,12 @@
-"""The workspace a script is in, and the packages in it: all that have a package.xml, with interfaces or without.
+"""The colcon workspace of a script, with all its packages that have a package.xml.
 
-Nothing is built and nothing is run: names of folders and package.xml files are read, no more.
+Only names of folders and package.xml files are read.
 """
 
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,8 +15,8 @@ from rosidl_py_gen.compiler.frontend.files import BUILD_TREE_MARKERS, IGNORE_MAR
 from rosidl_py_gen.compiler.frontend.search_path import MAX_DEPTH, package_name
 
 MANIFEST = "package.xml"
-_DEPTH_OF_FOLDERS = 3
-"""How far down packages are looked for in a folder that nothing says is a workspace."""
+_MAX_DEPTH_OUTSIDE = 3
+"""Maximum depth of packages in a folder that has no ``src``."""
 
 
 @dataclass(frozen=True)
@@ -23,9 +24,9 @@ class Workspace:
     """A folder with packages.
 
     Attributes:
-        folder: the folder ``src``, or the one around a package that is in no ``src``.
-        depth: how far down packages are looked for.
-        own: a package that counts before others of its name.
+        folder: the folder ``src``, or the parent of a package that is not below ``src``.
+        depth: maximum depth of packages below `folder`.
+        own: a package that is preferred to others of its name.
     """
 
     folder: Path
@@ -34,7 +35,7 @@ class Workspace:
 
     @cached_property
     def packages(self) -> dict[str, Path]:
-        """The folder of each package by its name; of two with one name the first on the way down."""
+        """Folders of the packages by name; of two with one name, the one of least depth."""
         found = {} if self.own is None else {package_name(self.own / MANIFEST, self.own): self.own}
         visited: set[str] = set()
         waiting = [(self.folder, 0)]
@@ -55,25 +56,25 @@ class Workspace:
 
     @property
     def roots(self) -> list[Path]:
-        """Folders that hold all packages: `folder`, unless that has much besides them."""
+        """Folders that contain all packages: `folder`, unless it probably contains much else."""
         return [self.folder] if self.depth == MAX_DEPTH else [*self.packages.values()]
 
 
 def package_around(place: Path) -> Path | None:
-    """The package that a file or folder belongs to: the first folder from there upwards with a package.xml."""
+    """Return the package of a file or folder: the first folder upwards with a package.xml; None without one."""
     above = [place, *place.parents] if place.is_dir() else [*place.parents]
     return next((folder for folder in above if os.path.isfile(folder / MANIFEST)), None)
 
 
 def workspace_around(place: Path) -> Workspace | None:
-    """The workspace of a file or a folder.
+    """Return the workspace of a file or a folder.
 
     Args:
-        place: a script or a folder in a package; or a folder around packages, such as ``src`` or the one above that.
+        place: a script or a folder in a package; or a folder of packages, such as ``src`` or its parent.
 
     Returns:
-        The folder ``src`` above the package, or else the package and those beside it; for a folder that is in no
-        package its ``src``, or else the folder itself. None for a script that is in no package.
+        The folder ``src`` above the package, else the package and its siblings; for a folder outside of packages its
+        ``src``, else the folder itself. None for a script outside of packages.
     """
     package = package_around(place)
     if package is not None:
@@ -81,14 +82,11 @@ def workspace_around(place: Path) -> Workspace | None:
         return Workspace(package.parent, 1, package) if source is None else Workspace(source)
     if not place.is_dir():
         return None
-    if place.name == "src":
-        return Workspace(place)
-    source = place / "src"
-    return Workspace(source) if source.is_dir() else Workspace(place, _DEPTH_OF_FOLDERS)
+    source = place if place.name == "src" else place / "src"
+    return Workspace(source) if source.is_dir() else Workspace(place, _MAX_DEPTH_OUTSIDE)
 
 
 def _names(folder: Path) -> set[str]:
-    try:
+    with suppress(OSError):  # an unreadable folder is not part of the workspace
         return set(os.listdir(folder))
-    except OSError:  # a folder of somebody else is no part of the workspace
-        return set()
+    return set()

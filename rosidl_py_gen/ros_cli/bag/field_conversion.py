@@ -36,12 +36,12 @@ def message_converter(plans: Plans, old: type[Message], new: type[Message]) -> C
         return makers[pair]
 
     def converter_of(step: FieldConversion, path: str) -> Converter | None:
-        return None if step.way is ConversionKind.MESSAGE and is_same(step) else _field_converter(step, path, maker)
+        return None if step.kind is ConversionKind.MESSAGE and is_same(step) else _field_converter(step, path, maker)
 
     def is_same(step: FieldConversion) -> bool:
         """Return True if messages are equal in all nested types."""
         pair = step.old_type.base, step.new_type.base
-        nested = (field for field in plans[pair].steps if field.way is ConversionKind.MESSAGE)
+        nested = (field for field in plans[pair].steps if field.kind is ConversionKind.MESSAGE)
         same_class = old_classes[pair[0]] is new_classes[pair[1]]
         return same_class and not plans[pair].is_conversion and all(map(is_same, nested))
 
@@ -72,7 +72,7 @@ def _field_converter(
 ) -> Converter | None:
     """Return a converter, None if the value is copied; array sizes are checked when the message is encoded."""
     is_scalar = step.new_type.arity is Arity.SCALAR
-    match step.way:
+    match step.kind:
         case ConversionKind.COPY:
             return None
         case ConversionKind.MESSAGE:

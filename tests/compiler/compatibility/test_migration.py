@@ -42,7 +42,7 @@ def planned(old: str, new: str, told: MigrationRules | None = None) -> MessagePl
 
 def test_values_go_by_name_and_the_rest_is_listed() -> None:
     found = planned("int8 x, string y, bool z", "string y, int8 x, float32 new")
-    assert [(step.old, step.new, step.way) for step in found.steps] == [
+    assert [(step.old, step.new, step.kind) for step in found.steps] == [
         ("x", "x", ConversionKind.COPY),
         ("y", "y", ConversionKind.COPY),
     ]
@@ -80,20 +80,22 @@ def test_a_rule_renames_a_field_or_lets_it_go() -> None:
 def test_a_value_is_carried_over_where_none_becomes_another_in_silence(old: str, new: str, way: str | None) -> None:
     one, other = types(A=f"{old} x"), types(A=f"{new} x", B="int8 b")
     if way is not None:
-        assert plan(one, other, A, MigrationRules())[A, A].steps[0].way.value == way  # type: ignore[arg-type]
+        assert plan(one, other, A, MigrationRules())[A, A].steps[0].kind.value == way  # type: ignore[arg-type]
         return
     with pytest.raises(MigrationError, match=r"a_msgs/msg/A.x: .* cannot become .*; a rule `fields: ") as caught:
         plan(one, other, A, MigrationRules())  # type: ignore[arg-type]
-    assert str(caught.value).endswith("{a_msgs/msg/A: {x: null}}` lets it go")
+    assert str(caught.value).endswith("{a_msgs/msg/A: {x: null}}` drops it")
     assert plan(one, other, A, rules(A={"x": ""}))[A, A].defaulted == ("x",)  # type: ignore[arg-type]
 
 
 def test_nested_types_follow_and_one_that_is_called_otherwise_needs_a_rule() -> None:
     old, new = types(A=f"{B}[] many", B="int8 x, int8 y"), types(A="a_msgs/msg/C[] many", C="int8 x")
-    with pytest.raises(MigrationError, match=r"unless a rule `types: \{a_msgs/msg/B: a_msgs/msg/C\}` says"):
+    with pytest.raises(
+        MigrationError, match=r"unless a rule `types: \{a_msgs/msg/B: a_msgs/msg/C\}` maps one to"
+    ):
         plan(old, new, A, MigrationRules())  # type: ignore[arg-type]
     found = plan(old, new, A, rules({B: "a_msgs/msg/C"}))  # type: ignore[arg-type]
-    assert found[A, A].steps[0].way is ConversionKind.MESSAGE and found[B, "a_msgs/msg/C"].dropped == ("y",)
+    assert found[A, A].steps[0].kind is ConversionKind.MESSAGE and found[B, "a_msgs/msg/C"].dropped == ("y",)
 
 
 def test_rules_that_name_what_is_not_there_are_all_told_with_their_place() -> None:
@@ -102,5 +104,5 @@ def test_rules_that_name_what_is_not_there_are_all_told_with_their_place() -> No
     assert str(caught.value).splitlines() == [
         'r:2:3: a_msgs/msg/A has no field sped; did you mean "speed"?',
         "r:2:3: a_msgs/msg/A has no field w",
-        "r:2:3: x is what sped becomes already",
+        "r:2:3: x is the target of sped already",
     ]

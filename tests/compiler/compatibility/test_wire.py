@@ -59,7 +59,7 @@ CASES = [
     ("int32[3] a", "int32[4] a", "other", "a: int32[3] is read as int32[4]"),
     ("int32[3] a", "int32[] a", "other", "a: int32[3] is read as int32[]"),
     ("int32 a\nint32 b", "int32 c\nint32 a\nint32 b", "other", "c: is read from the place of a"),
-    ("", "uint8 a", "other", "a: a message without fields is one byte, which is no field's"),
+    ("", "uint8 a", "other", "a: a message without fields is one byte that belongs to no field"),
 ]  # fmt: skip
 
 
@@ -73,9 +73,9 @@ def test_a_change_is_judged_by_its_layout(old: str, new: str, reading: str, reas
     ("text", "reading", "reason"),
     [
         ("int8 a\nPoint at", "fails", "at.y: messages end before it"),
-        ("Point at\nint8 a", "other", "at.y: is read from what comes behind"),
-        ("Point[] at", "other", "at[].y: is read from what comes behind"),
-        ("Point[2] at", "other", "at[].y: is read from what comes behind"),
+        ("Point at\nint8 a", "other", "at.y: is read from the data after the message"),
+        ("Point[] at", "other", "at[].y: is read from the data after the message"),
+        ("Point[2] at", "other", "at[].y: is read from the data after the message"),
     ],
 )
 def test_a_field_more_in_a_nested_message_harms_what_is_behind_it(text: str, reading: str, reason: str) -> None:
