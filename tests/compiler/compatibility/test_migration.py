@@ -90,9 +90,7 @@ def test_a_value_is_carried_over_where_none_becomes_another_in_silence(old: str,
 
 def test_nested_types_follow_and_one_that_is_called_otherwise_needs_a_rule() -> None:
     old, new = types(A=f"{B}[] many", B="int8 x, int8 y"), types(A="a_msgs/msg/C[] many", C="int8 x")
-    with pytest.raises(
-        MigrationError, match=r"unless a rule `types: \{a_msgs/msg/B: a_msgs/msg/C\}` maps one to"
-    ):
+    with pytest.raises(MigrationError, match=r"unless a rule `types: \{a_msgs/msg/B: a_msgs/msg/C\}` maps one to"):
         plan(old, new, A, MigrationRules())  # type: ignore[arg-type]
     found = plan(old, new, A, rules({B: "a_msgs/msg/C"}))  # type: ignore[arg-type]
     assert found[A, A].steps[0].kind is ConversionKind.MESSAGE and found[B, "a_msgs/msg/C"].dropped == ("y",)
