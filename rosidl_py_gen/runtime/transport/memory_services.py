@@ -12,7 +12,7 @@ from rosidl_py_gen.runtime.transport.service_endpoints import EndpointPairClient
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.memory import MemoryReader, MemoryWriter
-    from rosidl_py_gen.runtime.transport.service_api import Reply, Request, RequestId, ServiceSpec
+    from rosidl_py_gen.runtime.transport.service_api import Reply, Request, ServiceSpec
     from rosidl_py_gen.runtime.transport.service_endpoints import ServicePeers
 
 
@@ -65,20 +65,17 @@ class MemoryServer(EndpointPairServer):
         (client, number, data), source_ns, handle, received_ns, _ = items.popleft()
         return (client, number), data, self._reader.writer_guid(handle), source_ns, received_ns
 
-    def send(self, to: RequestId, data: bytes) -> bool:
-        origin: _RequestOrigin = to
-        client, number = origin
+    def send(self, to: _RequestOrigin, data: bytes) -> bool:
+        client, number = to
         if self._is_connected(client):
             client.inbox.enqueue((number, data), self._writer)
         return True
 
-    def can_reach_client(self, to: RequestId) -> bool:
-        origin: _RequestOrigin = to
-        return origin[0].inbox.closed or self._is_connected(origin[0])
+    def can_reach_client(self, to: _RequestOrigin) -> bool:
+        return to[0].inbox.closed or self._is_connected(to[0])
 
     def _is_connected(self, client: MemoryClient) -> bool:
         return client.inbox.guid in self._writer.matched_readers()
 
-    def request_origin(self, to: RequestId) -> tuple[bytes, int]:
-        origin: _RequestOrigin = to
-        return origin[0].gid, origin[1]
+    def request_origin(self, to: _RequestOrigin) -> tuple[bytes, int]:
+        return to[0].gid, to[1]

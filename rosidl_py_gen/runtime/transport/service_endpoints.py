@@ -103,14 +103,12 @@ class EndpointPairClient(_EndpointPair):
         self._server_endpoints_version = -1
 
     def servers(self) -> ServerAvailability:
-        """Return the availability of servers, see `ServiceClientTransport`."""
         return self._servers.get()
 
     def _find(self, _: object) -> ServerAvailability:
         raise NotImplementedError
 
     def server_endpoints(self) -> frozenset[bytes]:
-        """Return the GUIDs of all endpoints of servers, see `ServiceClientTransport`."""
         peers = self._peers
         if peers.version != self._server_endpoints_version:
             self._server_endpoints_version = peers.version
@@ -119,11 +117,9 @@ class EndpointPairClient(_EndpointPair):
         return self._server_endpoints
 
     def cancel(self, number: int) -> None:
-        """Forget a request, see `ServiceClientTransport`."""
         self._in_flight.pop(number, None)
 
     def report_lost_requests(self) -> None:
-        """Add a `NoReply` for each lost request, see `ServiceClientTransport`."""
         endpoints = self.server_endpoints()
         self._reader.fetch()
         lost = [number for number, servers in self._in_flight.items() if servers and servers.isdisjoint(endpoints)]
@@ -135,7 +131,6 @@ class EndpointPairClient(_EndpointPair):
         return (self._lost.popleft(), NoReply(), None) if self._lost else None
 
     def close(self) -> None:
-        """Delete both endpoints. May be called twice."""
         self._writer.close()
         self._reader.close()
 
@@ -147,6 +142,5 @@ class EndpointPairServer(_EndpointPair):
         """Do nothing: there is no flow control."""
 
     def close(self) -> None:
-        """Delete both endpoints. May be called twice."""
         self._reader.close()
         self._writer.close()

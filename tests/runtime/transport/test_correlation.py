@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from example_interfaces.srv import AddTwoInts
@@ -12,7 +13,6 @@ from support import raw_endpoints
 
 from rosidl_py_gen import DecodeError
 from rosidl_py_gen.runtime import QoSProfile
-from rosidl_py_gen.runtime.transport.dds import correlation
 from rosidl_py_gen.runtime.transport.dds.correlation import (
     AnsweredServers,
     ClientCorrelation,
@@ -26,6 +26,7 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
     strip_request_header,
 )
 from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, EntityLost
+from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer, ServerAvailability
 from rosidl_py_gen.runtime.transport.service_endpoints import ServicePeers
 
 HANDLE = 0x1122334455667788
@@ -34,11 +35,11 @@ MESSAGE = AddTwoInts.Request(a=1, b=2).encode()
 KEEP_10 = QoSProfile().keep_last(10)
 
 
-def end(
-    who: bytes, number: int, *, is_writer: bool, service_id: str = "", qos: QoSProfile = KEEP_10
+def endpoint(
+    prefix: bytes, number: int, *, is_writer: bool, service_id: str = "", qos: QoSProfile = KEEP_10
 ) -> DiscoveredEndpoint:
-    """A reader of requests or writer of replies; the two bytes of the vendor and a number tell the participant."""
-    prefix = who + bytes(12 - len(who))
+    """A request reader or reply writer of the participant whose GUID begins with `prefix`."""
+    prefix += bytes(12 - len(prefix))
     topic, kind = ("rr/addReply", "Response") if is_writer else ("rq/addRequest", "Request")
     guid = prefix + bytes((0, 0, number, 3 if is_writer else 4))
     type = f"example_interfaces::srv::dds_::AddTwoInts_{kind}_"
@@ -46,29 +47,31 @@ def end(
 
 
 def server(
-    who: bytes, service_id: str = "", qos: QoSProfile = KEEP_10
+    prefix: bytes, service_id: str = "", qos: QoSProfile = KEEP_10
 ) -> tuple[DiscoveredEndpoint, DiscoveredEndpoint]:
-    """What it reads, and what it writes."""
-    return end(who, 1, is_writer=False, service_id=service_id, qos=qos), end(
-        who, 2, is_writer=True, service_id=service_id
-    )
+    reader = endpoint(prefix, 1, is_writer=False, service_id=service_id, qos=qos)
+    return reader, endpoint(prefix, 2, is_writer=True, service_id=service_id)
 
 
 CYCLONE, OTHER, FAST = server(b"\1\x10\1", "a"), server(b"\1\x10\2", "b"), server(b"\1\x0f\1")
 
 
-def found(
+def find(
     *servers: tuple[DiscoveredEndpoint, DiscoveredEndpoint],
     announced: tuple[DiscoveredEndpoint, ...] | None = None,
     clients: tuple[DiscoveredEndpoint, ...] = (),
     refusal: str | None = None,
     replying: tuple[DiscoveredEndpoint, ...] | None = None,
     without: tuple[DiscoveredEndpoint, ...] = (),
-) -> correlation.ServerMatch:
-    readers = tuple(one for one, _ in servers)
-    writers = tuple(one for _, one in servers) if replying is None else replying
-    everybody = readers if announced is None else announced
-    return find_servers(readers, writers, everybody, clients, refusal, lambda one: one not in without)
+) -> tuple[ServerAvailability, bool]:
+    readers = tuple(reader for reader, _ in servers)
+    writers = tuple(writer for _, writer in servers) if replying is None else replying
+    announced = readers if announced is None else announced
+    return find_servers(readers, writers, announced, clients, refusal, lambda endpoint: endpoint not in without)
+
+
+def is_available(*servers: tuple[DiscoveredEndpoint, DiscoveredEndpoint], **more: Any) -> bool:
+    return find(*servers, **more)[0].is_available
 
 
 # -------------------------------------------------------------------------------------------------------------- bytes
@@ -86,9 +89,7 @@ def test_the_header_sits_between_encapsulation_and_message() -> None:
     assert parse_request_header(wire) == (HANDLE, 1, 20) and strip_request_header(wire, 20) == MESSAGE
     big = bytes.fromhex("00000000 1122334455667788 0000000000000001 07")
     assert parse_request_header(big) == (HANDLE, 1, 20) and strip_request_header(big, 20) == b"\0\0\0\0\7"
-    assert len(add_request_header(b"\0\1\0\0\7", 1, 1)) == 24, (
-        "filled up with zeros, so that nobody has to copy it again"
-    )
+    assert len(add_request_header(b"\0\1\0\0\7", 1, 1)) == 24  # padded, so that it is not copied again
 
 
 @given(
@@ -99,9 +100,9 @@ def test_what_is_put_in_comes_out(content: bytes, client: int, number: int, guid
     wire = add_request_header(message, client, number)
     assert parse_request_header(wire) == (client, number, 20) and extract_identity(wire) is None
     assert strip_request_header(wire, 20)[: len(message)] == message and len(wire) % 4 == 0
-    beside = embed_identity(message, (guid, number))
-    assert extract_identity(beside) == (guid, number) and parse_request_header(beside) == (guid, number, 28)
-    assert strip_request_header(memoryview(beside), 28) == message
+    embedded = embed_identity(message, (guid, number))
+    assert extract_identity(embedded) == (guid, number) and parse_request_header(embedded) == (guid, number, 28)
+    assert strip_request_header(memoryview(embedded), 28) == message
 
 
 @given(st.binary(max_size=64))
@@ -123,9 +124,9 @@ def test_a_client_on_cyclone_is_named_by_its_number_and_its_writer_here() -> Non
 
 
 def client_of(*readers: DiscoveredEndpoint, uses_sample_identity: bool = False) -> ClientCorrelation:
-    made = ClientCorrelation(HANDLE, READER, WRITER)
-    made.update_servers({one.guid for one in readers}, uses_sample_identity=uses_sample_identity)
-    return made
+    client = ClientCorrelation(HANDLE, READER, WRITER)
+    client.update_servers({reader.guid for reader in readers}, uses_sample_identity=uses_sample_identity)
+    return client
 
 
 def test_servers_on_cyclone_get_a_header_and_others_an_identity_until_they_have_answered() -> None:
@@ -134,9 +135,9 @@ def test_servers_on_cyclone_get_a_header_and_others_an_identity_until_they_have_
     client = client_of(FAST[0], uses_sample_identity=True)
     assert client.request(MESSAGE, 1) == (MESSAGE, (READER, 1))
     assert client.reply(embed_identity(MESSAGE, (READER, 1)), FAST[1].guid) == (1, MESSAGE)
-    assert client.request(MESSAGE, 2) == (MESSAGE, None), "from now on it knows requests by writer and number"
+    assert client.request(MESSAGE, 2) == (MESSAGE, None)
     client.update_servers({FAST[0].guid, server(b"\1\x0f\2")[0].guid}, uses_sample_identity=True)
-    assert client.request(MESSAGE, 3) == (MESSAGE, (READER, 3)), "somebody new has not answered yet"
+    assert client.request(MESSAGE, 3) == (MESSAGE, (READER, 3))
 
 
 def test_replies_for_others_are_nobody_elses() -> None:
@@ -151,7 +152,7 @@ def test_replies_for_others_are_nobody_elses() -> None:
 def test_a_header_of_a_server_that_has_identities_is_part_of_its_message() -> None:
     client = client_of(FAST[0], uses_sample_identity=True)
     assert client.reply(add_request_header(MESSAGE, HANDLE, 7), FAST[1].guid) is None
-    assert client.request(MESSAGE, 1)[1] is not None, "which is no answer, either"
+    assert client.request(MESSAGE, 1)[1] is not None
 
 
 def test_answers_to_others_are_no_news_of_a_server() -> None:
@@ -165,124 +166,103 @@ def test_too_few_bytes_are_refused() -> None:
         client_of(CYCLONE[0]).reply(b"\0\1\0\0\7\7\7\7", CYCLONE[1].guid)
 
 
-# ------------------------------------------------------------------------------------------------------- who is there
+# ------------------------------------------------------------------------------------------------------------ servers
 
 
 def test_a_server_is_there_when_both_of_its_ends_are_connected() -> None:
-    assert found() == (False, False, 0, None)
-    assert found(CYCLONE).is_available
-    assert not found(CYCLONE, replying=(OTHER[1],)).is_available, "that is half of one and half of another"
-    assert not found(CYCLONE, replying=()).is_available
-    assert found(server(b"\1\x10\1"), replying=(OTHER[1],)).is_available, "who tells no id is believed"
+    assert find() == (ServerAvailability(), False)
+    assert is_available(CYCLONE)
+    assert not is_available(CYCLONE, replying=(OTHER[1],))  # endpoints of two servers
+    assert not is_available(CYCLONE, replying=())
+    assert is_available(server(b"\1\x10\1"), replying=(OTHER[1],))  # a server without id
 
 
 def test_a_server_on_fast_dds_has_both_ends_in_one_participant() -> None:
-    assert found(FAST)[:2] == (True, True)
-    assert not found(FAST, replying=(server(b"\1\x0f\2")[1],)).is_available
-    assert found(FAST, CYCLONE)[:2] == (True, True)
+    assert is_available(FAST) and find(FAST)[1]
+    assert not is_available(FAST, replying=(server(b"\1\x0f\2")[1],))
+    assert is_available(FAST, CYCLONE) and find(FAST, CYCLONE)[1]
 
 
 def test_a_server_of_another_definition_is_none() -> None:
-    assert not found(CYCLONE, without=(CYCLONE[0],)).is_available
-    assert not found(FAST, without=(FAST[1],)).is_available
+    assert not is_available(CYCLONE, without=(CYCLONE[0],))
+    assert not is_available(FAST, without=(FAST[1],))
 
 
 def test_servers_that_cannot_be_talked_to_are_named_where_there_are_no_others() -> None:
     why = "this build is not known"
-    assert found(FAST, refusal=why) == (False, False, 10, FAST[0])
-    assert found(FAST, CYCLONE, refusal=why)[:2] == (True, False)
-    assert found(announced=(FAST[0],), refusal=why).incompatible_server == FAST[0], (
-        "also while they are not connected yet"
-    )
-    assert found(announced=(FAST[0], CYCLONE[0]), refusal=why).incompatible_server is None, (
-        "one may come that can be talked to"
-    )
-    assert found(announced=(), refusal=why).incompatible_server is None
+    named = IncompatiblePeer(FAST[0].guid, why)
+    assert find(FAST, refusal=why) == (ServerAvailability(False, 10, named), False)
+    assert is_available(FAST, CYCLONE, refusal=why) and not find(FAST, CYCLONE, refusal=why)[1]
+    for announced, expected in (((FAST[0],), named), ((FAST[0], CYCLONE[0]), None), ((), None)):  # not matched yet
+        assert find(announced=announced, refusal=why)[0].incompatible_server == expected
 
 
-@pytest.mark.parametrize(
-    ("kept", "clients", "expected"), [(10, 1, 10), (10, 3, 3), (10, 20, 1), (0, 2, 0)], ids=lambda value: str(value)
-)
-def test_clients_share_what_a_server_keeps(kept: int, clients: int, expected: int) -> None:
-    qos = QoSProfile().keep_last(kept) if kept else QoSProfile().keep_all()
-    asking = tuple(replace(CYCLONE[1], guid=bytes([n]) * 16, participant_guid=bytes([n]) * 16) for n in range(clients))
-    assert found(server(b"\1\x10\1", "a", qos), clients=asking).request_queue_depth == expected
+@pytest.mark.parametrize(("depth", "clients", "expected"), [(10, 1, 10), (10, 3, 3), (10, 20, 1), (0, 2, 0)])
+def test_clients_share_what_a_server_keeps(depth: int, clients: int, expected: int) -> None:
+    qos = QoSProfile().keep_last(depth) if depth else QoSProfile().keep_all()
+    writers = tuple(replace(CYCLONE[1], guid=bytes([n]) * 16, participant_guid=bytes([n]) * 16) for n in range(clients))
+    assert find(server(b"\1\x10\1", "a", qos), clients=writers)[0].request_queue_depth == expected
 
 
 def test_servers_on_fast_dds_are_taken_for_what_ros_has_by_default() -> None:
-    assert found(server(b"\1\x0f\1", qos=QoSProfile().keep_all())).request_queue_depth == 10
+    assert find(server(b"\1\x0f\1", qos=QoSProfile().keep_all()))[0].request_queue_depth == 10
 
 
-# ------------------------------------------------------------------------------------------------- who has answered
+@pytest.mark.parametrize(
+    ("steps", "expected"),
+    [
+        ([], False),
+        (["A2"], False),
+        ([{"A1", "B1"}, "A2"], False),
+        ([{"A1", "B1"}, "A2", "B2"], True),
+        ([{"A1", "B1"}, "A2", "B2", {"B1"}], True),
+        ([{"A1"}, "A2", {"A3"}], False),  # restarted in its process
+        ([{"A1"}, "A2", {"A3"}, "A4"], True),
+        ([{"A1", "A3"}, "A2", "A4"], False),  # replies of two servers of one process look alike
+    ],
+)
+def test_all_servers_have_answered(steps: list[str | set[str]], expected: bool) -> None:
+    """A set is the request readers, a text the writer of a reply; the letter is the participant."""
 
+    def guid(name: str) -> bytes:
+        return name[0].encode() * 12 + name[1].encode() * 4
 
-def guid(name: str) -> bytes:
-    """The letter is the participant."""
-    return name[0].encode() * 12 + name[1].encode() * 4
-
-
-def test_nobody_has_answered_while_there_is_no_server() -> None:
     servers = AnsweredServers()
-    assert not servers.all_answered()
-    servers.on_reply(guid("A2"))
-    assert not servers.all_answered()
-
-
-def test_each_server_has_to_answer() -> None:
-    servers = AnsweredServers()
-    servers.set_request_readers({guid("A1"), guid("B1")})
-    servers.on_reply(guid("A2"))
-    assert not servers.all_answered()
-    servers.on_reply(guid("B2"))
-    assert servers.all_answered()
-    servers.set_request_readers({guid("B1")})
-    assert servers.all_answered()
-
-
-def test_a_server_that_is_made_anew_in_its_process_has_to_answer_again() -> None:
-    servers = AnsweredServers()
-    servers.set_request_readers({guid("A1")})
-    servers.on_reply(guid("A2"))
-    assert servers.all_answered()
-    servers.set_request_readers({guid("A3")})
-    assert not servers.all_answered()
-    servers.on_reply(guid("A4"))
-    assert servers.all_answered()
-
-
-def test_answers_of_two_servers_of_one_process_are_not_told_apart() -> None:
-    servers = AnsweredServers()
-    servers.set_request_readers({guid("A1"), guid("A3")})
-    servers.on_reply(guid("A2"))
-    servers.on_reply(guid("A4"))
-    assert not servers.all_answered()
+    for step in steps:
+        if isinstance(step, str):
+            servers.on_reply(guid(step))
+        else:
+            servers.set_request_readers(set(map(guid, step)))
+    assert servers.all_answered() is expected
 
 
 # ------------------------------------------------------------------------------------------------------------- server
 
 
-def test_a_response_is_held_until_its_client_listens() -> None:
-    asking, reading = CYCLONE[1], {CYCLONE[0].guid: CYCLONE[0]}
-    assert is_reply_reader_matched(1, asking, lambda: reading, reading.get)
-    assert not is_reply_reader_matched(1, asking, lambda: (), reading.get)
-    assert not is_reply_reader_matched(1, OTHER[1], lambda: reading, reading.get), "that is another client's reader"
-    assert is_reply_reader_matched(1, None, lambda: (), reading.get), "it is gone, and nobody waits"
-    assert is_reply_reader_matched(1, replace(asking, service_id=""), lambda: (), reading.get), (
-        "it does not say what it reads"
-    )
-    assert not is_reply_reader_matched(READER, None, lambda: (), reading.get)
-    assert is_reply_reader_matched(READER, None, lambda: (READER,), reading.get)
-    assert is_reply_reader_matched(WRITER, None, lambda: (), reading.get), "it names its writer, which says nothing"
+@pytest.mark.parametrize(
+    ("client", "writer", "matched", "expected"),
+    [
+        (1, CYCLONE[1], [CYCLONE[0].guid], True),
+        (1, CYCLONE[1], [], False),
+        (1, OTHER[1], [CYCLONE[0].guid], False),  # the reader of another client
+        (1, None, [], True),  # a client that has disappeared
+        (1, replace(CYCLONE[1], service_id=""), [], True),  # a client that does not announce its reader
+        (READER, None, [], False),
+        (READER, None, [READER], True),
+        (WRITER, None, [], True),  # a client that is named by its writer
+    ],
+)
+def test_a_response_is_held_until_its_client_listens(
+    client: int | bytes, writer: DiscoveredEndpoint | None, matched: list[bytes], expected: bool
+) -> None:
+    assert is_reply_reader_matched(client, writer, lambda: matched, {CYCLONE[0].guid: CYCLONE[0]}.get) is expected
 
 
 # -------------------------------------------------------------------------------------------------------------- peers
 
 
 def test_nothing_is_retained_of_services_that_went() -> None:
-    """A node that is up for days meets any number of names: those of the parameter services of each node."""
     peers = ServicePeers()
-    for one in (*CYCLONE, *OTHER):
-        peers.apply([one])
-    for one in (*CYCLONE, *OTHER):
-        peers.apply([EntityLost(one.guid)])
+    peers.apply([*CYCLONE, *OTHER])
+    peers.apply([EntityLost(lost.guid) for lost in (*CYCLONE, *OTHER)])
     assert (peers.version, peers._known, peers._by_channel) == (8, {}, {})

@@ -13,12 +13,13 @@ Source: docs/internals/protocol.md 5.1 to 5.4, docs/internals/dds.md 3 and 4.
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from rosidl_py_gen.cdr.layout import HEADER_BYTES, NETWORK_ALIGN, PADDING
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.runtime.transport.discovery_events import GUID_PREFIX_BYTES
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
+from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer, ServerAvailability
 from rosidl_py_gen.runtime.transport.service_endpoints import fair_queue_share
 
 if TYPE_CHECKING:
@@ -110,22 +111,6 @@ def client_gid(client: ClientId, handle: int) -> bytes:
 # ------------------------------------------------------------------------------------------------------------- client
 
 
-class ServerMatch(NamedTuple):
-    """Servers of a client.
-
-    Attributes:
-        is_available: a server is matched in both directions.
-        uses_sample_identity: requests need an identity, because a matched server is on Fast DDS.
-        request_queue_depth: this participant's share of the smallest request queue; 0 if unlimited.
-        incompatible_server: a server that cannot be used, if there are no usable ones.
-    """
-
-    is_available: bool
-    uses_sample_identity: bool
-    request_queue_depth: int
-    incompatible_server: DiscoveredEndpoint | None
-
-
 def find_servers(
     readers: Collection[DiscoveredEndpoint],
     writers: Collection[DiscoveredEndpoint],
@@ -133,7 +118,7 @@ def find_servers(
     clients: Iterable[DiscoveredEndpoint],
     refusal: str | None,
     is_compatible: Callable[[DiscoveredEndpoint], bool],
-) -> ServerMatch:
+) -> tuple[ServerAvailability, bool]:
     """Find the servers that a client can call.
 
     rmw_cyclonedds announces a service id for both endpoints of a server. The server is available if the id of a matched
@@ -148,6 +133,9 @@ def find_servers(
         refusal: reason why Fast DDS servers cannot be used; None if they can.
         is_compatible: returns False for an endpoint of a server with another definition.
 
+    Returns:
+        The availability, and True if requests need a sample identity, because a matched server is on Fast DDS.
+
     Source: docs/internals/protocol.md 5.2.
     """
     # Fast DDS does not announce the depth of its queue: the default of ROS is assumed.
@@ -161,10 +149,11 @@ def find_servers(
     writer_ids = {writer.service_id for writer in writers if not uses_sample_identity(writer.guid)}
     announced_ids = reader_ids - {""}
     is_served = bool(reader_ids and writer_ids) and (not announced_ids or not announced_ids.isdisjoint(writer_ids))
-    if refusal is not None:
-        is_unusable = not is_served and bool(announced) and all(uses_sample_identity(end.guid) for end in announced)
-        return ServerMatch(is_served, False, depth, next(iter(announced)) if is_unusable else None)
-    return ServerMatch(is_served or bool(fast_dds), bool(fast_dds), depth, None)
+    if refusal is None:
+        return ServerAvailability(is_served or bool(fast_dds), depth), bool(fast_dds)
+    is_unusable = not is_served and bool(announced) and all(uses_sample_identity(end.guid) for end in announced)
+    incompatible = IncompatiblePeer(next(iter(announced)).guid, refusal) if is_unusable else None
+    return ServerAvailability(is_served, depth, incompatible), False
 
 
 class AnsweredServers:
@@ -213,7 +202,7 @@ class ClientCorrelation:
         self._answered = AnsweredServers()
 
     def update_servers(self, readers: set[bytes], *, uses_sample_identity: bool) -> None:
-        """Set the GUIDs of the servers' request readers; `uses_sample_identity` as in `ServerMatch`."""
+        """Set the GUIDs of the servers' request readers; `uses_sample_identity` is a result of `find_servers`."""
         self._uses_sample_identity = uses_sample_identity
         self._answered.set_request_readers(readers)
 

@@ -60,11 +60,9 @@ class DdsParticipant:
         self._discovery_info: DiscoveryInfoTopic | None = None
 
     def create_writer(self, spec: EndpointSpec) -> Writer:
-        """Create the writer of a topic, see `Participant`."""
         return self.make_writer(_dds_endpoint(spec))
 
     def create_reader(self, spec: EndpointSpec) -> Reader:
-        """Create the reader of a topic, see `Participant`."""
         return self.make_reader(_dds_endpoint(spec))
 
     def make_writer(self, endpoint: DdsEndpoint) -> ServiceWriter:
@@ -78,36 +76,31 @@ class DdsParticipant:
     # ------------------------------------------------------------------------------------------------- services
 
     def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> DdsClient:
-        """Create a client, see `Participant`."""
         own_id = entity_id(self.guid, next(self._entity_numbers))
         request, reply = _request_and_reply_endpoints(service, qos)
         reader = self.make_reader(replace(reply, client_id=own_id))
         writer = self.make_writer(replace(request, client_id=own_id))
-        return DdsClient(service, self.service_peers, reader, writer, entity_gid(own_id), self.fast_dds)
+        return DdsClient(self, service, reader, writer, entity_gid(own_id))
 
     def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> DdsServer:
-        """Create a server, see `Participant`."""
         own_id = entity_id(self.guid, next(self._entity_numbers))
         request, reply = _request_and_reply_endpoints(service, qos)
         writer = self.make_writer(replace(reply, service_id=own_id))
         reader = self.make_reader(replace(request, service_id=own_id))
-        return DdsServer(service, self.service_peers, reader, writer, entity_gid(own_id), self.fast_dds)
+        return DdsServer(self, service, reader, writer, entity_gid(own_id))
 
     @property
     def services_unavailable_reason(self) -> str | None:
-        """Reason why services of Fast DDS peers cannot be used; None if they can."""
         return self.fast_dds.refusal
 
     def incompatibility_reason(
         self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint
     ) -> IncompatibilityKind | None:
-        """Return why two endpoints do not match, see `Participant`."""
         return None if check_compatible(writer.qos, reader.qos).matches else IncompatibilityKind.QOS
 
     # ---------------------------------------------------------------------------------------------------- nodes
 
     def announce(self, nodes: Mapping[int, NodeEntities]) -> None:
-        """Announce all nodes of the participant, see `Participant`."""
         if self._discovery_info is not None:
             self._discovery_info.announce(nodes)
 

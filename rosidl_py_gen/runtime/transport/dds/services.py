@@ -21,15 +21,15 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
 from rosidl_py_gen.runtime.transport.match_cache import MatchCache
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
-from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer, ServerAvailability
-from rosidl_py_gen.runtime.transport.service_endpoints import EndpointPairClient, EndpointPairServer, ServicePeers
+from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer
+from rosidl_py_gen.runtime.transport.service_endpoints import EndpointPairClient, EndpointPairServer
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.api import Reader
-    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import FastDdsInterop
     from rosidl_py_gen.runtime.transport.dds.correlation import ClientId, SampleIdentity
+    from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant
     from rosidl_py_gen.runtime.transport.samples import Payload
-    from rosidl_py_gen.runtime.transport.service_api import Reply, Request, RequestId, ServiceSpec
+    from rosidl_py_gen.runtime.transport.service_api import Reply, Request, ServerAvailability, ServiceSpec
 
 _RequestOrigin: TypeAlias = "tuple[ClientId, int, bytes | None, int]"
 """Contents of a `RequestId`: client, number of its request, GUID of its request writer (None if it disappeared before
@@ -47,17 +47,11 @@ class DdsClient(EndpointPairClient):
     """Client of a service on DDS."""
 
     def __init__(
-        self,
-        service: ServiceSpec,
-        peers: ServicePeers,
-        reader: Reader,
-        writer: ServiceWriter,
-        gid: bytes,
-        fast_dds: FastDdsInterop,
+        self, participant: DdsParticipant, service: ServiceSpec, reader: Reader, writer: ServiceWriter, gid: bytes
     ) -> None:
-        super().__init__(service, peers, reader, writer, gid)
+        super().__init__(service, participant.service_peers, reader, writer, gid)
         self._request_writer = writer
-        self._fast_dds = fast_dds
+        self._fast_dds = participant.fast_dds
         self._refusal: str | None = None
         """Value of `FastDdsInterop.refusal` that the result of `servers` is based on."""
         self._servers_version = -1
@@ -110,32 +104,24 @@ class DdsClient(EndpointPairClient):
         matched, matched_writers = self._writer.matched_readers(), self._reader.matched_writers()
         announced, clients = (peers.on(self._requests, writers=writers) for writers in (False, True))
         pairs = peers.known(matched), peers.known(matched_writers)
-        match = find_servers(*pairs, announced, clients, refusal, self._service.is_compatible)
+        servers, needs_identity = find_servers(*pairs, announced, clients, refusal, self._service.is_compatible)
         readers = {*matched, *(reader.guid for reader in announced)}
-        self._correlation.update_servers(readers, uses_sample_identity=match.uses_sample_identity)
-        self._servers_version = version if match.is_available else -1
-        server = match.incompatible_server
-        incompatible = None if server is None else IncompatiblePeer(server.guid, refusal or "")
-        return ServerAvailability(match.is_available, match.request_queue_depth, incompatible)
+        self._correlation.update_servers(readers, uses_sample_identity=needs_identity)
+        self._servers_version = version if servers.is_available else -1
+        return servers
 
 
 class DdsServer(EndpointPairServer):
     """Server of a service on DDS."""
 
     def __init__(
-        self,
-        service: ServiceSpec,
-        peers: ServicePeers,
-        reader: Reader,
-        writer: ServiceWriter,
-        gid: bytes,
-        fast_dds: FastDdsInterop,
+        self, participant: DdsParticipant, service: ServiceSpec, reader: Reader, writer: ServiceWriter, gid: bytes
     ) -> None:
         super().__init__(reader, writer, gid)
-        self._peers = peers
+        self._peers = participant.service_peers
         self._reply_writer = writer
-        self._fast_dds = fast_dds
-        self._reachable_clients: MatchCache[bool] = MatchCache(peers, self._is_reachable)
+        self._fast_dds = participant.fast_dds
+        self._reachable_clients: MatchCache[bool] = MatchCache(self._peers, self._is_reachable)
         """Results by client and the GUID of its request writer."""
         self._window = ReplyWindow(writer.all_acknowledged)
         self._replies = service.channels[1]
@@ -157,9 +143,8 @@ class DdsServer(EndpointPairServer):
             self._window.on_request(client)
         return (client, number, writer, handle), strip_request_header(data, begin), writer, source_ns, received_ns
 
-    def send(self, to: RequestId, data: bytes) -> bool:
-        origin: _RequestOrigin = to
-        client, number, _, _ = origin
+    def send(self, to: _RequestOrigin, data: bytes) -> bool:
+        client, number, _, _ = to
         if not self._is_limited():
             return self._write(data, client, number)
         is_sent = self._window.is_open(client) and self._write(data, client, number)
@@ -186,9 +171,8 @@ class DdsServer(EndpointPairServer):
     def release(self) -> None:
         self._window.release()
 
-    def can_reach_client(self, to: RequestId) -> bool:
-        origin: _RequestOrigin = to
-        client, _, guid, _ = origin
+    def can_reach_client(self, to: _RequestOrigin) -> bool:
+        client, _, guid, _ = to
         return self._reachable_clients.get((client, guid))
 
     def _is_reachable(self, key: Any) -> bool:
@@ -196,7 +180,6 @@ class DdsServer(EndpointPairServer):
         writer = None if guid is None else self._peers.get(guid)
         return is_reply_reader_matched(client, writer, self._writer.matched_readers, self._peers.get)
 
-    def request_origin(self, to: RequestId) -> tuple[bytes, int]:
-        origin: _RequestOrigin = to
-        client, number, _, handle = origin
+    def request_origin(self, to: _RequestOrigin) -> tuple[bytes, int]:
+        client, number, _, handle = to
         return client_gid(client, handle), number

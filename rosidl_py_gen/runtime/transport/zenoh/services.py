@@ -29,7 +29,6 @@ from rosidl_py_gen.runtime.transport.zenoh.token_graph import paired_gid, partic
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
-    from rosidl_py_gen.runtime.transport.service_api import RequestId
     from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
 
 _NO_TIMEOUT_S = 1e9
@@ -324,15 +323,14 @@ class ZenohServer(_ZenohServiceEndpoint):
             self._queries_bytes -= entry.size_bytes
             return entry.query
 
-    def send(self, to: RequestId, data: bytes) -> bool:
+    def send(self, to: _RequestOrigin, data: bytes) -> bool:
         if self._closed:
             raise ClosedError(f"the server of {self.info.channel.name} is closed")
-        origin: _RequestOrigin = to
-        gid, number = origin
+        gid, number = to
         is_limited = self._is_limited()
         if is_limited and not self._window.is_open(gid):
             return False
-        query = self.pop_query(origin)
+        query = self.pop_query(to)
         if query is None:  # discarded, or answered before
             return True
         if is_limited:
@@ -349,12 +347,11 @@ class ZenohServer(_ZenohServiceEndpoint):
     def release(self) -> None:
         self._window.release()
 
-    def can_reach_client(self, to: RequestId) -> bool:
+    def can_reach_client(self, to: _RequestOrigin) -> bool:
         return True  # a response takes the path of its query
 
-    def request_origin(self, to: RequestId) -> tuple[bytes, int]:
-        origin: _RequestOrigin = to
-        return origin
+    def request_origin(self, to: _RequestOrigin) -> tuple[bytes, int]:
+        return to
 
     def drop_requests(self, client: bytes | None = None) -> None:
         """Discard the requests of a client that has disappeared, or all."""
