@@ -1,6 +1,4 @@
-"""Which readers ask for what was sent before Cyclone had heard a heartbeat; that they get it is tried with real peers
-in `tests/interop_rclpy/test_early_requests.py`.
-"""
+"""Readers that request samples from before the first heartbeat; real peers: `interop_rclpy/test_early_requests.py`."""
 
 from __future__ import annotations
 
@@ -30,17 +28,15 @@ KINDS = [
 
 
 def flags_of(entity: int) -> int:
-    """What Cyclone has noted of a reader."""
-    api, layout, pinned = cyclone._api, cyclone._fast_dds.reader_offsets, ct.c_void_p()
-    assert layout is not None and api.entity_pin(entity, ct.byref(pinned)) == 0 and pinned.value
-    reader = ct.c_uint64.from_address(pinned.value + layout.entity).value
-    flags = ct.c_ubyte.from_address(reader + layout.flags).value
-    api.entity_unpin(pinned)
-    return flags
+    """Return the flags of a reader in Cyclone."""
+    offsets = cyclone._fast_dds.reader_offsets
+    assert offsets is not None
+    with cyclone._api.locked_entity(entity) as address:
+        reader = ct.c_uint64.from_address(address + offsets.entity).value
+        return ct.c_ubyte.from_address(reader + offsets.flags).value
 
 
 def newest_reader(node: Node) -> Any:
-    """The reader that was made last."""
     participant: Any = node._scope.participant
     return list(participant.readers.values())[-1]
 
@@ -54,11 +50,11 @@ def test_reliable_readers_want_all_there_is(dds: World, qos: QoSProfile, wants_a
 
 
 def test_a_reader_wants_all_before_the_first_writer_is_connected(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Cyclone tells its listener of a connection first, and nobody asks afterwards here."""
     node = dds.node()
     node.create_publisher(String, "topic")
     participant: Any = node._scope.participant
     early = participant._early
+    # Only the listener sets the flag here, not the code after the creation.
     monkeypatch.setattr(early, "create_reader", lambda create, is_reliable: create(early._during_creation))
     node.create_subscription(String, "topic")
     assert flags_of(newest_reader(node).entity) & ALL
@@ -67,7 +63,6 @@ def test_a_reader_wants_all_before_the_first_writer_is_connected(dds: World, mon
 
 
 def early_samples(dds: World, fast_dds: FastDdsInterop) -> tuple[EarlySampleReaders, Any]:
-    """Together with the participant whose readers it shall make."""
     participant: Any = dds.node()._scope.participant
     return EarlySampleReaders(cyclone._api, fast_dds, participant._listener), participant
 
@@ -77,8 +72,8 @@ def test_readers_are_left_alone_where_they_do_not_look_as_known(dds: World, monk
     early, participant = early_samples(dds, unknown)
     monkeypatch.setattr(private_layout, "probe_reader_offsets", lambda *_: None)
     early.probe_layout(participant.discovery.entities[0])
-    told = unknown.capabilities()["first samples of nodes on Fast DDS"]
-    assert told == "the layout of readers is unknown in this library"
+    reason = unknown.capabilities()["first samples of nodes on Fast DDS"]
+    assert reason == "the layout of readers is unknown in this library"
     listeners: list[int] = []
     assert early.create_reader(lambda listener: (listeners.append(listener), 7)[1], is_reliable=True) == 7
     assert listeners == [participant._listener]
@@ -90,7 +85,7 @@ def test_a_reader_that_is_not_as_known_is_left_alone_and_ends_it(dds: World) -> 
     known = cyclone._fast_dds.reader_offsets
     early, participant = early_samples(dds, fast_dds)
     assert known is not None
-    fast_dds.reader_offsets = known._replace(entity=known.entity - 16)  # its topic
+    fast_dds.reader_offsets = known._replace(entity=known.entity - 16)  # another pointer
     participant._early = early
     node = dds.nodes[-1]
     node.create_subscription(String, "topic")

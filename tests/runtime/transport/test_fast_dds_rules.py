@@ -1,8 +1,7 @@
-"""The rules of `transport/cyclone/fast_dds_interop/sample_identity.py`: what is replaced, when, for whom, and what
-happens when something is not as known.
+"""Rules of `transport/cyclone/fast_dds_interop/sample_identity.py`.
 
-The peers here are our own, told to speak as Fast DDS peers do; real ones are in `tests/interop` and
-`tests/interop_rclpy`. HOOK_ROUNDS=1000 starts, stops and forks a thousand processes.
+Peers are our own, changed to speak as Fast DDS peers; real ones are in `tests/interop` and `tests/interop_rclpy`.
+HOOK_ROUNDS=1000 starts, stops and forks a thousand processes.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ FAST_GUID = b"\x01\x0f" + bytes(10) + b"\0\0\1\xc1"
 CYCLONE_GUID = b"\x01\x10" + FAST_GUID[2:]
 REQUEST = "std_srvs::srv::dds_::SetBool_Request_"
 READER = -1
-"""Stands for a reader of participants; no real one has that handle."""
+"""Handle of a builtin reader of participants that does not exist."""
 AS_FAST_DDS = """
 import asyncio, os, sys
 from rosidl_py_gen.runtime import Node
@@ -53,10 +52,10 @@ from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.dds import correlation, services
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes as Types
 
-# Every server is taken for one on Fast DDS, and none for one that counts requests.
+# Every server is considered one on Fast DDS that needs the identity.
 correlation.uses_sample_identity = services.uses_sample_identity = lambda guid: True
 correlation.AnsweredServers.all_answered = lambda self: False
-cyclone._fast_dds.on_participants_pending(-1)  # and there may be clients
+cyclone._fast_dds.on_participants_pending(-1)  # clients may exist, too
 
 def answer(request):
     return Types.Response(types=[len(name) for name in request.names])
@@ -88,7 +87,7 @@ async def main():
         own = node.create_client(Types, "own")
         assert list((await own.call(Types.Request(names=["abc"]), 10)).types) == [3]
 
-def child():  # everything in it is new
+def child():  # which creates everything anew
     pid = os.fork()
     if pid == 0:
         asyncio.run(main())
@@ -109,11 +108,8 @@ if len(sys.argv) > 1:  # leave without closing anything
 
 @contextmanager
 def program(text: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """A process of its own, until the end of the block."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    process = subprocess.Popen(
-        [sys.executable, "-c", text, *arguments], env=environment, stdout=subprocess.PIPE, text=True
-    )
+    command, environment = [sys.executable, "-c", text, *arguments], {**os.environ, "PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
     try:
         yield process
     finally:
@@ -123,7 +119,7 @@ def program(text: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
 
 @pytest.fixture
 def as_fast_dds(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Clients of this test take every server for one on Fast DDS, and received samples are looked into."""
+    """Make clients consider every server one on Fast DDS, and activate the receive hook."""
     for module in (correlation, services):
         monkeypatch.setattr(module, "uses_sample_identity", lambda guid: True)
     monkeypatch.setattr(correlation.AnsweredServers, "all_answered", lambda self: False)
@@ -132,27 +128,19 @@ def as_fast_dds(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     cyclone._fast_dds.forget_reader(READER)
 
 
-def table_of(type_object: int) -> Any:
-    """The functions for samples of a type."""
-    address = ct.c_void_p.from_address(type_object + private_layout.SAMPLE_FUNCTIONS).value
-    assert address is not None
-    return (ct.c_void_p * 17).from_address(address)
-
-
-def type_object(node: Node, dds_type: str) -> int:
-    """What stands for a type in the node's domain."""
+def vtable_of(node: Node, dds_type: str) -> int:
+    """Return the address of the vtable of samples."""
     participant: Any = node._scope.participant
-    found: int = participant.type_object(dds_type).address
-    return found
+    return private_layout.vtable_address(participant.type_object(dds_type).address, private_layout.SAMPLE_FUNCTIONS)
 
 
-def receiver(node: Node) -> Any:
-    """The function that makes samples of received requests of `SetBool`."""
-    return table_of(type_object(node, REQUEST))[2]
+def receive_function(node: Node) -> Any:
+    """Return the function that creates samples of received requests of `SetBool`."""
+    return (ct.c_void_p * 17).from_address(vtable_of(node, REQUEST))[2]
 
 
 def with_service(node: Node) -> Node:
-    """That node, with a service `set_bool` that answers at length when asked for True."""
+    """Add a service `set_bool` with a long response to True."""
     node.create_service(
         SetBool,
         "set_bool",
@@ -161,7 +149,7 @@ def with_service(node: Node) -> Node:
     return node
 
 
-# ---------------------------------------------------------------------------------------------- what is replaced, when
+# -------------------------------------------------------------------------------------------------------------- hooks
 
 
 def test_functions_of_topics_are_left_alone(dds: World) -> None:
@@ -170,7 +158,7 @@ def test_functions_of_topics_are_left_alone(dds: World) -> None:
     node.create_publisher(Int32, "number")
     names = ("std_msgs::msg::dds_::String_", "std_msgs::msg::dds_::Int32_")
     services = ("std_srvs::srv::dds_::SetBool_Request_", "std_srvs::srv::dds_::SetBool_Response_")
-    addresses = [ct.addressof(table_of(type_object(node, name))) for name in (*names, *services)]
+    addresses = [vtable_of(node, name) for name in (*names, *services)]
     assert addresses[0] == addresses[1]
     assert len(set(addresses)) == 3
 
@@ -180,46 +168,46 @@ def test_received_samples_are_looked_into_only_while_fast_dds_peers_may_be_there
     participant: Any = node._scope.participant
     fast_dds = participant.fast_dds
     participant.report_discovery()
-    plain = receiver(node)
+    plain = receive_function(node)
     for guid, is_looked_into in ((CYCLONE_GUID, False), (FAST_GUID, True)):
         fast_dds.on_participants_pending(READER)
-        assert receiver(node) != plain
+        assert receive_function(node) != plain
         fast_dds.begin_read(READER)
         fast_dds.end_read(READER, [ParticipantDiscovered(guid, None)])
-        assert (receiver(node) != plain) is is_looked_into
+        assert (receive_function(node) != plain) is is_looked_into
     fast_dds.end_read(READER, [EntityLost(FAST_GUID)])
-    assert receiver(node) == plain
+    assert receive_function(node) == plain
 
 
 def test_what_is_noticed_while_discovery_is_read_is_not_forgotten(dds: World) -> None:
     node = with_service(dds.node("ours"))
     participant: Any = node._scope.participant
     participant.report_discovery()
-    plain = receiver(node)
+    plain = receive_function(node)
     participant.fast_dds.begin_read(READER)
     participant.fast_dds.on_participants_pending(READER)
     participant.fast_dds.end_read(READER, [])
-    assert receiver(node) != plain
+    assert receive_function(node) != plain
     participant.fast_dds.forget_reader(READER)
     participant.report_discovery()
-    assert receiver(node) == plain
+    assert receive_function(node) == plain
 
 
 def test_a_new_participant_is_noticed_at_once_whatever_the_loop_does(dds: World) -> None:
     node = with_service(dds.node("ours"))
     participant: Any = node._scope.participant
     participant.report_discovery()
-    plain = receiver(node)
+    plain = receive_function(node)
     with program(SERVER):  # no loop runs here
         deadline = time.monotonic() + 20
-        while receiver(node) == plain:
+        while receive_function(node) == plain:
             assert time.monotonic() < deadline
             time.sleep(0.01)
         participant.report_discovery()  # it is on Cyclone
-        assert receiver(node) == plain
+        assert receive_function(node) == plain
 
 
-# ------------------------------------------------------------------------------------------------- the way of Fast DDS
+# -------------------------------------------------------------------------------------------------- sample identities
 
 
 async def test_calls_in_the_way_of_fast_dds_inside_one_process(dds: World, as_fast_dds: None) -> None:
@@ -227,7 +215,7 @@ async def test_calls_in_the_way_of_fast_dds_inside_one_process(dds: World, as_fa
     for number in range(20):
         response = await client.call(SetBool.Request(data=bool(number % 2)), timeout_s=10)
         assert (response.success, len(response.message)) == (bool(number % 2), 999_999 * (number % 2))
-    assert client._port._sent == 20
+    assert client._port._sent == 20  # no request was repeated
 
 
 @pytest.mark.parametrize("lossiness", [0, 100], ids=["all packets", "one of ten lost"])
@@ -235,7 +223,7 @@ async def test_calls_in_the_way_of_fast_dds_between_processes(
     dds: World, as_fast_dds: None, lossiness: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     test = f"<Internal><Test><XmitLossiness>{lossiness}</XmitLossiness></Test></Internal>"
-    # A participant whose first announcements are lost is found by the next ones, after 3 s unless told otherwise.
+    # A participant whose first announcements are lost is discovered by the next ones, by default after 3 s.
     discovery = "<Discovery><SPDPInterval>500ms</SPDPInterval></Discovery>"
     monkeypatch.setenv("CYCLONEDDS_URI", f"<CycloneDDS><Domain>{discovery}{test}</Domain></CycloneDDS>")
     with program(SERVER):
@@ -248,16 +236,6 @@ async def test_calls_in_the_way_of_fast_dds_between_processes(
     assert fast_dds.refusal is None
 
 
-async def test_nothing_is_kept_of_what_was_sent(dds: World, as_fast_dds: None) -> None:
-    with program(SERVER):
-        node = dds.node("ours")
-        types = node.create_client(GetParameterTypes, "types")
-        for _ in range(100):
-            await types.call(GetParameterTypes.Request(names=["x"]), timeout_s=20)
-        node.context.close()
-    assert types._by_number == {}
-
-
 async def test_requests_given_up_leave_no_numbers_behind(dds: World, as_fast_dds: None) -> None:
     node = dds.node("ours")
     _, client = node.create_service(SetBool, "silent"), node.create_client(SetBool, "silent")
@@ -265,7 +243,7 @@ async def test_requests_given_up_leave_no_numbers_behind(dds: World, as_fast_dds
     for _ in range(5):
         calls = (client.call(SetBool.Request(), timeout_s=0.05) for _ in range(100))
         assert all(isinstance(error, TimeoutError) for error in await asyncio.gather(*calls, return_exceptions=True))
-    assert client._port._sent == 500 and client._by_number == {}
+    assert client._port._sent == 500 and client.in_flight_count == 0
 
 
 async def test_endpoints_come_and_go_while_others_call(dds: World, as_fast_dds: None) -> None:
@@ -302,38 +280,33 @@ async def test_endpoints_come_and_go_while_others_call(dds: World, as_fast_dds: 
 
 @pytest.mark.timeout(3000)
 def test_processes_start_stop_and_fork() -> None:
-    for number in range(int(os.environ.get("HOOK_ROUNDS", "10"))):
+    for number in range(int(os.environ.get("HOOK_ROUNDS", "4"))):
         with program(SHORT_LIFE, *(["leave"] if number % 2 else [])) as process:
             assert process.wait(60) == 0
 
 
-# --------------------------------------------------------------------------------------------------- what is not known
+# ----------------------------------------------------------------------------------------------------- unknown layouts
 
 
-NOT_FOUND = ["probe_vtable_slots", "probe_size_offset"]
-
-
-@pytest.mark.parametrize("probe", NOT_FOUND)
+@pytest.mark.parametrize("probe", ["probe_vtable_slots", "probe_size_offset"])
 def test_a_library_that_is_not_as_known_is_refused_and_left_alone(
     dds: World, probe: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     node = with_service(dds.node("ours"))
     participant: Any = node._scope.participant
-    place = ct.c_void_p.from_address(type_object(node, REQUEST) + private_layout.SAMPLE_FUNCTIONS)
-    before = place.value
+    before = vtable_of(node, REQUEST)
     monkeypatch.setattr(private_layout, probe, lambda *_: None)
     fast_dds = FastDdsInterop(cyclone._api)
     fast_dds.prepare(participant.type_object(REQUEST), REQUEST)
-    assert place.value == before
+    assert vtable_of(node, REQUEST) == before
     assert fast_dds.refusal is not None and "in this library" in fast_dds.refusal
     assert fast_dds.capabilities()["services of nodes on Fast DDS"] == fast_dds.refusal
 
 
 def test_samples_with_bytes_elsewhere_are_copied_and_services_of_fast_dds_refused(dds: World) -> None:
     participant: Any = with_service(dds.node("ours"))._scope.participant
-    known = participant.type_object(REQUEST)
     fast_dds = FastDdsInterop(cyclone._api)
-    fast_dds.prepare(known._replace(payload_offset=None), REQUEST)
+    fast_dds.prepare(participant.type_object(REQUEST)._replace(payload_offset=None), REQUEST)
     assert fast_dds.refusal == "payloads do not have a constant offset in samples"
     node = dds.node("other")
     publisher, subscription = node.create_publisher(String, "topic"), node.create_subscription(String, "topic")
@@ -358,7 +331,7 @@ def test_a_refusal_is_told_once_and_only_where_fast_dds_peers_are() -> None:
     assert fast_dds.new_warnings() == ["services of Fast DDS nodes cannot be used here, topics can: a test"]
     assert fast_dds.new_warnings() == []
     fast_dds.lookup_refusal = "another"
-    assert [one.endswith("may end this process: another") for one in fast_dds.new_warnings()] == [True]
+    assert [warning.endswith("may end this process: another") for warning in fast_dds.new_warnings()] == [True]
 
 
 async def test_topics_work_and_services_of_fast_dds_are_refused_with_an_unknown_build(
@@ -376,9 +349,9 @@ async def test_topics_work_and_services_of_fast_dds_are_refused_with_an_unknown_
         last = b"\x03" if kind == "Response" else b"\x04"
         guid, type_name = FAST_GUID[:12] + bytes((0, 0, number)) + last, f"std_srvs::srv::dds_::SetBool_{kind}_"
         bob._scope.discovery._on_events(
-            [found := raw_endpoints.found(guid, FAST_GUID, topic, type_name, SERVICES_DEFAULT)]
+            [discovered := raw_endpoints.found(guid, FAST_GUID, topic, type_name, SERVICES_DEFAULT)]
         )
-        bob._scope.participant.service_peers.apply([found])
+        bob._scope.participant.service_peers.apply([discovered])
     with pytest.raises(IncompatibleServiceError, match="RMW_IMPLEMENTATION=rmw_cyclonedds_cpp"):
         await client.wait_for_service(timeout_s=10)
     with pytest.raises(IncompatibleServiceError, match=r"Topics work with it.*this build is not known"):
@@ -386,14 +359,14 @@ async def test_topics_work_and_services_of_fast_dds_are_refused_with_an_unknown_
 
 
 class Packet:
-    """A packet as Cyclone has it while making it, in memory of ours."""
+    """Packet that is being built, in the layout of Cyclone."""
 
     def __init__(self, submessage: bytes, *, source: int = rtps.INFO_SRC) -> None:
         self.data = ct.create_string_buffer(
             bytes((source,)).ljust(24, b"\0") + bytes((rtps.INFO_DST,)).ljust(16, b"\0") + submessage
         )
-        self.words = (ct.c_uint64 * 64)()  # as far as it is looked at: nobody else's memory
-        self.words[1] = self.words[2] = len(submessage)  # room, and how much is in it
+        self.words = (ct.c_uint64 * 64)()  # all that is read
+        self.words[1] = self.words[2] = len(submessage)  # capacity and size
         self.words[19] = ct.addressof(self.data)
         self.iov = ct.addressof(self.words) + 40
 
@@ -423,12 +396,11 @@ def test_only_packets_as_known_are_changed_and_one_that_is_not_ends_it(packet: P
 
 
 def written(number: int) -> Packet:
-    """The packet of a sample with that number."""
     return Packet(bytes(12) + bytes((rtps.DATA, 1)) + WRITTEN[2:16] + bytes(4) + number.to_bytes(4, "little"))
 
 
 def test_what_earlier_packets_left_is_not_taken_for_the_place_of_the_packet() -> None:
-    """Cyclone does not clear that memory: the address of a packet may stand there twice, or that of an older one."""
+    # Cyclone does not clear that memory: it may contain the address twice, or that of an older packet.
     fast_dds, packet, older = FastDdsInterop(cyclone._api), written(7), written(6)
     packet.words[18] = packet.words[19]
     packet.words[16] = packet.words[30] = older.words[19]
@@ -457,7 +429,7 @@ async def test_ctrl_c_waits_until_cyclone_is_back(dds: World, as_fast_dds: None)
     client = with_service(dds.node("ours")).create_client(SetBool, "set_bool")
     fast_dds: Any = cyclone._fast_dds
     await client.call(SetBool.Request(), timeout_s=10)
-    samples = next(one for one in fast_dds._tables.values() if one.sends)
+    samples = next(hooks for hooks in fast_dds._tables.values() if hooks.sends)
     plain, inside = samples._plain_to_ser_ref, []
 
     def interrupted(*arguments: int) -> Any:
@@ -468,23 +440,23 @@ async def test_ctrl_c_waits_until_cyclone_is_back(dds: World, as_fast_dds: None)
     with program(SERVER):
         types = dds.node("other").create_client(GetParameterTypes, "types")
         assert await types.wait_for_service(timeout_s=20)
-        for one in fast_dds._tables.values():
-            one._plain_to_ser_ref = interrupted
+        for hooks in fast_dds._tables.values():
+            hooks._plain_to_ser_ref = interrupted
         before = signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
             with pytest.raises(KeyboardInterrupt):
                 types._start_request(GetParameterTypes.Request(names=["x"]), list, list)
         finally:
             signal.signal(signal.SIGINT, before)
-            for one in fast_dds._tables.values():
-                one._plain_to_ser_ref = plain
+            for hooks in fast_dds._tables.values():
+                hooks._plain_to_ser_ref = plain
         assert len(inside) == 1
         assert (await types.call(GetParameterTypes.Request(names=["abc"]), timeout_s=10)).types.tolist() == [3]
         writer: Any = types._port._writer
         writer._fast_dds_hooks._plain_to_ser_ref = interrupted
         before = signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
-            with pytest.raises(KeyboardInterrupt):  # a sample without an identity is looked at, too
+            with pytest.raises(KeyboardInterrupt):  # the hook is called for a sample without identity, too
                 writer.write(correlation.add_request_header(GetParameterTypes.Request(names=["y"]).encode(), 1, 1))
         finally:
             signal.signal(signal.SIGINT, before)

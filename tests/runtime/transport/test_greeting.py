@@ -1,6 +1,4 @@
-"""The questions to participants and writers on Fast DDS; that they are answered is tried with real peers in
-`tests/interop_rclpy/test_first_seconds.py` and `test_early_requests.py`.
-"""
+"""ACKNACK packets for Fast DDS participants; replies of real ones: `interop_rclpy/test_first_seconds.py`."""
 
 from __future__ import annotations
 
@@ -29,7 +27,7 @@ def test_the_question_names_both_and_begins_with_number_zero() -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "found"),
+    ("text", "locators"),
     [
         ("udp/127.0.0.1:7412@1", [(UDP4, "127.0.0.1", 7412)]),
         ("udp/10.0.0.5:7410@2,udp/239.255.0.1:7400@2", [(UDP4, "10.0.0.5", 7410)]),
@@ -47,8 +45,8 @@ def test_the_question_names_both_and_begins_with_number_zero() -> None:
         ),
     ],
 )
-def test_only_a_few_unicast_addresses_count(told: str, found: list[tuple[int, str, int]]) -> None:
-    assert parse_locators(told) == found
+def test_only_a_few_unicast_addresses_count(text: str, locators: list[tuple[int, str, int]]) -> None:
+    assert parse_locators(text) == locators
 
 
 def test_it_is_sent_to_this_machine_only_when_nothing_may_leave_it() -> None:
@@ -67,15 +65,15 @@ def test_writers_are_asked_at_the_port_behind_that_of_discovery() -> None:
     with socket.socket(UDP4, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
         receiver.settimeout(5)
-        told = f"udp/127.0.0.1:{receiver.getsockname()[1] - 1}@1"
-        request_samples([(reader, writer)], told, is_local=True)
+        addresses = f"udp/127.0.0.1:{receiver.getsockname()[1] - 1}@1"
+        request_samples([(reader, writer)], addresses, is_local=True)
         assert receiver.recv(200).hex(" ", 4) == (
             "52545053 02010110 01100102 03040506 0708090a 0e010c00 010f1112 13141516 1718191a "
             "06011800 00000a04 00001403 00000000 00000000 00000000 00000000"
         )
-        request_samples([(reader, writer)] * 1000, told, is_local=True)
-        asked = [(len(receiver.recv(9000)) - 36) / 28 for _ in range(8)]
+        request_samples([(reader, writer)] * 1000, addresses, is_local=True)
+        counts = [(len(receiver.recv(9000)) - 36) / 28 for _ in range(8)]
         receiver.setblocking(False)
         with pytest.raises(BlockingIOError):
             receiver.recv(9000)
-    assert asked == [40] * 8
+    assert counts == [40] * 8

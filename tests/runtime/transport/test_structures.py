@@ -1,11 +1,10 @@
-"""What the probes of `transport/cyclone/private_layout.py` find in the loaded library, and that they find nothing in
-what only looks alike; who owns samples.
-"""
+"""Probes of `transport/cyclone/private_layout.py` in the loaded library, and ownership of samples."""
 
 from __future__ import annotations
 
 import ctypes as ct
 import gc
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -38,17 +37,9 @@ def participant(dds: World) -> Any:
 
 @pytest.fixture
 def pinned(participant: Any) -> Iterator[Any]:
-    """Pins entities until the end of the test."""
-    places: list[ct.c_void_p] = []
-
-    def pin(entity: int) -> int:
-        places.append(ct.c_void_p())
-        assert API.entity_pin(entity, ct.byref(places[-1])) == 0
-        return places[-1].value or 0
-
-    yield pin
-    for place in places:
-        API.entity_unpin(place)
+    """Function that locks entities until the end of the test."""
+    with ExitStack() as stack:
+        yield lambda entity: stack.enter_context(API.locked_entity(entity))
 
 
 # -------------------------------------------------------------------------------------------------------------- probes
@@ -87,18 +78,18 @@ def test_a_reader_is_found_by_its_guid(participant: Any, pinned: Any) -> None:
     entity = participant.discovery.entities[0]
     guid = API.guid_of(entity)
     assert private_layout.probe_reader_offsets(pinned(entity), guid) == cyclone._fast_dds.reader_offsets is not None
-    nobody = bytes(byte ^ 255 for byte in guid)  # another reader may lie right behind this one
-    assert private_layout.probe_reader_offsets(pinned(entity), nobody) is None
-    place = private_layout.ReaderOffsets(entity=8, flags=8)
-    assert "a reader" in (private_layout.set_requests_history(pinned(entity), place, guid, True) or "")
+    unknown = bytes(byte ^ 255 for byte in guid)
+    assert private_layout.probe_reader_offsets(pinned(entity), unknown) is None
+    wrong = private_layout.ReaderOffsets(entity=8, flags=8)
+    assert "a reader" in (private_layout.set_requests_history(pinned(entity), wrong, guid, True) or "")
 
 
 def test_flags_that_contradict_the_profile_are_not_touched(participant: Any, pinned: Any, dds: World) -> None:
     reader: Any = dds.node("other").create_subscription(String, "topic")._reader
-    place = cyclone._fast_dds.reader_offsets
-    assert place is not None
-    told = private_layout.set_requests_history(pinned(reader.entity), place, reader.guid, False)
-    assert told is not None and told.startswith("the flags of a reader")
+    offsets = cyclone._fast_dds.reader_offsets
+    assert offsets is not None
+    unexpected = private_layout.set_requests_history(pinned(reader.entity), offsets, reader.guid, False)
+    assert unexpected is not None and unexpected.startswith("the flags of a reader")
 
 
 def test_the_bytes_of_samples_lie_in_one_place(participant: Any) -> None:
@@ -110,14 +101,13 @@ def test_the_bytes_of_samples_lie_in_one_place(participant: Any) -> None:
 
 
 def test_a_sample_is_shortened_only_where_its_size_is(participant: Any) -> None:
-    address, content = participant.type_object(TEXT)
-    place = private_layout.probe_size_offset(API, address, content)
-    assert place is not None
+    offset = private_layout.probe_size_offset(API, *participant.type_object(TEXT))
+    assert offset is not None
     sample = new(participant, HEADER + b"12345678")
-    for elsewhere in (place - 4, place + 4):
-        assert not private_layout.hide_sample_tail(API, sample, elsewhere, 4) and API.serdata_size(sample) == 12
-    assert private_layout.hide_sample_tail(API, sample, place, 4) and API.serdata_size(sample) == 8
-    number = ct.c_uint32(4)  # which nobody asks for the size
+    for wrong in (offset - 4, offset + 4):
+        assert not private_layout.hide_sample_tail(API, sample, wrong, 4) and API.serdata_size(sample) == 12
+    assert private_layout.hide_sample_tail(API, sample, offset, 4) and API.serdata_size(sample) == 8
+    number = ct.c_uint32(4)  # not the size of the sample
     assert not private_layout.hide_sample_tail(API, sample, ct.addressof(number) - sample, 2) and number.value == 4
     API.serdata_unref(sample)
 
@@ -125,12 +115,10 @@ def test_a_sample_is_shortened_only_where_its_size_is(participant: Any) -> None:
 def test_samples_without_the_functions_of_their_type_are_not_as_known(
     participant: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    address, content = participant.type_object(TEXT)
-    table_at = private_layout.vtable_address
-    monkeypatch.setattr(
-        private_layout, "vtable_address", lambda place, which: table_at(place, which) + (place == address)
-    )
-    assert private_layout.probe_size_offset(API, address, content) is None
+    address, payload_offset = participant.type_object(TEXT)
+    original = private_layout.vtable_address
+    monkeypatch.setattr(private_layout, "vtable_address", lambda at, which: original(at, which) + (at == address))
+    assert private_layout.probe_size_offset(API, address, payload_offset) is None
 
 
 def test_every_type_says_that_it_lies_elsewhere_or_the_topic_is_refused(
@@ -145,17 +133,15 @@ def test_every_type_says_that_it_lies_elsewhere_or_the_topic_is_refused(
 # ------------------------------------------------------------------------------------------------------------- samples
 
 
-def reference(sample: int) -> None:
-    """Take a reference to a sample."""
+def add_reference(sample: int) -> None:
     API.library.ddsi_serdata_ref(ct.c_void_p(sample))
 
 
-def count(sample: int) -> int:
-    """How many references there are to a sample."""
+def reference_count(sample: int) -> int:
     blank = (ct.c_uint32 * 64)()
-    reference(ct.addressof(blank))
-    (place,) = (4 * index for index, number in enumerate(blank) if number)
-    return ct.c_uint32.from_address(sample + place).value
+    add_reference(ct.addressof(blank))
+    (offset,) = (4 * index for index, number in enumerate(blank) if number)
+    return ct.c_uint32.from_address(sample + offset).value
 
 
 def new(participant: Any, data: bytes) -> int:
@@ -165,24 +151,19 @@ def new(participant: Any, data: bytes) -> int:
 @pytest.mark.parametrize("data", [b"", HEADER[:3], HEADER, b"\0\3\0\0....", b"\xff\xff\0\0...."])
 def test_what_is_no_message_makes_no_sample(participant: Any, data: bytes) -> None:
     assert new(participant, data) == 0
-    writer = participant.make_writer(end_of("rt/topic"))
+    writer = participant.make_writer(DdsEndpoint("rt/topic", TEXT, DEFAULT))
     if len(data) % 4 == 0:
         with pytest.raises(TransportError, match="not a serialized message"):
             writer.write(data)
 
 
-def end_of(topic: str) -> DdsEndpoint:
-    """A reader or writer of texts."""
-    return DdsEndpoint(topic, TEXT, DEFAULT)
-
-
 def test_a_write_takes_the_reference_unless_it_never_came_to_the_writer(participant: Any) -> None:
-    writer = participant.make_writer(end_of("rt/topic"))
+    writer = participant.make_writer(DdsEndpoint("rt/topic", TEXT, DEFAULT))
     for entity, code, left in ((writer.entity, 0, 1), (participant.entity, -12, 2), (0x1234567, -3, 2)):
         sample = new(participant, HEADER + b"12345678")
-        reference(sample)
+        add_reference(sample)
         assert API.writecdr(entity, sample) == code
-        assert count(sample) == left and (code in c_api.SAMPLE_NOT_CONSUMED) == (left == 2)
+        assert reference_count(sample) == left and (code in c_api.SAMPLE_NOT_CONSUMED) == (left == 2)
         for _ in range(left):
             API.serdata_unref(sample)
 
@@ -215,13 +196,13 @@ def test_nobody_but_cyclone_keeps_a_sample_with_an_identity(participant: Any, mo
 
     def new_sample(*arguments: Any) -> int:
         made.append(make(*arguments))
-        reference(made[-1])
+        add_reference(made[-1])
         return made[-1]
 
     make = private_layout.new_sample
     monkeypatch.setattr(private_layout, "new_sample", new_sample)
     assert writer.write_with_identity(HEADER + b"1234", (writer.guid, 1))
-    assert [count(sample) for sample in made] == [1]
+    assert [reference_count(sample) for sample in made] == [1]
     API.serdata_unref(made[0])
 
 

@@ -1,4 +1,4 @@
-"""Contexts that are closed while other threads, or an interrupted one, use them: an error, and never a crash."""
+"""Contexts that are closed while other threads, or an interrupted one, use them: an error, not a crash."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ def test_a_domain_ends_when_threads_that_write_are_done(dds: World, monkeypatch:
     context = Context(discovery="localhost")
     publisher = Node("n", context=context).create_publisher(STRING, "t")
     writer: Any = publisher._writer
-    domain, order, said = writer._domain, list[str](), list[str]()
+    domain, order, errors = writer._domain, list[str](), list[str]()
     copy, end = writer._copy, domain.end_if_unused
     began = threading.Event()
 
-    def slow(*given: Any) -> Any:
+    def slow(*arguments: Any) -> Any:
         began.set()
         while not domain.is_closing:
-            time.sleep(0.001)  # until the other thread is about to end the domain
+            time.sleep(0.001)  # until the other thread closes the domain
         order.append("copied")
-        return copy(*given)
+        return copy(*arguments)
 
     def publish() -> None:
         try:
             publisher.publish(STRING(data="x"))
         except ClosedError as error:
-            said.append(str(error))
+            errors.append(str(error))
 
     monkeypatch.setattr(writer, "_copy", slow)
     monkeypatch.setattr(domain, "end_if_unused", lambda: (order.append("ended"), end()))
@@ -48,7 +48,7 @@ def test_a_domain_ends_when_threads_that_write_are_done(dds: World, monkeypatch:
     context.close()
     thread.join(20)
     assert order[0] == "copied" and "ended" in order
-    assert said == ["the writer of rt/t is closed"] and domain.writing == []
+    assert errors == ["the writer of rt/t is closed"] and domain.writing == []
     with pytest.raises(ClosedError):
         publisher.publish(STRING(data="x"))
 
@@ -65,7 +65,7 @@ def test_discovery_that_a_thread_looks_at_is_not_deleted(dds: World, monkeypatch
 
         def slow(topic: int, pointer: int, handle: int) -> Any:
             looking.set()
-            ends.append(closed.wait(0.5))
+            ends.append(closed.wait(0.05))
             return look(topic, pointer, handle)
 
         monkeypatch.setattr(discovery, "_endpoint", slow)
@@ -101,8 +101,8 @@ with Context(discovery="localhost") as context:  # the domain can be joined agai
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_a_signal_handler_that_closes_the_context_of_an_interrupted_publish(dds: World) -> None:
-    for number in range(8):
-        command = [sys.executable, "-c", CLOSES_IN_A_HANDLER, str(0.05 + number / 900)]
+    for number in range(4):
+        command = [sys.executable, "-c", CLOSES_IN_A_HANDLER, str(0.05 + number / 450)]
         done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
         assert (done.returncode, done.stderr) == (0, ""), done
         assert "closed" in done.stdout
