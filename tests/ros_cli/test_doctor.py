@@ -108,7 +108,7 @@ def test_a_machine_without_network_or_proc_gets_its_answers() -> None:
         pytest.skip(done.stderr)
     assert done.returncode == 1 and "Traceback" not in done.stderr
     assert "no network interface is up" in done.stdout
-    assert "is not told by this system" in done.stdout and "DDS does not start" in done.stdout
+    assert "this system does not report" in done.stdout and "DDS does not start" in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -141,12 +141,12 @@ def test_only_the_middleware_that_is_used_has_to_be_installed(
 @pytest.mark.parametrize(
     ("variables", "word", "level"),
     [
-        ({"RMW_IMPLEMENTATION": "rmw_connextdds"}, "never tried", NOTE),
+        ({"RMW_IMPLEMENTATION": "rmw_connextdds"}, "never tested", NOTE),
         ({"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}, "RMW_IMPLEMENTATION=", OK),
         ({"ROS_LOCALHOST_ONLY": "1"}, "deprecated", WARNING),
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "everywhere"}, "must be one of", WARNING),
         ({"ROS_DOMAIN_ID": "x"}, "must be a whole number", BROKEN),
-        ({"ROS_DISCOVERY_SERVER": "10.0.0.1:11811"}, "answer their server only", WARNING),
+        ({"ROS_DISCOVERY_SERVER": "10.0.0.1:11811"}, "only by their server", WARNING),
         ({"FASTDDS_BUILTIN_TRANSPORTS": "SHM"}, "shared memory", WARNING),
         ({"ROS_SECURITY_ENABLE": "true"}, "security is not supported", WARNING),
         ({"CYCLONEDDS_URI": "file:///no/such.xml"}, "CYCLONEDDS_URI names /no/such.xml", BROKEN),
@@ -216,7 +216,7 @@ PEERS = DomainSettings(static_peers=("10.0.0.9",))
         ([LO, interface("tun0", multicast_works=False)], PEERS, []),
         ([LO], SUBNET, [(NOTE, "no interface leads to other machines")]),
         ([interface("lo", None, is_up=False)], SUBNET, [(BROKEN, "no network interface is up")]),
-        ([], SUBNET, [(NOTE, "not told by this system")]),
+        ([], SUBNET, [(NOTE, "this system does not report")]),
         ([Interface("en0")], SUBNET, []),
         ([LO], None, []),
     ],
@@ -262,7 +262,7 @@ async def test_a_second_process_that_starts_late_is_no_firewall(
     late.write_text("#!/bin/sh\nexec sleep 60\n")
     late.chmod(0o700)
     monkeypatch.setattr(sys, "executable", str(late))
-    monkeypatch.setattr(doctor_peers, "_START_S", 0.1)
+    monkeypatch.setattr(doctor_peers, "_START_TIMEOUT_S", 0.1)
     node = memory.node("doctor")
     test = doctor_peers.SelfTest(cast("CommandNode", SimpleNamespace(node=node, context=node.context)))
     try:
@@ -278,8 +278,8 @@ async def test_a_second_process_that_starts_late_is_no_firewall(
         ("010f", True, True, "Fast DDS, ROS Iron or later"),
         ("0110", True, False, "Cyclone DDS, ROS Humble or earlier (no type hashes)"),
         ("0110", True, None, "Cyclone DDS, ROS"),
-        ("0101", False, False, "RTI Connext, no ROS"),
-        ("0999", False, False, "DDS of vendor 09.99, no ROS"),
+        ("0101", False, False, "RTI Connext, not ROS"),
+        ("0999", False, False, "DDS of vendor 09.99, not ROS"),
     ],
 )
 def test_only_what_is_known_of_a_peer_is_said(prefix: str, is_ros: bool, hashes: bool | None, said: str) -> None:
@@ -306,11 +306,11 @@ def test_a_check_that_fails_is_a_finding() -> None:
         raise ZeroDivisionError("strange machine")
 
     assert [(one.level, one.text) for one in run_check("the moon", check)] == [
-        (NOTE, "the moon could not be looked at: ZeroDivisionError: strange machine")
+        (NOTE, "the moon could not be checked: ZeroDivisionError: strange machine")
     ]
 
 
 def test_missing_folders_of_ament_are_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join([str(tmp_path), "/no/such/prefix"]))
-    assert levels(doctor_machine.interfaces(()), "/no/such/prefix, which is no folder") == [WARNING]
+    assert levels(doctor_machine.interfaces(()), "/no/such/prefix, which is not a folder") == [WARNING]
     assert levels(doctor_machine.interfaces(("/no/such",)), "expected a folder") == [BROKEN]

@@ -1,1 +1,1 @@
-"""What ``rosidl-py doctor`` looks at, and what it says about it."""
+"""Command ``rosidl-py doctor``."""

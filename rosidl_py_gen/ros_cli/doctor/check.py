@@ -1,7 +1,4 @@
-"""``doctor``: what is installed, how the network is, what is set, and who answers.
-
-Decides the order of the checks, how their findings are printed, and that a check that fails ends nothing.
-"""
+"""``doctor``: runs the checks and prints their findings. A check that fails ends nothing."""
 
 from __future__ import annotations
 
@@ -19,147 +16,131 @@ from rosidl_py_gen.ros_cli.doctor.findings import BROKEN, NOTE, OK, WARNING, Fin
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions
-    from rosidl_py_gen.runtime import DomainSettings
-
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
 
 _STYLES = {OK: "", NOTE: "cyan", WARNING: "yellow", BROKEN: "bold red"}
 _INDENT = 11
-Sections = dict[str, list[Finding]]
 
 
 @click.command("doctor")
-@click.option("--report", is_flag=True, help="Print a text for an issue: no names of hosts, nodes and home folders.")
+@click.option(
+    "--report", is_flag=True, help="Print a text for an issue, without names of hosts, nodes and home folders."
+)
 @options.paths
 @options.as_json
 @options.node_options
 @verb
-async def doctor(network: NetworkOptions, report: bool, paths: tuple[str, ...], as_json: bool) -> int:
-    """Check this installation, the network and the settings, and tell who answers.
+async def doctor(network: options.NetworkOptions, report: bool, paths: tuple[str, ...], as_json: bool) -> int:
+    """Check this installation, the settings, the network and its peers.
 
-    Ends with 1 when something is broken; what deserves a look is a warning.
+    The exit code is 1 if a finding is broken; a warning may be a problem.
 
     \b
     rosidl-py doctor
     rosidl-py doctor --domain 42 --discovery localhost
     rosidl-py doctor --report > report.txt
     """
-    sections: Sections = {}
+    sections: dict[str, list[Finding]] = {}
 
-    def done(name: str, findings: list[Finding]) -> None:
-        sections[name] = [redact_finding(one) for one in findings] if report else findings
+    def add_section(name: str, findings: list[Finding]) -> None:
+        sections[name] = [*map(redact_finding, findings)] if report else findings
         if not as_json:
             _print(name, sections[name], as_report=report)
 
-    done("installation", _installation(paths))
-    done("settings", _settings(network))
-    done("network", _network(_domain_settings(network)))
-    done("peers", await _answers(network))
-    broken = any(one.level == BROKEN for findings in sections.values() for one in findings)
+    from rosidl_py_gen.ros_cli.doctor import machine
+
+    requested = network.get("domain_id"), network.get("discovery")
+    add_section(
+        "installation",
+        [
+            *run_check("Python", machine.python),
+            *run_check("installed packages", machine.libraries),
+            *run_check("interface packages", lambda: machine.interfaces(paths)),
+        ],
+    )
+    add_section("settings", run_check("the environment", lambda: machine.settings(os.environ, *requested)))
+    add_section("network", _network(network))
+    add_section("peers", await _peers(network))
+    is_broken = any(one.level == BROKEN for findings in sections.values() for one in findings)
     if as_json:
-        terminal_output.document(
-            {"broken": broken, **{name: list(map(_row, found)) for name, found in sections.items()}}
-        )
-    return int(broken)
+        rows = {name: list(map(_row, findings)) for name, findings in sections.items()}
+        terminal_output.document({"broken": is_broken, **rows})
+    return int(is_broken)
 
 
-def _installation(paths: tuple[str, ...]) -> list[Finding]:
-    from rosidl_py_gen.ros_cli.doctor import machine as doctor_machine
-
-    return [
-        *run_check("Python", doctor_machine.python),
-        *run_check("what is installed", doctor_machine.libraries),
-        *run_check("interface packages", lambda: doctor_machine.interfaces(paths)),
-    ]
-
-
-def _settings(network: NetworkOptions) -> list[Finding]:
-    from rosidl_py_gen.ros_cli.doctor import machine as doctor_machine
-
-    wanted = (network.get("domain_id"), network.get("discovery"))
-    return run_check("the environment", lambda: doctor_machine.settings(os.environ, *wanted))
-
-
-def _network(settings: DomainSettings | None) -> list[Finding]:
-    from rosidl_py_gen.ros_cli.doctor import machine as doctor_machine
-    from rosidl_py_gen.ros_cli.doctor import network as doctor_network
-
-    if doctor_machine.on_zenoh(os.environ):
-        return run_check("network interfaces", lambda: doctor_network.list_interfaces(doctor_network.interfaces()))
-    return [
-        *run_check(
-            "network interfaces", lambda: doctor_network.check_interfaces(doctor_network.interfaces(), settings)
-        ),
-        *run_check("socket buffers", doctor_machine.socket_buffers),
-        *run_check("other domains", lambda: doctor_network.other_domains(settings.domain_id if settings else -1)),
-    ]
-
-
-def _domain_settings(network: NetworkOptions) -> DomainSettings | None:
-    """None when they are wrong, which is a finding already."""
+def _network(network: options.NetworkOptions) -> list[Finding]:
+    from rosidl_py_gen.ros_cli.doctor import machine
+    from rosidl_py_gen.ros_cli.doctor import network as network_checks
     from rosidl_py_gen.runtime import read_environment
 
+    if machine.uses_zenoh(os.environ):
+        return run_check("network interfaces", lambda: network_checks.list_interfaces(network_checks.interfaces()))
     try:
-        return read_environment(os.environ, domain_id=network.get("domain_id"), discovery=network.get("discovery"))
-    except RosidlError:
-        return None
+        settings = read_environment(os.environ, domain_id=network.get("domain_id"), discovery=network.get("discovery"))
+    except RosidlError:  # already a finding of the settings
+        settings = None
+    return [
+        *run_check(
+            "network interfaces", lambda: network_checks.check_interfaces(network_checks.interfaces(), settings)
+        ),
+        *run_check("socket buffers", machine.socket_buffers),
+        *run_check("other domains", lambda: network_checks.other_domains(settings.domain_id if settings else -1)),
+    ]
 
 
-async def _answers(network: NetworkOptions) -> list[Finding]:
+async def _peers(network: options.NetworkOptions) -> list[Finding]:
     from rosidl_py_gen.ros_cli.command_node import CommandNode
-    from rosidl_py_gen.ros_cli.doctor import machine as doctor_machine
+    from rosidl_py_gen.ros_cli.doctor.machine import uses_zenoh
 
     try:
         session = CommandNode(network)
-    except Exception as error:  # whatever keeps it from starting is what the doctor is here for
+    except Exception as error:  # any reason is a finding
         name = "" if isinstance(error, RosidlError) else f"{type(error).__name__}: "
         reason = str(error).partition(" The configuration was ")[0]
-        middleware = "Zenoh" if doctor_machine.on_zenoh(os.environ) else "DDS"
+        middleware = "Zenoh" if uses_zenoh(os.environ) else "DDS"
         return [Finding(BROKEN, f"{middleware} does not start: {name}{reason}")]
     async with session:
-        fast_dds = run_check("services of Fast DDS nodes", lambda: _fast_dds(session))
+        findings = run_check("services of Fast DDS nodes", lambda: _middleware(session))
         if session.context.settings.discovery_range.name == "OFF":
-            return [*fast_dds, Finding(NOTE, "discovery is off: nobody is looked for, and nobody finds this process")]
-        return [*fast_dds, *await _found(session)]
+            return [*findings, Finding(NOTE, "discovery is off: this process discovers no peers and is not discovered")]
+        return [*findings, *await _discovered(session)]
 
 
-def _fast_dds(session: CommandNode) -> Iterator[Finding]:
-
-    refusal = session.context.services_unavailable_reason
+def _middleware(session: CommandNode) -> Iterator[Finding]:
+    reason = session.context.services_unavailable_reason
     if session.context.middleware != "DDS":
-        yield Finding(OK, f"this program and all it sees are on {session.context.middleware}")
+        yield Finding(OK, f"this program and its peers use {session.context.middleware}")
         return
     yield Finding(OK, f"DDS is {session.context.ddsc_library}", data={"library": session.context.ddsc_library})
-    if refusal is None:
+    if reason is None:
         yield Finding(OK, "topics and services work with nodes on Cyclone DDS and Fast DDS")
     else:
-        advice = "another libddsc may do: that of the wheel of cyclonedds, or one that ROSIDL_LIBDDSC names"
-        yield Finding(
-            WARNING, f"topics work with all nodes, services with those on Cyclone DDS only: {refusal}", advice
-        )
-    for what, answer in session.context.library_capabilities.items():
-        if answer not in ("yes", refusal):
-            yield Finding(NOTE, f"{what}: {answer}", data={what: answer})
+        advice = "use another libddsc: that of the wheel of cyclonedds, or one set by ROSIDL_LIBDDSC"
+        text = f"topics work with all nodes, services only with nodes on Cyclone DDS: {reason}"
+        yield Finding(WARNING, text, advice)
+    for capability, state in session.context.library_capabilities.items():
+        if state not in ("yes", reason):
+            yield Finding(NOTE, f"{capability}: {state}", data={capability: state})
 
 
-async def _found(session: CommandNode) -> list[Finding]:
-    from rosidl_py_gen.ros_cli.doctor import peers as doctor_peers
+async def _discovered(session: CommandNode) -> list[Finding]:
+    from rosidl_py_gen.ros_cli.doctor import peers
 
-    test = None
     try:
-        test = doctor_peers.SelfTest(session)
-        results = [await test.result()]
-        await session.wait_for_node_names()
-        node, other = session.node, test.guid
-        results += run_check("the peers", lambda: doctor_peers.peers(session, other))
-        results += run_check("names of nodes", lambda: doctor_peers.duplicate_node_names(node))
-        results += run_check("quality of service", lambda: doctor_peers.mismatches(node))
-        return results
+        test = peers.SelfTest(session)
     except OSError as error:
         return [Finding(NOTE, f"the second process of the self-test does not start: {error}")]
+    try:
+        result = await test.result()
+        await session.wait_for_node_names()
+        return [
+            result,
+            *run_check("the peers", lambda: peers.peers(session, test.guid)),
+            *run_check("names of nodes", lambda: peers.duplicate_node_names(session.node)),
+            *run_check("quality of service", lambda: peers.mismatches(session.node)),
+        ]
     finally:
-        if test is not None:
-            test.close()
+        test.close()
 
 
 def _row(finding: Finding) -> dict[str, Any]:
@@ -181,7 +162,10 @@ def _print(name: str, findings: list[Finding], *, as_report: bool) -> None:
 def _wrapped(head: str, text: str, width: int) -> str:
     import textwrap
 
-    flat = " ".join(text.split())
     return textwrap.fill(
-        flat, max(width, 30), initial_indent=head, subsequent_indent=" " * len(head), break_on_hyphens=False
+        " ".join(text.split()),
+        max(width, 30),
+        initial_indent=head,
+        subsequent_indent=" " * len(head),
+        break_on_hyphens=False,
     )

@@ -1,4 +1,4 @@
-"""The other process of the doctor's self-test: sends back what it gets. Run with ``python -m``."""
+"""Second process of the doctor's self-test: publishes the messages that it receives. Run with ``python -m``."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
 from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions
 from rosidl_py_gen.runtime import run
 
-LIFE_S = 60
-"""Nobody needs it longer, should the doctor be killed."""
+_MAX_LIFETIME_S = 60
+"""Time after which the process ends if the doctor was killed."""
 
 
-def topics(mark: str) -> tuple[str, str]:
-    """There and back. Hidden, as the nodes are."""
-    return f"/_rosidl_py_doctor/{mark}/there", f"/_rosidl_py_doctor/{mark}/back"
+def topics(test_id: str) -> tuple[str, str]:
+    """Return the hidden topics to and from the process."""
+    return f"/_rosidl_py_doctor/{test_id}/there", f"/_rosidl_py_doctor/{test_id}/back"
 
 
-async def main(domain_id: int, discovery: str, mark: str) -> None:
-    """Answer until somebody ends this process."""
-    there, back = topics(mark)
+async def main(domain_id: int, discovery: str, test_id: str) -> None:
+    """Publish received messages until the process is ended."""
+    there, back = topics(test_id)
     async with CommandNode(NetworkOptions(domain_id=domain_id, discovery=discovery)) as session:
         out, messages = session.node.create_publisher(Time, back), session.node.create_subscription(Time, there)
         print("ready", flush=True)
@@ -29,5 +29,5 @@ async def main(domain_id: int, discovery: str, mark: str) -> None:
 
 
 if __name__ == "__main__":
-    # SIGTERM ends it in an orderly way: peers wait for what a killed process has not acknowledged.
-    run(asyncio.wait_for(main(int(sys.argv[1]), sys.argv[2], sys.argv[3]), LIFE_S))
+    # SIGTERM ends `run` in order; peers would wait for acknowledgements of a killed process.
+    run(asyncio.wait_for(main(int(sys.argv[1]), sys.argv[2], sys.argv[3]), _MAX_LIFETIME_S))

@@ -1,4 +1,4 @@
-"""What a check finds out, and what of it may be told to strangers."""
+"""Findings of checks, and their redaction for public reports."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ if TYPE_CHECKING:
 OK, NOTE, WARNING, BROKEN = "ok", "note", "warning", "broken"
 
 _IPV4 = re.compile(r"\b(?!127\.|0\.0\.|2[2-5]\d\.)(\d{1,3}\.\d{1,3})\.\d{1,3}\.\d{1,3}\b")
-_SHORTEST_NAME = 3
+_MIN_NAME = 4
+"""Minimum length of names that are redacted; shorter ones would match parts of words."""
 REDACTED_VARIABLES = (
     *("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER", "CYCLONEDDS_URI", "ROS_SECURITY_KEYSTORE"),
     *("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"),
     *("ZENOH_SESSION_CONFIG_URI", "ZENOH_ROUTER_CONFIG_URI", "ZENOH_CONFIG_OVERRIDE"),
 )
-"""Environment variables whose values stay out of reports."""
+"""Environment variables whose values are not in reports."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of the answer.
+    """Result of a check.
 
     Attributes:
         level: OK, NOTE, WARNING or BROKEN.
-        advice: what to do about it.
-        public: what a report says instead of `text`.
-        data: for JSON.
+        advice: way to fix the problem.
+        public: replaces `text` in reports.
+        data: additional values for JSON.
     """
 
     level: str
@@ -42,29 +43,29 @@ class Finding:
 
 
 def run_check(what: str, check: Callable[[], Iterable[Finding]]) -> list[Finding]:
-    """The findings of a check; one that fails is a finding, too: nobody knows all machines."""
+    """Return the findings of a check; an exception becomes a finding, as machines differ in unknown ways."""
     try:
         return list(check())
     except Exception as error:
-        return [Finding(NOTE, f"{what} could not be looked at: {type(error).__name__}: {error}")]
+        return [Finding(NOTE, f"{what} could not be checked: {type(error).__name__}: {error}")]
 
 
 def redact_finding(finding: Finding) -> Finding:
-    """Without what says whose machine this is: home folder, host name, the last parts of addresses."""
+    """Return a finding without home folder, host name, and the last parts of addresses."""
     text = redact_text(finding.public or finding.text)
     return Finding(finding.level, text, redact_text(finding.advice))
 
 
 def redact_text(text: str) -> str:
-    """See `redact_finding`."""
+    """Return a text without home folder, host name, and the last parts of addresses."""
     for name in REDACTED_VARIABLES:
         value = os.environ.get(name, "")
-        if len(value) > _SHORTEST_NAME:
+        if len(value) >= _MIN_NAME:
             text = text.replace(value, f"${name}").replace(repr(value)[1:-1], f"${name}")
     home = os.path.expanduser("~")
-    if len(home) > _SHORTEST_NAME:
+    if len(home) >= _MIN_NAME:
         text = text.replace(home, "~")
     host = socket.gethostname()
-    if len(host) > _SHORTEST_NAME and host != "localhost":
+    if len(host) >= _MIN_NAME and host != "localhost":
         text = text.replace(host, "(host)")
     return _IPV4.sub(r"\1.x.x", text)

@@ -1,4 +1,4 @@
-"""Checks of what is installed and set: versions, interface packages, environment variables, limits of the kernel."""
+"""Checks of the machine: versions, interface packages, environment variables, limits of the kernel."""
 
 from __future__ import annotations
 
@@ -24,12 +24,13 @@ _SHOWN_VARIABLES = (
     *("ROS_SECURITY_ENABLE", "RMW_IMPLEMENTATION", "FASTDDS_BUILTIN_TRANSPORTS", "AMENT_PREFIX_PATH"),
 )
 _DDS = ("rmw_cyclonedds_cpp", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp")
-_FIRST_PORT, _PORTS = 7400, 250
-_ONLY_FOR = {"cyclonedds": "dds", "eclipse-zenoh": "zenoh"}
+_FIRST_PORT = 7400
+_PORTS_PER_DOMAIN = 250
+_MIDDLEWARE_OF = {"cyclonedds": "dds", "eclipse-zenoh": "zenoh"}
 
 
-def on_zenoh(environ: Mapping[str, str]) -> bool:
-    """Whether nodes are on Zenoh, to which nothing applies that is said of DDS."""
+def uses_zenoh(environ: Mapping[str, str]) -> bool:
+    """Return True if nodes use Zenoh, to which the checks of DDS do not apply."""
     return middleware(environ, lambda warning: None) == "zenoh"
 
 
@@ -37,7 +38,7 @@ def on_zenoh(environ: Mapping[str, str]) -> bool:
 
 
 def python() -> Iterator[Finding]:
-    """Which Python runs which version of this program, on which system."""
+    """Report the versions of this package and of Python, and the system."""
     system = f"{platform.system()} {platform.release()} {platform.machine()}"
     runs = f"{platform.python_implementation()} {platform.python_version()}"
     data = {"rosidl_py_gen": __version__, "python": runs, "system": system}
@@ -45,25 +46,25 @@ def python() -> Iterator[Finding]:
 
 
 def libraries() -> Iterator[Finding]:
-    """What the extra brings, and what the base needs."""
-    chosen, extra = ("zenoh", "zenoh") if on_zenoh(os.environ) else ("dds", "node")
-    for name in (*_ONLY_FOR, "PyYAML", "rich", "numpy"):
+    """Check the required packages."""
+    chosen, extra = ("zenoh", "zenoh") if uses_zenoh(os.environ) else ("dds", "node")
+    for name in (*_MIDDLEWARE_OF, "PyYAML", "rich", "numpy"):
         try:
             yield Finding(OK, f"{name} {version(name)}", data={name: version(name)})
         except PackageNotFoundError:
-            if _ONLY_FOR.get(name, chosen) != chosen:
+            if _MIDDLEWARE_OF.get(name, chosen) != chosen:
                 continue
-            # The library of Cyclone DDS comes with other packages, too; the self-test says whether there is one.
+            # Other packages contain libddsc, too; the self-test reports if none is domain.
             level = NOTE if name == "cyclonedds" else BROKEN
             yield Finding(level, f"{name} is not installed", install_command(extra))
 
 
 def interfaces(paths: tuple[str, ...]) -> Iterator[Finding]:
-    """Which definitions there are, and from where."""
+    """Report the interface packages by origin."""
     for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
         if not Path(prefix).is_dir():
             yield Finding(
-                WARNING, f"AMENT_PREFIX_PATH names {prefix}, which is no folder", "source the setup file again"
+                WARNING, f"AMENT_PREFIX_PATH names {prefix}, which is not a folder", "source the setup file again"
             )
     try:
         search = scan_search_path(paths)
@@ -81,21 +82,21 @@ def interfaces(paths: tuple[str, ...]) -> Iterator[Finding]:
 
 
 def settings(environ: Mapping[str, str], domain_id: int | None, discovery: str | None) -> Iterator[Finding]:
-    """Domain, discovery range, and variables that are set."""
+    """Check domain, discovery range, and environment variables."""
     try:
-        found = read_environment(environ, domain_id=domain_id, discovery=discovery)
+        domain = read_environment(environ, domain_id=domain_id, discovery=discovery)
     except RosidlError as error:
         yield Finding(BROKEN, str(error), "correct the variable or the option")
     else:
-        text = f"domain {found.domain_id}, discovery range {found.discovery_range.name}"
-        peers = f", static peers: {', '.join(found.static_peers)}" if found.static_peers else ""
-        public = f"{text}, {len(found.static_peers)} static peers" if peers else ""
-        data = {"domain": found.domain_id, "discovery": found.discovery_range.value}
+        text = f"domain {domain.domain_id}, discovery range {domain.discovery_range.name}"
+        peers = f", static peers: {', '.join(domain.static_peers)}" if domain.static_peers else ""
+        public = f"{text}, {len(domain.static_peers)} static peers" if peers else ""
+        data = {"domain": domain.domain_id, "discovery": domain.discovery_range.value}
         yield Finding(OK, text + peers, public=public, data=data)
-        for sentence in found.warnings:
+        for sentence in domain.warnings:
             yield Finding(WARNING, sentence)
-        if not on_zenoh(environ):
-            yield from discovery_ports(found.domain_id)
+        if not uses_zenoh(environ):
+            yield from discovery_ports(domain.domain_id)
     for name in (*_SHOWN_VARIABLES, *REDACTED_VARIABLES):
         value = environ.get(name, "")
         if value:
@@ -104,38 +105,40 @@ def settings(environ: Mapping[str, str], domain_id: int | None, discovery: str |
 
 
 def discovery_ports(domain_id: int, file: Path = Path("/proc/sys/net/ipv4/ip_local_port_range")) -> Iterator[Finding]:
-    """Whether Linux may give a port of the domain to any socket."""
+    """Check that Linux does not assign the ports of the domain to other sockets."""
     try:
         low, high = map(int, file.read_text().split())
     except (OSError, ValueError):  # not Linux, or hidden
         return
-    first = _FIRST_PORT + _PORTS * domain_id
-    if low <= first + _PORTS and first <= high:
+    first = _FIRST_PORT + _PORTS_PER_DOMAIN * domain_id
+    if low <= first + _PORTS_PER_DOMAIN and first <= high:
         yield Finding(
             NOTE,
-            f"the UDP ports of domain {domain_id} begin at {first}, where Linux also takes ports for other programs "
-            f"({low} to {high}): sometimes one will be taken, or a node of another domain be found",
-            f"a domain below {(low - _FIRST_PORT) // _PORTS} is safe",
+            f"the UDP ports of domain {domain_id} begin at {first}, in the range that Linux assigns to other programs "
+            f"({low} to {high}): a port may be in use, or a node of another domain may be found",
+            f"a domain below {(low - _FIRST_PORT) // _PORTS_PER_DOMAIN} is safe",
         )
 
 
 def _pitfalls(environ: Mapping[str, str]) -> Iterator[Finding]:
     rmw = environ.get("RMW_IMPLEMENTATION", "")
     if rmw and rmw not in (*_DDS, "rmw_zenoh_cpp"):
-        yield Finding(NOTE, f"whether nodes on {rmw} and this program understand each other was never tried")
+        yield Finding(NOTE, f"nodes on {rmw} were never tested with this program")
     if environ.get("ROS_DISCOVERY_SERVER"):
-        advice = "start nodes that shall be seen here without it, or with ROS_SUPER_CLIENT and a common network"
-        yield Finding(WARNING, "Fast DDS nodes with ROS_DISCOVERY_SERVER answer their server only", advice)
+        advice = "start those nodes without it, or with ROS_SUPER_CLIENT and a common network"
+        yield Finding(WARNING, "Fast DDS nodes with ROS_DISCOVERY_SERVER are discovered only by their server", advice)
     if environ.get("FASTDDS_BUILTIN_TRANSPORTS", "").upper().startswith("SHM"):
-        yield Finding(WARNING, "Fast DDS nodes with shared memory only cannot be reached", "use UDPv4 or DEFAULT")
+        yield Finding(WARNING, "Fast DDS nodes that use only shared memory cannot be reached", "use UDPv4 or DEFAULT")
     if environ.get("ROS_SECURITY_ENABLE") == "true":
         text = "secured nodes (ROS_SECURITY_ENABLE=true) are not found here: SROS 2 security is not supported"
-        yield Finding(WARNING, text, "with ROS_SECURITY_STRATEGY=Enforce no node starts here, else unencrypted")
+        yield Finding(
+            WARNING, text, "with ROS_SECURITY_STRATEGY=Enforce nodes do not start here, otherwise they are not secured"
+        )
     yield from cyclonedds_uri(environ.get("CYCLONEDDS_URI", ""))
 
 
 def cyclonedds_uri(value: str) -> Iterator[Finding]:
-    """Whether the configuration can be read: XML, or files with XML, separated by commas."""
+    """Check that the configuration is XML, or a list of files with XML."""
     from xml.etree import ElementTree
 
     if not value.strip():
@@ -151,7 +154,7 @@ def cyclonedds_uri(value: str) -> Iterator[Finding]:
             except OSError as error:
                 yield Finding(BROKEN, f"CYCLONEDDS_URI names {path}: {error.strerror}", "correct or unset it")
     for place, text in texts.items():
-        text = re.sub(r"<\?xml.*?\?>", "", text)  # may be in front of each fragment
+        text = re.sub(r"<\?xml.*?\?>", "", text)  # allowed before each fragment
         try:
             ElementTree.fromstring(f"<all>{text}</all>" if place == "CYCLONEDDS_URI" else text)
         except ElementTree.ParseError as error:
@@ -162,16 +165,16 @@ def cyclonedds_uri(value: str) -> Iterator[Finding]:
 
 
 def socket_buffers(file: Path = Path("/proc/sys/net/core/rmem_max")) -> Iterator[Finding]:
-    """How large a burst of packets the kernel keeps for us."""
+    """Check the maximum size of socket buffers, which limits bursts of packets."""
     try:
         limit = int(file.read_text())
     except (OSError, ValueError):
-        yield Finding(NOTE, "how large socket buffers may be is not told by this system")
+        yield Finding(NOTE, "this system does not report the maximum size of socket buffers")
         return
     text = f"net.core.rmem_max is {limit}: socket buffers of {limit / (1 << 20):.1f} MiB"
     if limit >= ENOUGH_SOCKET_BYTES:
         yield Finding(OK, text, data={"rmem_max": limit})
     else:
-        advice = "sudo sysctl -w net.core.rmem_max=33554432, and in /etc/sysctl.d to keep it"
-        said = f"{text}; messages above 0.5 MB, such as images, will be slow or lost"
-        yield Finding(WARNING, said, advice, data={"rmem_max": limit})
+        advice = "sudo sysctl -w net.core.rmem_max=33554432, and set it in /etc/sysctl.d"
+        text += "; messages above 0.5 MB, such as images, may be slow or lost"
+        yield Finding(WARNING, text, advice, data={"rmem_max": limit})

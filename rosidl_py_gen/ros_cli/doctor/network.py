@@ -1,7 +1,7 @@
-"""Checks of the network: interfaces, whether multicast works on them, and which DDS domains others use here.
+"""Checks of the network: interfaces, multicast, and DDS domains of other programs on this machine.
 
-Flags and addresses are asked of the kernel (Linux); whether multicast works is tried with a packet that does not leave
-the machine (TTL 0). Elsewhere only the names are known.
+Linux reports flags and addresses; other systems only names. Multicast is tested with a packet that does not leave the
+machine (TTL 0).
 """
 
 from __future__ import annotations
@@ -23,16 +23,19 @@ if TYPE_CHECKING:
 _SIOCGIFFLAGS, _SIOCGIFADDR = 0x8913, 0x8915  # linux/sockios.h
 _UP, _LOOPBACK, _MULTICAST = 0x1, 0x8, 0x1000  # linux/if.h
 _GROUP = "239.255.0.1"
-"""Where DDS participants look for each other."""
-_ECHO_S = 0.2
-_FIRST_PORT, _PORTS, _LAST_DOMAIN = 7400, 250, 101
-_UNICAST = range(10, 42, 2)
+"""Multicast group of DDS discovery."""
+_MULTICAST_TIMEOUT_S = 0.2
+_FIRST_PORT = 7400
+_PORTS_PER_DOMAIN = 250
+_MAX_DOMAIN = 101
+"""Ports of higher domains are assigned to other programs, too."""
+_UNICAST_OFFSETS = range(10, 42, 2)
 _MAX_INTERFACES = 64
 
 
 @dataclass(frozen=True)
 class Interface:
-    """A network interface; None where the system does not tell."""
+    """Network interface; attributes that the system does not report are None."""
 
     name: str
     address: str | None = None
@@ -43,12 +46,12 @@ class Interface:
 
     @property
     def reaches_others(self) -> bool:
-        """Whether packets can go to other machines through it, as far as can be told."""
+        """True if the interface probably leads to other machines."""
         return bool(self.address and self.is_up and not self.is_loopback)
 
 
 def interfaces() -> list[Interface]:
-    """What there is, at most 64; empty where the system does not tell."""
+    """Return at most 64 interfaces; empty if the system does not report them."""
     try:
         names = [name for _, name in socket.if_nameindex()][:_MAX_INTERFACES]
     except (OSError, AttributeError):
@@ -66,7 +69,7 @@ def _interface(name: str) -> Interface:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
             (flags,) = struct.unpack_from("=H", fcntl.ioctl(any_socket, _SIOCGIFFLAGS, request), 16)
             address = None
-            with suppress(OSError):  # it has none
+            with suppress(OSError):  # no IPv4 address
                 address = socket.inet_ntoa(fcntl.ioctl(any_socket, _SIOCGIFADDR, request)[20:24])
     except OSError:
         return Interface(name)
@@ -76,7 +79,7 @@ def _interface(name: str) -> Interface:
 
 
 def multicast_works(address: str) -> bool:
-    """Whether a packet to the group of DDS, sent through the interface with this address, comes back to us."""
+    """Return True if a packet that is sent to the group of DDS through an interface is received."""
     own = socket.inet_aton(address)
     try:
         with (
@@ -85,7 +88,7 @@ def multicast_works(address: str) -> bool:
         ):
             receiver.bind(("", 0))
             receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton(_GROUP) + own)
-            receiver.settimeout(_ECHO_S)
+            receiver.settimeout(_MULTICAST_TIMEOUT_S)
             sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, own)
             sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
             sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
@@ -96,15 +99,15 @@ def multicast_works(address: str) -> bool:
 
 
 def list_interfaces(found: list[Interface]) -> Iterator[Finding]:
-    """Each interface."""
+    """Report each interface."""
     for one in found:
         yield _describe(one)
     if not found:
-        yield Finding(NOTE, "network interfaces are not told by this system")
+        yield Finding(NOTE, "this system does not report network interfaces")
 
 
 def check_interfaces(found: list[Interface], settings: DomainSettings | None) -> Iterator[Finding]:
-    """Each interface, and whether they fit the discovery range of DDS."""
+    """Report each interface, and check that they suffice for the discovery range of DDS."""
     yield from list_interfaces(found)
     if all(one.is_up is None for one in found):
         return
@@ -126,7 +129,7 @@ def _describe(one: Interface) -> Finding:
         "multicast_works": one.multicast_works,
     }
     if one.is_up is None:
-        return Finding(OK, f"{one.name}: nothing else is known of it on this system", data=data)
+        return Finding(OK, f"{one.name}: this system reports no details", data=data)
     if not one.is_up or not one.address:
         return Finding(OK, f"{one.name}: {'no IPv4 address' if one.is_up else 'down'}", data=data)
     works = "multicast works" if one.multicast_works else "multicast does not work"
@@ -137,35 +140,37 @@ def _describe(one: Interface) -> Finding:
 def _check_subnet(usable: list[Interface], settings: DomainSettings) -> Iterator[Finding]:
     names = ", ".join(one.name for one in usable)
     if not usable:
-        advice = "set ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST for all, if only this machine is meant"
-        yield Finding(NOTE, "no interface leads to other machines; only nodes of this one can be seen", advice)
+        advice = "if only this machine is used, set ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST for all nodes"
+        yield Finding(NOTE, "no interface leads to other machines; only nodes of this machine can be found", advice)
     elif not any(one.multicast_flag and one.multicast_works for one in usable) and not settings.static_peers:
-        advice = "set ROS_STATIC_PEERS to the addresses of the other machines, here and there"
-        yield Finding(WARNING, f"multicast does not work on {names}: others are not found by themselves", advice)
+        advice = "set ROS_STATIC_PEERS to the addresses of the other machines, on each machine"
+        yield Finding(
+            WARNING, f"multicast does not work on {names}: other machines are not found automatically", advice
+        )
     if len(usable) > 1 and "NetworkInterface" not in settings.cyclonedds_uri:
         choice = f'<NetworkInterface name="{usable[0].name}"/>'
         yield Finding(
             NOTE,
-            f"{names} lead to other machines, and Cyclone DDS takes one of them: nodes behind the others are not seen",
+            f"{names} lead to other machines, and Cyclone DDS uses one of them: nodes on the others are not found",
             f"choose: CYCLONEDDS_URI='<CycloneDDS><Domain><General><Interfaces>{choice}</Interfaces></General></Domain>"
             "</CycloneDDS>'",
         )
 
 
 def other_domains(own: int, files: tuple[Path, ...] = (Path("/proc/net/udp"),)) -> Iterator[Finding]:
-    """Domains whose ports somebody on this machine has open; those above 101 cannot be told from other programs."""
+    """Report DDS domains whose ports are open on this machine, up to domain 101."""
     ports: set[int] = set()
     for file in files:
         with suppress(OSError, ValueError, IndexError):
             ports.update(int(line.split()[1].rpartition(":")[2], 16) for line in file.read_text().splitlines()[1:])
-    found = set()
+    domains = set()
     for port in ports:
-        domain, place = divmod(port - _FIRST_PORT, _PORTS)
-        if 0 <= domain <= _LAST_DOMAIN and domain != own and (place == 0 or place in _UNICAST):
-            found.add(domain)
-    if found:
-        listed = ", ".join(map(str, sorted(found)[:20]))
-        advice = f"to look there: rosidl-py doctor --domain {min(found)}"
+        domain, offset = divmod(port - _FIRST_PORT, _PORTS_PER_DOMAIN)
+        if 0 <= domain <= _MAX_DOMAIN and domain != own and (offset == 0 or offset in _UNICAST_OFFSETS):
+            domains.add(domain)
+    if domains:
+        listed = ", ".join(map(str, sorted(domains)[:20]))
+        advice = f"to check one: rosidl-py doctor --domain {min(domains)}"
         yield Finding(
-            NOTE, f"programs on this machine are in other domains: {listed}", advice, data={"domains": sorted(found)}
+            NOTE, f"programs on this machine are in other domains: {listed}", advice, data={"domains": sorted(domains)}
         )

@@ -1,7 +1,7 @@
-"""Checks of what answers: a second process of our own, the members of the domain, and whether they fit together.
+"""Checks of peers: a self-test with a second process, the participants of the domain, and incompatible endpoints.
 
-Decides what is said about the make of others. A GUID begins with the number of the vendor; ROS participants say that
-they are; type hashes came with Iron. Nothing else is known of a peer, so nothing else is said.
+The middleware of a peer is derived from three facts: its GUID begins with a vendor id, ROS participants announce that
+they are, and type hashes exist since ROS Iron.
 """
 
 from __future__ import annotations
@@ -40,24 +40,28 @@ _VENDORS = {
     17: "GurumDDS",
     18: "RustDDS",
 }
-"""Numbers of the OMG (dds-foundation.org, "DDS-RTPS vendor and product ids"); the first byte is 1."""
+"""Second byte of vendor ids (dds-foundation.org, "DDS-RTPS vendor and product ids"); the first byte is 1."""
 _ROS = {True: "ROS Iron or later", False: "ROS Humble or earlier (no type hashes)", None: "ROS"}
-_ON_ZENOH = "does `rosidl-py zenoh-router` run on each machine, and do the routers connect with each other?"
-_START_S, _FOUND_S, _ANSWER_S, _END_S = 20.0, 10.0, 10.0, 2.0
-_MAX_NAMES, _MAX_MISMATCHES = 20, 20
+_ZENOH_ADVICE = "check that `rosidl-py zenoh-router` runs on each machine, and that the routers are connected"
+_START_TIMEOUT_S = 20.0
+_DISCOVERY_TIMEOUT_S = 10.0
+_REPLY_TIMEOUT_S = 10.0
+_END_TIMEOUT_S = 2.0
+_MAX_NAMES = 20
+_MAX_MISMATCHES = 20
 
 
 # ----------------------------------------------------------------------------------------------------------- self-test
 
 
 class SelfTest:
-    """A second process that joins the same domain in the same way, and sends a message back."""
+    """Second process that joins the same domain with the same settings, and sends messages back."""
 
     def __init__(self, session: CommandNode) -> None:
         self._session = session
-        self._mark = f"p{os.getpid()}"
+        self._test_id = f"p{os.getpid()}"
         settings = session.context.settings
-        arguments = (str(settings.domain_id), settings.discovery_range.value, self._mark)
+        arguments = (str(settings.domain_id), settings.discovery_range.value, self._test_id)
         self._process = subprocess.Popen(
             [sys.executable, "-m", "rosidl_py_gen.ros_cli.doctor.echo", *arguments],
             stdin=subprocess.DEVNULL,
@@ -65,39 +69,41 @@ class SelfTest:
             stderr=subprocess.DEVNULL,
         )
         self.guid = b""
-        """Of its participant, once it was found."""
+        """GUID of the participant of the process, once it was found."""
 
     async def result(self) -> Finding:
-        """Wait for it."""
-        there, back = topics(self._mark)
+        """Run the test."""
+        there, back = topics(self._test_id)
         node = self._session.node
-        out, answers = node.create_publisher(Time, there), node.create_subscription(Time, back)
+        out, replies = node.create_publisher(Time, there), node.create_subscription(Time, back)
         if not await self._has_started():
-            return Finding(NOTE, f"the second process of the self-test did not start within {_START_S:.0f} s")
-        began = monotonic()
+            return Finding(NOTE, f"the second process of the self-test did not start within {_START_TIMEOUT_S:.0f} s")
+        start_s = monotonic()
         try:
-            await out.wait_for_subscribers(_FOUND_S)
-            await answers.wait_for_publishers(_FOUND_S)
+            await out.wait_for_subscribers(_DISCOVERY_TIMEOUT_S)
+            await replies.wait_for_publishers(_DISCOVERY_TIMEOUT_S)
         except WaitTimeoutError:
-            return self._failed(f"two processes of this machine did not find each other within {_FOUND_S:.0f} s")
-        found_s = monotonic() - began
+            return self._failed(
+                f"two processes of this machine did not find each other within {_DISCOVERY_TIMEOUT_S:.0f} s"
+            )
+        found_s = monotonic() - start_s
         self.guid = node.get_publishers_info_by_topic(back)[0].participant_guid
         try:
-            for number in range(2):  # the first may wait until the other side has found us, too
-                began = monotonic()
+            for number in range(2):  # the first one may wait until the process has discovered this node
+                start_s = monotonic()
                 out.publish(Time(sec=number))
-                await answers.receive(_ANSWER_S)
+                await replies.receive(_REPLY_TIMEOUT_S)
         except RosidlError:
             return self._failed("two processes of this machine found each other, but a message did not get through")
-        trip_ms = (monotonic() - began) * 1e3
+        trip_ms = (monotonic() - start_s) * 1e3
         text = f"two processes of this machine found each other ({found_s:.1f} s), a message went there and back"
         return Finding(OK, f"{text} ({trip_ms:.1f} ms)", data={"found_s": found_s, "round_trip_ms": trip_ms})
 
     async def _has_started(self) -> bool:
-        """Whether it has its node, or has ended; on a busy machine that takes longer than to be found."""
+        """Return True if the process has its node or has ended, which may take long on a busy machine."""
         assert self._process.stdout is not None
         with suppress(asyncio.TimeoutError):
-            await asyncio.wait_for(asyncio.to_thread(self._process.stdout.readline), _START_S)
+            await asyncio.wait_for(asyncio.to_thread(self._process.stdout.readline), _START_TIMEOUT_S)
             return True
         return False
 
@@ -105,16 +111,16 @@ class SelfTest:
         if self._process.poll() not in (None, 0):
             return Finding(NOTE, f"the second process of the self-test ended with {self._process.returncode}")
         advice = (
-            "a firewall on this machine? UDP has to pass on all its interfaces, multicast included; "
+            "check the firewall: it must pass UDP on all interfaces of this machine, multicast included; "
             "try `rosidl-py doctor --discovery localhost`, and unset CYCLONEDDS_URI"
         )
-        return Finding(BROKEN, text, advice if _is_dds(self._session) else _ON_ZENOH)
+        return Finding(BROKEN, text, advice if _is_dds(self._session) else _ZENOH_ADVICE)
 
     def close(self) -> None:
         """End the process."""
         self._process.terminate()
         try:
-            self._process.wait(_END_S)
+            self._process.wait(_END_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
@@ -126,36 +132,36 @@ class SelfTest:
 
 
 def peers(session: CommandNode, without: bytes) -> Iterator[Finding]:
-    """Who is in the domain, by make; `without` is the participant of the self-test."""
-    found = [one for one in session.context.participants() if not one.is_own and one.guid != without]
-    if not found:
-        yield _nobody(session)
+    """Report participants by middleware, except `without`, which is that of the self-test."""
+    participants = [one for one in session.context.participants() if not one.is_own and one.guid != without]
+    if not participants:
+        yield _no_peers(session)
         return
     groups: defaultdict[str, list[ParticipantInfo]] = defaultdict(list)
-    for one in found:
+    for one in participants:
         groups[middleware_text(one, session.context.middleware)].append(one)
     for name, members in sorted(groups.items()):
         yield _group(name, members)
 
 
 def middleware_text(one: ParticipantInfo, middleware: str = "DDS") -> str:
-    """The middleware, and what is known of the distribution."""
+    """Return the middleware and the range of ROS distributions of a participant."""
     vendor = _VENDORS.get(one.guid[1]) if one.guid[0] == 1 else None
     name = middleware if middleware != "DDS" else vendor or f"DDS of vendor {one.guid[:2].hex('.')}"
     if not one.is_ros:
-        return f"{name}, no ROS"
+        return f"{name}, not ROS"
     return f"{name}, {_ROS[one.announces_type_hashes]}"
 
 
 def _group(name: str, members: list[ParticipantInfo]) -> Finding:
     nodes = sorted(node.fully_qualified_name for one in members for node in one.nodes)
-    shown = ", ".join(nodes[:_MAX_NAMES]) + (", ..." if len(nodes) > _MAX_NAMES else "")
+    names = ", ".join(nodes[:_MAX_NAMES]) + (", ..." if len(nodes) > _MAX_NAMES else "")
     public = f"{name}: {_counted(len(members), 'participant')}, {_counted(len(nodes), 'node')}"
-    most = max(len(one.nodes) for one in members)
-    if most > 1:
-        public += f", up to {most} in one participant"
+    max_nodes = max(len(one.nodes) for one in members)
+    if max_nodes > 1:
+        public += f", up to {max_nodes} in one participant"
     data = {"make": name, "participants": len(members), "nodes": nodes}
-    return Finding(OK, f"{public}{f': {shown}' if nodes else ''}", public=public, data=data)
+    return Finding(OK, f"{public}{f': {names}' if nodes else ''}", public=public, data=data)
 
 
 def _counted(count: int, noun: str) -> str:
@@ -166,64 +172,64 @@ def _is_dds(session: CommandNode) -> bool:
     return session.context.middleware == "DDS"
 
 
-def _nobody(session: CommandNode) -> Finding:
+def _no_peers(session: CommandNode) -> Finding:
     settings = session.context.settings
     first = 7400 + 250 * settings.domain_id
     advice = (
-        f"do the others have ROS_DOMAIN_ID={settings.domain_id}, and a ROS_AUTOMATIC_DISCOVERY_RANGE that fits "
-        f"{settings.discovery_range.name}?"
+        f"check that the other nodes use ROS_DOMAIN_ID={settings.domain_id}, and a ROS_AUTOMATIC_DISCOVERY_RANGE that "
+        f"fits {settings.discovery_range.name}."
     )
     if settings.discovery_range.name != "LOCALHOST":
         advice += (
-            f" Between machines UDP ports {first} to {first + 249} and multicast to 239.255.0.1 have to pass "
-            "firewalls; else name the machines in ROS_STATIC_PEERS"
+            f" Firewalls between machines must pass UDP ports {first} to {first + 249} and multicast to 239.255.0.1; "
+            "otherwise set ROS_STATIC_PEERS to the machines"
         )
     if not _is_dds(session):
-        advice = f"do the others have ROS_DOMAIN_ID={settings.domain_id}? If so, {_ON_ZENOH}"
-    return Finding(NOTE, f"nobody else answers in domain {settings.domain_id}", advice)
+        advice = f"check that the other nodes use ROS_DOMAIN_ID={settings.domain_id}; {_ZENOH_ADVICE}"
+    return Finding(NOTE, f"no other participant was found in domain {settings.domain_id}", advice)
 
 
 # ------------------------------------------------------------------------------------------------------- fit together
 
 
 def duplicate_node_names(node: Node) -> Iterator[Finding]:
-    """Nodes of one name, whose services and parameters get mixed up."""
+    """Report nodes with the same name, whose services and parameters are mixed up."""
     for name, count in Counter(node.get_node_names()).items():
         if count > 1:
             public = f"{count} nodes have the same name"
-            advice = "give one another name: --ros-args -r __node:=name"
+            advice = "rename one of them: --ros-args -r __node:=name"
             yield Finding(WARNING, f"{public}: {name}", advice, public=public)
 
 
 def mismatches(node: Node) -> Iterator[Finding]:
-    """Publishers and subscriptions, clients and servers that do not connect, at most 20."""
-    found = (
+    """Report at most 20 incompatible pairs of publishers and subscriptions, or clients and servers."""
+    topic_findings = (
         finding
         for topic, _ in node.get_topic_names_and_types()
         for one in node.incompatible_endpoints_of_topic(topic)
         for finding in _mismatch(node, topic, one)
     )
-    yield from islice(chain(found, _service_mismatches(node)), _MAX_MISMATCHES)
+    yield from islice(chain(topic_findings, _service_mismatches(node)), _MAX_MISMATCHES)
 
 
 def _service_mismatches(node: Node) -> Iterator[Finding]:
     for service, _ in node.get_service_names_and_types():
-        for found in node.incompatible_endpoints_of_service(service):
-            said = f"no calls of {service} from {found.writer.node_text} to {found.reader.node_text}: {found.reason}"
-            advice = "give both one type by one definition" if found.kind != "qos" else ""
-            yield Finding(WARNING, said, advice, public="a client and a server of one name do not connect")
+        for one in node.incompatible_endpoints_of_service(service):
+            text = f"no calls of {service} from {one.writer.node_text} to {one.reader.node_text}: {one.reason}"
+            advice = "use the same type and definition for both" if one.kind != "qos" else ""
+            yield Finding(WARNING, text, advice, public="a client and a server of a service are incompatible")
 
 
 def _mismatch(node: Node, topic: str, one: Mismatch) -> Iterator[Finding]:
-    said = f"no messages on {topic} from {one.writer.node_text} to {one.reader.node_text}: {one.reason}"
+    text = f"no messages on {topic} from {one.writer.node_text} to {one.reader.node_text}: {one.reason}"
     if one.kind == "type":
-        yield Finding(WARNING, said, public="types differ on a topic")
+        yield Finding(WARNING, text, public="types differ on a topic")
     elif one.kind == "qos":
-        advice, public = "", "two ends of a topic do not connect"
-        if node.context.middleware != "Zenoh":  # there the reason may name a type
-            advice = "give both the same reliability and durability, or the publisher the stronger ones"
+        advice, public = "", "a publisher and a subscription of a topic are incompatible"
+        if node.context.middleware != "Zenoh":  # there the reason may contain a type
+            advice = "use the same reliability and durability for both, or the stronger ones for the publisher"
             public += f": {one.reason}"
-        yield Finding(WARNING, said, advice, public=public)
+        yield Finding(WARNING, text, advice, public=public)
     else:
-        advice = "bring both to one definition; until then our nodes do not use what arrives, and others may misread it"
-        yield Finding(WARNING, said, advice, public="definitions differ on a topic")
+        advice = "use the same definition for both; nodes of this package drop such messages, others may misread them"
+        yield Finding(WARNING, text, advice, public="definitions differ on a topic")
