@@ -145,7 +145,7 @@ async def test_what_is_dumped_can_be_loaded(network: World, tool: Tool, tmp_path
     file.write_text("/drive:\n  ros__parameters: {speed: 2, start_type_description_service: false}\n")
     differs = await tool("param", "load", "/drive", str(file))
     assert (differs.code, node.get_parameter("speed", float)) == (1, 2.0)
-    assert "failed: it is read-only and stays True, the file says False" in differs.err
+    assert "failed: it is read-only with True; the file has False" in differs.err
 
 
 async def test_a_dump_requests_many_values_at_once_within_one_deadline(memory: World, tool: Tool) -> None:
@@ -191,7 +191,7 @@ async def test_a_file_that_sets_what_it_must_not_fails(memory: World, tool: Tool
     nothing, partly = await asyncio.gather(
         tool("param", "load", "/drive", str(other)), tool("param", "load", "/drive", str(wrong))
     )
-    assert "nothing for /drive; the file has parameters of /other" in nothing.err
+    assert "no parameters for /drive; the file has parameters of /other" in nothing.err
     other.write_bytes(b"/drive:\n  ros__parameters: {speed: '\xff'}\n")
     no_text = await tool("param", "load", "/drive", str(other))
     assert no_text.err == f"error: {other}: expected UTF-8, found the byte 0xff\n"

@@ -15,7 +15,7 @@ from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
 from rosidl_py_gen.runtime.node.sim_time import TimeSource
 from rosidl_py_gen.runtime.parameters.callbacks import require_plain
 from rosidl_py_gen.runtime.parameters.overrides import overrides_for, sources_for
-from rosidl_py_gen.runtime.parameters.store import ParameterStore, SetResult
+from rosidl_py_gen.runtime.parameters.store import ParameterStore
 from rosidl_py_gen.runtime.parameters.validation import SEPARATOR, ListParametersResult
 from rosidl_py_gen.runtime.parameters.values import (
     ARRAY_OF,
@@ -26,6 +26,7 @@ from rosidl_py_gen.runtime.parameters.values import (
     ParameterEvent,
     ParameterType,
     PythonValue,
+    SetResult,
     WrongParameterTypeError,
     as_parameters,
     as_prefixes,

@@ -1,4 +1,1 @@
-"""Parameters of a node: their values, who may set them, the services around them, and clients of other nodes.
-
-May import: endpoints and the rooms below.
-"""
+"""Parameters of a node: values, validation, files, services, and clients of other nodes."""

@@ -20,9 +20,10 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.parameters.values import ParameterValue
     from rosidl_py_gen.runtime.time.deadline import Deadline
 
-_FIRST_BATCH, _MAX_BATCH = 50, 1000
+_FIRST_BATCH = 50
+_MAX_BATCH = 1000
 _SMALL = 1 << 18
-"""Size of the values of a response, in characters and elements, up to which the next request asks for twice as many."""
+"""Size of the values of a response, in characters and elements, up to which the next batch is twice as large."""
 
 
 async def read_all(
@@ -40,20 +41,21 @@ async def read_all(
     async def types_of(batch: list[str]) -> list[int]:
         return list((await types.call(GetParameterTypes_Request(names=batch), deadline.remaining_s())).types)
 
-    found: dict[str, ParameterValue] = {}
+    result: dict[str, ParameterValue] = {}
     size, at = _FIRST_BATCH, 0
     while at < len(names):
         batch = list(names[at : at + size])
         at += len(batch)
         try:
-            answered = await _read_batch(batch, values_of, types_of)
+            items = await _read_batch(batch, values_of, types_of)
         except CallTimeoutError:
             raise CallTimeoutError(f"{at - len(batch)} of {len(names)} parameters were read in time") from None
-        values = {name: value_from_message(item) for name, item in answered}
-        found.update(values)
-        length = sum(len(value) for one in values.values() if isinstance(value := one.value, str | bytes | tuple))
+        values = {name: value_from_message(item) for name, item in items}
+        result.update(values)
+        contents = [value.value for value in values.values()]
+        length = sum(len(content) for content in contents if isinstance(content, str | bytes | tuple))
         size = min(2 * size, _MAX_BATCH) if length <= _SMALL else max(1, size // 2)
-    return {name: found[name] for name in names if name in found}
+    return {name: result[name] for name in names if name in result}
 
 
 async def _read_batch(
@@ -61,23 +63,19 @@ async def _read_batch(
     values_of: Callable[[list[str]], Awaitable[list[Any]]],
     types_of: Callable[[list[str]], Awaitable[list[int]]],
 ) -> list[tuple[str, Any]]:
-    found: list[tuple[str, Any]] = []
-    parts = [batch]
-    while parts:
-        part = parts.pop()
-        values = await values_of(part)
-        if len(values) == len(part):
-            found += zip(part, values, strict=True)
+    items: list[tuple[str, Any]] = []
+    pending = [batch]
+    while pending:
+        names = pending.pop()
+        values = await values_of(names)
+        if len(values) == len(names):
+            items += zip(names, values, strict=True)
             continue
-        kinds = await types_of(part)
-        typed = [name for name, kind in zip(part, kinds, strict=False) if kind] if len(kinds) == len(part) else part
-        if len(typed) == len(part):
-            parts += _halves(part)
-        elif typed:
-            parts.append(typed)
-    return found
-
-
-def _halves(batch: list[str]) -> list[list[str]]:
-    middle = len(batch) // 2
-    return [batch[:middle], batch[middle:]] if middle else []
+        kinds = await types_of(names)
+        typed = [name for name, kind in zip(names, kinds, strict=False) if kind] if len(kinds) == len(names) else names
+        middle = len(names) // 2
+        if len(typed) < len(names):
+            pending += [typed] if typed else []
+        elif middle:
+            pending += [names[:middle], names[middle:]]
+    return items

@@ -1,10 +1,8 @@
-"""The functions that users hand in around a set: keeping them, calling them, judging what they answer.
+"""Callbacks and validators around a set: registration, calls, and checks of their return values.
 
-Decides what callbacks and validators may be and may answer, and what becomes of one that raises: the set is refused
-with a reason that names the function, and the traceback is logged, unless whoever added it wants its errors to go on to
-whoever sets; a set that is stored already stays. When they are called is `store.py`'s. All run on the thread that sets,
-post-set callbacks without any lock; each in a copy of the `contextvars` context of whoever sets, so that it knows for
-whom it is called and leaves nothing behind.
+If one raises, the set is refused with a reason that names the function, and the traceback is logged; callbacks that
+were added with `raises` raise to the caller of the set. Exceptions of post-set callbacks do not undo the set. All run
+on the thread that sets, each in a copy of its `contextvars` context.
 """
 
 from __future__ import annotations
@@ -36,169 +34,160 @@ ACCEPTED = SetResult(True)
 
 
 class CallbackAnswerError(ParameterError, TypeError):
-    """The author of a parameter callback has to change it: it answered something it must not."""
+    """Raised if a parameter callback or validator returns a value of a wrong type."""
 
 
 class RefusedError(ParameterError):
-    """Why a set is refused; `failed` names a function that raised, whose traceback is worth a log entry."""
+    """Raised with the reason why a set is refused; `failed` names the function that raised, if one did."""
 
     def __init__(self, reason: str, failed: str = "") -> None:
         super().__init__(reason)
         self.failed = failed
 
 
-def require_plain(function: object, what: str, gets: str) -> None:
-    """Raises `TypeError` for what cannot be called with `gets`, and for async functions: a set waits for nobody."""
+def require_plain(function: object, subject: str, argument: str) -> None:
+    """Raise `TypeError` unless `function` is a plain function of one argument, which `argument` describes."""
     if not callable(function):
-        raise TypeError(f"{what} must be a function, got {function!r}")
+        raise TypeError(f"{subject} must be a function, got {function!r}")
     if is_async(function):
         raise TypeError(
-            f"{what} {_name_of(function)!r} is async, but a set cannot wait for it; give a plain function, which may "
-            "start a task"
+            f"{subject} {_name_of(function)!r} is async, but a set cannot wait for it; pass a plain function, which "
+            "may start a task"
         )
-    require_signature(function, f"{what} {_name_of(function)!r}", gets)
+    require_signature(function, f"{subject} {_name_of(function)!r}", argument)
 
 
-def validate(what: str, validator: Callable[[Any], str | None], value: Any) -> None:
-    """Raises `RefusedError` with the validator's text, or because it raised, and `CallbackAnswerError`."""
-    answer = call_checked(what, validator, value)
-    if answer is None:
-        return
-    if not isinstance(answer, str):
-        raise _wrong_answer(what, answer, "None or a text")
-    if answer:
-        raise RefusedError(answer)
+def validate(subject: str, validator: Callable[[Any], str | None], value: Any) -> None:
+    """Raise `RefusedError` if a validator returns a reason or raises; `CallbackAnswerError` for other values."""
+    reason = call_checked(subject, validator, value)
+    if not isinstance(reason, str | None):
+        raise _wrong_return(subject, reason, "None or a str")
+    if reason:
+        raise RefusedError(reason)
 
 
-def call_checked(what: str, function: Callable[..., Any], *arguments: object) -> Any:
-    """What the function answers; raises `RefusedError` when it raises."""
+def call_checked(subject: str, function: Callable[..., Any], *arguments: object) -> Any:
+    """Call a function in a copy of the context; raises `RefusedError` if it raises."""
     try:
         return copy_context().run(function, *arguments)
     except Exception as error:
-        raise _raised(what, error) from error
+        raise RefusedError(f"{subject} raised {type(error).__name__}: {error}", subject) from error
 
 
-def _raised(what: str, error: Exception) -> RefusedError:
-    return RefusedError(f"{what} raised {type(error).__name__}: {error}", what)
-
-
-class _Added(NamedTuple):
+class _Callback(NamedTuple):
     function: Callable[..., Any]
     raises: bool
-    """Whether its errors go on to whoever sets."""
+
+    def call(self, subject: str, parameters: Sequence[Parameter]) -> Any:
+        """Return the function's result; raises its error, or `RefusedError` unless `raises`."""
+        if self.raises:
+            return copy_context().run(self.function, list(parameters))
+        return call_checked(subject, self.function, list(parameters))
 
 
 class SetCallbacks:
-    """The callbacks of one store; any thread may add and remove."""
+    """Callbacks of one store. Thread: any."""
 
     def __init__(self, on_failure: Callable[[str], None]) -> None:
         self._on_failure = on_failure
-        self._added: dict[str, RegistrationSet[_Added]] = {
+        self._callbacks: dict[str, RegistrationSet[_Callback]] = {
             kind: RegistrationSet() for kind in ("pre-set", "on-set", "post-set", "mirror")
         }
         self.preparing = False
-        """True while mirrors check a set; another set would then be overtaken by the one that is checked."""
+        """True while mirrors check a set, during which no other set is possible."""
 
     def add(self, kind: str, callback: Callable[..., Any], *, raises: bool = False) -> Registration:
-        """Call a function around each set until the answer is closed. Raises `TypeError` for async functions.
+        """Call a function around each set until the registration is closed; raises `TypeError` for async functions.
 
         Args:
-            kind: ``pre-set``: may replace the list to set. ``on-set``: may refuse it, the newest is asked first. Both
-                are called on the thread that sets, and other sets wait for them. ``post-set``: hears of successful
-                sets and declarations, and holds up nobody else. ``mirror``: checks values once all others have agreed;
-                it raises `RefusedError`, or returns the function that shows them (None when they do not concern it),
-                which is called when they are stored, before anybody else hears of them.
-            raises: what it raises goes on to whoever sets.
+            kind: ``pre-set``: may replace the list of parameters. ``on-set``: may refuse it; the newest is called
+                first. Other sets wait for both. ``post-set``: called after successful sets and declarations, without a
+                lock. ``mirror``: checks values after all others agreed; it raises `RefusedError`, or returns a function
+                that is called when the values are stored, before the event, or None.
+            raises: pass its exceptions to the caller of the set.
         """
         if kind != "mirror":
             require_plain(callback, f"the {kind} callback", "the list of parameters")
-        return self._added[kind].add(_Added(callback, raises))
+        return self._callbacks[kind].add(_Callback(callback, raises))
 
     def run_pre_set(self, parameters: list[Parameter]) -> list[Parameter]:
-        """What pre-set callbacks make of the list. Raises `RefusedError`, `CallbackAnswerError`."""
-        if not self._added["pre-set"]:
+        """Return the list that the pre-set callbacks return; raises `RefusedError`, `CallbackAnswerError`."""
+        if not self._callbacks["pre-set"]:
             return parameters
-        wanted: list[Parameter] = []
-        for callback, raises in self._added["pre-set"]:
-            what = f"the pre-set callback {_name_of(callback)!r}"
-            if raises:
-                answer = copy_context().run(callback, list(parameters))
-            else:
-                answer = call_checked(what, callback, list(parameters))
-            if not isinstance(answer, (list, tuple)) or not all(isinstance(item, Parameter) for item in answer):
-                raise _wrong_answer(what, answer, "a list of Parameter objects")
+        result: list[Parameter] = []
+        for callback in self._callbacks["pre-set"]:
+            subject = f"the pre-set callback {_name_of(callback.function)!r}"
+            replaced = callback.call(subject, parameters)
+            if not isinstance(replaced, (list, tuple)) or not all(isinstance(item, Parameter) for item in replaced):
+                raise _wrong_return(subject, replaced, "a list of Parameter objects")
             try:
-                wanted += [checked_parameter(item) for item in answer]
+                result += [checked_parameter(item) for item in replaced]
             except (TypeError, InvalidParameterValueError) as error:
-                raise CallbackAnswerError(f"{what} returned what cannot be set: {error}") from error
-        if not wanted:
+                raise CallbackAnswerError(f"{subject} returned a parameter that cannot be set: {error}") from error
+        if not result:
             raise RefusedError(EMPTY_LIST_REASON)
-        return wanted
+        return result
 
     def run_on_set(self, parameters: Sequence[Parameter]) -> tuple[SetResult, list[Commit]]:
-        """Ask the on-set callbacks, the newest first, then the mirrors.
+        """Call the on-set callbacks, the newest first, then the mirrors.
 
         Returns:
-            The last consent, and what has to be called once the values are stored.
+            The last result, and functions to call once the values are stored.
 
         Raises:
-            RefusedError: one of them refused or raised. CallbackAnswerError.
+            RefusedError: a function refused or raised.
+            CallbackAnswerError: a callback returned a wrong type.
         """
         result = ACCEPTED
-        for callback, raises in reversed(list(self._added["on-set"])):
-            try:
-                result = copy_context().run(callback, list(parameters))
-            except Exception as error:
-                if raises:
-                    raise
-                raise _raised(f"the on-set callback {_name_of(callback)!r}", error) from error
+        for callback in reversed(list(self._callbacks["on-set"])):
+            subject = f"the on-set callback {_name_of(callback.function)!r}"
+            result = callback.call(subject, parameters)
             if type(result) is not SetResult or type(result.successful) is not bool or type(result.reason) is not str:
-                result = _as_result(callback, result)
+                result = _as_result(subject, result)
             if not result.successful:
                 raise RefusedError(result.reason)
-        return result, self._prepared(parameters) if self._added["mirror"] else []
+        return result, self._run_mirrors(parameters) if self._callbacks["mirror"] else []
 
-    def _prepared(self, parameters: Sequence[Parameter]) -> list[Commit]:
+    def _run_mirrors(self, parameters: Sequence[Parameter]) -> list[Commit]:
         changes = {parameter.name: parameter.value for parameter in parameters}
         self.preparing = True
         try:
-            found = [prepare(changes) for prepare, _ in self._added["mirror"]]
+            commits = [prepare(changes) for prepare, _ in self._callbacks["mirror"]]
         finally:
             self.preparing = False
-        return [commit for commit in found if commit is not None]
+        return [commit for commit in commits if commit is not None]
 
     def run_post_set(self, parameters: Sequence[Parameter]) -> None:
-        """Call the post-set callbacks, the newest first; one that raises is logged and the others still hear.
+        """Call the post-set callbacks, the newest first, and log their exceptions.
 
         Raises:
-            Exception: what the first one raised that was added with `raises`, once all have heard.
+            Exception: the first one of a callback that was added with `raises`, after all calls.
         """
-        failed: Exception | None = None
-        for callback, raises in reversed(list(self._added["post-set"])):
+        failure: Exception | None = None
+        for callback, raises in reversed(list(self._callbacks["post-set"])):
             try:
                 copy_context().run(callback, list(parameters))
             except Exception as error:
-                if raises and failed is None:
-                    failed = error
+                if raises and failure is None:
+                    failure = error
                 else:
                     self._on_failure(f"the post-set callback {_name_of(callback)!r}")
-        if failed is not None:
-            raise failed
+        if failure is not None:
+            raise failure
 
 
-def _as_result(callback: object, answer: Any) -> SetResult:
-    """What looks like a SetResult is one: rcl_interfaces' SetParametersResult, which rclpy's callbacks return, too."""
-    successful, reason = getattr(answer, "successful", None), getattr(answer, "reason", None)
+def _as_result(subject: str, value: Any) -> SetResult:
+    """Convert objects with the fields of a SetResult, such as rcl_interfaces' SetParametersResult."""
+    successful, reason = getattr(value, "successful", None), getattr(value, "reason", None)
     if successful is None or not isinstance(reason, str):
-        what = f"the on-set callback {_name_of(callback)!r}"
-        raise _wrong_answer(what, answer, "a SetResult with a text as its reason")
+        raise _wrong_return(subject, value, "a SetResult with a str as its reason")
     return SetResult(bool(successful), str(reason))
 
 
-def _wrong_answer(what: str, answer: object, expected: str) -> CallbackAnswerError:
-    if inspect.iscoroutine(answer):
-        answer.close()  # else Python warns about it, somewhere else
-    return CallbackAnswerError(f"{what} returned {answer!r}, expected {expected}")
+def _wrong_return(subject: str, value: object, expected: str) -> CallbackAnswerError:
+    if inspect.iscoroutine(value):
+        value.close()  # else Python warns later that it was not awaited
+    return CallbackAnswerError(f"{subject} returned {value!r}, expected {expected}")
 
 
 def _name_of(function: Any) -> str:

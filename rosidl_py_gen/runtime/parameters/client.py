@@ -1,10 +1,8 @@
-"""The parameters of another node, over its six services and ``/parameter_events``.
+"""Client of the parameters of another node, through its six services and ``/parameter_events``.
 
-Decides how answers become values and errors. Every call waits for the remote node, as part of `timeout_s`.
-
-One name gives one value, several give a list. An empty list says nothing about its type, in Python as in YAML, so
-before one is set the remote node is asked which array type the parameter has. Nodes of rclcpp and rclpy refuse whole
-numbers for doubles, so when one was refused, it is asked, too, and the number set again as a double.
+Every call waits for the remote node, as part of `timeout_s`. An empty list has no type in Python and YAML, so before
+one is set the type of the remote parameter is requested. Nodes of rclcpp and rclpy refuse integers for doubles, so if
+one is refused, the type is requested, too, and the number set again as a double.
 """
 
 from __future__ import annotations
@@ -71,18 +69,17 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.names.remapping import NodeNames
-    from rosidl_py_gen.runtime.parameters.store import ParameterEvent
-    from rosidl_py_gen.runtime.parameters.values import ParametersToSet
+    from rosidl_py_gen.runtime.parameters.values import ParameterEvent, ParametersToSet
 
 T = TypeVar("T")
 
 
 class MalformedAnswerError(RosidlError):
-    """The remote node answered something that does not belong to the question."""
+    """Raised for a response of a remote node that does not fit the request."""
 
 
 class RemoteParameterEvent(NamedTuple):
-    """Event that a node sent on ``/parameter_events``; `stamp` is None where it was negative."""
+    """Event that a node sent on ``/parameter_events``; `stamp` is None if it was negative."""
 
     node: str
     stamp: Time | None
@@ -90,57 +87,56 @@ class RemoteParameterEvent(NamedTuple):
 
 
 class ParameterEvents(AsyncQueue[RemoteParameterEvent]):
-    """An async iterator of parameter events; close it when it is no longer needed."""
+    """Async iterator of the parameter events of one node, or of all; close it after use."""
 
     def __init__(self, scope: EntityScope, names: NodeNames, node: str | None) -> None:
-        """`node` None means all nodes."""
         super().__init__()
         self._scope = scope
         self._node = node
         topic = names.resolve_topic("/parameter_events")
         self._subscription: Subscription[EventMessage] = Subscription(
-            scope, message_type(EventMessage), topic, self._arrived, PARAMETER_EVENTS
+            scope, message_type(EventMessage), topic, self._on_message, PARAMETER_EVENTS
         )
         scope.register(self)
 
-    def _arrived(self, message: EventMessage) -> None:
+    def _on_message(self, message: EventMessage) -> None:
         if self._node is None or message.node == self._node:
             self._push(RemoteParameterEvent(message.node, read_stamp(message.stamp), event_from_message(message)))
 
     async def wait_for_publishers(self, timeout_s: float | None = None) -> Literal[True]:
-        """Wait until somebody is there to be heard; raises `WaitTimeoutError` when the time passed."""
+        """Wait until a publisher is matched; raises `WaitTimeoutError`."""
         return await self._subscription.wait_for_publishers(timeout_s)
 
     wait_for_publishers_sync = blocking(wait_for_publishers)
 
     def close(self, error: BaseException | None = None) -> None:
-        """Stop listening; the iterator ends. May be called twice."""
+        """Stop listening; the iteration ends. May be called twice."""
         super().close(error)
         self._scope.unregister(self)
         self._subscription.close()
 
 
 class _NameQuery:
-    """One name or several, and the answer that belongs to them."""
+    """Request for one name or several."""
 
     def __init__(self, node: str, names: str | Sequence[str]) -> None:
         self._node = node
         self._single = isinstance(names, str)
         self.names = [names] if isinstance(names, str) else require_names(names)
 
-    def answer(self, found: list[T]) -> T | list[T]:
-        """One for one name, a list for several; raises `ParameterNotDeclaredError`, `MalformedAnswerError`."""
-        if len(found) == len(self.names):
-            return found[0] if self._single else found
-        if not found:
+    def result(self, items: list[T]) -> T | list[T]:
+        """Return the item of a single name, or all; raises `ParameterNotDeclaredError`, `MalformedAnswerError`."""
+        if len(items) == len(self.names):
+            return items[0] if self._single else items
+        if not items:
             raise ParameterNotDeclaredError(self.names, self._node)
-        raise MalformedAnswerError(f"{self._node} answered {len(found)} values for {len(self.names)} parameters")
+        raise MalformedAnswerError(f"{self._node} returned {len(items)} values for {len(self.names)} parameters")
 
 
 class ParameterClient(CompositeEntity):
-    """Made by `create_parameter_client`.
+    """Client of the parameters of another node; created by `create_parameter_client`.
 
-    Calls raise `CallTimeoutError` when no answer comes in `timeout_s` seconds, `ServerLostError` when the node leaves.
+    Calls raise `CallTimeoutError` if no reply arrives within `timeout_s`, `ServerLostError` if the node disappears.
     """
 
     def __init__(self, scope: EntityScope, names: NodeNames, node: str) -> None:
@@ -164,52 +160,44 @@ class ParameterClient(CompositeEntity):
         scope.register(self)
 
     async def wait_for_services(self, timeout_s: float | None = None) -> Literal[True]:
-        """Wait until the remote node serves its parameters; raises `WaitTimeoutError` when the time passed."""
+        """Wait until the remote node serves its parameters; raises `WaitTimeoutError`."""
 
-        def unserved() -> list[Client[Any, Any]]:
+        def unavailable() -> list[Client[Any, Any]]:
             return [client for client in self._clients if not client.service_is_available()]
 
         def missing() -> str:
-            names = ", ".join(client.name for client in unserved())
+            names = ", ".join(client.name for client in unavailable())
             return f"node {self.node} does not serve its parameters: no server of {names} appeared"
 
         def why() -> str:
-            return next((one._why_missing(one.name.removeprefix(self.node)) for one in unserved()), "")
+            return next((client._why_missing(client.name.removeprefix(self.node)) for client in unavailable()), "")
 
         return await self._scope.wait_or_raise(
-            lambda: not unserved(), timeout_s, lambda: self._closed, missing, why=why
+            lambda: not unavailable(), timeout_s, lambda: self._closed, missing, why=why
         )
 
     wait_for_services_sync = blocking(wait_for_services)
 
     @overload
-    async def get(  # type: ignore[overload-overlap]  # a text is a sequence of texts
+    async def get(  # type: ignore[overload-overlap]  # a str is a sequence of str
         self, names: str, timeout_s: float | None = None
     ) -> PythonValue: ...
     @overload
     async def get(self, names: Sequence[str], timeout_s: float | None = None) -> list[PythonValue]: ...
     async def get(self, names: str | Sequence[str], timeout_s: float | None = None) -> PythonValue | list[PythonValue]:
-        """One value for one name, a list for several; None where nothing is set.
+        """Return one value for one name, a list for several; None for a parameter without a value.
 
         Raises:
             ParameterNotDeclaredError: at least one of them is not declared, or has no value.
         """
-        asked = _NameQuery(self.node, names)
-        response = await self._get.call(GetParameters_Request(names=asked.names), timeout_s)
-        return asked.answer([value_from_message(item).value for item in response.values])
+        query = _NameQuery(self.node, names)
+        response = await self._get.call(GetParameters_Request(names=query.names), timeout_s)
+        return query.result([value_from_message(item).value for item in response.values])
+
+    get_sync = blocking(get)
 
     @overload
-    def get_sync(  # type: ignore[overload-overlap]  # a text is a sequence of texts
-        self, names: str, timeout_s: float | None = None
-    ) -> PythonValue: ...
-    @overload
-    def get_sync(self, names: Sequence[str], timeout_s: float | None = None) -> list[PythonValue]: ...
-    def get_sync(self, names: Any, timeout_s: float | None = None) -> Any:
-        """`get` for plain code; raises `WouldDeadlockError` on the event loop's thread."""
-        return self._scope.run_blocking(self.get(names, timeout_s), f"get_sync of {self!r}", "'await ...get(...)'")
-
-    @overload
-    async def get_types(  # type: ignore[overload-overlap]  # a text is a sequence of texts
+    async def get_types(  # type: ignore[overload-overlap]  # a str is a sequence of str
         self, names: str, timeout_s: float | None = None
     ) -> ParameterType: ...
     @overload
@@ -217,25 +205,15 @@ class ParameterClient(CompositeEntity):
     async def get_types(
         self, names: str | Sequence[str], timeout_s: float | None = None
     ) -> ParameterType | list[ParameterType]:
-        """One type for one name, a list for several; raises `ParameterNotDeclaredError` as `get`."""
-        asked = _NameQuery(self.node, names)
-        response = await self._types.call(GetParameterTypes_Request(names=asked.names), timeout_s)
-        return asked.answer([parameter_type(int(item)) for item in response.types])
+        """Return one type for one name, a list for several; raises as `get`."""
+        query = _NameQuery(self.node, names)
+        response = await self._types.call(GetParameterTypes_Request(names=query.names), timeout_s)
+        return query.result([parameter_type(int(item)) for item in response.types])
+
+    get_types_sync = blocking(get_types)
 
     @overload
-    def get_types_sync(  # type: ignore[overload-overlap]  # a text is a sequence of texts
-        self, names: str, timeout_s: float | None = None
-    ) -> ParameterType: ...
-    @overload
-    def get_types_sync(self, names: Sequence[str], timeout_s: float | None = None) -> list[ParameterType]: ...
-    def get_types_sync(self, names: Any, timeout_s: float | None = None) -> Any:
-        """`get_types` for plain code; raises `WouldDeadlockError` on the event loop's thread."""
-        return self._scope.run_blocking(
-            self.get_types(names, timeout_s), f"get_types_sync of {self!r}", "'await ...types(...)'"
-        )
-
-    @overload
-    async def describe(  # type: ignore[overload-overlap]  # a text is a sequence of texts
+    async def describe(  # type: ignore[overload-overlap]  # a str is a sequence of str
         self, names: str, timeout_s: float | None = None
     ) -> ParameterDescriptor: ...
     @overload
@@ -243,41 +221,32 @@ class ParameterClient(CompositeEntity):
     async def describe(
         self, names: str | Sequence[str], timeout_s: float | None = None
     ) -> ParameterDescriptor | list[ParameterDescriptor]:
-        """One for one name, a list for several; raises `ParameterNotDeclaredError` when one is not declared there."""
-        asked = _NameQuery(self.node, names)
-        response = await self._describe.call(DescribeParameters_Request(names=asked.names), timeout_s)
-        return asked.answer([descriptor_from_message(item) for item in response.descriptors])
+        """Return one descriptor for one name, a list for several; raises `ParameterNotDeclaredError`."""
+        query = _NameQuery(self.node, names)
+        response = await self._describe.call(DescribeParameters_Request(names=query.names), timeout_s)
+        return query.result([descriptor_from_message(item) for item in response.descriptors])
 
-    @overload
-    def describe_sync(  # type: ignore[overload-overlap]  # a text is a sequence of texts
-        self, names: str, timeout_s: float | None = None
-    ) -> ParameterDescriptor: ...
-    @overload
-    def describe_sync(self, names: Sequence[str], timeout_s: float | None = None) -> list[ParameterDescriptor]: ...
-    def describe_sync(self, names: Any, timeout_s: float | None = None) -> Any:
-        """`describe` for plain code; raises `WouldDeadlockError` on the event loop's thread."""
-        return self._scope.run_blocking(
-            self.describe(names, timeout_s), f"describe_sync of {self!r}", "'await ...describe(...)'"
-        )
+    describe_sync = blocking(describe)
 
     async def set(self, values: ParametersToSet, timeout_s: float | None = None) -> list[SetResult]:
-        """Set one by one; the result of each says whether and why not.
+        """Set each parameter separately; return a result with a reason for each.
 
-        An empty list takes the type the remote parameter has, which costs one or two more questions for each. A whole
-        number that is refused is set again as a double where the parameter is one.
+        An empty list takes the type of the remote parameter, which costs one or two more requests. A refused integer is
+        set again as a double if the remote parameter is one.
 
         Raises:
-            InvalidParameterValueError: one is no parameter value. TypeError: a name is no text.
+            InvalidParameterValueError: an object is not a parameter value.
+            TypeError: a name is not a str.
         """
         deadline = Deadline(timeout_s)
-        wanted = await self._fitted(as_parameters(values), deadline)
-        results = await self._set_once(wanted, deadline)
-        refused = [index for index, result in enumerate(results[: len(wanted)]) if not result.successful]
-        tried = {index: await self._as_double(wanted[index], deadline) for index in refused}
-        again = {index: parameter for index, parameter in tried.items() if parameter is not wanted[index]}
-        if again:
-            second = await self._set_once(list(again.values()), deadline)
-            for index, result in zip(again, second, strict=False):
+        parameters = await self._with_array_types(as_parameters(values), deadline)
+        results = await self._set_once(parameters, deadline)
+        retries = {}
+        for index, (parameter, result) in enumerate(zip(parameters, results, strict=False)):
+            if not result.successful and (double := await self._as_double(parameter, deadline)) is not parameter:
+                retries[index] = double
+        if retries:
+            for index, result in zip(retries, await self._set_once(list(retries.values()), deadline), strict=False):
                 results[index] = result
         return results
 
@@ -289,36 +258,36 @@ class ParameterClient(CompositeEntity):
             (await self.list(timeout_s=deadline.remaining_s())).names, self._get, self._types, deadline
         )
 
-    async def _set_once(self, wanted: Sequence[Parameter], deadline: Deadline) -> list[SetResult]:
-        request = SetParameters_Request(parameters=[to_message(item) for item in wanted])
+    async def _set_once(self, parameters: Sequence[Parameter], deadline: Deadline) -> list[SetResult]:
+        request = SetParameters_Request(parameters=[to_message(item) for item in parameters])
         return [result_from_message(item) for item in (await self._set.call(request, deadline.remaining_s())).results]
 
     async def set_atomically(self, values: ParametersToSet, timeout_s: float | None = None) -> SetResult:
-        """Set all or nothing; otherwise as `set`."""
+        """Set all parameters or none; otherwise as `set`."""
         deadline = Deadline(timeout_s)
-        wanted = await self._fitted(as_parameters(values), deadline)
-        result = await self._set_all(wanted, deadline)
+        parameters = await self._with_array_types(as_parameters(values), deadline)
+        result = await self._set_all(parameters, deadline)
         if result.successful:
             return result
-        again = [await self._as_double(one, deadline) for one in wanted]
-        return result if again == wanted else await self._set_all(again, deadline)
+        doubles = [await self._as_double(parameter, deadline) for parameter in parameters]
+        return result if doubles == parameters else await self._set_all(doubles, deadline)
 
     set_atomically_sync = blocking(set_atomically)
 
-    async def _set_all(self, wanted: Sequence[Parameter], deadline: Deadline) -> SetResult:
-        request = SetParametersAtomically_Request(parameters=[to_message(item) for item in wanted])
+    async def _set_all(self, parameters: Sequence[Parameter], deadline: Deadline) -> SetResult:
+        request = SetParametersAtomically_Request(parameters=[to_message(item) for item in parameters])
         return result_from_message((await self._set_atomically.call(request, deadline.remaining_s())).result)
 
     async def _as_double(self, parameter: Parameter, deadline: Deadline) -> Parameter:
-        """The parameter itself, unless it is of whole numbers and the remote one of doubles."""
+        """Return the parameter with doubles if it has integers and the remote one doubles, else itself."""
         name, value = parameter
         if value.type not in (ParameterType.INTEGER, ParameterType.INTEGER_ARRAY):
             return parameter
         double = widened(value, await self._declared_type(name, deadline))
         return parameter if double is value else Parameter(name, double)
 
-    async def _fitted(self, parameters: list[Parameter], deadline: Deadline) -> list[Parameter]:
-        """Empty lists, which came here as empty byte arrays, get the array type of the remote parameter."""
+    async def _with_array_types(self, parameters: list[Parameter], deadline: Deadline) -> list[Parameter]:
+        """Give empty lists, which are empty byte arrays here, the array type of the remote parameter."""
         for index, parameter in enumerate(parameters):
             if parameter.value.value == b"":
                 kind = await self._declared_type(parameter.name, deadline)
@@ -327,11 +296,11 @@ class ParameterClient(CompositeEntity):
         return parameters
 
     async def _declared_type(self, name: str, deadline: Deadline) -> ParameterType:
-        """NOT_SET when the parameter is not declared."""
+        """Return the type of a remote parameter; NOT_SET if it is not declared."""
         typed = await self._types.call(GetParameterTypes_Request(names=[name]), deadline.remaining_s())
         kind = parameter_type(int(typed.types[0])) if len(typed.types) == 1 else ParameterType.NOT_SET
         if kind is ParameterType.NOT_SET and len(typed.types) == 1:
-            # Declared but unset: the descriptor may know.
+            # Declared but unset: its descriptor may have a type.
             described = await self._describe.call(DescribeParameters_Request(names=[name]), deadline.remaining_s())
             kind = parameter_type(described.descriptors[0].type) if len(described.descriptors) == 1 else kind
         return kind
@@ -339,7 +308,7 @@ class ParameterClient(CompositeEntity):
     async def list(
         self, prefixes: str | Sequence[str] = (), depth: int = 0, timeout_s: float | None = None
     ) -> ListParametersResult:
-        """Names and groups, all or those below one or several prefixes; depth 0 has no limit."""
+        """Return names and groups, below the prefixes if there are some; depth 0 is unlimited."""
         request = ListParameters_Request(prefixes=as_prefixes(prefixes), depth=depth)
         result = (await self._list.call(request, timeout_s)).result
         return ListParametersResult(tuple(result.names), tuple(result.prefixes))
@@ -347,45 +316,49 @@ class ParameterClient(CompositeEntity):
     list_sync = blocking(list)
 
     async def load_yaml(self, path: str | os.PathLike[str], timeout_s: float | None = None) -> dict[str, SetResult]:
-        """Set what a parameter file says for the remote node, with the types of `set`.
+        """Set the values of a parameter file for the remote node, as `set` does.
 
-        What is read-only there is set, too, as far as its result says, where it has that value already: so what
-        `dump_yaml` wrote can be loaded.
+        A read-only parameter that has the value of the file already counts as set, so that the text of `dump_yaml` can
+        be loaded.
 
         Raises:
-            ParameterFileError: it is not a parameter file, or has nothing for the remote node.
+            ParameterFileError: it is not a parameter file, or has no values for the remote node.
             OSError: it cannot be read.
         """
         entries = read_parameter_file(Path(path))
         if not any(entry.matches(self.node) for entry in entries):
-            named = ", ".join(dict.fromkeys(entry.pattern for entry in entries)) or "no node at all"
-            raise ParameterFileError(f"{path}: nothing for {self.node}; the file has parameters of {named}")
-        found = overrides_for(entries, self.node)
+            patterns = ", ".join(dict.fromkeys(entry.pattern for entry in entries)) or "no node"
+            raise ParameterFileError(f"{path}: no parameters for {self.node}; the file has parameters of {patterns}")
+        values = overrides_for(entries, self.node)
         deadline = Deadline(timeout_s)
-        results = await self.set([Parameter(name, value) for name, value in found.items()], deadline.remaining_s())
+        results = await self.set([Parameter(name, value) for name, value in values.items()], deadline.remaining_s())
         return {
             name: result
             if result.successful
-            else await self._ignore_unchanged_read_only(name, found[name], result, deadline)
-            for name, result in zip(found, results, strict=False)
+            else await self._ignore_unchanged_read_only(name, values[name], result, deadline)
+            for name, result in zip(values, results, strict=False)
         }
 
     load_yaml_sync = blocking(load_yaml)
 
     async def _ignore_unchanged_read_only(
-        self, name: str, wanted: ParameterValue, refused: SetResult, deadline: Deadline
+        self, name: str, value: ParameterValue, refused: SetResult, deadline: Deadline
     ) -> SetResult:
-        """What a file wants of a parameter that nobody may set is fine if that is its value."""
+        """Return success if a read-only parameter already has the value of the file, else the refusal."""
         described = await self._describe.call(DescribeParameters_Request(names=[name]), deadline.remaining_s())
         if len(described.descriptors) != 1 or not described.descriptors[0].read_only:
             return refused
         response = await self._get.call(GetParameters_Request(names=[name]), deadline.remaining_s())
         if len(response.values) != 1:
             return refused
-        has = value_from_message(response.values[0])
-        if repr(has.value) == repr(_as_type_of(wanted, has.type).value):  # NaN is itself, True is not 1
+        actual = value_from_message(response.values[0])
+        if value.value == b"" and actual.type.is_array:
+            expected = parameter_value((), actual.type)
+        else:
+            expected = widened(value, actual.type)
+        if repr(actual.value) == repr(expected.value):  # repr: NaN equals NaN, True does not equal 1
             return SetResult(True, "it is read-only and has this value")
-        return SetResult(False, f"it is read-only and stays {has.value!r:.100}, the file says {wanted.value!r:.100}")
+        return SetResult(False, f"it is read-only with {actual.value!r:.100}; the file has {value.value!r:.100}")
 
     async def get_all(self, timeout_s: float | None = None) -> dict[str, PythonValue]:
         """Return the values of all parameters that have one, by name; `timeout_s` is for all requests together."""
@@ -400,11 +373,6 @@ class ParameterClient(CompositeEntity):
     dump_yaml_sync = blocking(dump_yaml)
 
     def events(self) -> ParameterEvents:
-        """What happens to the remote node's parameters from now on."""
+        """Return an iterator of the remote node's parameter events."""
         self._scope.require_open(self._closed, f"the parameter client of {self.node}")
         return ParameterEvents(self._parts, self._names, self.node)
-
-
-def _as_type_of(value: ParameterValue, kind: ParameterType) -> ParameterValue:
-    """What a file means where a parameter of this type is: see `ParameterClient.set`."""
-    return parameter_value((), kind) if value.value == b"" and kind.is_array else widened(value, kind)

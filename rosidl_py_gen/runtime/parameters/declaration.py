@@ -1,6 +1,6 @@
-"""What a declaration, or a new descriptor, makes of a value and a descriptor; pure functions.
+"""Type and value of a parameter after a declaration or a change of its descriptor; pure functions.
 
-Decides which of them has the type, and what is refused before anybody is asked (docs/internals/protocol.md 9.3).
+Source: docs/internals/protocol.md 9.3.
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ from rosidl_py_gen.runtime.parameters.values import (
 
 
 def checked_descriptor(name: str, descriptor: ParameterDescriptor) -> ParameterDescriptor:
-    """The descriptor, with the name of its parameter.
+    """Return the descriptor with the name of its parameter.
 
     Raises:
-        TypeError: it is none, or a field of it has the wrong type. InvalidParameterValueError: a range makes no sense.
+        TypeError: it is not a descriptor, or one of its fields has the wrong type.
+        InvalidParameterValueError: a range is invalid.
     """
     if reason := descriptor_reason(descriptor):
         raise TypeError(f"parameter {name!r}: {reason}")
@@ -33,22 +34,24 @@ def checked_descriptor(name: str, descriptor: ParameterDescriptor) -> ParameterD
     return replace(descriptor, name=name)
 
 
-def declared_descriptor(name: str, default: ParameterValue, given: ParameterDescriptor | None) -> ParameterDescriptor:
-    """What is declared: the type is the descriptor's when it has one, else the default's.
+def declared_descriptor(
+    name: str, default: ParameterValue, descriptor: ParameterDescriptor | None
+) -> ParameterDescriptor:
+    """Return the descriptor of a declaration, with its type or else that of the default.
 
     Raises:
-        WrongParameterTypeError: the default has another one. InvalidParameterValueError: there is none, and no dynamic
-            typing. TypeError.
+        WrongParameterTypeError: the default has another type.
+        InvalidParameterValueError: the type is unknown and not dynamic, or as `checked_descriptor`.
+        TypeError: as `checked_descriptor`.
     """
-    descriptor = checked_descriptor(name, ParameterDescriptor() if given is None else given)
+    descriptor = checked_descriptor(name, descriptor or ParameterDescriptor())
     default = coerce_empty_list(default, descriptor)
     if descriptor.dynamic_typing:
         return descriptor
     kind = default.type if descriptor.type is ParameterType.NOT_SET else descriptor.type
     if kind is ParameterType.NOT_SET:
         raise InvalidParameterValueError(
-            f"parameter {name!r} has no default, so its type is unknown; give a default, a type, or a descriptor "
-            "with dynamic_typing"
+            f"parameter {name!r} has no type; pass a default, or a descriptor with a type or with dynamic_typing"
         )
     if default.is_set and default.type is not kind:
         raise WrongParameterTypeError(name, kind.name, default.type.name)
@@ -56,14 +59,14 @@ def declared_descriptor(name: str, default: ParameterValue, given: ParameterDesc
 
 
 def redescribed(
-    before: ParameterDescriptor, value: ParameterValue, given: ParameterDescriptor, alternative: ParameterValue
+    before: ParameterDescriptor, value: ParameterValue, descriptor: ParameterDescriptor, alternative: ParameterValue
 ) -> tuple[ParameterDescriptor, Parameter, str]:
-    """A parameter under another descriptor: what is declared then, with which value, and why that cannot be.
+    """Apply another descriptor; return the descriptor, the parameter, and the reason why that is impossible.
 
-    The value is kept where it fits, and replaced by the alternative, if there is one, where it does not. A descriptor
-    without type keeps that of the parameter. Raises as `checked_descriptor`.
+    The value is retained if it fits, else replaced by the alternative, if that is set. A descriptor without a type gets
+    that of the parameter. Raises as `checked_descriptor`.
     """
-    descriptor = checked_descriptor(before.name, given)
+    descriptor = checked_descriptor(before.name, descriptor)
     if descriptor.type is ParameterType.NOT_SET and not descriptor.dynamic_typing:
         descriptor = replace(descriptor, type=before.type)
     parameter = Parameter(before.name, coerce_empty_list(value, descriptor))
@@ -78,8 +81,8 @@ def redescribed(
     return descriptor, parameter, reason
 
 
-def coerce_empty_list(value: ParameterValue, described: ParameterDescriptor) -> ParameterValue:
-    """An empty list from YAML or Python says nothing about its type; let it be what was declared."""
-    if described.type.is_array and value.type.is_array and not value.value:
-        return parameter_value((), described.type)
+def coerce_empty_list(value: ParameterValue, descriptor: ParameterDescriptor) -> ParameterValue:
+    """Convert an empty list, whose type is unknown in YAML and Python, to the declared array type."""
+    if descriptor.type.is_array and value.type.is_array and not value.value:
+        return parameter_value((), descriptor.type)
     return value

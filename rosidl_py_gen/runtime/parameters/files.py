@@ -1,10 +1,9 @@
-"""Parameter files: reading the YAML that rcl understands.
+"""Reader of parameter files, in the YAML dialect of rcl; docs/internals/protocol.md 10.5.
 
-Decides what a scalar means, and it is not what YAML says: `y` is true, `010` is 8, `08` is 8.0 and `null` is a text
-(docs/internals/protocol.md 10.5). So the standard resolver is replaced by one that only tells plain scalars from quoted
-ones, and `plain_scalar` decides. Text is what is quoted or tagged ``!!str``; other tags are ignored (``!!int yes`` is
-true), anchors too, and block scalars count as plain, as in `get_value` of rcl_yaml_param_parser's parse.c. Reading
-files is the caller's.
+Scalars differ from YAML: `y` is true, `010` is 8, `08` is 8.0 and `null` is a string. So YAML only separates plain from
+quoted scalars, and `plain_scalar` converts the plain ones. Scalars that are quoted or tagged ``!!str`` are strings;
+other tags and anchors are ignored (``!!int yes`` is true), and block scalars count as plain, as in `get_value` of
+rcl_yaml_param_parser's parse.c.
 """
 
 from __future__ import annotations
@@ -39,9 +38,9 @@ if TYPE_CHECKING:
 PARAMETERS_KEY = "ros__parameters"
 _BINARY = "tag:yaml.org,2002:binary"
 _MAX_LEVELS = 500
-"""Maximum depth of maps: names of nodes and parameters may be nested, and rcl has no limit."""
+"""Maximum depth of maps, which names of nodes and parameters may form; rcl has no limit."""
 _MAX_BYTES = 1 << 28
-"""Maximum size of a parameter file: `writing.dump_parameters` writes large texts, such as maps, into one."""
+"""Maximum size of a parameter file: `writing.dump_parameters` may write large texts, such as maps."""
 _TRUE = frozenset(["y", "Y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"])
 _FALSE = frozenset(["n", "N", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF"])
 _INTEGER = re.compile(r"[+-]?(?:(?P<hex>0[xX][0-9a-fA-F]+)|(?P<octal>0[0-7]*)|(?P<decimal>[1-9][0-9]*))\Z")
@@ -55,14 +54,14 @@ _INFINITE = re.compile(r"(?P<sign>[+-]?)(?:\.inf|\.Inf|\.INF|[iI][nN][fF](?:[iI]
 
 
 def plain_scalar(text: str) -> ParameterValue:
-    """The value of an unquoted scalar; raises `InvalidParameterValueError` for an empty one."""
+    """Return the value of an unquoted scalar; raises `InvalidParameterValueError` for an empty one."""
     if not text:
-        raise InvalidParameterValueError("an empty value; write '' for an empty text")
+        raise InvalidParameterValueError("empty value; write '' for an empty string")
     if text in _TRUE or text in _FALSE:
         return ParameterValue(ParameterType.BOOL, text in _TRUE)
     integer = _INTEGER.match(text)
-    if integer:
-        number = _integer(text, integer)
+    if integer and (integer["decimal"] is None or len(text) <= 70):  # CPython refuses thousands of decimal digits
+        number = int(text, 16 if integer["hex"] else 8 if integer["octal"] else 10)
         if INT64_MIN <= number <= INT64_MAX:
             return ParameterValue(ParameterType.INTEGER, number)
     real = _float(text)
@@ -71,14 +70,8 @@ def plain_scalar(text: str) -> ParameterValue:
     return ParameterValue(ParameterType.STRING, text)
 
 
-def _integer(text: str, found: re.Match[str]) -> int:
-    base = 16 if found["hex"] else 8 if found["octal"] else 10
-    # More digits than any int64 has: CPython refuses to convert thousands of decimal digits.
-    return INT64_MAX + 1 if len(text) > 70 and base == 10 else int(text, base)
-
-
 def _float(text: str) -> float | None:
-    """Like strtod, plus the ``.nan`` and ``.inf`` forms; None when the text is no number or out of range."""
+    """Convert like strtod, plus ``.nan`` and ``.inf``; None if the text is not a number, or out of range."""
     infinite = _INFINITE.match(text)
     if infinite:
         return -math.inf if infinite["sign"] == "-" else math.inf
@@ -92,10 +85,10 @@ def _float(text: str) -> float | None:
 
 
 def underflows(text: str, value: float) -> bool:
-    """Whether glibc's strtod reports ERANGE for a tiny number, which makes it a text for rcl.
+    """Return True if glibc's strtod reports ERANGE for a tiny number, so that rcl reads it as a string.
 
-    It does when digits are lost: ``1e-310`` as ``1e-400``, but not ``0e-400``. Hexadecimal ones are taken for exact
-    unless they become zero.
+    That happens if digits are lost: for ``1e-310`` and ``1e-400``, not for ``0e-400``. A hexadecimal number counts as
+    exact unless it becomes zero.
     """
     is_hex = "x" in text.lower()
     digits = text.lower().partition("p" if is_hex else "e")[0].strip("+-0x.")
@@ -106,7 +99,7 @@ def underflows(text: str, value: float) -> bool:
 
 
 def parse_parameter_file(text: str, name: str = "<text>") -> list[ParameterOverrides]:
-    """Parse a parameter file; `name` is shown in errors. Raises `ParameterFileError` with line and column."""
+    """Parse a parameter file; `name` is its name in errors. Raises `ParameterFileError` with line and column."""
     root = _compose(text, name)
     if root is None:
         return []
@@ -119,7 +112,8 @@ def read_parameter_file(path: Path) -> list[ParameterOverrides]:
     """Read and parse a parameter file.
 
     Raises:
-        ParameterFileError: it is not UTF-8, or not a parameter file. OSError: it cannot be read.
+        ParameterFileError: it is not UTF-8, or not a parameter file.
+        OSError: it cannot be read.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -129,10 +123,10 @@ def read_parameter_file(path: Path) -> list[ParameterOverrides]:
 
 
 def parse_parameter_value(text: str) -> ParameterValue:
-    """The value of a ``-p name:=value`` argument: a scalar or a list. Raises `ParameterFileError`."""
+    """Parse the value of a ``-p name:=value`` argument, a scalar or a list; raises `ParameterFileError`."""
     node = _compose(text, "<value>")
     if node is None:
-        raise ParameterFileError("<value>: an empty value; write '' for an empty text")
+        raise ParameterFileError("<value>: empty value; write '' for an empty string")
     return _value("<value>", node)
 
 
@@ -151,7 +145,7 @@ def _fail(name: str, node: yaml.Node, text: str) -> NoReturn:
 def _items(name: str, node: yaml.MappingNode) -> Iterator[tuple[str, yaml.Node]]:
     for key, value in node.value:
         if not isinstance(key, yaml.ScalarNode):
-            _fail(name, key, "a key must be a text")
+            _fail(name, key, "a key must be a string")
         yield key.value, value
 
 
@@ -185,7 +179,7 @@ def _value(name: str, node: yaml.Node) -> ParameterValue:
             _fail(name, node, "expected a value or a list, found a map")
         for item in node.value:
             if not isinstance(item, yaml.ScalarNode):
-                _fail(name, item, "a list must hold plain values, no lists and no maps")
+                _fail(name, item, "a list must contain scalars only")
         return parameter_value([_scalar(item).value for item in node.value])
     except InvalidParameterValueError as error:
         _fail(name, node, str(error))
@@ -198,11 +192,7 @@ def _scalar(node: yaml.ScalarNode) -> ParameterValue:
 
 
 def _bytes(node: yaml.ScalarNode) -> ParameterValue | None:
-    """Return the value of a scalar in base64 with the tag ``!!binary``, which `dump_parameters` writes.
-
-    Returns:
-        None for others: like rcl, ignore the tag where it is of no use.
-    """
+    """Return the value of a base64 scalar with the tag ``!!binary``, which `dump_parameters` writes, else None."""
     if node.tag != _BINARY:
         return None
     try:

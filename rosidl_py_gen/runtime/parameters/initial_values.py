@@ -1,9 +1,9 @@
-"""The initial values that one context has for its nodes, and what is said of those that nobody takes.
+"""Initial values of the parameters of all nodes of a context, and warnings about unused ones.
 
-A mistyped name in ``-p``, in a file or in `overrides` would otherwise do nothing, as in ROS, and nobody would know.
-Decides when that is said: when a peer asks for the list of a node's parameters, as ``param list`` does, and at the
-latest when the last node closes that a value was for. What is given to several nodes needs one that takes it, and
-lifecycle nodes have time until they are configured. Each value is warned about once.
+ROS silently ignores a mistyped name in ``-p``, in a file or in `parameter_overrides`. The warning comes when a peer
+requests the list of parameters of a node, as ``param list`` does, and at the latest when the last node closes that the
+value matches. A value for several nodes is unused only if all of them ignore it, and lifecycle nodes may declare
+parameters until they are configured. Each value is reported once.
 """
 
 from __future__ import annotations
@@ -25,42 +25,49 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True, eq=False)
 class _OverrideSource:
-    """One `-p`, the part of a file for one pattern, or what one node was constructed with."""
+    """Values of one `-p`, the values of a file for one pattern, or the overrides of one node's constructor.
+
+    Attributes:
+        store: the only node that the values are for; None: all nodes that the pattern matches.
+        unused: values that were neither used nor reported.
+    """
 
     parameters: ParameterOverrides
-    only: ParameterStore | None = None
-    left: dict[str, ParameterValue] = field(default_factory=dict)
-    """What was neither taken nor warned about."""
-    is_for_somebody: bool = False
+    store: ParameterStore | None = None
+    unused: dict[str, ParameterValue] = field(default_factory=dict)
+    has_matched: bool = False
 
-    def concerns(self, holder: _OpenNode) -> bool:
-        is_for = holder.takes_global if self.only is None else self.only is holder.store
-        return is_for and self.parameters.matches(holder.scope.node_name)
+    def matches(self, node: _OpenNode) -> bool:
+        is_for_node = node.takes_global if self.store is None else self.store is node.store
+        return is_for_node and self.parameters.matches(node.scope.node_name)
 
 
 @dataclass(slots=True, eq=False)
 class _OpenNode:
-    """A node that is open, as something that its scope closes."""
+    """Open node, registered with its scope, which closes it.
+
+    Attributes:
+        takes_global: the values of the context are for this node, too.
+    """
 
     scope: EntityScope
     store: ParameterStore
     may_declare_more: Callable[[], bool]
-    leave: Callable[[_OpenNode], None]
+    on_close: Callable[[_OpenNode], None]
     takes_global: bool
-    """What is given to no node in particular is for it, too."""
 
     def close(self) -> None:
-        self.leave(self)
+        self.on_close(self)
 
 
 class InitialValues:
-    """The initial values that files and arguments give the nodes of one context."""
+    """Initial values that files and arguments set for the nodes of one context."""
 
     def __init__(self, parameters: Sequence[ParameterOverrides]) -> None:
-        self._given = [_OverrideSource(one, left=dict(one.values)) for one in parameters]
-        self._holders: list[_OpenNode] = []
-        self._seen: list[str] = []
-        """Names of all nodes that ever were."""
+        self._sources = [_OverrideSource(item, unused=dict(item.values)) for item in parameters]
+        self._nodes: list[_OpenNode] = []
+        self._all_names: list[str] = []
+        """Names of all nodes, including closed ones."""
 
     def opened(
         self,
@@ -72,77 +79,79 @@ class InitialValues:
         *,
         takes_global: bool,
     ) -> None:
-        """A node begins to declare; `own` and `arguments` are what its constructor got."""
-        if not self._given and not own and not arguments:
+        """Register a node before it declares parameters; `own` and `arguments` are from its constructor."""
+        if not self._sources and not own and not arguments:
             return
-        holder = _OpenNode(scope, store, may_declare_more, self._closed, takes_global)
-        self._given += [_OverrideSource(one, store, dict(one.values)) for one in arguments]
+        node = _OpenNode(scope, store, may_declare_more, self._on_node_close, takes_global)
+        self._sources += [_OverrideSource(item, store, dict(item.values)) for item in arguments]
         if own:
             constructor = ParameterOverrides(scope.node_name, own, "parameter_overrides=")
-            self._given.append(_OverrideSource(constructor, store, dict(own)))
-        self._holders.append(holder)
-        self._seen.append(scope.node_name)
-        scope.register(holder)
+            self._sources.append(_OverrideSource(constructor, store, dict(own)))
+        self._nodes.append(node)
+        self._all_names.append(scope.node_name)
+        scope.register(node)
 
     def close(self) -> None:
-        """The context ends; all its nodes have closed."""
-        if self._seen:
+        """Report values for nodes that never existed; called after all nodes are closed."""
+        if self._all_names:
             self._warn_unmatched_nodes()
 
-    # ----------------------------------------------------------------------------------------------------- the moment
+    # ------------------------------------------------------------------------------------------------------ conditions
 
     def on_listed(self, store: ParameterStore) -> None:
-        """A peer has asked for the list of a node's parameters: warn of what none of them took."""
-        for given in list(self._given):
-            holders = [one for one in self._holders if given.concerns(one)]
-            self._discard_used(given, holders)
-            if any(one.store is store for one in holders) and not any(one.may_declare_more() for one in holders):
-                self._warn(given, holders)
+        """Report unused values after a peer has requested the list of a node's parameters."""
+        for source in list(self._sources):
+            nodes = self._update(source)
+            if any(node.store is store for node in nodes) and not any(node.may_declare_more() for node in nodes):
+                self._warn_unused(source, nodes)
 
-    def _closed(self, holder: _OpenNode) -> None:
-        for given in list(self._given):
-            holders = [one for one in self._holders if given.concerns(one)]
-            self._discard_used(given, holders)
-            if holders and holder.store.sources.was_refused:
-                given.left.clear()
-            elif holders == [holder]:
-                self._warn(given, holders)
-        self._holders.remove(holder)
+    def _on_node_close(self, closed: _OpenNode) -> None:
+        for source in list(self._sources):
+            nodes = self._update(source)
+            if nodes and closed.store.sources.was_refused:
+                source.unused.clear()
+            elif nodes == [closed]:
+                self._warn_unused(source, nodes)
+        self._nodes.remove(closed)
 
-    def _discard_used(self, given: _OverrideSource, holders: list[_OpenNode]) -> None:
-        given.is_for_somebody |= bool(holders)
-        for holder in holders:
-            for name in holder.store.taken & given.left.keys():
-                del given.left[name]
+    def _update(self, source: _OverrideSource) -> list[_OpenNode]:
+        """Discard the used values of a source, and return the open nodes that it matches."""
+        nodes = [node for node in self._nodes if source.matches(node)]
+        source.has_matched |= bool(nodes)
+        for node in nodes:
+            for name in node.store.used_overrides & source.unused.keys():
+                del source.unused[name]
+        return nodes
 
-    # ------------------------------------------------------------------------------------------------------ the words
+    # -------------------------------------------------------------------------------------------------------- warnings
 
-    def _warn(self, given: _OverrideSource, holders: list[_OpenNode]) -> None:
-        nodes = ", ".join(one.scope.node_name for one in holders)
-        declared = [name for one in holders for name in one.store.values()]
-        for name, value in given.left.items():
-            why = "which declares none of that name" if len(holders) == 1 else "which declare none of that name"
+    def _warn_unused(self, source: _OverrideSource, nodes: list[_OpenNode]) -> None:
+        node_names = ", ".join(node.scope.node_name for node in nodes)
+        declared = [name for node in nodes for name in node.store.values()]
+        for name, value in source.unused.items():
             if name in declared:
-                why = "which ignores initial values for it"
-            holders[0].scope.logger.warning(
-                f"{given.parameters.source} gives the parameter {name} = {value.value!r:.100} to {nodes}, {why}"
-                f"{did_you_mean(name, [one for one in declared if one != name])}"
+                reason = "which ignores initial values for it"
+            else:
+                reason = f"which {'declares' if len(nodes) == 1 else 'declare'} no parameter of that name"
+            nodes[0].scope.logger.warning(
+                f"{source.parameters.source} sets the parameter {name} = {value.value!r:.100} of {node_names}, {reason}"
+                f"{did_you_mean(name, [other for other in declared if other != name])}"
             )
-        given.left.clear()
+        source.unused.clear()
 
     def _warn_unmatched_nodes(self) -> None:
-        """Warn of files and arguments that are for nodes which never were here."""
-        by_source: dict[str, list[_OverrideSource]] = {}
-        for given in self._given:
-            given.is_for_somebody = given.is_for_somebody or any(given.concerns(one) for one in self._holders)
-            by_source.setdefault(given.parameters.source, []).append(given)
-        for source, parts in by_source.items():
-            if any(one.is_for_somebody or not one.left for one in parts):
+        """Warn about files and arguments whose node patterns have matched no node."""
+        by_text: dict[str, list[_OverrideSource]] = {}
+        for source in self._sources:
+            source.has_matched |= any(source.matches(node) for node in self._nodes)
+            by_text.setdefault(source.parameters.source, []).append(source)
+        for text, sources in by_text.items():
+            if any(source.has_matched or not source.unused for source in sources):
                 continue
-            wanted = ", ".join(dict.fromkeys(one.parameters.pattern for one in parts))
+            patterns = ", ".join(dict.fromkeys(source.parameters.pattern for source in sources))
             get_root_logger().warning(
-                f"{source} has parameters for {wanted}, and no node of that name is here"
-                f"{did_you_mean(wanted, self._seen)}"
+                f"{text} has parameters for {patterns}, but this process has no such node"
+                f"{did_you_mean(patterns, self._all_names)}"
             )
-            for one in parts:
-                one.left.clear()
+            for source in sources:
+                source.unused.clear()

@@ -1,51 +1,50 @@
-"""Parameter values, descriptors and events to and from rcl_interfaces messages.
+"""Conversion of parameter values, descriptors and events to and from rcl_interfaces messages.
 
-Decides nothing but the mapping of fields (docs/internals/protocol.md 9.2). A message from a peer may hold anything: a
-type number that does not exist is NOT_SET where a node tells of itself, and refused where it asks for something.
+A type number that does not exist becomes NOT_SET in a response of a peer, and an error in a request.
+Source: docs/internals/protocol.md 9.2.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 
 from rosidl_py_gen.base.stamps import sec_nanosec
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
 from rosidl_py_gen.msgs.rcl_interfaces import msg
-from rosidl_py_gen.runtime.parameters.store import ParameterEvent, SetResult
 from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,
     IntRange,
     InvalidParameterValueError,
     Parameter,
     ParameterDescriptor,
+    ParameterEvent,
     ParameterType,
     ParameterValue,
+    SetResult,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 _KINDS = tuple(ParameterType)
 _UNSET = ParameterValue()
-# What the members hold that do not count: empty, so that messages may share them.
-_NOTHING = (0, False, 0, 0.0, "", *(np.zeros(0, kind) for kind in (np.uint8, np.bool_, np.int64, np.float64)))
+# Values of the unused members: immutable or empty, so that messages can share them.
+_DEFAULTS = (0, False, 0, 0.0, "", *(np.zeros(0, kind) for kind in (np.uint8, np.bool_, np.int64, np.float64)))
 _SCALARS = ("bool", "integer", "double", "string")
 _MEMBERS = ("", *(f"{name}_value" for name in (*_SCALARS, "byte_array", *(f"{name}_array" for name in _SCALARS))))
-"""Which member a type selects, in the order of the type numbers."""
+"""Name of the member for each type number."""
 _BYTE_ARRAY = 5
 
 
 def parameter_type(number: int) -> ParameterType:
-    """NOT_SET for numbers that do not exist."""
+    """Return the type of a number; NOT_SET for numbers that do not exist."""
     return _KINDS[number] if 0 <= number < len(_KINDS) else ParameterType.NOT_SET
 
 
 def value_to_message(value: ParameterValue) -> msg.ParameterValue:
-    """The member that `type` selects is set, the others keep their defaults."""
+    """Set the member that `type` selects; the others have their defaults."""
     number = int(value.type)
-    members: list[Any] = [*_NOTHING, []]
+    members: list[Any] = [*_DEFAULTS, []]
     members[0] = number
     if number:
         content: Any = value.value
@@ -58,7 +57,7 @@ def value_to_message(value: ParameterValue) -> msg.ParameterValue:
 
 
 def value_from_message(message: msg.ParameterValue) -> ParameterValue:
-    """The reverse of `value_to_message`."""
+    """Return the value that `type` selects."""
     number = message.type
     if not 0 < number < len(_KINDS):
         return _UNSET
@@ -70,28 +69,28 @@ def value_from_message(message: msg.ParameterValue) -> ParameterValue:
 
 
 def to_message(parameter: Parameter) -> msg.Parameter:
-    """Name and value."""
+    """Convert a parameter to a message."""
     return msg.Parameter(parameter.name, value_to_message(parameter.value))
 
 
 def requested_parameter(message: msg.Parameter) -> Parameter:
-    """What a peer wants to set; raises `InvalidParameterValueError` for a type number that does not exist.
+    """Return the parameter of a set request; raises `InvalidParameterValueError` for an unknown type number.
 
-    rclpy and rclcpp raise an error for one, which ends the server; nor can it mean NOT_SET, which would undeclare.
+    NOT_SET would undeclare the parameter. rclpy and rclcpp raise an error that ends the server.
     """
     number = message.value.type
     if number >= len(_KINDS):
-        raise InvalidParameterValueError(f"parameter {message.name!r} cannot be set: {number} is no parameter type")
+        raise InvalidParameterValueError(f"parameter {message.name!r} cannot be set: {number} is not a parameter type")
     return from_message(message)
 
 
 def from_message(message: msg.Parameter) -> Parameter:
-    """Name and value."""
+    """Convert a message to a parameter."""
     return Parameter(message.name, value_from_message(message.value))
 
 
 def descriptor_to_message(descriptor: ParameterDescriptor) -> msg.ParameterDescriptor:
-    """A range becomes a list of one element."""
+    """Convert a descriptor to a message, in which a range is a list of one element."""
     floats, ints = descriptor.floating_point_range, descriptor.integer_range
     return msg.ParameterDescriptor(
         name=descriptor.name,
@@ -100,19 +99,13 @@ def descriptor_to_message(descriptor: ParameterDescriptor) -> msg.ParameterDescr
         additional_constraints=descriptor.additional_constraints,
         read_only=descriptor.read_only,
         dynamic_typing=descriptor.dynamic_typing,
-        floating_point_range=[]
-        if floats is None
-        else [
-            msg.FloatingPointRange(from_value=floats.from_value, to_value=floats.to_value, step=floats.step),
-        ],
-        integer_range=[]
-        if ints is None
-        else [msg.IntegerRange(from_value=ints.from_value, to_value=ints.to_value, step=ints.step)],
+        floating_point_range=[msg.FloatingPointRange(**asdict(floats))] if floats else [],
+        integer_range=[msg.IntegerRange(**asdict(ints))] if ints else [],
     )
 
 
 def descriptor_from_message(message: msg.ParameterDescriptor) -> ParameterDescriptor:
-    """The reverse of `descriptor_to_message`."""
+    """Convert a message to a descriptor."""
     floats = [FloatRange(r.from_value, r.to_value, r.step) for r in message.floating_point_range]
     ints = [IntRange(r.from_value, r.to_value, r.step) for r in message.integer_range]
     return ParameterDescriptor(
@@ -128,7 +121,7 @@ def descriptor_from_message(message: msg.ParameterDescriptor) -> ParameterDescri
 
 
 def event_to_message(event: ParameterEvent, node: str, stamp_ns: int) -> msg.ParameterEvent:
-    """`node` is the fully qualified name."""
+    """Convert an event to a message; `node` is the fully qualified name."""
     sec, nanosec = sec_nanosec(stamp_ns)
     return msg.ParameterEvent(
         stamp=Time(sec=sec, nanosec=nanosec),
@@ -140,20 +133,13 @@ def event_to_message(event: ParameterEvent, node: str, stamp_ns: int) -> msg.Par
 
 
 def event_from_message(message: msg.ParameterEvent) -> ParameterEvent:
-    """The reverse of `event_to_message`, without node and stamp."""
-
-    def parameters(found: Iterable[msg.Parameter]) -> tuple[Parameter, ...]:
-        return tuple(from_message(item) for item in found)
-
-    return ParameterEvent(
-        parameters(message.new_parameters),
-        parameters(message.changed_parameters),
-        parameters(message.deleted_parameters),
-    )
+    """Convert a message to an event, without node and stamp."""
+    lists = (message.new_parameters, message.changed_parameters, message.deleted_parameters)
+    return ParameterEvent(*(tuple(map(from_message, parameters)) for parameters in lists))
 
 
 def result_to_message(result: SetResult) -> msg.SetParametersResult:
-    """Success and reason; what cannot be sent of the reason becomes ``?``."""
+    """Convert a result to a message; characters that cannot be encoded become ``?``."""
     reason = result.reason
     if not reason.isascii():
         reason = reason.encode("utf-8", "replace").decode()
@@ -161,5 +147,5 @@ def result_to_message(result: SetResult) -> msg.SetParametersResult:
 
 
 def result_from_message(message: msg.SetParametersResult) -> SetResult:
-    """Success and reason."""
+    """Convert a message to a result."""
     return SetResult(message.successful, message.reason)

@@ -1,8 +1,7 @@
-"""Who hears of what a parameter store holds, and when.
+"""Delivery of the events of a parameter store, and of its post-set calls.
 
-Decides that nobody hears of declarations that are made together (a batch) before all of them are made, and never of
-those that were taken back. Events are passed on while the store is locked, so in the order of the sets; post-set
-callbacks are called without any lock.
+The events of a batch of declarations are held back until all are made, and dropped if the batch fails. Events are
+delivered while the store is locked, thus in the order of the sets; post-set callbacks are called without a lock.
 """
 
 from __future__ import annotations
@@ -20,21 +19,21 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class ChangeBatch:
-    """What one thread does until nobody has to wait for it any more."""
+    """Events and post-set calls of one thread that are held back."""
 
     events: list[ParameterEvent] = field(default_factory=list)
     sets: list[list[Parameter]] = field(default_factory=list)
 
     def discard(self, names: Collection[str]) -> None:
-        """Nobody shall hear of these."""
+        """Drop all that concerns these parameters."""
         if names:
-            self.events = [left for event in self.events if (left := event.without(names))]
-            kept = ([item for item in parameters if item.name not in names] for parameters in self.sets)
-            self.sets = [parameters for parameters in kept if parameters]
+            self.events = [rest for event in self.events if (rest := event.without(names))]
+            sets = ([item for item in parameters if item.name not in names] for parameters in self.sets)
+            self.sets = [parameters for parameters in sets if parameters]
 
 
 class Notifier:
-    """Passes events on to `on_event`, and what was set to the post-set callbacks (`after_set`)."""
+    """Passes events to `on_event`, and the parameters of sets to `after_set`, which calls the post-set callbacks."""
 
     def __init__(
         self,
@@ -45,22 +44,22 @@ class Notifier:
         self._on_event = on_event
         self._after_set = after_set
         self._on_failure = on_failure
-        self._here = threading.local()
+        self._thread = threading.local()
 
     def event(self, event: ParameterEvent) -> None:
-        """Something is stored; the store is locked."""
-        batch = getattr(self._here, "batch", None)
+        """Deliver an event, or add it to the batch. Lock: the store's must be held."""
+        batch = getattr(self._thread, "batch", None)
         if batch is not None:
             batch.events.append(event)
             return
         try:
             self._on_event(event)
         except Exception:
-            self._on_failure("publishing what was set")
+            self._on_failure("publishing a parameter event")
 
     def after_set(self, parameters: Sequence[Parameter]) -> None:
-        """Something was set; the store is not locked any more, unless this thread has a batch."""
-        batch = getattr(self._here, "batch", None)
+        """Call the post-set callbacks, or add the call to the batch. Lock: only with a batch."""
+        batch = getattr(self._thread, "batch", None)
         if batch is not None:
             batch.sets.append(list(parameters))
         else:
@@ -68,18 +67,18 @@ class Notifier:
 
     @contextlib.contextmanager
     def batch(self, lock: contextlib.AbstractContextManager[object]) -> Iterator[ChangeBatch]:
-        """Keep everything back until the block, which runs under `lock`, ends."""
-        batch, outer = ChangeBatch(), getattr(self._here, "batch", None)
+        """Run a block under `lock`, and hold back events and calls until it ends."""
+        batch, outer = ChangeBatch(), getattr(self._thread, "batch", None)
         try:
             with lock:
-                self._here.batch = batch
+                self._thread.batch = batch
                 try:
                     yield batch
                 finally:
-                    self._here.batch = outer
+                    self._thread.batch = outer
                     for event in batch.events:
                         self.event(event)
         finally:
-            with contextlib.ExitStack() as calls:  # all of them are called, whatever one of them raises
+            with contextlib.ExitStack() as calls:  # makes all calls even if one raises
                 for parameters in reversed(batch.sets):
                     calls.callback(self.after_set, parameters)

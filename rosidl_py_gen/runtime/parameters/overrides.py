@@ -1,7 +1,6 @@
-"""Parameter values that a command line or a file gives to nodes, and which node gets them.
+"""Parameter values of command lines and files, with the nodes they are for; docs/internals/protocol.md 10.5.
 
-Decides what a node pattern matches (docs/internals/protocol.md 10.5); reading YAML is `files.py`'s, which takes a while
-to import and is not needed without parameters.
+Reading YAML is in `files.py`, because importing PyYAML takes time and is not needed without parameters.
 """
 
 from __future__ import annotations
@@ -21,30 +20,30 @@ if TYPE_CHECKING:
 
 
 class ParameterFileError(RosidlError, ValueError):
-    """The user's parameter YAML has to change; the text says where."""
+    """Raised for an invalid parameter file or value, with its position."""
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterOverrides:
-    """Values for the nodes whose fully qualified name `pattern` matches; `pattern` begins with ``/``."""
+    """Values for the nodes whose fully qualified names match `pattern`, which begins with ``/``."""
 
     pattern: str
     values: Mapping[str, ParameterValue]
     source: str = ""
-    """What gave them, for warnings: a file's name, or an argument."""
+    """Name of the file, or argument, for warnings."""
 
     def matches(self, fully_qualified_name: str) -> bool:
-        """``/*`` stands for one part of a name, ``/**`` for any number of them."""
+        """Return True if the pattern matches: ``/*`` stands for one token of a name, ``/**`` for any number."""
         regex = re.escape(self.pattern).replace(r"/\*", r"(/\w+)")
-        # What is left of "/**" is the second star, which now repeats the group.
+        # The second star of "/**" is left, and repeats the group.
         return re.fullmatch(regex.replace(r"\*", "*"), fully_qualified_name) is not None
 
 
 class InitialSources(dict[str, str]):
-    """File or argument that the initial value of each parameter of a node is from.
+    """File or argument of the initial value of each parameter of a node.
 
     Attributes:
-        was_refused: one of these values was refused, which ends most programs before they declare the other parameters.
+        was_refused: one of these values was refused, which ends most programs before they declare other parameters.
     """
 
     was_refused = False
@@ -64,14 +63,11 @@ class InitialSources(dict[str, str]):
 def sources_for(entries: Iterable[ParameterOverrides], fully_qualified_name: str) -> InitialSources:
     """Return the source of each value of `overrides_for`."""
     return InitialSources(
-        {name: one.source for one in entries if one.matches(fully_qualified_name) for name in one.values}
+        {name: entry.source for entry in entries if entry.matches(fully_qualified_name) for name in entry.values}
     )
 
 
 def overrides_for(entries: Iterable[ParameterOverrides], fully_qualified_name: str) -> dict[str, ParameterValue]:
-    """The values for one node: all entries that match, later ones override earlier ones."""
-    found: dict[str, ParameterValue] = {}
-    for entry in entries:
-        if entry.matches(fully_qualified_name):
-            found.update(entry.values)
-    return found
+    """Return the values for one node; later entries override earlier ones."""
+    matching = (entry.values for entry in entries if entry.matches(fully_qualified_name))
+    return {name: value for values in matching for name, value in values.items()}

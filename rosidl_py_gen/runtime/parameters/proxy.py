@@ -1,17 +1,15 @@
-"""Parameter objects: what `declare_parameters` returns, typed as the user's dataclass.
+"""Parameter objects, which `declare_parameters` returns, typed as the user's dataclass.
 
-A parameter object is a proxy of one complete instance, which every set replaces as a whole: an instance, once seen,
-never changes. Assigning to an attribute sets the parameter. Decides what reading, assigning, comparing and copying
-mean; what may be set is the binding's business (`classes.py`).
-
-Methods of the class get the proxy, so they may assign; everything else, properties included, is read from the instance.
-`isinstance` and the functions of `dataclasses` need the instance itself, of which `snapshot` gives a copy.
+A parameter object is a proxy of one immutable instance, which each set replaces. Assigning to an attribute sets the
+parameter. Methods of the class get the proxy as `self`, so they may assign; all else, properties included, is read from
+the instance. `isinstance` and the functions of `dataclasses` need an instance, which `snapshot` returns.
 """
 
 from __future__ import annotations
 
 import copy
 import dataclasses
+import functools
 import inspect
 from types import MethodType
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, cast
@@ -23,7 +21,7 @@ T = TypeVar("T")
 
 
 class ParameterProxy:
-    """What is at `path` of the binding's current instance; names with underscores leave all others to the user."""
+    """Proxy of the object at `path` of the binding's current instance. Its own names cannot be names of fields."""
 
     __slots__ = ("__binding__", "__path__")
     __hash__ = None  # type: ignore[assignment]
@@ -35,14 +33,14 @@ class ParameterProxy:
         object.__setattr__(self, "__path__", path)
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):  # what copy and the like look for
+        if name.startswith("__"):  # such as the hooks of `copy`
             raise AttributeError(name)
         path = (*self.__path__, name)
         if path in self.__binding__.groups:
             return ParameterProxy(self.__binding__, path)
-        shown = current(self)
-        value = getattr(shown, name)
-        if inspect.ismethod(value) and value.__self__ is shown:
+        instance = current(self)
+        value = getattr(instance, name)
+        if inspect.ismethod(value) and value.__self__ is instance:
             return MethodType(value.__func__, self)
         return value
 
@@ -70,56 +68,55 @@ class ParameterProxy:
 
 
 def current(value: Any) -> Any:
-    """The instance behind a parameter object, for reading only; anything else as it is."""
+    """Return the instance of a parameter object, which must not be changed, or the value itself if it is none."""
     if not isinstance(value, ParameterProxy):
         return value
-    shown = value.__binding__.current
-    for part in value.__path__:
-        shown = getattr(shown, part)
-    return shown
+    return follow(value.__binding__.current, value.__path__)
+
+
+def follow(value: Any, path: tuple[str, ...]) -> Any:
+    """Return the object at a path of attribute names."""
+    return functools.reduce(getattr, path, value)
 
 
 def update_parameters(live: object, **changes: Any) -> None:
-    """Set several fields of a parameter object in one atomic step; nested fields as ``left=Motor(...)``.
+    """Set several fields of a parameter object atomically; nested fields as ``left=Motor(...)``.
 
-    Raises as assigning does, and then nothing has changed.
+    Raises as assigning does; then nothing has changed.
     """
     proxy = _proxy(live)
     proxy.__binding__.set({(*proxy.__path__, name): value for name, value in changes.items()})
 
 
 def snapshot(live: T) -> T:
-    """An independent instance of the class: all values as they were at one moment, in any thread.
-
-    Reading several attributes one after the other may see a set that comes in between; a snapshot cannot.
-    """
+    """Return a copy of the instance, with all values of one moment. Thread: any."""
     return cast("T", copy.deepcopy(current(_proxy(live))))
 
 
 def _proxy(live: object) -> ParameterProxy:
     if not isinstance(live, ParameterProxy):
-        raise TypeError(f"{live!r} is no parameter object; declare_parameters returns one")
+        raise TypeError(f"expected a parameter object of declare_parameters, got {live!r}")
     return live
 
 
 class FixedList(list[Any]):
-    """A list that refuses to be changed: that would change neither the parameter nor what others see of it.
+    """List that raises if it is changed in place, which would not set the parameter.
 
-    ``drive.tags += ["x"]`` works and sets the parameter; copies are plain lists.
+    ``drive.tags += ["x"]`` sets the parameter; copies are plain lists.
     """
 
     __slots__ = ()
 
     def _refuse(self, *arguments: object, **named: object) -> NoReturn:
         raise TypeError(
-            "this list shows a parameter and cannot be changed in place; assign a new one, as in "
-            "drive.tags = [*drive.tags, 'x'], or take a copy with list(...)"
+            "this list is the value of a parameter and cannot be changed in place; assign a new one, as in "
+            "drive.tags = [*drive.tags, 'x'], or copy it with list(...)"
         )
 
     append = extend = insert = pop = remove = clear = sort = reverse = _refuse
     __setitem__ = __delitem__ = __imul__ = _refuse
 
-    def __iadd__(self, other: Any) -> Any:  # type: ignore[misc]  # what is assigned then is a plain list
+    def __iadd__(self, other: Any) -> Any:  # type: ignore[misc]  # assigns a plain list
         return [*self, *other]
 
     def __reduce_ex__(self, protocol: object) -> Any:

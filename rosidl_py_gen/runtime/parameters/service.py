@@ -1,8 +1,4 @@
-"""What makes the parameters of a node visible to others: six services and ``/parameter_events``.
-
-Decides which message answers which question; what the answer is, is `store.py`'s. Source:
-docs/internals/protocol.md 9.1 to 9.5.
-"""
+"""Parameter services of a node, and its ``/parameter_events``. Source: docs/internals/protocol.md 9.1 to 9.5."""
 
 from __future__ import annotations
 
@@ -14,6 +10,7 @@ from rosidl_py_gen.runtime.entities.lazy_types import late_service_type, lazy_me
 from rosidl_py_gen.runtime.entities.publisher import Publisher
 from rosidl_py_gen.runtime.entities.server import ServiceServer
 from rosidl_py_gen.runtime.loop.deferred_send import DeferredSender
+from rosidl_py_gen.runtime.parameters.callbacks import CallbackAnswerError
 from rosidl_py_gen.runtime.parameters.messages import (
     descriptor_to_message,
     event_to_message,
@@ -21,8 +18,7 @@ from rosidl_py_gen.runtime.parameters.messages import (
     result_to_message,
     value_to_message,
 )
-from rosidl_py_gen.runtime.parameters.store import CallbackAnswerError, SetResult
-from rosidl_py_gen.runtime.parameters.values import InvalidParameterValueError
+from rosidl_py_gen.runtime.parameters.values import InvalidParameterValueError, SetResult
 from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS, PARAMETERS
 
 if TYPE_CHECKING:
@@ -31,29 +27,30 @@ if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Service
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.names.remapping import NodeNames
-    from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore
+    from rosidl_py_gen.runtime.parameters.store import ParameterStore
+    from rosidl_py_gen.runtime.parameters.values import ParameterEvent
     from rosidl_py_gen.runtime.time.clock import Clock
 
 
 class ParameterEventPublisher(Publisher[msg.ParameterEvent]):
-    """Publishes one ParameterEvent for each atomic set; nothing for a declaration without a value.
+    """Publisher of one ParameterEvent for each atomic set and each declaration with a value.
 
-    It is sent behind the answer to the request that caused it, with the time of the change: its publication would be a
-    fifth of the time that the client waits.
+    The event is sent after the reply to the request that caused it, with the time of the change: publishing it first
+    would be a fifth of the time that the client waits.
     """
 
     def __init__(self, scope: EntityScope, names: NodeNames, clock: Clock) -> None:
         self._node = names.fully_qualified_name
         self._clock = clock
-        self._after_answer = DeferredSender(scope.bridge, self._send)
+        self._sender = DeferredSender(scope.bridge, self._send)
         message_type = lazy_message_type("rcl_interfaces/msg/ParameterEvent")
         super().__init__(scope, message_type, names.resolve_topic("/parameter_events"), PARAMETER_EVENTS)
-        scope.register(self._after_answer)
+        scope.register(self._sender)
 
     def publish_event(self, event: ParameterEvent) -> None:
-        """Tell the world, unless nobody listens: who comes later does not get it (the topic is volatile)."""
+        """Publish an event if there are subscriptions; the topic is volatile, so later ones do not receive it."""
         if event and self.has_subscriptions:
-            self._after_answer.add((event, self._clock.now_ns()))
+            self._sender.add((event, self._clock.now_ns()))
 
     def _send(self, item: tuple[ParameterEvent, int]) -> None:
         event, stamp_ns = item
@@ -64,13 +61,13 @@ class ParameterEventPublisher(Publisher[msg.ParameterEvent]):
 
 
 class ParameterService(NamedTuple):
-    """One of the six services for the parameters of a node, for whoever serves it; made by `Node.parameter_services`.
+    """Parameter service of a node, for programs that serve it; from `Node.parameter_services`.
 
     Attributes:
-        name: without the node, such as ``get_parameters``; its own services are called ``~/get_parameters``.
-        srv_type: its class.
-        handler: takes a request and returns the response, in any thread. What callbacks of parameters raise refuses the
-            set and is logged. Raises `ClosedError`.
+        name: such as ``get_parameters``; the node itself serves ``~/get_parameters``.
+        srv_type: class of the service.
+        handler: takes a request and returns the response, in any thread. Exceptions of parameter callbacks refuse the
+            set and are logged. Raises `ClosedError`.
     """
 
     name: str
@@ -79,10 +76,13 @@ class ParameterService(NamedTuple):
 
 
 class ParameterServices:
-    """What answers the six services of one node."""
+    """Handlers of the six parameter services of one node.
+
+    Args:
+        on_listed: called on the loop's thread after a peer has requested the list of parameters.
+    """
 
     def __init__(self, scope: EntityScope, store: ParameterStore, on_listed: Callable[[ParameterStore], None]) -> None:
-        """`on_listed` is called on the loop's thread when a peer has asked for the list of parameters."""
         self._on_listed = on_listed
         self._scope = scope
         self._store = store
@@ -96,28 +96,28 @@ class ParameterServices:
         ]
 
     def serve(self, names: NodeNames) -> None:
-        """Make the services; the node owns them."""
+        """Create the services; the node owns them."""
         for name, title, handler in self._table:
             service_type = late_service_type(f"rcl_interfaces/srv/{title}")
             ServiceServer(self._scope, service_type, names.resolve_service(f"~/{name}"), handler, PARAMETERS)
 
     def handlers(self) -> list[ParameterService]:
-        """Them, for whoever serves them otherwise."""
+        """Return the services, for programs that serve them."""
         return [
             ParameterService(name, getattr(srv, title), self._while_open(handler))
             for name, title, handler in self._table
         ]
 
     def _while_open(self, handler: Callable[[Any], Any]) -> Callable[[Any], Any]:
-        def answer(request: Any) -> Any:
+        def handle(request: Any) -> Any:
             self._scope.require_open(False, "the node")
             return handler(request)
 
-        return answer
+        return handle
 
     def _describe(self, request: srv.DescribeParameters_Request) -> srv.DescribeParameters_Response:
-        found = self._store.describe_all(request.names)
-        return srv.DescribeParameters_Response(descriptors=[descriptor_to_message(item) for item in found])
+        descriptors = self._store.describe_all(request.names)
+        return srv.DescribeParameters_Response(descriptors=[descriptor_to_message(item) for item in descriptors])
 
     def _get(self, request: srv.GetParameters_Request) -> srv.GetParameters_Response:
         return srv.GetParameters_Response(
@@ -129,20 +129,20 @@ class ParameterServices:
 
     def _list(self, request: srv.ListParameters_Request) -> srv.ListParameters_Response:
         self._scope.bridge.call_soon(partial(self._on_listed, self._store))
-        found = self._store.listing(request.prefixes, request.depth)
-        result = msg.ListParametersResult(names=list(found.names), prefixes=list(found.prefixes))
+        listing = self._store.listing(request.prefixes, request.depth)
+        result = msg.ListParametersResult(names=list(listing.names), prefixes=list(listing.prefixes))
         return srv.ListParameters_Response(result=result)
 
     def _set(self, request: srv.SetParameters_Request) -> srv.SetParameters_Response:
-        return srv.SetParameters_Response(results=[self._answer([item]) for item in request.parameters])
+        return srv.SetParameters_Response(results=[self._set_all([item]) for item in request.parameters])
 
     def _set_atomically(self, request: srv.SetParametersAtomically_Request) -> srv.SetParametersAtomically_Response:
-        return srv.SetParametersAtomically_Response(result=self._answer(request.parameters))
+        return srv.SetParametersAtomically_Response(result=self._set_all(request.parameters))
 
-    def _answer(self, asked: Sequence[msg.Parameter]) -> msg.SetParametersResult:
-        """Always an answer: whoever asks must not wait for a callback's mistake."""
+    def _set_all(self, parameters: Sequence[msg.Parameter]) -> msg.SetParametersResult:
+        """Set all parameters or none; errors of callbacks become a refusal, so that the client gets a reply."""
         try:
-            return result_to_message(self._store.set_atomically([requested_parameter(item) for item in asked]))
+            return result_to_message(self._store.set_atomically([requested_parameter(item) for item in parameters]))
         except InvalidParameterValueError as error:
             return result_to_message(SetResult(False, str(error)))
         except Exception as error:

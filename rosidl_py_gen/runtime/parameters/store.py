@@ -1,15 +1,10 @@
-"""The parameters of one node: declare, get, set, describe, list.
+"""Parameters of one node, without I/O: declare, get, set, describe, list.
 
-A plain object without I/O: events go to the `on_event` function, callbacks are called in place. Decides the order of
-checks and what each failure says (docs/internals/protocol.md 9.3, 9.4); the checks themselves are in `validation.py`,
-calling users' functions is `callbacks.py`'s. Nothing is stored before every check and callback has agreed, so a refused
-set leaves no trace.
+Nothing is stored before all checks and callbacks have agreed. An integer is converted if a double is declared, in
+overrides and in sets; rclpy refuses it. Source: docs/internals/protocol.md 9.3, 9.4.
 
-Decides, too, that a whole number is a double where one is declared, in overrides and in sets; rclpy refuses it.
-
-Any thread may use it. Sets and declarations exclude each other; the checks, callbacks before the values are stored, and
-the event belong to that, post-set callbacks do not. Readers never wait: values that are set together are replaced
-together.
+Thread: any. Sets and declarations exclude each other, including their checks, callbacks and event, but not the post-set
+callbacks. Readers never wait: each set replaces the dict of values.
 """
 
 from __future__ import annotations
@@ -20,7 +15,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.logs.loggers import report_failure
-from rosidl_py_gen.runtime.parameters.callbacks import CallbackAnswerError, RefusedError, SetCallbacks
+from rosidl_py_gen.runtime.parameters.callbacks import RefusedError, SetCallbacks
 from rosidl_py_gen.runtime.parameters.declaration import coerce_empty_list, declared_descriptor, redescribed
 from rosidl_py_gen.runtime.parameters.notifier import Notifier
 from rosidl_py_gen.runtime.parameters.overrides import InitialSources
@@ -47,8 +42,6 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.parameters.callbacks import Commit
 
-__all__ = ["CallbackAnswerError", "ParameterEvent", "ParameterStore", "SetResult"]
-
 NOT_SET = ParameterValue()
 _NESTED_REASON = "parameters cannot be set or declared by a validator"
 
@@ -57,10 +50,14 @@ class ParameterStore:
     """All parameters of a node.
 
     Args:
-        overrides: values from arguments, files and the constructor; they replace defaults when declared.
-        allow_undeclared: setting an unknown name declares it, reading one gives NOT_SET.
-        on_event: called once per atomic set and per declaration, after the values are stored.
+        overrides: values from arguments, files and the constructor, which replace the defaults of declarations.
+        allow_undeclared: setting an unknown name declares it, reading one returns NOT_SET.
+        on_event: called for each atomic set and each declaration, after the values are stored.
         on_failure: called with a description while the exception of a callback is handled; logs by default.
+
+    Attributes:
+        used_overrides: names of the overrides that a declaration has used.
+        lock: held during sets and declarations; hold it to combine several of them.
     """
 
     def __init__(
@@ -73,14 +70,11 @@ class ParameterStore:
     ) -> None:
         self.overrides = dict(overrides or {})
         self.sources = InitialSources()
-        self.taken: set[str] = set()
-        """Names of the overrides that a declaration took."""
+        self.used_overrides: set[str] = set()
         self.allow_undeclared = allow_undeclared
         self.lock = threading.RLock()
-        """Held while something is set or declared; may be taken to do several such things as one."""
         self._on_failure = on_failure
         self.callbacks = SetCallbacks(on_failure)
-        """Functions to call around each set."""
         self._notifier = Notifier(on_event, self.callbacks.run_post_set, on_failure)
         self._values: dict[str, ParameterValue] = {}
         self._descriptors: dict[str, ParameterDescriptor] = {}
@@ -97,16 +91,16 @@ class ParameterStore:
         ignore_override: bool = False,
         optional: bool = False,
     ) -> ParameterValue:
-        """Declare one parameter and return its value, which is the override's if there is one.
+        """Declare one parameter and return its value: the override, or else the default.
 
-        The type is the descriptor's when it has one, else the default's; without either the descriptor must say
-        `dynamic_typing`. An `optional` parameter keeps its type but may be unset again, and stays declared then. An
-        empty list in an override takes the type of the declaration, a whole number that of a double.
+        The type is that of the descriptor, or else of the default; without either, the descriptor must have
+        `dynamic_typing`. An `optional` parameter keeps its type, may be unset, and remains declared then.
 
         Raises:
-            ParameterAlreadyDeclaredError, InvalidParameterNameError: as their names say.
+            ParameterAlreadyDeclaredError: the name is declared already.
+            InvalidParameterNameError: the name is not a str, or empty.
             WrongParameterTypeError: default or override have another type.
-            InvalidParameterValueError: a range or a callback refused it.
+            InvalidParameterValueError: a range or a callback refused the value.
         """
         with self.lock, self.sources.declaring(name, ignore_override):
             if reason := name_reason(name):
@@ -130,7 +124,7 @@ class ParameterStore:
             if optional:
                 self._optional.add(name)
             if is_overridden:
-                self.taken.add(name)
+                self.used_overrides.add(name)
             self._values = {**self._values, name: value}
             for commit in commits:
                 commit()
@@ -140,9 +134,9 @@ class ParameterStore:
 
     @contextlib.contextmanager
     def declare_batch(self) -> Iterator[list[str]]:
-        """Several declarations as one, whose names the caller adds to the list; nobody hears before all are made.
+        """Combine the declarations of a block, whose names the caller adds to the list.
 
-        When the block raises they are forgotten, and nobody ever hears of them.
+        Events and post-set calls follow at the end. If the block raises, the declarations are undone without any.
         """
         declared: list[str] = []
         with self._notifier.batch(self.lock) as batch:
@@ -155,7 +149,7 @@ class ParameterStore:
                 raise
 
     def _run_validation(self, parameters: Sequence[Parameter], reason: str) -> tuple[SetResult, list[Commit]]:
-        """Consent, and what to call once the values are stored; raises `RefusedError`, for `reason` or theirs."""
+        """Run mirrors and on-set callbacks; raises `RefusedError` for their reasons, or for `reason`."""
         if reason:
             raise RefusedError(reason)
         if self.callbacks.preparing:
@@ -163,13 +157,13 @@ class ParameterStore:
         return self.callbacks.run_on_set(parameters)
 
     def declare_overrides(self) -> None:
-        """Declare every override that is not declared yet, statically typed by its value."""
+        """Declare every override that is not declared yet, with the type of its value."""
         for name, value in self.overrides.items():
             if name not in self._values:
                 self.declare(name, value)
 
     def undeclare(self, name: str) -> None:
-        """Forget a parameter without an event; raises `ParameterNotDeclaredError`, `ParameterImmutableError`."""
+        """Remove a parameter without an event; raises `ParameterNotDeclaredError`, `ParameterImmutableError`."""
         with self.lock:
             if name not in self._values:
                 raise ParameterNotDeclaredError([name])
@@ -178,15 +172,17 @@ class ParameterStore:
             self.forget(name)
 
     def has(self, name: str) -> bool:
-        """True when declared, with or without a value."""
+        """Return True if the parameter is declared, with or without a value."""
         return name in self._values
 
     # --------------------------------------------------------------------------------------------------- reading
 
     def get(self, name: str) -> ParameterValue:
-        """The value; NOT_SET only under dynamic typing or for undeclared names when those are allowed.
+        """Return a value; NOT_SET with dynamic typing, and for undeclared names if those are allowed.
 
-        Raises `ParameterNotDeclaredError`, `ParameterUninitializedError`.
+        Raises:
+            ParameterNotDeclaredError: the parameter is not declared.
+            ParameterUninitializedError: it has no value, and no dynamic typing.
         """
         return self._value_in(self._values, name)
 
@@ -201,76 +197,73 @@ class ParameterStore:
         return value
 
     def get_values(self, names: Iterable[str]) -> list[ParameterValue]:
-        """Several values as they are at one moment, in order; raises as `get`."""
+        """Return several values, all of one moment, in the order of the names; raises as `get`."""
         values = self._values
         return [self._value_in(values, name) for name in names]
 
     def get_all(self, names: Iterable[str]) -> list[ParameterValue]:
-        """Values, as the get_parameters service answers: in order, or nothing at all when one name has no value."""
+        """Return the values for a get_parameters response: empty if one of the names has no value."""
         try:
             return self.get_values(names)
         except (ParameterNotDeclaredError, ParameterUninitializedError):
             return []
 
     def get_or_unset(self, name: str) -> ParameterValue:
-        """The value, NOT_SET for one that is unset; raises `ParameterNotDeclaredError` unless that is allowed."""
+        """Return a value, or NOT_SET; raises `ParameterNotDeclaredError` unless undeclared names are allowed."""
         self._require(name)
         return self._values.get(name, NOT_SET)
 
     def types(self, names: Iterable[str]) -> list[ParameterType]:
-        """Types, as the get_parameter_types service answers; empty when one name is not declared."""
-        asked = list(names)
-        if self._missing(asked):
-            return []
-        values = self._values
-        return [values.get(name, NOT_SET).type for name in asked]
+        """Return the types for a get_parameter_types response: empty if one of the names is not declared."""
+        names, values = list(names), self._values
+        return [] if self._missing(names) else [values.get(name, NOT_SET).type for name in names]
 
     def describe(self, name: str) -> ParameterDescriptor:
-        """The descriptor; `ParameterNotDeclaredError`, or an empty one for undeclared names when those are allowed."""
+        """Return a descriptor, empty for undeclared names if those are allowed; raises `ParameterNotDeclaredError`."""
         self._require(name)
         return self._descriptors.get(name) or ParameterDescriptor(name=name)
 
     def describe_all(self, names: Iterable[str]) -> list[ParameterDescriptor]:
-        """Descriptors, as the describe_parameters service answers; empty when one name is not declared."""
-        asked = list(names)
-        return [] if self._missing(asked) else [self.describe(name) for name in asked]
+        """Return the descriptors for a describe_parameters response: empty if one of the names is not declared."""
+        names = list(names)
+        return [] if self._missing(names) else [self.describe(name) for name in names]
 
     def listing(self, prefixes: Sequence[str] = (), depth: int = 0) -> ListParametersResult:
-        """Names and groups; depth 0 has no limit."""
+        """Return names and groups; depth 0 is unlimited."""
         return list_names(self._values, prefixes, depth)
 
     def values(self) -> dict[str, ParameterValue]:
-        """A copy of all declared names and values."""
+        """Return all declared names and values."""
         return dict(self._values)
 
     # --------------------------------------------------------------------------------------------------- setting
 
     def set_individually(self, parameters: Iterable[Parameter], *, require_declared: bool = False) -> list[SetResult]:
-        """Set one by one; a failure does not stop the next."""
-        return [self.set_atomically([one], require_declared=require_declared) for one in parameters]
+        """Set each parameter separately; a refused one does not affect the others."""
+        return [self.set_atomically([parameter], require_declared=require_declared) for parameter in parameters]
 
     def set_atomically(self, parameters: Iterable[Parameter], *, require_declared: bool = False) -> SetResult:
-        """Set all or nothing, with one event for all; the result says why a value or a callback was not fine.
+        """Set all parameters or none, with one event; the result has the reason of a refusal.
 
         Raises:
-            CallbackAnswerError: a callback or validator answered something it must not.
-            Exception: whatever a callback raises that was added with `raises`.
-            ParameterNotDeclaredError: with `require_declared`, where the result would say so otherwise.
+            CallbackAnswerError: a callback or validator returned a wrong type.
+            Exception: any exception of a callback that was added with `raises`.
+            ParameterNotDeclaredError: a name is not declared, with `require_declared`.
         """
         try:
             with self.lock:
-                wanted = [self._widened(one) for one in self.callbacks.run_pre_set(list(parameters))]
-                if require_declared and (missing := self._missing([one.name for one in wanted])):
+                requested = [self._widened(item) for item in self.callbacks.run_pre_set(list(parameters))]
+                if require_declared and (missing := self._missing([item.name for item in requested])):
                     raise ParameterNotDeclaredError(missing)
-                result, commits = self._run_validation(wanted, self._reason(wanted))
-                event = self._apply(wanted)
+                result, commits = self._run_validation(requested, self._reason(requested))
+                event = self._apply(requested)
                 for commit in commits:
                     commit()
                 self._notifier.event(event)
         except RefusedError as refused:
             refusal = refused
         else:
-            self._notifier.after_set(wanted)
+            self._notifier.after_set(requested)
             return result
         if refusal.failed:
             self._report(refusal)
@@ -279,43 +272,46 @@ class ParameterStore:
     def set_descriptor(
         self, name: str, descriptor: ParameterDescriptor, alternative: ParameterValue = NOT_SET
     ) -> ParameterValue:
-        """Describe a parameter anew, and return its value: the one it has, or else the alternative, which is set then.
+        """Replace the descriptor of a parameter and return its value; set the alternative if the value does not fit.
 
-        Without a type the descriptor keeps that of the parameter. Nothing happens to an undeclared one where those are
-        allowed.
+        Without a type the descriptor gets that of the parameter. Without effect for undeclared names that are allowed.
 
         Raises:
-            ParameterNotDeclaredError, ParameterImmutableError: the latter for one that is read-only so far.
-            InvalidParameterValueError: neither value fits, a callback refuses the alternative, or a range makes no
-                sense; all stays as it was. TypeError: the descriptor is none.
+            ParameterNotDeclaredError: the parameter is not declared.
+            ParameterImmutableError: it is read-only.
+            InvalidParameterValueError: neither value fits, a callback refuses the alternative, or a range is invalid.
+            TypeError: the descriptor has a wrong type.
         """
         with self.lock:
             self._require(name)
             if name not in self._values:
                 return NOT_SET
             if self._descriptors[name].read_only:
-                raise ParameterImmutableError(f"parameter {name!r} is read-only and cannot be described anew")
-            described, now, reason = redescribed(self._descriptors[name], self._values[name], descriptor, alternative)
-            is_new = now.value != self._values[name]
+                raise ParameterImmutableError(f"parameter {name!r} is read-only; its descriptor cannot be changed")
+            described, parameter, reason = redescribed(
+                self._descriptors[name], self._values[name], descriptor, alternative
+            )
+            is_changed = parameter.value != self._values[name]
             try:
                 if reason:
                     raise RefusedError(reason)
-                commits = self._run_validation([now], "")[1] if is_new else []
+                commits = self._run_validation([parameter], "")[1] if is_changed else []
             except RefusedError as refusal:
-                text = f"parameter {name!r} cannot be described so while it is {now.value.value!r}: {refusal}"
+                value = parameter.value.value
+                text = f"parameter {name!r} cannot have this descriptor with the value {value!r}: {refusal}"
                 raise InvalidParameterValueError(text) from refusal.__cause__
             self._descriptors[name] = described
-            if is_new:
-                event = self._apply([now])
+            if is_changed:
+                event = self._apply([parameter])
                 for commit in commits:
                     commit()
                 self._notifier.event(event)
-        if is_new:
-            self._notifier.after_set([now])
-        return now.value
+        if is_changed:
+            self._notifier.after_set([parameter])
+        return parameter.value
 
     def _report(self, refusal: RefusedError) -> None:
-        """Report what the function of the user raised, not what became of it."""
+        """Report the exception of the callback, not the `RefusedError` around it."""
         try:
             raise refusal.__cause__ or refusal
         except Exception:
@@ -328,17 +324,17 @@ class ParameterStore:
             return parameter
         return Parameter(name, widened(value, described.type))
 
-    def _reason(self, wanted: Sequence[Parameter]) -> str:
-        """Why the list cannot be set, before callbacks are asked; an empty text when it can."""
-        missing = self._missing([parameter.name for parameter in wanted])
+    def _reason(self, parameters: Sequence[Parameter]) -> str:
+        """Return the reason why the parameters cannot be set, or an empty text."""
+        missing = self._missing([parameter.name for parameter in parameters])
         if missing:
             return str(ParameterNotDeclaredError(missing))
-        for parameter in wanted:
+        for parameter in parameters:
             described = self._descriptors.get(parameter.name)
             if described is None:
                 reason = name_reason(parameter.name)
             else:
-                # An optional parameter is unset like a declaration without a value.
+                # Unsetting an optional parameter is like declaring it without a value.
                 unsetting = not parameter.value.is_set and parameter.name in self._optional and not described.read_only
                 reason = refusal_reason(parameter, described, declaring=unsetting)
             if reason:
@@ -352,10 +348,12 @@ class ParameterStore:
         new: list[Parameter] = []
         changed: list[Parameter] = []
         deleted: list[Parameter] = []
-        # A name given twice counts once, with its last value, so that the event says what a listener must believe.
-        once = parameters if len(parameters) == 1 else {parameter.name: parameter for parameter in parameters}.values()
-        values = dict(self._values)  # What is set together becomes visible together.
-        for parameter in once:
+        # The last value of a name counts, so that the event agrees with the stored values.
+        unique = (
+            parameters if len(parameters) == 1 else {parameter.name: parameter for parameter in parameters}.values()
+        )
+        values = dict(self._values)  # a copy, so that readers see all changes at once
+        for parameter in unique:
             name, value = parameter.name, parameter.value
             had_value = values.get(name, NOT_SET).is_set
             if value.is_set:
@@ -370,21 +368,21 @@ class ParameterStore:
             if name in self._optional:
                 values[name] = value
             else:
-                # Only dynamic typing gets here; unsetting is undeclaring.
+                # Unsetting a parameter with dynamic typing undeclares it.
                 values.pop(name, None)
                 self._descriptors.pop(name, None)
         self._values = values
         return ParameterEvent(tuple(new), tuple(changed), tuple(deleted))
 
     def _retype(self, name: str, value: ParameterValue) -> None:
-        """Under dynamic typing the descriptor's type follows the value; an undeclared name becomes declared so."""
+        """Adapt the descriptor of a dynamically typed or undeclared parameter to its value."""
         described = self._descriptor(name)
         if described.dynamic_typing:
             self._descriptors[name] = replace(described, type=value.type)
 
     def forget(self, name: str) -> None:
-        """Remove a parameter without checks and without an event, as if it had never been declared."""
-        self._values = {known: value for known, value in self._values.items() if known != name}
+        """Remove a parameter without checks and without an event."""
+        self._values = {key: value for key, value in self._values.items() if key != name}
         self._descriptors.pop(name, None)
         self._optional.discard(name)
 

@@ -1,7 +1,7 @@
-"""What a parameter's name, descriptor and value must be, and which names a listing shows; pure functions.
+"""Validation of names, descriptors and values of parameters, and listings of names; pure functions.
 
-They give the reason against something, an empty text when there is none. Reasons against setting a value are seen by
-`ros2 param` and by other nodes and equal rclpy's to the letter (docs/internals/protocol.md 9.4).
+`…_reason` functions return the reason against a value, or an empty text. Reasons against setting a value are sent to
+other nodes, and equal rclpy's literally (docs/internals/protocol.md 9.4).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ NumberT = TypeVar("NumberT", int, float, covariant=True)
 SEPARATOR = "."
 DEPTH_RECURSIVE = 0
 RELATIVE_TOLERANCE = 1e-6
-"""Distance of a double from a limit or a step that still counts as equal, in proportion."""
+"""Relative distance at which a double counts as equal to a limit or a step."""
 UNDECLARED_REASON = "Static parameter cannot be undeclared"
 EMPTY_LIST_REASON = (
     "parameter list cannot be empty, this might be due to "
@@ -38,7 +38,7 @@ EMPTY_LIST_REASON = (
 
 
 def refusal_reason(parameter: Parameter, descriptor: ParameterDescriptor, *, declaring: bool = False) -> str:
-    """Why `parameter` may not be set under `descriptor`; an empty text when it may. Read-only allows declaring."""
+    """Return the reason why a value does not fit a descriptor. A read-only parameter may be declared."""
     name, value = parameter.name, parameter.value
     if descriptor.read_only and not declaring:
         return read_only_reason(name)
@@ -62,12 +62,12 @@ def read_only_reason(name: str) -> str:
 
 
 def type_reason(expected: str, found: str) -> str:
-    """Return the reason against a value of another type; types by their names."""
+    """Return the reason against a value of another type."""
     return f"Wrong parameter type, expected 'Type.{expected}' got 'Type.{found}'"
 
 
 class _Range(Protocol[NumberT]):
-    """A range of ours, or the message of rcl_interfaces."""
+    """Range of this package, or of rcl_interfaces."""
 
     @property
     def from_value(self) -> NumberT: ...
@@ -78,7 +78,7 @@ class _Range(Protocol[NumberT]):
 
 
 def integer_range_reason(name: str, value: int, allowed: _Range[int]) -> str:
-    """Empty when the value is an end of the range, or strictly inside and on a step counted from the lower end."""
+    """Return a reason unless the value is an end of the range, or inside it on a step from the lower end."""
     low, high = min(allowed.from_value, allowed.to_value), max(allowed.from_value, allowed.to_value)
     if value in (low, high):
         return ""
@@ -93,9 +93,9 @@ def integer_range_reason(name: str, value: int, allowed: _Range[int]) -> str:
 
 
 def float_range_reason(name: str, value: float, allowed: _Range[float]) -> str:
-    """Why a double is outside of its range, with a relative tolerance of 1e-6 at the ends and at the steps.
+    """Return a reason if a double is outside of its range, with a tolerance of 1e-6 at the ends and steps.
 
-    Where steps cannot be counted (they are too small, or there is no lower end) any value is on one.
+    All values are on a step if steps cannot be counted: they are too small, or the range has no lower end.
     """
     low, high = min(allowed.from_value, allowed.to_value), max(allowed.from_value, allowed.to_value)
     if any(math.isclose(value, end, rel_tol=RELATIVE_TOLERANCE) for end in (low, high)):
@@ -114,14 +114,14 @@ def float_range_reason(name: str, value: float, allowed: _Range[float]) -> str:
 
 
 def name_reason(name: object) -> str:
-    """Why this cannot be the name of a parameter; an empty text when it can."""
+    """Return the reason why a parameter cannot have this name."""
     if isinstance(name, str) and name and (name.isascii() or name.encode("utf-8", "ignore").decode() == name):
         return ""
-    return f"a parameter's name must be a text that is not empty, got {name!r}"
+    return f"the name of a parameter must be a str that is not empty, got {name!r}"
 
 
 def descriptor_reason(descriptor: object) -> str:
-    """Which part of a descriptor has the wrong type; an empty text when none has."""
+    """Return the reason if a field of a descriptor has the wrong type."""
     if not isinstance(descriptor, ParameterDescriptor):
         return f"the descriptor must be a ParameterDescriptor, got {descriptor!r}"
     for attribute, kind in _DESCRIPTOR_TYPES.items():
@@ -144,21 +144,21 @@ _DESCRIPTOR_TYPES: dict[str, type] = {
 
 
 def range_reason(allowed: FloatRange | IntRange | None) -> str:
-    """Why a range makes no sense or cannot be sent; an empty text when it does and can."""
+    """Return the reason why a range is invalid or cannot be sent."""
     if allowed is None:
         return ""
     numbers = (allowed.from_value, allowed.to_value, allowed.step)
     if isinstance(allowed, IntRange):
         fits = all(isinstance(number, int) and INT64_MIN <= number <= INT64_MAX for number in numbers)
         if not fits or allowed.step < 0:
-            return f"{allowed!r} must have 64-bit integers, and a step that is not negative"
+            return f"{allowed!r} must have 64-bit integers and a step >= 0"
         return ""
     if not all(isinstance(number, (int, float)) and _fits_float(number) for number in numbers[:2]):
         return f"{allowed!r} must have numbers as its ends"
     if not isinstance(allowed.step, (int, float)) or not _fits_float(allowed.step):
         return f"{allowed!r} must have a number as its step"
     if allowed.step != 0 and (math.isinf(min(numbers[:2])) or math.isinf(allowed.step)):
-        return f"{allowed!r} has a step, but steps are counted from the lower end, so both must be finite"
+        return f"{allowed!r} has a step, so its step and lower end must be finite"
     return ""
 
 
@@ -171,20 +171,17 @@ def _fits_float(number: float) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class ListParametersResult:
-    """Names in the order of declaration, and the groups they are in."""
+    """Names of parameters in the order of declaration, and their groups."""
 
     names: tuple[str, ...]
     prefixes: tuple[str, ...]
 
 
 def list_names(names: Iterable[str], prefixes: Sequence[str], depth: int) -> ListParametersResult:
-    """Which names a listing with these prefixes and this depth shows; depth 0 has no limit.
-
-    Source: docs/internals/protocol.md 9.3.
-    """
-    chosen = tuple(name for name in names if _is_listed(name, prefixes, depth))
-    groups = dict.fromkeys(name.rpartition(SEPARATOR)[0] for name in chosen if SEPARATOR in name)
-    return ListParametersResult(chosen, tuple(groups))
+    """Select the names for prefixes and a depth, of which 0 is unlimited; docs/internals/protocol.md 9.3."""
+    selected = tuple(name for name in names if _is_listed(name, prefixes, depth))
+    groups = dict.fromkeys(name.rpartition(SEPARATOR)[0] for name in selected if SEPARATOR in name)
+    return ListParametersResult(selected, tuple(groups))
 
 
 def _is_listed(name: str, prefixes: Sequence[str], depth: int) -> bool:

@@ -1,7 +1,6 @@
-"""Parameter values, descriptors and the errors about them.
+"""Parameter values, descriptors and errors.
 
-Decides which Python value is which parameter type (docs/internals/protocol.md 9.2). Values are immutable: arrays are
-tuples, byte arrays are `bytes`. Storing and checking is `store.py`, messages are `messages.py`.
+Values are immutable: arrays are tuples, byte arrays are `bytes`. Source: docs/internals/protocol.md 9.2.
 """
 
 from __future__ import annotations
@@ -42,29 +41,30 @@ class ParameterType(IntEnum):
 
 
 class ParameterError(RosidlError):
-    """The caller asked for something a parameter does not allow."""
+    """Base class of errors of parameters."""
 
     source: str = ""
-    """File or argument that the refused initial value is from; empty for other errors."""
+    """File or argument of the refused initial value; empty for other errors."""
 
 
 class InvalidParameterNameError(ParameterError, ValueError):
-    """The caller gave a name a parameter cannot have."""
+    """Raised for an invalid name of a parameter."""
 
 
 class InvalidParameterValueError(ParameterError, ValueError):
-    """The caller gave a value that is no parameter value, or that the node refused; the text has the reason."""
+    """Raised for an object that is not a parameter value, or that the node refused; the text has the reason."""
 
 
 class ParameterAlreadyDeclaredError(ParameterError):
-    """The caller declared a parameter a second time."""
+    """Raised if a parameter is declared a second time."""
 
 
 class ParameterNotDeclaredError(ParameterError, LookupError):
-    """The caller used parameters that nobody declared; `names` lists them all.
+    """Raised for undeclared parameters.
 
-    Another node (`node`) does not say which of the `names` it was asked for it does not have, nor whether one is only
-    unset.
+    Attributes:
+        names: the undeclared parameters; for a remote `node` all that were requested, because its response does not
+            tell which of them is undeclared or has no value.
     """
 
     def __init__(self, names: Sequence[str], node: str = "") -> None:
@@ -76,35 +76,35 @@ class ParameterNotDeclaredError(ParameterError, LookupError):
 
 
 class ParameterUninitializedError(ParameterError, LookupError):
-    """The caller read a parameter that is declared but has no value yet."""
+    """Raised if a parameter is read that is declared but has no value yet."""
 
 
 class ParameterImmutableError(ParameterError):
-    """The caller tried to change or undeclare a read-only parameter."""
+    """Raised if a read-only parameter is to be changed or undeclared."""
 
 
 class WrongParameterTypeError(ParameterError, TypeError):
-    """A parameter has another type than asked for; the text names both."""
+    """Raised if a parameter has another type than expected."""
 
     def __init__(self, name: str, expected: str, actual: str) -> None:
         self.name, self.expected, self.actual = name, expected, actual
         super().__init__(f"parameter {name!r} is of type {actual}, expected {expected}")
 
 
-class ParameterValue(NamedTuple):  # like Parameter made so often that a frozen dataclass would show in every set
-    """A value with its type; make one with `parameter_value`, which checks that they fit."""
+class ParameterValue(NamedTuple):  # a frozen dataclass would slow down every set
+    """Value with its type; `parameter_value` creates one and checks that they fit."""
 
     type: ParameterType = ParameterType.NOT_SET
     value: PythonValue = None
 
     @property
     def is_set(self) -> bool:
-        """False for NOT_SET."""
+        """True unless the type is NOT_SET."""
         return self.type is not ParameterType.NOT_SET
 
 
 class Parameter(NamedTuple):
-    """A name with a value."""
+    """Name with a value."""
 
     name: str
     value: ParameterValue = ParameterValue()
@@ -116,12 +116,12 @@ ParametersToSet: TypeAlias = "Mapping[str, object] | Iterable[Parameter]"
 
 @dataclass(frozen=True, slots=True)
 class ParameterEvent:
-    """What one set or declaration did.
+    """Changes of one set or declaration.
 
     Attributes:
-        new: had no value before.
-        changed: had one before, even an equal one.
-        deleted: have none any more.
+        new: parameters that had no value before.
+        changed: parameters that had a value before, even an equal one.
+        deleted: parameters that have no value after it.
     """
 
     new: tuple[Parameter, ...] = ()
@@ -129,19 +129,19 @@ class ParameterEvent:
     deleted: tuple[Parameter, ...] = ()
 
     def __bool__(self) -> bool:
-        """False when nothing has a place in it."""
+        """Return True if the event contains a change."""
         return bool(self.new or self.changed or self.deleted)
 
     def without(self, names: Iterable[str]) -> ParameterEvent:
-        """A copy without these parameters."""
-        gone = frozenset(names)
-        parts = (self.new, self.changed, self.deleted)
-        return ParameterEvent(*(tuple(item for item in part if item.name not in gone) for part in parts))
+        """Return a copy without these parameters."""
+        removed = frozenset(names)
+        fields = (self.new, self.changed, self.deleted)
+        return ParameterEvent(*(tuple(item for item in items if item.name not in removed) for items in fields))
 
 
 @dataclass(frozen=True, slots=True)
 class SetResult:
-    """The answer to one set request; `reason` is empty on success unless a callback gave one."""
+    """Result of one set; `reason` is empty on success unless a callback returns one."""
 
     successful: bool
     reason: str = ""
@@ -149,7 +149,7 @@ class SetResult:
 
 @dataclass(frozen=True, slots=True)
 class FloatRange:
-    """Allowed values of a DOUBLE; `step` 0 means any value between the ends."""
+    """Allowed values of a DOUBLE; `step` 0 allows all values in the range."""
 
     from_value: float
     to_value: float
@@ -158,7 +158,7 @@ class FloatRange:
 
 @dataclass(frozen=True, slots=True)
 class IntRange:
-    """Allowed values of an INTEGER; `step` 0 means any value between the ends."""
+    """Allowed values of an INTEGER; `step` 0 allows all values in the range."""
 
     from_value: int
     to_value: int
@@ -167,7 +167,7 @@ class IntRange:
 
 @dataclass(frozen=True, slots=True)
 class ParameterDescriptor:
-    """What a node says about a parameter; fields of rcl_interfaces/ParameterDescriptor."""
+    """Description of a parameter; fields of rcl_interfaces/ParameterDescriptor."""
 
     name: str = ""
     type: ParameterType = ParameterType.NOT_SET
@@ -195,34 +195,36 @@ ARRAY_OF: dict[ParameterType | None, ParameterType] = {
 
 
 def parameter_value(value: object, kind: ParameterType | None = None) -> ParameterValue:
-    """Turn a Python value into a parameter value.
+    """Convert a Python value to a parameter value.
 
-    Accepts None, bool, int, float, str, bytes, lists, tuples, array.array and numpy scalars and arrays. An empty list
-    is a byte array, as in rclpy, unless `kind` names the array type. Raises `InvalidParameterValueError`, for a
-    `ParameterValue` whose type and value do not fit too.
+    Accepts None, bool, int, float, str, bytes, lists, tuples, array.array, numpy scalars and arrays, and
+    `ParameterValue`. An empty list is a byte array, as in rclpy, unless `kind` is another array type.
+
+    Raises:
+        InvalidParameterValueError: the value is of another type, or does not fit `kind`.
     """
-    if type(value) in (float, bool, bytes):  # each is a parameter value as it is
-        made = ParameterValue(TYPE_OF[type(value)], value)  # type: ignore[arg-type]
+    if type(value) in (float, bool, bytes):  # needs no conversion
+        result = ParameterValue(TYPE_OF[type(value)], value)  # type: ignore[arg-type]
     elif isinstance(value, ParameterValue):
         if not isinstance(value.type, ParameterType):
             raise InvalidParameterValueError(f"the type of a ParameterValue must be a ParameterType, got {value!r}")
-        made = parameter_value(value.value, value.type)
+        result = parameter_value(value.value, value.type)
     else:
         plain = _plain(value)
         if kind is not None and kind.is_array and isinstance(plain, tuple) and not plain:
             return ParameterValue(kind, b"" if kind is ParameterType.BYTE_ARRAY else ())
-        made = _infer(plain)
-    if kind is not None and made.type is not kind:
-        if made.value == b"" and kind.is_array:
+        result = _infer(plain)
+    if kind is not None and result.type is not kind:
+        if result.value == b"" and kind.is_array:
             return ParameterValue(kind, ())
-        raise InvalidParameterValueError(f"{value!r} is of type {made.type.name}, expected {kind.name}")
-    return made
+        raise InvalidParameterValueError(f"{value!r} is of type {result.type.name}, expected {kind.name}")
+    return result
 
 
 def widened(value: ParameterValue, kind: ParameterType) -> ParameterValue:
-    """Whole numbers as doubles, where doubles are declared and hold them exactly; everything else as it is.
+    """Convert integers to doubles, if doubles are declared and represent them exactly.
 
-    ``speed: 2`` in a file, ``-p speed:=2`` and most programs mean 2.0. The other way is never gone.
+    ``speed: 2`` in a file, ``-p speed:=2`` and most programs mean 2.0. Doubles are never converted to integers.
     """
     plain = value.value
     if kind is ParameterType.DOUBLE and value.type is ParameterType.INTEGER:
@@ -235,7 +237,7 @@ def widened(value: ParameterValue, kind: ParameterType) -> ParameterValue:
 
 
 def as_parameters(values: ParametersToSet) -> list[Parameter]:
-    """Raises `TypeError` for what is neither, `InvalidParameterValueError` for a value that is no parameter value."""
+    """Return a list of checked parameters; raises `TypeError`, `InvalidParameterValueError`."""
     if isinstance(values, Mapping):
         return [_parameter(name, value) for name, value in values.items()]
     if isinstance(values, (str, bytes, Parameter)) or not isinstance(values, Iterable):
@@ -244,14 +246,11 @@ def as_parameters(values: ParametersToSet) -> list[Parameter]:
 
 
 def checked_parameter(item: object) -> Parameter:
-    """A parameter as users make them, once type and value are known to fit.
-
-    Raises `TypeError` for what is none, `InvalidParameterValueError`.
-    """
+    """Return a parameter whose type and value fit; raises `TypeError`, `InvalidParameterValueError`."""
     if not isinstance(item, Parameter):
-        raise TypeError(f"expected Parameter objects, found {item!r}; a dict of names and values will do too")
+        raise TypeError(f"expected Parameter objects or a dict of names and values, got {item!r}")
     if not isinstance(item.value, ParameterValue) or not isinstance(item.value.type, ParameterType):
-        raise TypeError(f"the value of a Parameter must be a ParameterValue, as parameter_value makes it, got {item!r}")
+        raise TypeError(f"the value of a Parameter must be a ParameterValue (see parameter_value), got {item!r}")
     return _parameter(item.name, item.value)
 
 
@@ -262,22 +261,22 @@ def _parameter(name: object, value: object) -> Parameter:
         raise InvalidParameterValueError(f"parameter {name!r}: {error}") from error
 
 
-def require_name(name: object, what: str = "a parameter's name") -> str:
-    """Raises `TypeError` for what is no text."""
+def require_name(name: object, subject: str = "the name of a parameter") -> str:
+    """Return a name; raises `TypeError` if it is not a str."""
     if not isinstance(name, str):
-        raise TypeError(f"{what} must be a text, got {name!r} of type {type(name).__name__}")
+        raise TypeError(f"{subject} must be a str, got {name!r} of type {type(name).__name__}")
     return name
 
 
-def require_names(names: object, what: str = "names of parameters") -> list[str]:
-    """A list of texts; raises `TypeError` for anything else, a single text included."""
+def require_names(names: object, subject: str = "names of parameters") -> list[str]:
+    """Return a list of names; raises `TypeError` for anything else, a single str included."""
     if isinstance(names, (str, bytes)) or not isinstance(names, Iterable):
-        raise TypeError(f"{what} must be given as a list of texts, got {names!r}")
+        raise TypeError(f"{subject} must be a list of str, got {names!r}")
     return [require_name(name) for name in names]
 
 
 def as_prefixes(prefixes: str | Sequence[str]) -> list[str]:
-    """One prefix or several; raises `TypeError` for what is no text."""
+    """Return a list of one or several prefixes; raises `TypeError`."""
     return require_names([prefixes] if isinstance(prefixes, str) else prefixes, "prefixes")
 
 
@@ -309,7 +308,7 @@ def _infer(value: object) -> ParameterValue:
 
 def _infer_scalar(value: object) -> tuple[ParameterType, bool | int | float | str]:
     if isinstance(value, str):
-        # str() drops the class of str enums and the like, which would not compare or print as plain text.
+        # A str enum would not compare or print like a str.
         return ParameterType.STRING, _utf8(str.__str__(value))
     if isinstance(value, bool):
         return ParameterType.BOOL, value
@@ -318,8 +317,8 @@ def _infer_scalar(value: object) -> tuple[ParameterType, bool | int | float | st
     if isinstance(value, float):
         return ParameterType.DOUBLE, float(value)
     raise InvalidParameterValueError(
-        f"{value!r} of type {type(value).__name__} is no parameter value; expected None, bool, int, float, str, bytes "
-        "or a list of one of these types"
+        f"{value!r} of type {type(value).__name__} is not a parameter value; expected None, bool, int, float, str, "
+        "bytes or a list of one of these types"
     )
 
 
@@ -329,7 +328,7 @@ def _utf8(text: str) -> str:
             str.encode(text)
         except UnicodeEncodeError as error:
             raise InvalidParameterValueError(
-                f"{text!r} cannot be sent: {error.reason} at character {error.start}"
+                f"{text!r} cannot be encoded as UTF-8: {error.reason} at character {error.start}"
             ) from None
     return text
 
@@ -345,11 +344,11 @@ def _infer_array(items: tuple[object, ...]) -> ParameterValue:
     if all(isinstance(item, bytes) for item in items):
         joined = b"".join(item for item in items if isinstance(item, bytes))
         if len(joined) != len(items):
-            raise InvalidParameterValueError(f"a list of bytes must have one byte per item, got {list(items)!r}")
+            raise InvalidParameterValueError(f"a list of bytes must have one byte in each item, got {list(items)!r}")
         return ParameterValue(ParameterType.BYTE_ARRAY, joined)
-    found = [_infer_scalar(item) for item in items]
-    kinds = {kind for kind, _ in found}
+    scalars = [_infer_scalar(item) for item in items]
+    kinds = {kind for kind, _ in scalars}
     if len(kinds) != 1:
         names = ", ".join(sorted(kind.name for kind in kinds))
         raise InvalidParameterValueError(f"all items of an array must have one type, got {names} in {list(items)!r}")
-    return ParameterValue(ARRAY_OF[kinds.pop()], tuple(value for _, value in found))  # type: ignore[arg-type]
+    return ParameterValue(ARRAY_OF[kinds.pop()], tuple(value for _, value in scalars))  # type: ignore[arg-type]

@@ -1,8 +1,7 @@
-"""Parameter files: writing the YAML that `files` and rcl read.
+"""Writer of parameter files, in YAML that `files` and rcl read.
 
-The text is joined from lines, without an emitter of YAML: PyYAML's takes one second for each MB of a long text, and
-recurses once for each level. Each value is on one line, where only plain scalars that need no quotes have none; a text
-in double quotes has the escapes of JSON.
+Lines are written without PyYAML's emitter, which takes one second for each MB of a long text, and recurses for each
+level. Each value is on one line; scalars are plain if that is unambiguous, else in double quotes with JSON escapes.
 """
 
 from __future__ import annotations
@@ -22,30 +21,30 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.parameters.values import ParameterValue
 
 _MAX_LEVELS = 16
-"""Maximum depth of maps below a node; the other parts of a longer name stay together as one key, with their dots."""
+"""Maximum depth of maps below a node; the rest of a longer name becomes one key with dots."""
 _MAX_SIMPLE_KEY = 900
-"""Maximum length of a key in front of a colon: libyaml takes 1024 characters. Longer ones follow a question mark."""
+"""Maximum length of a key before a colon: libyaml accepts 1024 characters. Longer keys follow a question mark."""
 _MAX_REPLACED = 16
-"""Number of different characters that are escaped one after the other, each of which takes 0.1 s for 100 MB; more are
-escaped together, which takes 0.4 µs for every character of a text that is not ASCII."""
+"""Number of different characters that are escaped by one `replace` each, which takes 0.1 s for 100 MB. More of them are
+escaped by `translate`, which takes 0.4 µs for each character of a text that is not ASCII."""
 _PLAIN = re.compile(r"[A-Za-z_/](?:[\w./+ -]{0,300}[\w./+-])?\Z", re.ASCII)
-"""A text that means the same with and without quotes, also in a list."""
+"""Text that has the same meaning with and without quotes, also in a list."""
 
 
 def dump_parameters(fully_qualified_name: str, values: Mapping[str, ParameterValue]) -> str:
-    """Return the text of a parameter file for one node; reading it gives the same values back.
+    """Return the text of a parameter file for one node, which contains all parameters that have a value.
 
     Byte arrays are written as ``!!binary``, which only this package reads; rcl has no form for them. The type of an
-    empty list is lost, declaring restores it. Parameters without a value are left out.
+    empty list is lost; its declaration restores it.
     """
     tree: dict[str, object] = {}
     for name, value in values.items():
         if value.is_set:
             *groups, key = _path(name, values)
-            below = tree
+            branch = tree
             for group in groups:
-                below = below.setdefault(group, {})  # type: ignore[assignment]
-            below[key] = _value_text(value)
+                branch = branch.setdefault(group, {})  # type: ignore[assignment]
+            branch[key] = _value_text(value)
     lines = [f"{_key(fully_qualified_name, '')}", f"  {PARAMETERS_KEY}:", *_lines(tree, "    ")]
     if not tree:
         lines[-1] += " {}"
@@ -53,7 +52,7 @@ def dump_parameters(fully_qualified_name: str, values: Mapping[str, ParameterVal
 
 
 def _path(name: str, values: Mapping[str, ParameterValue]) -> list[str]:
-    """Return the keys below which a parameter is written; where a parameter has the name of a group, dots stay."""
+    """Split a name at its dots, up to a group whose name is also a parameter's."""
     parts = name.split(".", _MAX_LEVELS)
     prefix = ""
     for index, part in enumerate(parts[:-1]):
@@ -99,12 +98,12 @@ def _scalar_text(value: bool | int | float | str) -> str:
         if not math.isfinite(value):
             return ".nan" if math.isnan(value) else ".inf" if value > 0 else "-.inf"
         if underflows(repr(value), value):
-            return value.hex()  # a decimal number of that size is a text
+            return value.hex()  # as a decimal number it would be read as a string
     return repr(value)
 
 
 def _quoted(text: str) -> str:
-    """Return the text in double quotes, everything escaped that YAML or a terminal does not show."""
+    """Return the text in double quotes, with escapes for all characters that are not printable."""
     quoted = json.dumps(text, ensure_ascii=False)
     if quoted.isprintable():
         return quoted

@@ -14,9 +14,8 @@ from peer_process import Fibonacci, open_context
 from support.node_fixtures import ROOT, SHORT_LEASE, domain_id, run
 
 from rosidl_py_gen import type_hash
-from rosidl_py_gen.runtime import ActionServerLostError, GoalStatus, Node
+from rosidl_py_gen.runtime import ActionServerLostError, GoalStatus, Node, SetResult
 from rosidl_py_gen.runtime.parameters.client import ParameterClient, ParameterEvents
-from rosidl_py_gen.runtime.parameters.store import SetResult
 
 
 @pytest.fixture(params=[{}])

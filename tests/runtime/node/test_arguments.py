@@ -102,7 +102,7 @@ def test_something_outside_that_only_looks_like_a_rule_stays() -> None:
         ("-p x", "ROS argument -p 'x': there is no ':='"),
         ("-p :=1", "'' is not a parameter name"),
         ("-p n:m:x:=1", "'m:x' is not a parameter name"),
-        ("-p x:=", "ROS argument -p 'x:=': <value>: an empty value"),
+        ("-p x:=", "ROS argument -p 'x:=': <value>: empty value"),
         ("-p x:={a:1}", "found a map"),
         ("--log-level loud", "unknown log level 'loud'"),
         ("--log-level :=info", "the logger's name is missing"),

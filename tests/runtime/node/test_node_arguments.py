@@ -81,10 +81,10 @@ def test_a_parameter_that_nobody_takes_is_named_for_its_own_node(
     node.declare_parameter("own", 0)
     other.declare_parameter("global", 0)
     node.close()
-    assert "-p owm:=2 gives the parameter owm = 2 to /n, which declares none of that name" in caplog.text
+    assert "-p owm:=2 sets the parameter owm = 2 of /n, which declares no parameter of that name" in caplog.text
     assert "globl" not in caplog.text
     other.close()
-    assert "-p globl:=1 gives the parameter globl = 1 to /other" in caplog.text
+    assert "-p globl:=1 sets the parameter globl = 1 of /other" in caplog.text
 
 
 def test_a_lifecycle_node_has_them_too(memory: World) -> None:

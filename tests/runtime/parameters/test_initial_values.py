@@ -33,7 +33,8 @@ async def test_a_mistyped_name_is_named_when_parameters_are_listed(
         await until(lambda: bool(caplog.messages))
     node.close()
     assert caplog.messages == [
-        '-p sped:=2 gives the parameter sped = 2 to /drive, which declares none of that name; did you mean "speed"?'
+        "-p sped:=2 sets the parameter sped = 2 of /drive, which declares no parameter of that name; "
+        'did you mean "speed"?'
     ]
 
 
@@ -44,7 +45,7 @@ def test_without_a_loop_it_is_named_when_the_node_closes(memory: World, caplog: 
     node.undeclare_parameter("late")
     node.close()
     assert caplog.messages == [
-        "parameter_overrides= gives the parameter sped = 2 to /drive, which declares none of that name; "
+        "parameter_overrides= sets the parameter sped = 2 of /drive, which declares no parameter of that name; "
         'did you mean "speed"?'
     ]
 
@@ -76,8 +77,8 @@ async def test_of_several_nodes_one_has_to_take_it(
     await until(lambda: len(caplog.messages) == 2)
     context.close()
     assert caplog.messages == [
-        f'{file} gives the parameter turn = 2 to /a, /b, which declare none of that name; did you mean "turns"?',
-        f"{file} gives the parameter own = 1 to /b, which declares none of that name",
+        f'{file} sets the parameter turn = 2 of /a, /b, which declare no parameter of that name; did you mean "turns"?',
+        f"{file} sets the parameter own = 1 of /b, which declares no parameter of that name",
     ]
 
 
@@ -91,8 +92,8 @@ async def test_what_is_for_a_node_that_never_comes_is_named_by_file_or_argument(
     memory.node("drive", args=arguments).declare_parameter("speed", 0.5)
     memory.close()
     assert caplog.messages == [
-        f'{wrong} has parameters for /drvie, and no node of that name is here; did you mean "/drive"?',
-        "-p arm:speed:=1 has parameters for /arm, and no node of that name is here",
+        f'{wrong} has parameters for /drvie, but this process has no such node; did you mean "/drive"?',
+        "-p arm:speed:=1 has parameters for /arm, but this process has no such node",
     ]
 
 
@@ -108,7 +109,7 @@ async def test_a_lifecycle_node_has_until_it_is_configured(memory: World, caplog
     await managed.configure()
     await listed(memory, managed)
     await until(lambda: bool(caplog.messages))
-    assert "nope = 1 to /drive, /other" in caplog.messages[0] and managed.get_parameter("speed") == 2.0
+    assert "nope = 1 of /drive, /other" in caplog.messages[0] and managed.get_parameter("speed") == 2.0
 
 
 async def test_a_declaration_that_ignores_initial_values_is_said(
@@ -118,10 +119,10 @@ async def test_a_declaration_that_ignores_initial_values_is_said(
     node.declare_parameter("speed", 1.0, ignore_override=True)
     node.close()
     assert caplog.messages == [
-        "-p speed:=2.0 gives the parameter speed = 2.0 to /drive, which ignores initial values for it"
+        "-p speed:=2.0 sets the parameter speed = 2.0 of /drive, which ignores initial values for it"
     ]
 
 
 def test_nothing_is_kept_without_initial_values(memory: World) -> None:
     context = memory.node("drive").context
-    assert context._core.initial_values._holders == []
+    assert context._core.initial_values._nodes == []

@@ -10,9 +10,10 @@ from typing import Annotated, Any
 
 import pytest
 
+from rosidl_py_gen.runtime import CallbackAnswerError, ParameterEvent, SetResult
 from rosidl_py_gen.runtime.parameters.dataclass_binding import bind_class
 from rosidl_py_gen.runtime.parameters.proxy import update_parameters
-from rosidl_py_gen.runtime.parameters.store import CallbackAnswerError, ParameterEvent, ParameterStore, SetResult
+from rosidl_py_gen.runtime.parameters.store import ParameterStore
 from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterValueError,
     Parameter,
@@ -135,7 +136,7 @@ def test_an_event_that_cannot_be_published_changes_nothing() -> None:
     store = ParameterStore(on_event=broken, on_failure=failures.append)
     store.declare("a", parameter_value(1))
     assert store.set_atomically([p("a", 2)]) == OK and store.get("a").value == 2
-    assert failures == ["publishing what was set"] * 2
+    assert failures == ["publishing a parameter event"] * 2
 
 
 @pytest.mark.parametrize(
@@ -145,7 +146,7 @@ def test_an_event_that_cannot_be_published_changes_nothing() -> None:
 def test_an_on_set_callback_must_answer_a_result(answer: Any) -> None:
     world = World("a")
     world.store.callbacks.add("on-set", lambda ps: answer)
-    with pytest.raises(CallbackAnswerError, match=r"'<lambda>' returned .*, expected a SetResult with a text"):
+    with pytest.raises(CallbackAnswerError, match=r"'<lambda>' returned .*, expected a SetResult with a str"):
         world.store.set_atomically([p("a", 2)])
     with pytest.raises(TypeError):
         world.store.declare("b", parameter_value(2))

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 import pytest
 
+from rosidl_py_gen.runtime import ParameterEvent, SetResult
 from rosidl_py_gen.runtime.parameters.dataclass_binding import bind_class
 from rosidl_py_gen.runtime.parameters.dataclass_fields import (
     Int8,
@@ -22,7 +23,7 @@ from rosidl_py_gen.runtime.parameters.dataclass_fields import (
     plan_class,
 )
 from rosidl_py_gen.runtime.parameters.proxy import snapshot, update_parameters
-from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore, SetResult
+from rosidl_py_gen.runtime.parameters.store import ParameterStore
 from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,
     IntRange,
@@ -240,7 +241,7 @@ def test_post_init_may_refuse_too() -> None:
     assert (pair.low, pair.high, len(world.events)) == (11, 12, 3)
     with pytest.raises(AttributeError, match="no parameter 'nope'"):
         update_parameters(pair, nope=1)
-    with pytest.raises(TypeError, match="no parameter object"):
+    with pytest.raises(TypeError, match="expected a parameter object"):
         update_parameters(Pair(), low=1)
 
 
@@ -376,7 +377,7 @@ def test_what_has_no_default_needs_an_initial_object() -> None:
     [
         ({"initial": 5}, "initial must be an object of Drive, got 5 of type int"),
         ({"initial": Drive(left=5)}, r"initial\.left must be an object of Motor, got 5 of type int"),  # type: ignore[arg-type]
-        ({"prefix": 5}, "the prefix must be a text, got 5"),
+        ({"prefix": 5}, "the prefix must be a str, got 5"),
         ({"validator": "x"}, "the validator must be a function"),
         ({"validator": later}, "the validator 'later' is async"),
     ],

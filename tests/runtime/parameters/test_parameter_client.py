@@ -12,10 +12,9 @@ from typing import Any
 import pytest
 from support.node_fixtures import World
 
-from rosidl_py_gen.runtime import CallTimeoutError
+from rosidl_py_gen.runtime import CallTimeoutError, SetResult
 from rosidl_py_gen.runtime.parameters import store
 from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError
-from rosidl_py_gen.runtime.parameters.store import SetResult
 from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterNameError,
     InvalidParameterValueError,
@@ -97,8 +96,8 @@ READ_ONLY = {"real": math.nan, "tags": (), "whole": 2.0}
         ("real: .nan", True, "it is read-only and has this value"),
         ("tags: []", True, "it is read-only and has this value"),
         ("whole: 2", True, "it is read-only and has this value"),
-        ("whole: 3.0", False, "it is read-only and stays 2.0, the file says 3.0"),
-        ("whole: true", False, "it is read-only and stays 2.0, the file says True"),
+        ("whole: 3.0", False, "it is read-only with 2.0; the file has 3.0"),
+        ("whole: true", False, "it is read-only with 2.0; the file has True"),
         ("nope: 1", False, "Invalid access to undeclared parameter(s): ['nope']"),
     ],
 )
@@ -138,7 +137,7 @@ async def test_a_node_that_refuses_whole_numbers_for_doubles_is_given_doubles(
             "/other:\n  ros__parameters: {a: 1}\n/ns/*:\n  ros__parameters: {a: 2}\n",
             "has parameters of /other, /ns/\\*",
         ),
-        ("", "has parameters of no node at all"),
+        ("", "has parameters of no node"),
     ],
 )
 async def test_a_file_without_anything_for_the_node_is_an_error(
@@ -148,7 +147,7 @@ async def test_a_file_without_anything_for_the_node_is_an_error(
     path.write_text(text, encoding="utf-8")
     world.node("n")
     remote = world.node("other").create_parameter_client("/n")
-    with pytest.raises(ParameterFileError, match=f"nothing for /n; the file {reason}"):
+    with pytest.raises(ParameterFileError, match=f"no parameters for /n; the file {reason}"):
         await remote.load_yaml(path, timeout_s=5)
 
 
@@ -185,44 +184,48 @@ async def test_remote_names_must_be_texts(world: World) -> None:
     world.node("n")
     remote: Any = world.node("other").create_parameter_client("/n")
     for ask in (remote.get, remote.get_types, remote.describe):
-        with pytest.raises(TypeError, match="a parameter's name must be a text, got 5 of type int"):
+        with pytest.raises(TypeError, match="the name of a parameter must be a str, got 5 of type int"):
             await ask([5], 5)
-        with pytest.raises(TypeError, match="must be given as a list of texts, got 5"):
+        with pytest.raises(TypeError, match="must be a list of str, got 5"):
             await ask(5, 5)
-    with pytest.raises(TypeError, match="prefixes must be given as a list of texts, got 5"):
+    with pytest.raises(TypeError, match="prefixes must be a list of str, got 5"):
         await remote.list(5, timeout_s=5)
-    with pytest.raises(TypeError, match="a parameter's name must be a text, got 5"):
+    with pytest.raises(TypeError, match="the name of a parameter must be a str, got 5"):
         await remote.set({5: 1}, 5)
     with pytest.raises(TypeError, match="expected a dict of names and values"):
         await remote.set("a", 5)
 
 
 BAD_CALLS: list[tuple[Callable[[Any], object], type[Exception], str]] = [
-    (lambda n: n.get_parameters("tags"), TypeError, "must be given as a list of texts, got 'tags'"),
-    (lambda n: n.get_parameters([5]), TypeError, "name must be a text, got 5"),
-    (lambda n: n.get_parameter(5), TypeError, "name must be a text, got 5"),
-    (lambda n: n.get_parameter(["a"]), TypeError, r"name must be a text, got \['a'\]"),
+    (lambda n: n.get_parameters("tags"), TypeError, "must be a list of str, got 'tags'"),
+    (lambda n: n.get_parameters([5]), TypeError, "parameter must be a str, got 5"),
+    (lambda n: n.get_parameter(5), TypeError, "parameter must be a str, got 5"),
+    (lambda n: n.get_parameter(["a"]), TypeError, r"parameter must be a str, got \['a'\]"),
     (lambda n: n.get_parameter("tags", ["x"]), TypeError, "is no parameter type"),
-    (lambda n: n.has_parameter(["a"]), TypeError, "name must be a text"),
-    (lambda n: n.describe_parameter(5), TypeError, "name must be a text, got 5"),
-    (lambda n: n.undeclare_parameter([]), TypeError, "name must be a text"),
-    (lambda n: n.list_parameters(5), TypeError, "prefixes must be given as a list of texts, got 5"),
-    (lambda n: n.set_parameter(5, 1), TypeError, "name must be a text, got 5"),
+    (lambda n: n.has_parameter(["a"]), TypeError, "parameter must be a str"),
+    (lambda n: n.describe_parameter(5), TypeError, "parameter must be a str, got 5"),
+    (lambda n: n.undeclare_parameter([]), TypeError, "parameter must be a str"),
+    (lambda n: n.list_parameters(5), TypeError, "prefixes must be a list of str, got 5"),
+    (lambda n: n.set_parameter(5, 1), TypeError, "parameter must be a str, got 5"),
     (
         lambda n: n.set_parameter("tags", object()),
         InvalidParameterValueError,
-        "parameter 'tags': <object .* no parameter v",
+        "parameter 'tags': <object .* not a parameter v",
     ),
-    (lambda n: n.set_parameters(["tags"]), TypeError, "expected Parameter objects, found 'tags'"),
+    (
+        lambda n: n.set_parameters(["tags"]),
+        TypeError,
+        "expected Parameter objects or a dict of names and values, got 'tags'",
+    ),
     (lambda n: n.set_parameters(5), TypeError, "expected a dict of names and values"),
     (lambda n: n.set_parameters_atomically([Parameter("a", 5)]), TypeError, "must be a ParameterValue"),  # type: ignore[arg-type]
-    (lambda n: n.declare_parameter(5, 1), InvalidParameterNameError, "must be a text that is not empty, got 5"),
-    (lambda n: n.declare_parameter("x", object()), InvalidParameterValueError, "no parameter value"),
+    (lambda n: n.declare_parameter(5, 1), InvalidParameterNameError, "must be a str that is not empty, got 5"),
+    (lambda n: n.declare_parameter("x", object()), InvalidParameterValueError, "not a parameter value"),
     (lambda n: n.declare_parameter("x", 1, "text"), TypeError, "'x': the descriptor must be a ParameterDescriptor"),
     (lambda n: n.declare_parameter("x", [], 5), TypeError, "'x': the descriptor must be a ParameterDescriptor"),
     (lambda n: n.declare_parameter("x", [], ParameterDescriptor(type=9)), TypeError, "type of the descriptor must be"),  # type: ignore[arg-type]
-    (lambda n: n.create_parameter_client(5), TypeError, "the name of a node must be a text, got 5"),
-    (lambda n: n.parameter_events(5), TypeError, "the name of a node must be a text, got 5"),
+    (lambda n: n.create_parameter_client(5), TypeError, "the name of a node must be a str, got 5"),
+    (lambda n: n.parameter_events(5), TypeError, "the name of a node must be a str, got 5"),
 ]
 
 
@@ -240,5 +243,5 @@ def test_wrong_arguments_are_explained(
 def test_wrong_overrides_are_explained(world: World) -> None:
     with pytest.raises(InvalidParameterValueError, match="parameter 'a': <object"):
         world.node("n", parameter_overrides={"a": object()})
-    with pytest.raises(TypeError, match="name must be a text, got 5"):
+    with pytest.raises(TypeError, match="parameter must be a str, got 5"):
         world.node("n", parameter_overrides={5: 1})

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import pytest
 
+from rosidl_py_gen.runtime import ParameterEvent, SetResult
 from rosidl_py_gen.runtime.parameters.dataclass_binding import bind_class
-from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore, SetResult
+from rosidl_py_gen.runtime.parameters.store import ParameterStore
 from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterValueError,
     Parameter,
@@ -163,7 +164,7 @@ def test_a_field_cannot_return_with_another_type(dynamic: bool) -> None:
     world = World()
     drive = bind_class(world.store, Drive)
     world.store.undeclare("speed")
-    text = "'speed' cannot be declared as 'y': it shows as Drive.speed, which is of type DOUBLE, not STRING"
+    text = "'speed' cannot be declared as 'y': it is bound to Drive.speed of type DOUBLE, not STRING"
     with pytest.raises(InvalidParameterValueError, match=text):
         world.store.declare("speed", parameter_value("y"), ParameterDescriptor(dynamic_typing=dynamic))
     assert drive.speed == 5.0 and not world.store.has("speed")
@@ -175,7 +176,7 @@ def test_a_field_that_returns_dynamically_typed_still_keeps_its_type() -> None:
     world.store.undeclare("speed")
     world.store.declare("speed", parameter_value(1.5), ParameterDescriptor(dynamic_typing=True))
     for value, name in (("y", "STRING"), (None, "NOT_SET")):
-        refused = SetResult(False, f"it shows as Drive.speed, which is of type DOUBLE, not {name}")
+        refused = SetResult(False, f"it is bound to Drive.speed of type DOUBLE, not {name}")
         assert world.set(speed=value) == refused
     assert drive.speed == 1.5
     world.store.undeclare("limit")

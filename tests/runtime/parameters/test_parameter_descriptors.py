@@ -57,12 +57,12 @@ def test_the_alternative_is_set_where_the_value_does_not_fit(node: Node) -> None
 @pytest.mark.parametrize(
     ("descriptor", "alternative", "reason"),
     [
-        (ParameterDescriptor(integer_range=IntRange(6, 9)), None, "while it is 5: .*out of range. Min: 6"),
-        (ParameterDescriptor(integer_range=IntRange(6, 9)), 10, "while it is 10: .*out of range. Min: 6"),
+        (ParameterDescriptor(integer_range=IntRange(6, 9)), None, "with the value 5: .*out of range. Min: 6"),
+        (ParameterDescriptor(integer_range=IntRange(6, 9)), 10, "with the value 10: .*out of range. Min: 6"),
         (ParameterDescriptor(type=ParameterType.STRING), None, "expected 'Type.STRING' got 'Type.INTEGER'"),
         (ParameterDescriptor(type=ParameterType.STRING), 2.5, "expected 'Type.STRING' got 'Type.DOUBLE'"),
-        (ParameterDescriptor(integer_range=IntRange(0, 9, -1)), None, "a step that is not negative"),
-        (SMALL, object(), "is no parameter value"),
+        (ParameterDescriptor(integer_range=IntRange(0, 9, -1)), None, "a step >= 0"),
+        (SMALL, object(), "not a parameter value"),
     ],
 )
 def test_what_fits_neither_value_is_refused_and_changes_nothing(
@@ -75,7 +75,9 @@ def test_what_fits_neither_value_is_refused_and_changes_nothing(
 
 def test_a_callback_may_refuse_the_alternative(node: Node) -> None:
     with node.add_on_set_callback(lambda parameters: SetResult(False, "not now")):
-        with pytest.raises(InvalidParameterValueError, match="'a' cannot be described so while it is 7: not now"):
+        with pytest.raises(
+            InvalidParameterValueError, match="'a' cannot have this descriptor with the value 7: not now"
+        ):
             node.set_descriptor("a", ParameterDescriptor(integer_range=IntRange(6, 9)), 7)
         assert node.set_descriptor("a", SMALL) == 5  # nothing is set
 
@@ -87,7 +89,7 @@ def test_the_class_that_shows_a_parameter_keeps_its_type(memory: World) -> None:
 
     node = memory.node("n")
     drive = node.declare_parameters(Drive)
-    with pytest.raises(InvalidParameterValueError, match=r"Drive\.speed, which is of type DOUBLE, not STRING"):
+    with pytest.raises(InvalidParameterValueError, match=r"Drive\.speed of type DOUBLE, not STRING"):
         node.set_descriptor("speed", ParameterDescriptor(type=ParameterType.STRING), "fast")
     node.set_descriptor("speed", ParameterDescriptor(floating_point_range=FloatRange(0.0, 1.0)), 0.5)
     assert drive.speed == 0.5
@@ -110,7 +112,7 @@ def test_an_empty_list_takes_the_type_of_the_descriptor(node: Node) -> None:
 
 def test_read_only_and_undeclared_ones_are_refused(node: Node, memory: World) -> None:
     node.set_descriptor("a", ParameterDescriptor(read_only=True))
-    with pytest.raises(ParameterImmutableError, match="'a' is read-only and cannot be described anew"):
+    with pytest.raises(ParameterImmutableError, match="'a' is read-only; its descriptor cannot be changed"):
         node.set_descriptor("a", ParameterDescriptor())
     with pytest.raises(ParameterNotDeclaredError):
         node.set_descriptor("nope", ParameterDescriptor())

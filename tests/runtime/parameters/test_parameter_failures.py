@@ -10,7 +10,7 @@ import pytest
 from support.node_fixtures import World, run
 
 from rosidl_py_gen.msgs.rcl_interfaces.msg import SetParametersResult
-from rosidl_py_gen.runtime.parameters.store import CallbackAnswerError, SetResult
+from rosidl_py_gen.runtime import CallbackAnswerError, SetResult
 from rosidl_py_gen.runtime.parameters.values import InvalidParameterValueError, Parameter, parameter_value
 
 

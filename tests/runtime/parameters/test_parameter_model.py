@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 from support.example_counts import examples
 
-from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore, SetResult
+from rosidl_py_gen.runtime import ParameterEvent, SetResult
+from rosidl_py_gen.runtime.parameters.store import ParameterStore
 from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,
     IntRange,

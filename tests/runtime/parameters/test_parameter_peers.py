@@ -35,7 +35,7 @@ async def test_a_type_that_does_not_exist_is_refused_and_undeclares_nothing(worl
     node.declare_parameter("e", 1)
     strange = ParameterMessage(name="d", value=ValueMessage(type=number))
     fine = ParameterMessage(name="e", value=ValueMessage(type=2, integer_value=5))
-    reason = f"parameter 'd' cannot be set: {number} is no parameter type"
+    reason = f"parameter 'd' cannot be set: {number} is not a parameter type"
     change = other.create_client(SetParametersAtomically, "/n/set_parameters_atomically")
     answer = await change.call(SetParametersAtomically.Request(parameters=[fine, strange]), 5)
     assert (answer.result.successful, answer.result.reason) == (False, reason)

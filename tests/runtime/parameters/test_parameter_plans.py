@@ -33,10 +33,10 @@ class Plain:
         (Annotated[Int8, Range(0, 200)], "does not fit Width"),
         (Annotated[int, Range(float("-inf"), 10)], "must have integer ends"),
         (Annotated[int, Range(float("nan"), 10)], "must have integer ends"),
-        (Annotated[int, Range(0, 10, -1)], "a step that is not negative"),
+        (Annotated[int, Range(0, 10, -1)], "a step >= 0"),
         (Annotated[int, Range(0, 2**64)], "must have 64-bit integers"),
-        (Annotated[float, Range(float("-inf"), 10, 0.5)], "steps are counted from the lower end"),
-        (Annotated[float, Range(0, 1, float("inf"))], "both must be finite"),
+        (Annotated[float, Range(float("-inf"), 10, 0.5)], "its step and lower end must be finite"),
+        (Annotated[float, Range(0, 1, float("inf"))], "lower end must be finite"),
         (Annotated[float, Range(float("nan"), 1)], "must have numbers as its ends"),
         (Annotated[float, Range("a", 1)], "must have numbers as its ends"),  # type: ignore[arg-type]
         (Annotated[float, Range(0, 10**400)], "must have numbers as its ends"),
@@ -63,7 +63,7 @@ def test_an_annotation_that_cannot_be_resolved_is_explained() -> None:
 
 
 def test_only_dataclasses() -> None:
-    with pytest.raises(ParameterClassError, match="is an object; give its class"):
+    with pytest.raises(ParameterClassError, match="is an object; pass its class"):
         plan_class(Plain())  # type: ignore[arg-type]
     with pytest.raises(ParameterClassError, match="is not a dataclass"):
         plan_class(int)

@@ -14,7 +14,7 @@ from rosidl_py_gen.msgs.rcl_interfaces.msg import Parameter as ParameterMessage
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterValue as ValueMessage
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters, GetParameterTypes, ListParameters, SetParameters
-from rosidl_py_gen.runtime import CallTimeoutError, WaitTimeoutError
+from rosidl_py_gen.runtime import CallTimeoutError, SetResult, WaitTimeoutError
 from rosidl_py_gen.runtime.parameters.dataclass_fields import Range
 from rosidl_py_gen.runtime.parameters.messages import (
     descriptor_from_message,
@@ -22,7 +22,6 @@ from rosidl_py_gen.runtime.parameters.messages import (
     value_from_message,
     value_to_message,
 )
-from rosidl_py_gen.runtime.parameters.store import SetResult
 from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,
     IntRange,

@@ -44,7 +44,7 @@ def test_all_parameters_come_by_name_with_their_types(memory: World) -> None:
     assert {"arm", "army", "arm.speed", "start_type_description_service"} <= set(every) and len(every) == 6
     assert every["arm"].value.type is ParameterType.INTEGER
     assert node.get_parameters_by_prefix("nope") == {}
-    with pytest.raises(TypeError, match="a prefix must be a text"):
+    with pytest.raises(TypeError, match="a prefix must be a str"):
         node.get_parameters_by_prefix(5)  # type: ignore[arg-type]
 
 

@@ -79,18 +79,18 @@ def test_inference(value: object, kind: ParameterType, stored: object) -> None:
     [
         ([1, 2.0], "all items of an array must have one type, got DOUBLE, INTEGER"),
         ([True, 1], "BOOL, INTEGER"),
-        ([b"ab"], "one byte per item"),
-        ([[1]], "no parameter value"),
-        ({"a": 1}, "no parameter value"),
+        ([b"ab"], "one byte in each item"),
+        ([[1]], "not a parameter value"),
+        ({"a": 1}, "not a parameter value"),
         (2**63, "does not fit an int64"),
         ([INT64_MAX + 1], "does not fit an int64"),
-        (object(), "no parameter value"),
-        (np.zeros((2, 2)), "no parameter value"),
-        ([None], "no parameter value"),
-        (np.float64, "no parameter value"),
-        (Plain.A, "no parameter value"),
-        ("\ud800", "cannot be sent: surrogates not allowed at character 0"),
-        (["a", "b\udfff"], "cannot be sent: surrogates not allowed at character 1"),
+        (object(), "not a parameter value"),
+        (np.zeros((2, 2)), "not a parameter value"),
+        ([None], "not a parameter value"),
+        (np.float64, "not a parameter value"),
+        (Plain.A, "not a parameter value"),
+        ("\ud800", "cannot be encoded as UTF-8: surrogates not allowed at character 0"),
+        (["a", "b\udfff"], "cannot be encoded as UTF-8: surrogates not allowed at character 1"),
     ],
 )
 def test_what_is_no_parameter_value(value: object, reason: str) -> None:
@@ -117,12 +117,12 @@ def test_what_is_to_be_set_is_a_dict_or_parameters() -> None:
         (5, TypeError, "expected a dict of names and values, or a list of Parameter objects, got 5"),
         ("text", TypeError, "expected a dict of names and values"),
         (Parameter("a"), TypeError, "expected a dict of names and values"),
-        (["a"], TypeError, "expected Parameter objects, found 'a'"),
+        (["a"], TypeError, "expected Parameter objects or a dict of names and values, got 'a'"),
         ([("a", 1)], TypeError, "expected Parameter objects"),
-        ({5: 1}, TypeError, "a parameter's name must be a text, got 5 of type int"),
+        ({5: 1}, TypeError, "the name of a parameter must be a str, got 5 of type int"),
         ([Parameter("a", 5)], TypeError, "the value of a Parameter must be a ParameterValue"),  # type: ignore[arg-type]
-        ([Parameter(5)], TypeError, "a parameter's name must be a text"),  # type: ignore[arg-type]
-        ({"a": object()}, InvalidParameterValueError, "parameter 'a': <object .* no parameter value"),
+        ([Parameter(5)], TypeError, "the name of a parameter must be a str"),  # type: ignore[arg-type]
+        ({"a": object()}, InvalidParameterValueError, "parameter 'a': <object .* not a parameter value"),
         (
             [Parameter("a", ParameterValue(T.INTEGER, "x"))],
             InvalidParameterValueError,

@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping
 
 import pytest
 
+from rosidl_py_gen.runtime import ParameterEvent, SetResult
 from rosidl_py_gen.runtime.parameters.callbacks import RefusedError
-from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore, SetResult
+from rosidl_py_gen.runtime.parameters.store import ParameterStore
 from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,
     IntRange,
@@ -74,7 +75,7 @@ def test_a_name_is_needed() -> None:
 
 def test_a_parameter_without_default_needs_a_type_or_dynamic_typing() -> None:
     world = World()
-    with pytest.raises(InvalidParameterValueError, match="has no default, so its type is unknown"):
+    with pytest.raises(InvalidParameterValueError, match="has no type; pass a default"):
         world.declare("a")
     world.declare("a", None, ParameterDescriptor(type=ParameterType.DOUBLE))
     with pytest.raises(ParameterUninitializedError):
@@ -112,12 +113,12 @@ def test_overrides_replace_defaults_unless_ignored_and_must_have_the_type() -> N
         (
             ParameterDescriptor(integer_range=IntRange(0, 5, -1)),
             InvalidParameterValueError,
-            "a step that is not negative",
+            "a step >= 0",
         ),
         (
             ParameterDescriptor(floating_point_range=FloatRange(-float("inf"), 1.0, 0.5)),
             InvalidParameterValueError,
-            "steps are counted from the lower end",
+            "its step and lower end must be finite",
         ),
     ],
 )
