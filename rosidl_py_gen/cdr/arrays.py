@@ -31,13 +31,7 @@ singletons; therefore the tests with `is` below are correct."""
 BOOL_BYTE: dict[Any, int] = {False: 0, True: 1}
 
 
-def _read_only_empty(dtype: np.dtype[Any]) -> Array:
-    empty = np.empty(0, dtype)
-    empty.flags.writeable = False
-    return empty
-
-
-EMPTY: dict[str, Array] = {code: _read_only_empty(dtype) for code, dtype in DTYPES.items()}
+EMPTY: dict[str, Array] = {code: np.frombuffer(b"", dtype) for code, dtype in DTYPES.items()}
 
 
 class FieldValueError(RosidlError, ValueError):
@@ -155,8 +149,8 @@ def scalar_problem(value: object, code: str) -> str:
 def sequence_converter(code: str) -> Callable[[object], Any]:
     """Return the function that generated code calls on a sequence field; its result is a buffer with a `len`.
 
-    A numpy array of the right dtype is returned unchanged, even if not contiguous. Joining it then raises TypeError,
-    and the slow path copies it: a test of contiguity here would cost more than the other tests together.
+    An array of the right dtype is returned unchanged. If it is not contiguous, joining raises TypeError and the slow
+    path copies it, as a test here would cost more than all others.
     """
     dtype = DTYPES[code]
     ndarray = np.ndarray

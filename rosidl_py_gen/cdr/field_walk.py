@@ -115,11 +115,7 @@ def _string_problem(value: Any, kind: FieldType) -> str:
 
 
 def encode_slow(message: Message, error: Exception) -> bytes:
-    """Encode a message whose fast path failed: raise an error for the wrong value, or copy strided arrays first.
-
-    Raises:
-        EncodeError: a value does not fit; names its path.
-    """
+    """Encode a message whose fast path failed: raise EncodeError for the wrong value, or copy strided arrays first."""
     if isinstance(error, EncodeError):
         raise error
     validate(message)
@@ -151,11 +147,7 @@ def _contiguous(message: M, strided: list[str]) -> M:
 
 
 def decode_slow(cls: type[M], data: Readable, copy: bool, error: Exception | None = None, arrays: bool = False) -> M:
-    """Decode a message whose fast path failed, or whose data is big-endian.
-
-    Raises:
-        DecodeError: the data is not valid; names field and byte offset.
-    """
+    """Decode a message whose fast path failed, or whose data is big-endian; raises DecodeError."""
     name = cls._TYPE.name
     try:
         raw, view = readable(data, copy)
@@ -172,11 +164,7 @@ def decode_slow(cls: type[M], data: Readable, copy: bool, error: Exception | Non
 
 
 def encoded_length(cls: type[Message], data: Readable) -> int:
-    """Return the number of bytes that an encoded message takes, header included and padding at the end excluded.
-
-    Raises:
-        DecodeError: as `decode`.
-    """
+    """Return the size of an encoded message, header included and padding at the end excluded; raises DecodeError."""
     raw, view = readable(data, False)
     if len(raw) < HEADER_BYTES:
         raise DecodeError(cls._TYPE.name, len(raw), "expected a 4-byte encapsulation header")
@@ -186,11 +174,7 @@ def encoded_length(cls: type[Message], data: Readable) -> int:
 
 
 def read_message(cls: type[M], data: Buffer, view: Buffer, pos: int, arrays: bool) -> tuple[M, int]:
-    """Read a little-endian message at an offset; returns it and the offset after it.
-
-    Raises:
-        DecodeError: the data is not valid; the path begins at this message.
-    """
+    """Read a little-endian message at an offset; returns it and the offset after it. Raises DecodeError."""
     reader = _CdrReader(data, view, big_endian=False, arrays=arrays)
     reader.pos = pos
     return reader.message(cls, cls._TYPE.name), reader.pos

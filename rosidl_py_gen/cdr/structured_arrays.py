@@ -71,12 +71,9 @@ class StructuredCodec:
         return begin + HEADER_BYTES, sequence_end_offset(self.cls, begin, count) + HEADER_BYTES
 
     def read(self, data: Buffer, pos: int, count: int) -> tuple[Array, int]:
-        """Read `count` elements at the offset `pos`; returns them and the offset after them.
+        """Read `count` elements at the offset `pos`; returns them and the offset after them. Raises `FieldValueError`.
 
         The result is a read-only view if possible, and writable if `data` is a bytearray, which the message then owns.
-
-        Raises:
-            FieldValueError: the data ends before.
         """
         if not count:
             return self.empty, pos
@@ -138,11 +135,7 @@ class StructuredCodec:
     # --- writing ------------------------------------------------------------------------------------------------------
 
     def write(self, values: Array, append: Callable[[Any], object], pos: int) -> int:
-        """Append the elements and the padding before them; returns the position after them. Both count from the origin.
-
-        Raises:
-            FieldValueError: as `to_wire_dtype`.
-        """
+        """Append the elements and the padding before them; returns the position after them, counted from the origin."""
         values = self.to_wire_dtype(values)
         count = len(values)
         if not count:
@@ -163,11 +156,7 @@ class StructuredCodec:
         return values.view(_UINT8).reshape(len(values), self.dtype.itemsize)
 
     def to_wire_dtype(self, values: Array) -> Array:
-        """Return an array of a user as a contiguous one of our dtype; unchanged if it is one already.
-
-        Raises:
-            FieldValueError: the array has other dimensions, field names or shapes, or a value that a field cannot hold.
-        """
+        """Return an array of a user as a contiguous one of our dtype; raises `FieldValueError` if it does not fit."""
         if values.ndim != 1:
             raise FieldValueError(f"expected one dimension, found shape {values.shape}; use .ravel()")
         if values.dtype is self.dtype and values.flags.c_contiguous:

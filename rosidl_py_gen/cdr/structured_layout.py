@@ -200,11 +200,7 @@ def element_stride(cls: MessageClass) -> ElementStride:
 
 @cached_per_class
 def record_dtype(cls: MessageClass) -> np.dtype[np.void]:
-    """Return the dtype of a fixed-size message: its `wire_dtype`, padded to the stride, or its `packed_dtype`.
-
-    Raises:
-        FieldValueError: the message is too large for numpy.
-    """
+    """Return the dtype of a fixed-size message; raises `FieldValueError` if it is too large for numpy."""
     phase, stride, _ = element_stride(cls)
     exact = wire_dtype(cls, phase, stride)
     return packed_dtype(cls) if exact is None else exact

@@ -115,11 +115,7 @@ else:
 
 
 def init_fields(message: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
-    """Set the fields of a message as the constructor of a dataclass does, for messages with very many fields.
-
-    Raises:
-        TypeError: there are too many values, a value for an unknown field, or two for one field.
-    """
+    """Set the fields of a message as the constructor of a dataclass does; raises TypeError for wrong arguments."""
     fields = message.__dataclass_fields__
     names = message.__match_args__
     if len(args) > len(names):
@@ -162,11 +158,7 @@ def packers(code: str, align: int, nul: bool = False) -> tuple[Callable[..., byt
 
 
 def readable(data: Readable, copy: bool) -> tuple[bytes | bytearray, Buffer]:
-    """Return the input twice: to read scalars and strings from, and to make array views of.
-
-    Raises:
-        TypeError: the input is not a contiguous buffer.
-    """
+    """Return the input twice: to read scalars and strings from, and to make array views of. Raises TypeError."""
     if copy:
         owned = bytearray(_flat(data))
         return owned, owned
@@ -179,11 +171,7 @@ def readable(data: Readable, copy: bool) -> tuple[bytes | bytearray, Buffer]:
 
 
 def viewable(data: Readable, copy: bool) -> Buffer:
-    """Return the input as one buffer that is not copied unless `copy`, for messages with large sequences.
-
-    Raises:
-        TypeError: the input is not a contiguous buffer.
-    """
+    """Return the input as one buffer, not copied unless `copy`, for messages with large sequences. Raises TypeError."""
     view = _flat(data)
     if copy:
         return bytearray(view)
@@ -203,11 +191,7 @@ def _flat(data: object) -> memoryview:
 
 
 def coerce_message(value: object, cls: type[T]) -> T:
-    """Return an instance of a class or subclass unchanged, and convert one of another class of the same type.
-
-    Raises:
-        FieldValueError: the value is neither; the slow path names its field.
-    """
+    """Return a message of a class, converting one of another class of the same type; raises `FieldValueError`."""
     if isinstance(value, cls):
         return value
     target: Any = cls

@@ -21,11 +21,7 @@ def _info(subject: object) -> tuple[type, str, str]:
 
 
 def type_name(subject: object) -> str:
-    """Return the name of a class or instance, such as ``std_msgs/msg/String``.
-
-    Raises:
-        TypeNotFoundError: the argument is not a generated class.
-    """
+    """Return the name of a class or instance, such as ``std_msgs/msg/String``; raises TypeNotFoundError for others."""
     return _info(subject)[1]
 
 

@@ -50,11 +50,7 @@ class Cache(MessageFilter):
         self._links.append(source.register_callback(self.add))
 
     def add(self, message: Any) -> Coroutine[Any, Any, None] | None:
-        """Store a message as if the input had passed it, and pass it on; returns as `signal_message`.
-
-        Raises:
-            StampError: the message has no stamp.
-        """
+        """Store a message as if the input had passed it, and pass it on as `signal_message`; raises `StampError`."""
         stamp = self._stamp_of(message)
         with self._lock:
             if len(self._stamps) >= self._size:

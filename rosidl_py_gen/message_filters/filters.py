@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import inspect
 from collections import deque
+from contextlib import suppress
 from functools import partial
 from math import isfinite
 from types import CoroutineType
@@ -84,11 +85,7 @@ class MessageFilter:
         return self._outputs.add(_Output(self, callback, self._depth))
 
     def signal_message(self, *messages: Any) -> Coroutine[Any, Any, None] | None:
-        """Pass a message, or one of each input, to the callbacks, or let it wait to be received.
-
-        Returns:
-            A coroutine to await; None if no callback is async.
-        """
+        """Pass a message, or one of each input, on; returns a coroutine to await, or None if no callback is async."""
         if self._closed:
             return None
         if not len(self._outputs):
@@ -183,8 +180,10 @@ class MessageFilter:
         self._closed = True
         for link in self._links:
             link.close()
-        if self._watch_task is not None and self._watch_task.get_loop() is _running_loop():
-            self._watch_task.cancel()
+        if self._watch_task is not None:
+            with suppress(RuntimeError):  # no running loop
+                if self._watch_task.get_loop() is asyncio.get_running_loop():
+                    self._watch_task.cancel()
         self._waiters.wake()
 
     def __repr__(self) -> str:
@@ -307,13 +306,6 @@ async def _await_all(coroutines: list[Coroutine[Any, Any, None]], failures: list
 async def _wait_node_closed(node: Node) -> None:
     async for _ in node.graph_changes():
         pass
-
-
-def _running_loop() -> asyncio.AbstractEventLoop | None:
-    try:
-        return asyncio.get_running_loop()
-    except RuntimeError:
-        return None
 
 
 def check_filters(name: str, *filters: object) -> tuple[MessageFilter, ...]:

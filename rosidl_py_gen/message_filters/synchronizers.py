@@ -49,11 +49,7 @@ class TimeSynchronizer(MessageFilter):
         self._links += [one.register_callback(partial(self.add, index)) for index, one in enumerate(self._inputs)]
 
     def add(self, index: int, message: Any) -> Coroutine[Any, Any, None] | None:
-        """Process a message as if an input had passed it; returns as `signal_message`.
-
-        Raises:
-            StampError: the message has no stamp.
-        """
+        """Process a message as if an input had passed it; returns as `signal_message`. Raises `StampError`."""
         stamp = self._stamp_of(message, f"input {index} of ")
         with self._lock:
             messages = self._matcher.add(index, stamp, message)

@@ -143,13 +143,21 @@ def array_to_pointcloud(
     """
     points = np.asarray(array)
     if points.dtype.names is None:
-        points = _structured(points if dtype is None else _as_kind(points, np.dtype(dtype)), names)
+        numbers = points if dtype is None else _as_kind(points, np.dtype(dtype))
+        if not numbers.ndim or numbers.shape[-1] != len(names):
+            expected = f"{len(names)} columns ({', '.join(names)})"
+            raise ConversionError(f"array: expected {expected}, got shape {numbers.shape}")
+        record = np.dtype([(name, numbers.dtype) for name in names])
+        points = np.ascontiguousarray(numbers).view(record)[..., 0]
     elif dtype is not None:
         raise ConversionError(f"dtype: the array has fields with types of their own, {points.dtype}")
     if points.ndim not in (1, 2):
         raise ConversionError(f"array: expected one or two axes of points, got shape {points.shape}")
     points, is_big = _writable(points)
     height, width = points.shape if points.ndim == 2 else (1, len(points))
+    if is_dense is None:
+        columns = (points[name] for name in points.dtype.names or ())
+        is_dense = all(bool(np.isfinite(column).all()) for column in columns if column.dtype.kind == "f")
     values = {"header": header} if header is not None else {}
     return message_class(cls, "sensor_msgs/msg/PointCloud2")(
         height=height,
@@ -159,16 +167,9 @@ def array_to_pointcloud(
         point_step=points.dtype.itemsize,
         row_step=points.dtype.itemsize * width,
         data=points.reshape(-1).view(np.uint8),
-        is_dense=_is_dense(points) if is_dense is None else is_dense,
+        is_dense=is_dense,
         **values,
     )
-
-
-def _structured(values: np.ndarray[Any, Any], names: Sequence[str]) -> np.ndarray[Any, Any]:
-    if not values.ndim or values.shape[-1] != len(names):
-        raise ConversionError(f"array: expected {len(names)} columns ({', '.join(names)}), got shape {values.shape}")
-    dtype = np.dtype([(name, values.dtype) for name in names])
-    return np.ascontiguousarray(values).view(dtype)[..., 0]
 
 
 def _as_kind(values: np.ndarray[Any, Any], kind: np.dtype[Any]) -> np.ndarray[Any, Any]:
@@ -208,20 +209,12 @@ def _known_types() -> str:
 
 
 def _field(dtype: np.dtype[Any], name: str, cloud: type[Any] | None) -> Any:
-    kind = dtype[name].base
-    number = int(np.prod(dtype[name].shape)) if dtype[name].shape else 1
+    kind, shape = dtype[name].base, dtype[name].shape
     offset = dtype.fields[name][1] if dtype.fields else 0
-    maker: Any = get_message("sensor_msgs/msg/PointField") if cloud is None else _field_class(cloud)
-    return maker(name=name, offset=offset, datatype=_NUMBERS[f"{kind.kind}{kind.itemsize}"], count=number)
-
-
-def _field_class(cloud: type[Any]) -> type[Any]:
-    cls: type[Any] | None = next((field.cls for field in cloud._TYPE.fields if field.ros_name == "fields"), None)
-    if cls is None:
-        raise ConversionError(f"{cloud.__name__} is not a PointCloud2: it has no field called fields")
-    return cls
-
-
-def _is_dense(points: np.ndarray[Any, Any]) -> bool:
-    columns = (points[name] for name in points.dtype.names or ())
-    return all(bool(np.isfinite(column).all()) for column in columns if column.dtype.kind == "f")
+    cls: Any = get_message("sensor_msgs/msg/PointField")
+    if cloud is not None:
+        cls = next((field.cls for field in cloud._TYPE.fields if field.ros_name == "fields"), None)
+        if cls is None:
+            raise ConversionError(f"{cloud.__name__} is not a PointCloud2: it has no field called fields")
+    number = int(np.prod(shape)) if shape else 1
+    return cls(name=name, offset=offset, datatype=_NUMBERS[f"{kind.kind}{kind.itemsize}"], count=number)

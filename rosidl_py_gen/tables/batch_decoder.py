@@ -66,12 +66,7 @@ class BatchUnsupportedError(RosidlError):
 
 
 class BatchCursor:
-    """Positions in several messages, or in several elements of messages.
-
-    Attributes:
-        pos: current positions.
-        limit: ends of the messages.
-    """
+    """Positions `pos` in several messages, or in several elements of messages, that end at `limit`."""
 
     __slots__ = ("data", "limit", "octets", "pos", "words")
 
@@ -134,9 +129,7 @@ def cursor_at(data: bytes | memoryview, start: Ints, sizes: Ints) -> BatchCursor
 def run(cursor: BatchCursor, program: Program, wanted: Collection[ColumnNode]) -> Built:
     """Run all steps of a program; returns the columns of the wanted nodes.
 
-    Raises:
-        BatchUnsupportedError: the data is invalid or unusual.
-        BagError: a column is too large for Arrow.
+    Raises `BatchUnsupportedError` if the data is invalid or unusual, `BagError` if a column is too large for Arrow.
     """
     columns: Built = {}
     for step in program:

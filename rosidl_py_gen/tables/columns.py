@@ -98,11 +98,7 @@ def column_count(cls: type[Any], depth: int = 0) -> int:
 
 @cached_per_class
 def nodes_of(cls: type[Any]) -> tuple[ColumnNode, ...]:
-    """Return the columns of a message class.
-
-    Raises:
-        BagError: there are more than `MAX_COLUMNS`, or they are nested too deeply.
-    """
+    """Return the columns of a message class; raises `BagError` for too many, or if they are nested too deeply."""
     count = column_count(cls)
     if count > MAX_COLUMNS:
         raise BagError(f"{cls._TYPE.name} has {count} columns; expected at most {MAX_COLUMNS}")
@@ -144,8 +140,7 @@ class SelectedColumn:
 def select_columns(cls: type[Any], columns: Iterable[str] | str | None) -> list[SelectedColumn]:
     """Return the columns that paths such as ``header.stamp`` select, named like the paths; None selects the fields.
 
-    Raises:
-        BagError: a field does not exist, or is inside the elements of a list; otherwise as `nodes_of`.
+    Raises `BagError` if a field does not exist, or is inside the elements of a list.
     """
     nodes = nodes_of(cls)
     if columns is None:

@@ -127,7 +127,9 @@ def _select_channels(
         try:
             cls = bag.message_class(channel)
             nodes_of(cls)
-            _require_short(channel.name, folder_of(channel.name))
+            if (size := len(f"{TOPIC}={folder_of(channel.name)}")) > _MAX_FILE_NAME:
+                problem = f"the name of its folder would have {size} characters; expected at most {_MAX_FILE_NAME}"
+                raise BagError(f"{channel.name}: {problem}; BagReader.table and bag sql read it from the bag")
         except RosidlError as error:
             if topics is not None:
                 raise
@@ -139,12 +141,6 @@ def _select_channels(
             continue
         channels.append(channel)
     return channels
-
-
-def _require_short(topic: str, folder: str) -> None:
-    if (size := len(TOPIC) + 1 + len(folder)) > _MAX_FILE_NAME:
-        problem = f"the name of its folder would have {size} characters; expected at most {_MAX_FILE_NAME}"
-        raise BagError(f"{topic}: {problem}; BagReader.table and bag sql read it from the bag")
 
 
 def _quoted(name: str) -> str:
@@ -171,7 +167,9 @@ class _File:
         self.batches: list[Any] = []
         self.size = self.rows = 0
         self.writer: Any = None
-        self.schema = _without_partition_names(builder.schema)
+        names = set(builder.schema.names)
+        fields = [field.with_name(free_name(field.name, names, (TOPIC, BAG))) for field in builder.schema]
+        self.schema = pa.schema(fields, metadata=builder.schema.metadata)
 
 
 class StagedDataset:
@@ -297,13 +295,6 @@ class StagedDataset:
             self._open_files.__exit__(kind, error, trace)
         finally:
             self._output.__exit__(kind, error, trace)
-
-
-def _without_partition_names(schema: Any) -> Any:
-    """Return the schema with an underscore after names that are those of the partitions."""
-    names = set(schema.names)
-    fields = [field.with_name(free_name(field.name, names, (TOPIC, BAG))) for field in schema]
-    return pa.schema(fields, metadata=schema.metadata)
 
 
 def _text_paths(schema: Any) -> list[str]:

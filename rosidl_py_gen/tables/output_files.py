@@ -26,10 +26,7 @@ _BLOCK_BYTES = 1 << 23
 
 
 def file_system(place: str, *, fresh: bool = False) -> tuple[Any, str]:
-    """Return the file system of fsspec for a place, and its path there.
-
-    Args:
-        fresh: return a new instance instead of a cached one.
+    """Return the file system of fsspec for a place, and its path there; `fresh` makes an instance that is not shared.
 
     Raises:
         BagError: the URL is not supported, or the place does not respond.
@@ -74,12 +71,7 @@ class Output:
 
     @contextmanager
     def written(self, place: str, overwrite: bool) -> Iterator[Any]:
-        """Open a binary file for writing, and make its folders.
-
-        Raises:
-            BagError: the file exists already.
-            OSError: the file cannot be written.
-        """
+        """Open a binary file for writing, and make its folders; raises BagError if the file exists, or OSError."""
         if self._system is None:
             if not overwrite and os.path.exists(place):
                 raise BagError(f"{place} exists already")

@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import re
 from contextlib import suppress
-from functools import partial
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
@@ -106,13 +105,9 @@ class Database:
         on_error: str = "raise",
         progress: Callable[[int], None] | None = None,
     ) -> dict[str, str]:
-        """Add the topics that a query names; returns the skipped topics with the reasons.
+        """Add the topics that a query names, of bags by name; returns the skipped topics with the reasons.
 
-        Args:
-            bags: readers by name of the bag.
-
-        Raises:
-            BagError: the query cannot be parsed; otherwise as `write_dataset`.
+        Raises `BagError` if the query cannot be parsed, and otherwise as `write_dataset`.
         """
         files = [entry for place in datasets for entry in self._dataset_files(place)]
         topics = dict.fromkeys([*(topic for bag in bags.values() for topic in bag.topics), *(one for one, _ in files)])
@@ -130,9 +125,9 @@ class Database:
         count = 0
         for name, bag in bags.items():
             own = [topic for topic in selected if topic in bag.topics]
-            report_count = None if progress is None else partial(_add_to_progress, progress, count)
+            on_count = None if progress is None else lambda own_count, before=count: progress(before + own_count)
             with StagedDataset(bag, self._folder.name, name, compression="lz4", folder_of=self._folder_of) as dataset:
-                dataset.read_bag(own, False, None, None, on_error, report_count)
+                dataset.read_bag(own, False, None, None, on_error, on_count)
                 dataset.publish()
             count += sum(bag.topics[topic].count or 0 for topic in own)
             skipped.update(dataset.report.skipped_topics)
@@ -163,9 +158,7 @@ class Database:
     def run(self, query: str) -> Result:
         """Return the result of a query.
 
-        Raises:
-            BagError: DuckDB reports an error, the statement is not a query, or the names of two topics differ only in
-                case.
+        Raises `BagError` for errors of DuckDB, other statements, and topics whose names differ only in case.
         """
         if _SHOW_TABLES.fullmatch(query):
             query = self._topic_list_query()
@@ -230,11 +223,7 @@ class Database:
 
 
 class Result:
-    """Result of a query.
-
-    Attributes:
-        columns: names of the columns; empty if the statement has no result.
-    """
+    """Result of a query, with the names of its columns, which are empty if the statement has no result."""
 
     def __init__(self, connection: Any, relation: Any) -> None:
         self._connection = connection
@@ -272,12 +261,7 @@ class Result:
             raise BagError("the statement has no rows to write")
 
     def write(self, path: str, form: str) -> None:
-        """Write a file: ``csv``, ``json`` (a line for each row) or ``parquet``.
-
-        Raises:
-            BagError: DuckDB reports an error.
-            OSError: the file cannot be written.
-        """
+        """Write a file: ``csv``, ``json`` (a line for each row) or ``parquet``. Raises BagError or OSError."""
         self._require_rows()
         if form != "json":
             _call(lambda: self._connection.execute(f"copy (from {self._name}) to {_literal(path)} (format {form})"))
@@ -319,10 +303,6 @@ def _csv(value: str | None) -> str:
 
 def _as_string(match: re.Match[str]) -> str:
     return match[0] if match[0].startswith('"') else f'"{match[0]}"'
-
-
-def _add_to_progress(progress: Callable[[int], None], start: int, count: int) -> None:
-    progress(start + count)
 
 
 def _literal(value: str) -> str:

@@ -51,11 +51,7 @@ _MAX_TIME_NS = (1 << 63) - 1
 class BatchBuilder:
     """Builder of the batches of a topic, for one definition of its messages.
 
-    Args:
-        decode: decodes messages one by one.
-
-    Raises:
-        BagError: as `select_columns` and `BagReader.message_class`.
+    `decode` decodes messages one by one. Raises BagError as `select_columns` and `BagReader.message_class`.
     """
 
     def __init__(self, bag: BagReader, channel: BagTopic, columns: Sequence[str] | str | None, decode: Decode) -> None:
@@ -99,8 +95,12 @@ class BatchBuilder:
         return self._batch(log_times, publish_times, columns)
 
     def _batch(self, log_times: Times, publish_times: Times, columns: list[Any]) -> Any:
-        times = [_times(self._where, one) for one in (log_times, publish_times)]
-        return pa.RecordBatch.from_arrays([*times, *columns], schema=self.schema)
+        for times in (log_times, publish_times):
+            if (times > _MAX_TIME_NS).any():
+                wrong = times[times > _MAX_TIME_NS][0]
+                raise BagError(f"{self._where} at {wrong} ns: expected a time of at most {_MAX_TIME_NS} ns in a table")
+        times_ns = [from_numpy(times.view(np.int64), NANOSECONDS) for times in (log_times, publish_times)]
+        return pa.RecordBatch.from_arrays([*times_ns, *columns], schema=self.schema)
 
 
 def _with_descendants(node: ColumnNode) -> Iterator[ColumnNode]:
@@ -115,13 +115,6 @@ def _require_ends(cursor: BatchCursor) -> None:
     is_padding = (rest < NETWORK_ALIGN) & ((cursor.limit & (NETWORK_ALIGN - 1)) == 0)
     if ((rest != 0) & ~is_padding).any():
         raise BatchUnsupportedError
-
-
-def _times(where: str, times: Times) -> Any:
-    if (times > _MAX_TIME_NS).any():
-        wrong = times[times > _MAX_TIME_NS][0]
-        raise BagError(f"{where} at {wrong} ns: expected a time of at most {_MAX_TIME_NS} ns in a table")
-    return from_numpy(times.view(np.int64), NANOSECONDS)
 
 
 def _portions(messages: Sequence[Raw]) -> Iterator[Sequence[Raw]]:
@@ -145,11 +138,7 @@ def reader(
     source: TableInput,
     batch_bytes: int,
 ) -> Any:
-    """Return a ``pyarrow.RecordBatchReader`` of a topic; see `BagReader.batches`.
-
-    Args:
-        channels: at least one channel of the topic; messages of others are skipped.
-    """
+    """Return a ``pyarrow.RecordBatchReader`` of a topic, for messages of `channels`; see `BagReader.batches`."""
     by_class: dict[type[Any], BatchBuilder] = {}
     by_key: dict[tuple[str, ...], BatchBuilder] = {}
     for channel in channels:

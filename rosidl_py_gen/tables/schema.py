@@ -84,12 +84,8 @@ def schema_of(cls: type[Any], columns: Sequence[SelectedColumn], topic: BagTopic
     """Return the schema of a table with the bag's times and these columns; raises `BagError`."""
     times = [pa.field(name, NANOSECONDS, nullable=False) for name in (LOG_TIME, PUBLISH_TIME)]
     fields = [field_of(column.node, column.name) for column in columns]
-    return pa.schema([*times, *fields], metadata=_metadata(cls, topic))
-
-
-def _metadata(cls: type[Any], topic: BagTopic | None) -> dict[bytes, str]:
     by_type = {name: values for name, one in referenced_classes(cls).items() if (values := constants(one))}
     metadata = {TYPE: cls._TYPE.name, HASH: cls._TYPE.hash, CONSTANTS: json.dumps(by_type)}
     if topic is not None:
         metadata |= {TOPIC: topic.name, DEFINITION: topic.definition, ENCODING: topic.encoding, QOS: topic.offered_qos}
-    return metadata
+    return pa.schema([*times, *fields], metadata=metadata)

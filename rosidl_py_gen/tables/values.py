@@ -25,10 +25,7 @@ _MAX_TEXT = 200
 
 
 def plain(column: Any) -> Any:
-    """Return an array without the encodings and views that Arrow has for the same values.
-
-    List views stay: `lists` reads them.
-    """
+    """Return an array without dictionaries, run ends and views, except list views, which `lists` reads."""
     kind, types = column.type, pa.types
     if isinstance(kind, pa.BaseExtensionType):
         return plain(column.storage)
@@ -109,11 +106,10 @@ def is_octets(kind: Any) -> bool:
 
 
 def numbers(column: Any, code: str, path: str) -> NDArray[Any]:
-    """Return the values of an array of numbers as those that the code of `struct` means.
+    """Return the values of an array of numbers in the type of a struct code.
 
-    Raises:
-        BagError: the array has something else, or a value does not fit: it is out of range, has a fraction where
-            integers are expected, or is an integer that has no exact floating point number.
+    Raises `BagError` if the array has other values, or a value does not fit: it is out of range, has a fraction where
+    integers are expected, or is an integer without exact floating point number.
     """
     target, kind, types = NUMBERS[code], column.type, pa.types
     dtype = np.dtype(target.to_pandas_dtype())

@@ -45,12 +45,7 @@ def stream_of(table: object) -> Any:
 
 
 def topic_of_schema(table_schema: Any, topic: str | None) -> tuple[BagTopic, type[Any]]:
-    """Return topic and message class from the metadata of a table.
-
-    Raises:
-        BagError: topic or type is missing, or the class differs from that of the table.
-        DefinitionError, TypeNotFoundError: the definition in the metadata is invalid, or the type is not known.
-    """
+    """Return topic and message class from the metadata of a table; raises `BagError` if these do not define them."""
     metadata = {key: value.decode(errors="replace") for key, value in (table_schema.metadata or {}).items()}
     topic = topic or metadata.get(schema.TOPIC)
     name, definition, table_hash = (metadata.get(key, "") for key in (schema.TYPE, schema.DEFINITION, schema.HASH))
@@ -75,11 +70,7 @@ def topic_of_schema(table_schema: Any, topic: str | None) -> tuple[BagTopic, typ
 
 
 def messages_of(stream: Any, cls: type[Any], topic: str) -> Iterator[tuple[Any, int, int]]:
-    """Yield each row as a message, with its log time and publish time.
-
-    Raises:
-        BagError: a column is unknown, missing or of another kind, or a value does not fit; names it.
-    """
+    """Yield each row as a message, with log time and publish time; raises `BagError` for a wrong column."""
     nodes = nodes_of(cls)
     count = 0
     while (batch := _next(stream, topic)) is not None:

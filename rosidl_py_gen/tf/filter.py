@@ -76,11 +76,7 @@ class TransformFilter(MessageFilter):
         self._links.append(source.register_callback(self.add))
 
     def add(self, message: Any) -> Coroutine[Any, Any, None] | None:
-        """Process a message as if the input had passed it; returns as `signal_message`.
-
-        Raises:
-            StampError: the message has no header.
-        """
+        """Process a message as if the input had passed it; returns as `signal_message`. Raises `StampError`."""
         stamp = self._stamp_of(message)
         frame = message["header"]["frame_id"] if isinstance(message, dict) else message.header.frame_id
         pending = _PendingMessage(message, without_slash(frame), stamp)

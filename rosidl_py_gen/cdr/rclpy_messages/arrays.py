@@ -84,11 +84,7 @@ def list_of_bytes(view: Buffer, count: int, at: int) -> list[bytes]:
 
 
 def joined_bytes(value: Any) -> bytes:
-    """Return the joined elements of a list of bytes of length 1.
-
-    Raises:
-        FieldValueError: an element is not bytes of length 1; `index` is its index.
-    """
+    """Return the joined elements of a list of bytes of length 1; raises `FieldValueError` for a wrong element."""
     if not isinstance(value, (list, tuple)):
         value = as_list(value)
         if not isinstance(value, list):
@@ -108,21 +104,14 @@ def fixed_bytes(value: Any, count: int) -> bytes:
 
 
 def as_list(value: Any) -> Any:
-    """Return a collection as a list, as rclpy accepts sets, deques, views of dicts and arrays; other values unchanged.
-
-    A structured array stays one: it stands for a list of messages.
-    """
+    """Return a collection as a list, as rclpy does; other values, and structured arrays, are returned unchanged."""
     if isinstance(value, (list, tuple, str, bytes, bytearray, array, Mapping)) or not isinstance(value, Collection):
         return value
     return value if isinstance(value, np.ndarray) and value.dtype.names is not None else [*value]
 
 
 def to_array(value: Any, code: str) -> array[Any]:
-    """Return ``array.array(code, value)``, as rclpy's setters do; a numpy array of the same dtype is copied as a whole.
-
-    Raises:
-        TypeError, OverflowError, ValueError: as `array.array`.
-    """
+    """Return ``array.array(code, value)``, as rclpy's setters do; a numpy array of that dtype is copied as a whole."""
     if type(value) is np.ndarray and value.ndim == 1 and value.dtype is DTYPES[code]:
         values = array(code)
         values.frombytes(np.ascontiguousarray(value).data.cast("B") if value.size else b"")

@@ -25,13 +25,9 @@ _NOUNS = {"f": "float", "d": "double"}
 
 
 def check(field: Field, value: Any) -> bool:
-    """Check a value before it is assigned.
+    """Check a value before it is assigned; raises AssertionError with the text of rclpy.
 
-    Returns:
-        True if it is stored unchanged, because it is a scalar or an array of the right type.
-
-    Raises:
-        AssertionError: the value does not fit; the text is that of rclpy.
+    Returns True if it is stored unchanged, because it is a scalar or an array of the right type.
     """
     if field.type.arity is Arity.SCALAR:
         _check_scalar(field, value)

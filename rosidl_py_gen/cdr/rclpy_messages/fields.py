@@ -98,11 +98,7 @@ def property_of(slot: FieldSlot) -> property:
 
 
 def to_plain(slot: FieldSlot, value: Any) -> Any:
-    """Return the value of a field as in our own classes: bytes as integers, collections as lists.
-
-    Raises:
-        FieldValueError: bytes are expected, and the value is something else.
-    """
+    """Return a value as in our own classes, with integers for bytes and lists for collections."""
     kind = slot.field.type
     if kind.base == "byte":
         if kind.arity is not Arity.SCALAR:

@@ -29,7 +29,6 @@ class BagSource:
 
     Attributes:
         place: an absolute path, or a URL.
-        size: bytes of its files.
         version: digest of the sizes of its files and their tags or modification times.
     """
 
@@ -88,8 +87,7 @@ def digest(values: Any) -> str:
 def names_of(places: Iterable[str], known: Mapping[str, str] | None = None) -> dict[str, str]:
     """Return a unique name for each bag: that of its file, with folders before it if necessary.
 
-    Args:
-        known: existing names by place, which are kept and not assigned to others.
+    `known` has existing names by place, which are kept and not assigned to others.
     """
     known = known or {}
     places = list(dict.fromkeys(places))

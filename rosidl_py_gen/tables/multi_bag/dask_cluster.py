@@ -31,11 +31,7 @@ _CONNECT_TIMEOUT_S = 10
 
 @contextmanager
 def connect(scheduler: str) -> Iterator[TaskRunner]:
-    """Yield a function that runs tasks, and yields each with its result as it finishes.
-
-    Raises:
-        BagError: the scheduler does not respond.
-    """
+    """Yield a function that runs tasks, and yields each with its result as it finishes. Raises `BagError`."""
     try:
         client = distributed.Client(scheduler, timeout=_CONNECT_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError, TypeError, ImportError) as error:

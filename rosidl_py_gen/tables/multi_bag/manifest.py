@@ -58,12 +58,7 @@ def _folder(name: str) -> str:
 
 
 class DatasetManifest:
-    """Entries of a dataset.
-
-    Raises:
-        BagError: the place is not valid.
-        OSError: the place cannot be read or written. All methods raise the same errors.
-    """
+    """Entries of a dataset. All methods raise BagError or OSError if the place cannot be read or written."""
 
     def __init__(self, out: str) -> None:
         self._out = out

@@ -36,11 +36,7 @@ _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 @contextmanager
 def process_pool(workers: int) -> Iterator[TaskRunner]:
-    """Yield a function that runs tasks in `workers` processes, and yields each with its result as it finishes.
-
-    Raises:
-        BagError: the platform is not POSIX: processes inherit no socket there.
-    """
+    """Yield a function that runs tasks in `workers` processes, and yields each with its result as it finishes."""
     if not IS_POSIX:
         raise BagError(f"found workers={workers} on {sys.platform}; expected workers=1: several processes need POSIX")
     idle: list[_Worker] = []
