@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 sys.path.insert(0, str(Path(__file__).parent))
 
 from private_network import PrivateNetwork
-from rclpy_peer import REQUIREMENTS, Peer
+from rclpy_peer import ANSWER_S, REQUIREMENTS, Peer
 
 __all__ = ["dds", "only_loopback", "pytest_pyfunc_call"]
 
@@ -100,9 +100,15 @@ def start_peer(distro: str, peer_python: Path, _network: PrivateNetwork | None) 
 
 
 @pytest.fixture(scope="session")
-def shared_peer(start_peer: Callable[..., Peer]) -> Peer:
-    """Return a peer for many tests, which use names of their own."""
+def _shared_peer(start_peer: Callable[..., Peer]) -> Peer:
     return start_peer("shared_peer", wide=True)
+
+
+@pytest.fixture
+def shared_peer(_shared_peer: Peer) -> Iterator[Peer]:
+    """Return a peer for many tests, which use names of their own; its entities are destroyed after the test."""
+    yield _shared_peer
+    _shared_peer.tell("clear").result(ANSWER_S)
 
 
 _SHORT_LEASE = """<?xml version="1.0" encoding="UTF-8" ?>

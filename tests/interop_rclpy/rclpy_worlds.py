@@ -7,6 +7,7 @@ import functools
 import hashlib
 import itertools
 import json
+import os
 import random
 from collections.abc import Awaitable, Callable, Coroutine
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Any, TypeVar
 
 from random_messages import RandomMessages
 from rclpy_peer import Peer
+from support.node_fixtures import ROOT
 
 from rosidl_py_gen import get_action, get_message, get_service, to_json
 
@@ -36,6 +38,13 @@ def service(peer: Peer, name: str) -> Any:
 
 def action(peer: Peer, name: str) -> Any:
     return get_action(name, path=peer.share)
+
+
+def without_definitions(cache: Path) -> dict[str, str]:
+    """Return the environment of a process that finds no definitions of the peer, as a class that is compiled stays."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "ROSIDL_PY_GEN_CACHE": str(cache)}
+    environment.pop("AMENT_PREFIX_PATH", None)
+    return environment
 
 
 def plain(value: Any) -> Any:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
 import signal
 import sys
 from dataclasses import dataclass
@@ -13,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import yaml
 from rclpy_peer import Peer
-from rclpy_worlds import fresh
-from support.node_fixtures import ROOT, WAITS, start_process, until
+from rclpy_worlds import fresh, without_definitions
+from support.node_fixtures import WAITS, start_process, until
 
 from rosidl_py_gen.bags import BagReader
 
@@ -37,8 +36,7 @@ class Tool:
     """Runs ``rosidl-py`` in processes, because a class that a test has compiled is available to all tests in it."""
 
     def __init__(self, cache: Path) -> None:
-        self._environment = {**os.environ, "PYTHONPATH": str(ROOT), "ROSIDL_PY_GEN_CACHE": str(cache)}
-        self._environment.pop("AMENT_PREFIX_PATH", None)
+        self._environment = without_definitions(cache)
 
     async def start(self, *words: str) -> asyncio.subprocess.Process:
         command = (sys.executable, "-m", "rosidl_py_gen.ros_cli", *words)
@@ -107,10 +105,6 @@ async def looked(peer: Peer, tool: Tool) -> Looked:
         answers = await asyncio.gather(*(tool(*one.split(), "--spin-time", "10") for one in words))
         said = {" ".join(one.split()[:2]): answer for one, answer in zip(words, answers, strict=True)}
         _looked[peer] = Looked(topic, service, action, node, managed, said)
-        await peer.ask("unpublish", topic=topic)
-        await peer.ask("unserve", name=service)
-        await peer.ask("remove_node", name=node.strip("/"))
-        await peer.ask("remove_node", name=managed.strip("/"))
     return _looked[peer]
 
 
@@ -146,8 +140,6 @@ async def test_topics_and_services_have_information(shared_peer: Peer, tool: Too
     of_topic, of_service = await asyncio.gather(tool("topic", "info", topic), tool("service", "info", service))
     assert of_topic.startswith(f"Type: {STRINGS}\n")
     assert of_service == f"Type: {BASIC}\nClients count: 0\nServices count: 1\n"
-    await shared_peer.ask("unpublish", topic=topic)
-    await shared_peer.ask("unserve", name=service)
 
 
 async def test_the_graph_shows_them_and_the_doctor_tells_their_make(shared_peer: Peer, tool: Tool) -> None:
@@ -171,7 +163,6 @@ async def test_a_service_is_called(shared_peer: Peer, tool: Tool, share: str) ->
     assert (answer["int32_value"], answer["string_value"]) == (-5, "grüße")
     shown = await tool("service", "call", name, BASIC, "{bool_value: true}", "--path", share)
     assert "response:\ntest_msgs.srv.BasicTypes_Response(bool_value=True, byte_value=0," in shown
-    await shared_peer.ask("unserve", name=name)
 
 
 async def test_service_events_of_an_unknown_type_are_echoed(shared_peer: Peer, tool: Tool) -> None:
@@ -187,8 +178,6 @@ async def test_service_events_of_an_unknown_type_are_echoed(shared_peer: Peer, t
     assert ended.code == 0, ended.err
     event = json.loads(ended.out)
     assert (event["info"]["event_type"], event["request"][0]["int32_value"]) == ("REQUEST_RECEIVED", 7)
-    await shared_peer.ask("unclient", name=name)
-    await shared_peer.ask("unserve", name=name)
 
 
 async def test_parameters_are_read_and_set(shared_peer: Peer, tool: Tool) -> None:
@@ -207,7 +196,6 @@ async def test_parameters_are_read_and_set(shared_peer: Peer, tool: Tool) -> Non
     assert (wrong.code, "  Type: integer\n" in described) == (1, True)
     assert wrong.err.startswith("error: Setting parameter failed: ")
     assert await shared_peer.ask("parameters", node=name, names=["speed"]) == [2.5]
-    await shared_peer.ask("remove_node", name=name)
 
 
 async def test_parameters_are_dumped_and_loaded(shared_peer: Peer, tool: Tool, tmp_path: Path) -> None:
@@ -220,7 +208,6 @@ async def test_parameters_are_dumped_and_loaded(shared_peer: Peer, tool: Tool, t
     file.write_text(f"/{name}:\n  ros__parameters: {{count: 4}}\n")
     assert await tool("param", "load", f"/{name}", str(file), *PATIENT) == "Set parameter count successful\n"
     assert await shared_peer.ask("parameters", node=name, names=["count"]) == [4]
-    await shared_peer.ask("remove_node", name=name)
 
 
 async def test_a_goal_is_sent_and_followed(shared_peer: Peer, tool: Tool, share: str) -> None:
@@ -253,7 +240,6 @@ async def test_a_lifecycle_node_is_led_through_its_states(shared_peer: Peer, too
         tool("lifecycle", "get", name, *PATIENT), tool("lifecycle", "list", name, *PATIENT)
     )
     assert (state, "- activate [3]\n" in possible) == ("inactive [2]\n", True)
-    await shared_peer.ask("remove_node", name=name.strip("/"))
 
 
 async def test_a_topic_of_an_unknown_type_is_echoed(shared_peer: Peer, tool: Tool) -> None:
@@ -266,7 +252,6 @@ async def test_a_topic_of_an_unknown_type_is_echoed(shared_peer: Peer, tool: Too
         await asyncio.sleep(0.2)
     ended = await tool.end(process)
     assert json.loads(ended.out)["string_value"] == "grüße"
-    await shared_peer.ask("unpublish", topic=topic)
 
 
 async def test_what_is_published_arrives_and_what_they_publish_is_measured(shared_peer: Peer, tool: Tool) -> None:
@@ -282,8 +267,6 @@ async def test_what_is_published_arrives_and_what_they_publish_is_measured(share
         await asyncio.sleep(0.05)
     report = json.loads((await tool.end(process)).out)
     assert (report["topic"], report["window"] > 1) == (said, True)
-    await shared_peer.ask("unsubscribe", topic=heard)
-    await shared_peer.ask("unpublish", topic=said)
 
 
 async def test_a_topic_of_an_unknown_type_is_recorded_and_played_to_them(
@@ -310,8 +293,6 @@ async def test_a_topic_of_an_unknown_type_is_recorded_and_played_to_them(
     assert (played.code, played.err) == (0, "published 5 messages of 1 topics\n")
     taken = await shared_peer.ask("take", topic=heard, count=5)
     assert [one["string_value"] for one in taken] == [f"grüße {number}" for number in range(5)]
-    await shared_peer.ask("unsubscribe", topic=heard)
-    await shared_peer.ask("unpublish", topic=said)
 
 
 async def test_events_of_a_service_and_an_action_of_theirs_are_recorded(

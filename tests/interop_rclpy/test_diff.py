@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
 import shutil
 import sys
 from pathlib import Path
 
 from rclpy_peer import Peer
-from rclpy_worlds import fresh
+from rclpy_worlds import fresh, without_definitions
 from support.node_fixtures import ROOT, start_process
 
 
@@ -21,28 +20,15 @@ async def test_a_robot_of_rclpy_is_compared_with_a_workspace(shared_peer: Peer, 
         shutil.copytree(ROOT / "tests/interfaces/test_msgs" / kind, tmp_path / "test_msgs" / kind)
     changed = tmp_path / "test_msgs/msg/BasicTypes.msg"
     changed.write_text(changed.read_text().replace("int16 int16_value", "uint16 int16_value") + "int8 more\n")
-    environment = {**os.environ, "ROSIDL_PY_GEN_CACHE": str(tmp_path / "cache")}
-    environment.pop("AMENT_PREFIX_PATH", None)
-    command = (
-        sys.executable,
-        "-m",
-        "rosidl_py_gen.generator_cli",
-        "diff",
-        f"/{shared_peer.name}",
-        str(tmp_path),
-        "--json",
-        "--timeout",
-        "15",
-    )
-    process = await start_process(
-        *command, env=environment, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE
-    )
+    options = (f"/{shared_peer.name}", str(tmp_path), "--json", "--timeout", "15")
+    command = (sys.executable, "-m", "rosidl_py_gen.generator_cli", "diff", *options)
+    pipe = asyncio.subprocess.PIPE
+    process = await start_process(*command, env=without_definitions(tmp_path / "cache"), stdout=pipe, stderr=pipe)
     out, err = await asyncio.wait_for(process.communicate(), 80)
     assert process.returncode == 1, err
-    told = json.loads(out)
-    (change,) = [one for one in told["changed"] if one["name"] == "test_msgs/msg/BasicTypes"]
+    differences = json.loads(out)
+    (change,) = [type_ for type_ in differences["changed"] if type_["name"] == "test_msgs/msg/BasicTypes"]
     message = change["messages"][0]
     assert [(one["what"], one["name"]) for one in message["fields"]] == [("type", "int16_value"), ("added", "more")]
     assert message["old_data"]["reading"] == "fails" and message["constants"] == []
-    assert told["removed"] == []
-    await shared_peer.ask("unpublish", topic=topic)
+    assert differences["removed"] == []

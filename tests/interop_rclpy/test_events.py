@@ -54,7 +54,6 @@ async def test_their_publishers_that_do_not_fit(
     dds.node().create_subscription(String, topic, qos=ours, event_callbacks=callbacks)
     await until(lambda: bool(heard))
     assert [(one.total_count, one.last_policy_kind) for one in heard] == [(1, kind)]
-    await shared_peer.ask("unpublish", topic=topic)
 
 
 async def test_their_publisher_comes_falls_silent_and_goes(dds: Any, shared_peer: Peer) -> None:
@@ -91,4 +90,3 @@ async def test_their_subscriptions_come_and_do_not_fit(dds: Any, shared_peer: Pe
     await shared_peer.ask("subscribe", topic=topic, type=STRING, qos={"reliability": "BEST_EFFORT"})
     await until(lambda: bool(matched))
     assert matched == [MatchedStatus(1, 1, 1, 1)] and len(apart) == 1
-    await shared_peer.ask("unsubscribe", topic=topic)

@@ -52,7 +52,6 @@ async def test_we_drive_their_lifecycle_node(dds: Any, shared_peer: Peer) -> Non
     seen = [await events.receive(timeout_s=WAIT_S) for _ in EVENTS]
     assert [(one.start_state.label, one.goal_state.label) for one in seen] == EVENTS
     assert await shared_peer.ask("transitions", name=name.strip("/")) == ["configure", "activate", "shutdown"]
-    await shared_peer.ask("remove_node", name=name.strip("/"))
 
 
 class Managed(LifecycleNode):
@@ -90,8 +89,5 @@ async def test_they_drive_our_lifecycle_node(dds: Any, shared_peer: Peer) -> Non
         seen = await shared_peer.ask("take", topic=f"{name}/transition_event", count=len(EVENTS))
         assert [(one["start_state"]["label"], one["goal_state"]["label"]) for one in seen] == EVENTS
         assert node.done == ["configure", "activate", "shutdown"]
-        await shared_peer.ask("unsubscribe", topic=f"{name}/transition_event")
-        for service_name in ("change_state", "get_state"):  # or commands of other tests would take it for a server
-            await shared_peer.ask("unclient", name=f"{name}/{service_name}")
     finally:
         node.close()

@@ -44,7 +44,6 @@ async def test_they_read_our_rosout(dds: Any, shared_peer: Peer) -> None:
     while len(heard) < len(LEVELS):
         (record,) = await shared_peer.ask("take", topic="/rosout")
         heard += [record] if record["msg"] == text else []
-    await shared_peer.ask("unsubscribe", topic="/rosout")
     expected = [(level, f"deep{name.replace('/', '.')}") for level in LEVELS]
     assert [(one["level"], one["name"]) for one in heard] == expected
 
@@ -64,7 +63,6 @@ async def test_their_clock_drives_our_node(dds: Any, shared_peer: Peer) -> None:
         await repeated(send, arrived())
     finally:
         node.close()
-        await shared_peer.ask("unpublish", topic="/clock")
 
 
 async def test_our_clock_drives_their_node(dds: Any, shared_peer: Peer) -> None:
@@ -76,7 +74,6 @@ async def test_our_clock_drives_their_node(dds: Any, shared_peer: Peer) -> None:
     stamp.clock.sec = 60
     arrived = shared_peer.ask("now_ns", node=name, at_least=MINUTE_NS)
     assert await repeated(lambda: publisher.publish(stamp), arrived) == MINUTE_NS
-    await shared_peer.ask("remove_node", name=name)
 
 
 async def test_their_node_describes_its_types(dds: Any, shared_peer: Peer) -> None:
@@ -104,7 +101,6 @@ async def test_our_node_describes_its_types_as_theirs_would(
         await shared_peer.ask("client", name=name, type="type_description_interfaces/srv/GetTypeDescription")
         request = {"type_name": kind, "type_hash": type_hash(cls), "include_type_sources": True}
         (answer,) = await shared_peer.ask("call", name=name, requests_=[request])
-        await shared_peer.ask("unclient", name=name)
         for source in answer["type_sources"]:
             source["raw_file_contents"] = source["raw_file_contents"].rstrip("\n")  # theirs has lost the last one
         described.append({key: answer[key] for key in ("successful", "type_description", "type_sources")})
@@ -124,7 +120,6 @@ async def test_we_set_their_logger_levels(dds: Any, shared_peer: Peer) -> None:
     getting = node.create_client(getter, f"/{name}/get_logger_levels")
     answer = await getting.call(getter.Request(names=[f"{name}.part"]), WAIT_S)
     assert plain(answer) == {"levels": levels}
-    await shared_peer.ask("remove_node", name=name)
 
 
 async def test_they_set_our_logger_levels(dds: Any, shared_peer: Peer) -> None:
@@ -139,7 +134,6 @@ async def test_they_set_our_logger_levels(dds: Any, shared_peer: Peer) -> None:
             served, kind = f"/{name}/{verb}_logger_levels", f"rcl_interfaces/srv/{verb.title()}LoggerLevels"
             await shared_peer.ask("client", name=served, type=kind)
             assert await shared_peer.ask("call", name=served, requests_=[request]) == [expected]
-            await shared_peer.ask("unclient", name=served)
         assert not node.logger.isEnabledFor(logging.WARNING) and node.logger.isEnabledFor(logging.ERROR)
     finally:
         node.close()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +30,8 @@ THEIR_QOS = {"depth": 1000}
 FILE = "{}:\n  ros__parameters:\n    count: 11\n    arm:\n      left:\n        labels: [ab, cd]\n"
 
 
-def held(node: Node, names: list[str]) -> list[Any]:
-    return [list(value) if isinstance(value, tuple) else value for value in node.get_parameters(names)]
+def as_lists(values: Any) -> list[Any]:
+    return [list(value) if isinstance(value, tuple) else value for value in values]
 
 
 def member(answer: dict[str, Any]) -> Any:
@@ -77,7 +76,7 @@ async def test_their_client_sets_our_parameters(dds: Any, shared_peer: Peer) -> 
     ours = ours_with_all_kinds(dds)
     answer = await ask_ours(shared_peer, ours, "set_parameters", {**NEW, "missing": 1, "gain": "text"})
     assert [one["successful"] for one in answer["results"]] == [True] * 4 + [False] * 2
-    assert held(ours, list(NEW)) == list(NEW.values())
+    assert as_lists(ours.get_parameters(list(NEW))) == list(NEW.values())
 
 
 async def test_their_client_sets_ours_all_or_none(dds: Any, shared_peer: Peer) -> None:
@@ -86,7 +85,7 @@ async def test_their_client_sets_ours_all_or_none(dds: Any, shared_peer: Peer) -
     assert not answer["result"]["successful"] and ours.get_parameter("count") == VALUES["count"]
     answer = await ask_ours(shared_peer, ours, "set_parameters_atomically", NEW)
     assert answer["result"] == {"successful": True, "reason": ""}
-    assert held(ours, list(NEW)) == list(NEW.values())
+    assert as_lists(ours.get_parameters(list(NEW))) == list(NEW.values())
 
 
 async def test_their_whole_number_is_our_double_and_ours_theirs(dds: Any, shared_peer: Peer, theirs: Any) -> None:
@@ -94,7 +93,7 @@ async def test_their_whole_number_is_our_double_and_ours_theirs(dds: Any, shared
     wanted = {"gain": 3, "gains": [1, 2], "count": 4}
     answer = await ask_ours(shared_peer, ours, "set_parameters", wanted)
     assert [one["successful"] for one in answer["results"]] == [True] * 3
-    assert repr(held(ours, list(wanted))) == "[3.0, [1.0, 2.0], 4]"
+    assert repr(as_lists(ours.get_parameters(list(wanted)))) == "[3.0, [1.0, 2.0], 4]"
     assert [one.successful for one in await theirs.set(wanted, WAIT_S)] == [True] * 3
     assert (await theirs.set_atomically({"gain": 5, "count": 6}, WAIT_S)).successful
     assert repr(await held_by_them(shared_peer, theirs, list(wanted))) == "[5.0, [1.0, 2.0], 6]"
@@ -105,7 +104,7 @@ async def test_their_client_loads_a_file_into_our_node(dds: Any, shared_peer: Pe
     file = tmp_path / "parameters.yaml"
     file.write_text(FILE.format(ours.fully_qualified_name))
     await ask_ours(shared_peer, ours, "load_parameter_file", str(file))
-    assert held(ours, ["count", "arm.left.labels"]) == [11, ["ab", "cd"]]
+    assert as_lists(ours.get_parameters(["count", "arm.left.labels"])) == [11, ["ab", "cd"]]
 
 
 async def test_their_client_undeclares_our_dynamic_parameter(dds: Any, shared_peer: Peer) -> None:
@@ -129,33 +128,24 @@ async def test_they_hear_of_changes_of_our_parameters(dds: Any, shared_peer: Pee
                 return [(one["name"], member(one["value"])) for one in event["changed_parameters"]]
 
     assert await repeated(lambda: ours.set_parameter("count", 3), from_us()) == [("count", 3)]
-    await shared_peer.ask("unsubscribe", topic=topic)
-
-
-# --- our client -------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
-def theirs(dds: Any, shared_peer: Peer) -> Iterator[Any]:
+def theirs(dds: Any, shared_peer: Peer) -> Any:
     """Return our client for the parameters of a new node of the peer with all types of values."""
     name = fresh("theirs")
     shared_peer.tell("add_node", name=name.strip("/")).result(WAIT_S)
     shared_peer.tell("declare", node=name.strip("/"), parameters=VALUES).result(WAIT_S)
-    yield dds.node("tester").create_parameter_client(name)
-    shared_peer.tell("remove_node", name=name.strip("/")).result(WAIT_S)
+    return dds.node("tester").create_parameter_client(name)
 
 
 async def held_by_them(peer: Peer, client: Any, names: list[str]) -> Any:
     return await peer.ask("parameters", node=client.node.strip("/"), names=names)
 
 
-def listed(values: Any) -> list[Any]:
-    return [list(value) if isinstance(value, tuple) else value for value in values]
-
-
 async def test_our_client_gets_their_values_types_and_descriptions(theirs: Any) -> None:
     names = list(VALUES)
-    assert listed(await theirs.get(names, WAIT_S)) == list(VALUES.values())
+    assert as_lists(await theirs.get(names, WAIT_S)) == list(VALUES.values())
     assert await theirs.get_types(names, WAIT_S) == TYPES
     assert [one.type for one in await theirs.describe(names, WAIT_S)] == TYPES
     with pytest.raises(ParameterNotDeclaredError):

@@ -27,42 +27,37 @@ async def client_of_theirs(node: Any, peer: Peer, name: str, kind: str, how: str
     return client
 
 
-async def test_our_client_calls_set_bool(dds: Any, shared_peer: Peer) -> None:
-    client = await client_of_theirs(
-        dds.node("tester"), shared_peer, fresh("set_bool"), "std_srvs/srv/SetBool", "set_bool"
-    )
-    for flag in (True, False):
-        response = await client.call(client_request(shared_peer, "std_srvs/srv/SetBool", data=flag), CALL_S)
-        assert plain(response) == {"success": flag, "message": f"got {flag}"}
+STD_SRVS: list[tuple[str, list[dict[str, Any]], list[dict[str, Any]]]] = [
+    (
+        "std_srvs/srv/SetBool",
+        [{"data": flag} for flag in (True, False)],
+        [{"success": flag, "message": f"got {flag}"} for flag in (True, False)],
+    ),
+    ("std_srvs/srv/Trigger", [{}], [{"success": True, "message": "pulled"}]),
+]
 
 
-def client_request(peer: Peer, kind: str, **fields: Any) -> Any:
-    return service(peer, kind).Request(**fields)
+@pytest.mark.parametrize(("kind", "requests", "responses"), STD_SRVS)
+async def test_our_client_calls_their_server(
+    dds: Any, shared_peer: Peer, kind: str, requests: list[Any], responses: list[Any]
+) -> None:
+    settings: dict[str, str] = {"how": "set_bool"} if "SetBool" in kind else {"how": "trigger", "note": "pulled"}
+    client = await client_of_theirs(dds.node("tester"), shared_peer, fresh("std_srvs"), kind, **settings)
+    cls = service(shared_peer, kind)
+    assert [plain(await client.call(from_dict(cls.Request, values), CALL_S)) for values in requests] == responses
 
 
-async def test_our_server_answers_set_bool(dds: Any, shared_peer: Peer) -> None:
-    name, cls = fresh("set_bool"), service(shared_peer, "std_srvs/srv/SetBool")
-    dds.node("tester").create_service(
-        cls, name, lambda request: cls.Response(success=request.data, message=f"got {request.data}")
-    )
-    await shared_peer.ask("client", name=name, type="std_srvs/srv/SetBool")
-    answers = await shared_peer.ask("call", name=name, requests_=[{"data": True}, {"data": False}])
-    assert answers == [{"success": flag, "message": f"got {flag}"} for flag in (True, False)]
-
-
-async def test_our_client_calls_trigger(dds: Any, shared_peer: Peer) -> None:
-    client = await client_of_theirs(
-        dds.node("tester"), shared_peer, fresh("trigger"), "std_srvs/srv/Trigger", "trigger", note="pulled"
-    )
-    response = await client.call(client_request(shared_peer, "std_srvs/srv/Trigger"), CALL_S)
-    assert plain(response) == {"success": True, "message": "pulled"}
-
-
-async def test_our_server_answers_trigger(dds: Any, shared_peer: Peer) -> None:
-    name, cls = fresh("trigger"), service(shared_peer, "std_srvs/srv/Trigger")
-    dds.node("tester").create_service(cls, name, lambda _: cls.Response(success=True, message="pulled"))
-    await shared_peer.ask("client", name=name, type="std_srvs/srv/Trigger")
-    assert await shared_peer.ask("call", name=name, requests_=[{}]) == [{"success": True, "message": "pulled"}]
+@pytest.mark.parametrize(("kind", "requests", "responses"), STD_SRVS)
+async def test_our_server_answers_their_client(
+    dds: Any, shared_peer: Peer, kind: str, requests: list[Any], responses: list[Any]
+) -> None:
+    name, cls = fresh("std_srvs"), service(shared_peer, kind)
+    by_request = {
+        str(request): from_dict(cls.Response, response) for request, response in zip(requests, responses, strict=True)
+    }
+    dds.node("tester").create_service(cls, name, lambda request: by_request[str(plain(request))])
+    await shared_peer.ask("client", name=name, type=kind)
+    assert await shared_peer.ask("call", name=name, requests_=requests) == responses
 
 
 @pytest.mark.parametrize("kind", TEST_SERVICES)
@@ -135,7 +130,6 @@ async def test_more_calls_at_once_than_a_slow_server_of_theirs_keeps_are_all_ans
     calls = [clients[number % 2].call(cls.Request(int64_value=number), CALL_S) for number in range(40)]
     answers = await asyncio.gather(*calls, return_exceptions=True)
     assert [getattr(answer, "int64_value", answer) for answer in answers] == list(range(40))
-    await shared_peer.ask("unserve_slowly", name=name)
 
 
 async def test_clients_of_several_of_our_nodes_get_their_own_answers(dds: Any, shared_peer: Peer) -> None:
@@ -192,6 +186,7 @@ async def test_requests_name_the_reader_that_waits_until_all_servers_have_answer
     """A new server then waits until it knows the reader to which it replies."""
     name, kind = fresh("named"), "std_srvs/srv/Trigger"
     client = await client_of_theirs(dds.node("tester"), shared_peer, name, kind, "trigger", note="first")
+    request = service(shared_peer, kind).Request()
     writer, named = client._port._writer, []
     write, write_with_identity = writer.write, writer.write_with_identity
     monkeypatch.setattr(writer, "write", lambda data: (named.append(False), write(data))[1])
@@ -199,15 +194,15 @@ async def test_requests_name_the_reader_that_waits_until_all_servers_have_answer
         writer, "write_with_identity", lambda *sent: (named.append(True), write_with_identity(*sent))[1]
     )
     for _ in range(3):
-        assert (await client.call(client_request(shared_peer, kind), CALL_S)).message == "first"
+        assert (await client.call(request, CALL_S)).message == "first"
     assert named == [True, False, False]
     second = start_peer("second")
     await second.ask("serve", name=name, type=kind, how="trigger", note="second")
     await until(lambda: len(client._servers()) == len(writer.matched_readers()) == 2)
-    await client.call(client_request(shared_peer, kind), CALL_S)
+    await client.call(request, CALL_S)
     assert named[3:] == [True]
     while named[-1]:
-        await client.call(client_request(shared_peer, kind), CALL_S)
+        await client.call(request, CALL_S)
         assert len(named) < 1000
     second.close()
 

@@ -66,8 +66,6 @@ async def exchange(node: Node, peer: Peer, name: str, sent: list[dict[str, Any]]
     assert [plain(one) for one in arrived] == sent
     publisher.close()
     subscription.close()
-    await peer.ask("unsubscribe", topic=topic)
-    await peer.ask("unpublish", topic=back)
 
 
 @pytest.mark.parametrize("name", TYPES)

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 from rclpy_peer import Peer
-from rclpy_worlds import action, fresh, random_values, repeated, service
-from support.node_fixtures import ROOT, start_process
+from rclpy_worlds import action, fresh, random_values, repeated, service, without_definitions
+from support.node_fixtures import start_process
 
 from rosidl_py_gen import type_hash
 
@@ -26,11 +25,14 @@ def stranger(tmp_path: Path) -> Any:
     """Return a function that runs `stranger.py` and returns its result, or the expected error."""
 
     async def run(do: str, *, is_right: bool = True, **arguments: Any) -> Any:
-        environment = {**os.environ, "PYTHONPATH": str(ROOT), "ROSIDL_PY_GEN_CACHE": str(tmp_path / "cache")}
-        environment.pop("AMENT_PREFIX_PATH", None)
         script = str(Path(__file__).with_name("stranger.py"))
         process = await start_process(
-            sys.executable, script, do, json.dumps(arguments), env=environment, stdout=asyncio.subprocess.PIPE
+            sys.executable,
+            script,
+            do,
+            json.dumps(arguments),
+            env=without_definitions(tmp_path),
+            stdout=asyncio.subprocess.PIPE,
         )
         output, _ = await asyncio.wait_for(process.communicate(), 25)
         answer = json.loads(output)
@@ -52,7 +54,6 @@ async def test_a_topic_of_theirs_is_read(shared_peer: Peer, stranger: Any) -> No
     answer = await repeated(send, stranger("echo", topic=topic))
     assert answer["message"] == values
     assert answer["constants"]["test_msgs/msg/Constants"]["INT32_CONST"] == -30000  # only the source says that
-    await shared_peer.ask("unpublish", topic=topic)
 
 
 async def test_a_service_of_theirs_needs_its_hash_or_introspection(shared_peer: Peer, stranger: Any) -> None:
@@ -67,7 +68,6 @@ async def test_a_service_of_theirs_needs_its_hash_or_introspection(shared_peer: 
     await shared_peer.ask("introspect", kind="service", name=name, state="METADATA")
     answer = await stranger("call", service=name, request=request, type_hash=None)
     assert (answer["int32_value"], answer["string_value"]) == (-5, "words")
-    await shared_peer.ask("unserve", name=name)
 
 
 async def test_an_action_of_theirs_needs_its_hash(shared_peer: Peer, stranger: Any) -> None:

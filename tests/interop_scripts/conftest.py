@@ -1,52 +1,55 @@
-"""Real rclpy in an environment of its own, and DDS on loopback."""
+"""Observations of programs under real rclpy, in an environment of its own, and under ours; DDS on loopback."""
 
 from __future__ import annotations
 
 import asyncio
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
+from support.concurrent_programs import at_once
 from support.environments import environment
-from support.node_fixtures import dds, only_loopback, pytest_pyfunc_call
+from support.node_fixtures import DOMAINS, dds, only_loopback, pytest_pyfunc_call
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(1, str(Path(__file__).parents[1] / "interop_rclpy"))
 
 from rclpy_peer import REQUIREMENTS
-from side_by_side import Both, Observed, Setting, run_all
-from two_rclpys import Case
+from two_rclpys import PROGRAMS, Both, Case, Observed, Observer
 
 __all__ = ["dds", "only_loopback", "pytest_pyfunc_call"]
-
-
-@pytest.fixture(scope="session")
-def real_python() -> Path:
-    return environment("rclpy-jazzy", REQUIREMENTS["jazzy"])
-
-
-_seen: dict[Path, dict[int, Both | BaseException]] = {}
+_observations: dict[Path, dict[int, Both | BaseException]] = {}
 
 
 @pytest.fixture
-def observed(request: pytest.FixtureRequest, only_loopback: None, real_python: Path, code_cache: Path) -> Observed:
+def observed(request: pytest.FixtureRequest, only_loopback: None, tmp_path_factory: pytest.TempPathFactory) -> Observed:
     """Return a function for the observations of a case. The first use in a file runs all of its selected cases."""
-    if request.path not in _seen:
-        here = [item for item in request.session.items if item.path == request.path]
-        given = [item.callspec.params.get("case") for item in here if hasattr(item, "callspec")]
+    if request.path not in _observations:
+        python, cache = environment("rclpy-jazzy", REQUIREMENTS["jazzy"]), tmp_path_factory.mktemp("cache")
+        items = [item for item in request.session.items if item.path == request.path and hasattr(item, "callspec")]
+        given = [item.callspec.params.get("case") for item in items]
         cases = [case for case in given if isinstance(case, Case)]
-        found = asyncio.run(run_all(cases, Setting(real_python, code_cache)))
-        _seen[request.path] = dict(zip(map(id, cases), found, strict=True))
+        results = asyncio.run(at_once(partial(run_both, python, cache, case) for case in cases))
+        _observations[request.path] = dict(zip(map(id, cases), results, strict=True))
 
-    def look(case: Case) -> Both:
-        seen = _seen[request.path][id(case)]
-        if isinstance(seen, BaseException):
-            raise seen
-        return seen
+    def find(case: Case) -> Both:
+        result = _observations[request.path][id(case)]
+        if isinstance(result, BaseException):
+            raise result
+        return result
 
-    return look
+    return find
 
 
-@pytest.fixture(scope="session")
-def code_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("cache")
+async def run_both(python: Path, cache: Path, case: Case, domain: int) -> Both:
+    """Return the observations under real rclpy and under ours."""
+    own = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    program = str(PROGRAMS / f"{case.program}.py")
+    real = {**own, "ROS_DOMAIN_ID": str(domain), "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}
+    expected = await Observer(domain, case).run([str(python), program], real)
+    domain += DOMAINS  # a killed process remains visible in its domain for a while
+    ours = {**own, "ROS_DOMAIN_ID": str(domain), "ROSIDL_PY_GEN_CACHE": str(cache)}
+    test_msgs = str(python.parents[1] / "share" / "test_msgs")
+    command = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "run", "--path", test_msgs, program]
+    return expected, await Observer(domain, case).run(command, ours, expected)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 
 import pytest
-from side_by_side import Observed
 from two_rclpys import (
     Ask,
     Call,
@@ -13,6 +12,7 @@ from two_rclpys import (
     Graph,
     Interrupt,
     Observation,
+    Observed,
     Parameters,
     Printed,
     Publish,
@@ -34,7 +34,7 @@ def seconds(start: int, end: int) -> tuple[dict[str, dict[str, int]], ...]:
     return tuple({"clock": {"sec": second}} for second in range(start, end))
 
 
-SET_PARAMETERS = "set_parameters", "rcl_interfaces/srv/SetParameters"
+SET_PARAMETERS = "rcl_interfaces/srv/SetParameters"
 CHANGES = {
     "parameters": [
         {"name": "rate", "value": {"type": 3, "double_value": 4.0}},
@@ -50,7 +50,7 @@ CASES = [
     Case(
         "talker",
         (Receive("/ns/news", STRING, 4), Printed("World: 3"), Graph(), Interrupt()),
-        ("--ros-args", "-r", "chatter:=news", "-r", "__ns:=/ns", "-r", "__node:=other"),
+        "--ros-args -r chatter:=news -r __ns:=/ns -r __node:=other",
     ),
     Case("listener", (Graph(), Publish("/chatter", STRING, strings("a", "b", "end")))),
     Case("talker", (Receive("/chatter", STRING, 4), Printed("World: 3"), Interrupt(signal.SIGTERM))),
@@ -69,11 +69,11 @@ CASES = [
         "parameters",
         (
             Parameters("/configured"),
-            Call(f"/configured/{SET_PARAMETERS[0]}", SET_PARAMETERS[1], CHANGES),
+            Call("/configured/set_parameters", SET_PARAMETERS, CHANGES),
             Parameters("/configured"),
             Interrupt(),
         ),
-        ("--ros-args", "-p", "rate:=2.5", "-p", "names:=[a, b]"),
+        "--ros-args -p rate:=2.5 -p 'names:=[a, b]'",
     ),
     Case("polling", (Publish("/in", INT, tuple({"data": n} for n in range(5))), Printed("sum 10"), Graph())),
     Case("latched", (Receive("/map", STRING, 1, LATCHED), Graph(), Interrupt())),
@@ -106,51 +106,26 @@ CASES = [
     Case(
         "parameter_files",
         (Printed("['"), Parameters("/robot/driver"), Interrupt()),
-        (
-            "--ros-args",
-            "--params-file",
-            "programs/params.yaml",
-            "-p",
-            "more:=[1.5, 2.0]",
-        ),
+        "--ros-args --params-file programs/params.yaml -p 'more:=[1.5, 2.0]'",
     ),
     Case(
         "overrides",
         (Printed("InvalidQosOverridesError"), Graph(), Parameters("/overrides"), Interrupt()),
-        (
-            "--ros-args",
-            "-p",
-            "qos_overrides./chatter.publisher.depth:=20",
-            "-p",
-            "qos_overrides./chatter.publisher.reliability:=best_effort",
-            "-p",
-            "qos_overrides./chatter.subscription_main.durability:=transient_local",
-            "-p",
-            "qos_overrides./deep.publisher.depth:=100",
-        ),
+        "--ros-args -p qos_overrides./chatter.publisher.depth:=20"
+        " -p qos_overrides./chatter.publisher.reliability:=best_effort"
+        " -p qos_overrides./chatter.subscription_main.durability:=transient_local"
+        " -p qos_overrides./deep.publisher.depth:=100",
     ),
     Case(
         "names",
         (Printed("/sub", 3), Graph(), Interrupt()),
-        (
-            "one",
-            "--ros-args",
-            "-r",
-            "plain:=remapped",
-            "-r",
-            "first:__ns:=/spaced",
-            "-r",
-            "first:~/private:=/public",
-            "-r",
-            "/absolute:=relative",
-            "--",
-            "two",
-        ),
+        "one --ros-args -r plain:=remapped -r first:__ns:=/spaced -r first:~/private:=/public -r /absolute:=relative"
+        " -- two",
     ),
     Case(
         "sim_time",
         (Publish("/clock", CLOCK, ()), Printed("ready"), Publish("/clock", CLOCK, seconds(10, 17))),
-        ("--ros-args", "-p", "use_sim_time:=true"),
+        "--ros-args -p use_sim_time:=true",
     ),
     Case(
         "levels",
@@ -168,17 +143,17 @@ CASES = [
             ),
             Interrupt(),
         ),
-        ("--ros-args", "--log-level", "warn", "--log-level", "levels:=debug", "--log-level", "other:=error"),
+        "--ros-args --log-level warn --log-level levels:=debug --log-level other:=error",
     ),
-    Case("asks_arguments", (), ("x", "--count", "3", "--ros-args", "-p", "p:=5", "-r", "__node:=n")),
-    Case("asks_arguments", (), ("--count", "many")),
+    Case("asks_arguments", (), "x --count 3 --ros-args -p p:=5 -r __node:=n"),
+    Case("asks_arguments", (), "--count many"),
     Case("loop_of_its_own", (Receive("/beat", STRING, 2), Interrupt())),
     Case("loop_of_its_own", (Receive("/beat", STRING, 2), Interrupt(signal.SIGTERM))),
     Case("uncaught", (Printed("started"), Graph(), Interrupt())),
     Case("uncaught", (Printed("started"), Interrupt(signal.SIGTERM))),
     Case("own_handlers", (Printed("started"), Interrupt())),
-    Case("own_handlers", (Printed("started"), Interrupt()), ("no",)),
-    Case("own_handlers", (Printed("started"), Interrupt()), ("after",)),
+    Case("own_handlers", (Printed("started"), Interrupt()), "no"),
+    Case("own_handlers", (Printed("started"), Interrupt()), "after"),
     Case("many_threads_stop", (Publish("/in", INT, ({"data": 1},)), Receive("/out", INT, 1), Interrupt())),
     Case(
         "many_threads_stop", (Publish("/in", INT, ({"data": 1},)), Receive("/out", INT, 1), Interrupt(signal.SIGTERM))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from side_by_side import Observed
-from two_rclpys import PROGRAMS, Case, difference
+from two_rclpys import PROGRAMS, Case, Observed, difference
 
 OURS_SAYS = {"lifecycle_triggers": "[ERROR] [lamp]: on_configure raised ValueError: broken"}
 """Lines that ours logs and rclpy does not."""

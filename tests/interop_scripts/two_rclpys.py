@@ -13,6 +13,7 @@ import contextlib
 import difflib
 import os
 import re
+import shlex
 import signal
 import subprocess
 import threading
@@ -27,9 +28,9 @@ from support.environments import SHARED_MEMORY_LOST
 from rosidl_py_gen.runtime import Context, Node, ParameterNotDeclaredError, QoSProfile
 
 PROGRAMS = Path(__file__).parent / "programs"
-PATIENCE_S = 30
-_SETTLED_S = 1.5
-_DIFFERS = (
+TIMEOUT_S = 30
+_STABLE_S = 1.5
+_VARIABLE_TEXTS = (
     (SHARED_MEMORY_LOST, ""),
     (re.compile(r"^(\[\w+\] )\[\d+\.\d+\] ", re.MULTILINE), r"\1"),
     (
@@ -39,8 +40,8 @@ _DIFFERS = (
     (re.compile(r"[\w/.\-]*/(?=programs/)"), ""),
     (re.compile(r"0x[0-9a-f]+"), "0x"),
     (re.compile(r"Goal ID: \[[\d ]*\]"), "Goal ID: []"),
-    (re.compile(r"^Failed to publish log message to rosout: .*\n\n?", re.MULTILINE), ""),  # ours says nothing of it
-    (re.compile(r"^.*RuntimeWarning: Failed to fini .*\n.*\n", re.MULTILINE), ""),  # what rcl says of itself
+    (re.compile(r"^Failed to publish log message to rosout: .*\n\n?", re.MULTILINE), ""),  # ours does not print it
+    (re.compile(r"^.*RuntimeWarning: Failed to fini .*\n.*\n", re.MULTILINE), ""),  # from rcl
 )
 """Patterns of times, frames of tracebacks, paths, addresses and random numbers, and their replacements."""
 _ABORTED = "terminate called without an active exception"
@@ -76,12 +77,8 @@ class Call:
 
 
 @dataclass(frozen=True)
-class Ask:
+class Ask(Call):
     """Send a request to a service of the program that never replies."""
-
-    service: str
-    type: str
-    request: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -120,7 +117,8 @@ class Case:
 
     program: str
     steps: tuple[Step, ...] = ()
-    arguments: tuple[str, ...] = ()
+    arguments: str = ""
+    """Command line, split as by a shell."""
     unordered: bool = False
     """Threads of the program print in an order that is not told."""
     ours_says: str = ""
@@ -131,7 +129,7 @@ class Case:
     """
 
     def name(self) -> str:
-        return "-".join((self.program, *self.arguments[2:3]))
+        return "-".join((self.program, *shlex.split(self.arguments)[2:3]))
 
 
 @dataclass
@@ -142,6 +140,10 @@ class Observation:
     output: list[str] = field(default_factory=list)
     errors: list[str] = field(default_factory=list)
     code: int | None = None
+
+
+Both = tuple[Observation, Observation]
+Observed = Callable[[Case], Both]
 
 
 def difference(case: Case, expected: Observation, found: Observation) -> str:
@@ -216,10 +218,10 @@ class Observer:
             self._context = Context(domain_id=domain, transport="dds", args=["observer"])
             self._node = Node("observer", context=self._context)
             self._own = self._node.fully_qualified_name
-        self._something = asyncio.Event()
+        self._news = asyncio.Event()
         self._loop = asyncio.get_running_loop()
         self._publishers: dict[str, Any] = {}
-        self._asked: list[asyncio.Future[Any]] = []
+        self._open_calls: list[asyncio.Future[Any]] = []
         self._received: dict[tuple[str, str], list[Any]] = {}
 
     async def run(self, command: list[str], settings: dict[str, str], like: Observation | None = None) -> Observation:
@@ -236,25 +238,25 @@ class Observer:
                 got = self._received.setdefault((step.topic, step.type), [])
                 self._node.create_subscription(step.type, step.topic, self._keep(got), step.qos)
         found = Observation()
-        process = _Process([*command, *self._case.arguments], settings, self._wake)
+        process = _Process([*command, *shlex.split(self._case.arguments)], settings, self._wake)
         try:
             for number, step in enumerate(self._case.steps):
                 expected = like.seen[number] if like is not None and number < len(like.seen) else None
                 try:
                     found.seen.append(await self._do(step, process, expected))
                 except TimeoutError:
-                    found.seen.append(f"nothing within {PATIENCE_S} seconds")
+                    found.seen.append(f"nothing within {TIMEOUT_S} seconds")
                     break
             try:
-                await self._end(process, insists=like is None)
+                await self._end(process, repeats_signal=like is None)
                 found.code = process.process.returncode
             except TimeoutError:
-                found.seen.append(f"not ended within {PATIENCE_S} seconds")
+                found.seen.append(f"not ended within {TIMEOUT_S} seconds")
         finally:
             process.close()
-            for task in self._asked:
+            for task in self._open_calls:
                 task.cancel()
-            await asyncio.gather(*self._asked, return_exceptions=True)
+            await asyncio.gather(*self._open_calls, return_exceptions=True)
             if self._context is not None:
                 self._context.close()
         found.output = _plain(process.text("stdout")).splitlines()
@@ -267,32 +269,32 @@ class Observer:
     def _keep(self, got: list[Any]) -> Callable[[Any], None]:
         def keep(message: Any) -> None:
             got.append(message)
-            self._something.set()
+            self._news.set()
 
         return keep
 
     def _wake(self) -> None:
-        self._loop.call_soon_threadsafe(self._something.set)
+        self._loop.call_soon_threadsafe(self._news.set)
 
-    async def _until(self, condition: Callable[[], object], timeout_s: float = PATIENCE_S) -> None:
+    async def _until(self, condition: Callable[[], object], timeout_s: float = TIMEOUT_S) -> None:
         end = self._loop.time() + timeout_s
-        timer = self._loop.call_at(end, self._something.set)
+        timer = self._loop.call_at(end, self._news.set)
         try:
             while not condition():
                 if self._loop.time() >= end:
                     raise TimeoutError
-                self._something.clear()
-                await self._something.wait()
+                self._news.clear()
+                await self._news.wait()
         finally:
             timer.cancel()
 
-    async def _end(self, process: _Process, *, insists: bool) -> None:
+    async def _end(self, process: _Process, *, repeats_signal: bool) -> None:
         """Wait until the program has ended; repeat a signal, because a busy real rclpy may lose one before it waits."""
         last = self._case.steps[-1] if self._case.steps else None
         for _ in range(3):
-            if insists and isinstance(last, Interrupt):
+            if repeats_signal and isinstance(last, Interrupt):
                 with contextlib.suppress(TimeoutError):
-                    return await self._until(process.ended.is_set, PATIENCE_S / 3)
+                    return await self._until(process.ended.is_set, TIMEOUT_S / 3)
                 await process.idle()
                 process.process.send_signal(last.signal)
         await self._until(process.ended.is_set)
@@ -303,9 +305,9 @@ class Observer:
                 if topic not in self._publishers:
                     self._publishers[topic] = self._node.create_publisher(type_, topic, qos)
                 publisher = self._publishers[topic]
-                if not await publisher.wait_for_subscribers(timeout_s=PATIENCE_S):
+                if not await publisher.wait_for_subscribers(timeout_s=TIMEOUT_S):
                     raise TimeoutError
-                await process.idle()  # it has heard of the publisher, too
+                await process.idle()  # so that it knows the publisher
                 for message in messages:
                     publisher.publish(message)
                 return len(messages)
@@ -314,32 +316,31 @@ class Observer:
                 await self._until(lambda: len(got) >= count or process.ended.is_set())
                 return _without_stamps(got[:count])
             case Call(service, type_, request):
-                client = self._node.create_client(type_, service)
-                return _without_stamps(await client.call(request, timeout_s=PATIENCE_S))
-            case Ask(service, type_, request):
-                client = self._node.create_client(type_, service)
-                self._asked.append(asyncio.ensure_future(client.call(request, timeout_s=PATIENCE_S)))
-                return None
+                call = self._node.create_client(type_, service).call(request, timeout_s=TIMEOUT_S)
+                if isinstance(step, Ask):
+                    self._open_calls.append(asyncio.ensure_future(call))
+                    return None
+                return _without_stamps(await call)
             case Printed(text, count):
                 streams = ("stdout", "stderr")
                 await self._until(lambda: sum(process.text(name).count(text) for name in streams) >= count)
                 return None
             case Graph():
-                await process.idle()  # not amid its start
-                return await self._settled(process, expected)
+                await process.idle()  # its start is complete
+                return await self._stable_graph(process, expected)
             case Parameters(node):
                 return await self._parameters(node)
             case Interrupt(number):
-                await process.idle()  # not in a callback, whose output was seen
+                await process.idle()  # the callback whose output was awaited has returned
                 process.process.send_signal(number)
                 return None
 
-    async def _settled(self, process: _Process, expected: Any) -> Any:
+    async def _stable_graph(self, process: _Process, expected: Any) -> Any:
         """Return the graph as soon as it is as expected, or complete and stable while the program sleeps."""
         seen, since = self._graph(), self._loop.time()
-        end = since + PATIENCE_S
+        end = since + TIMEOUT_S
         while seen != expected and self._loop.time() < end:
-            if expected is None and self._is_whole() and self._loop.time() >= since + _SETTLED_S:
+            if expected is None and self._is_whole() and self._loop.time() >= since + _STABLE_S:
                 break
             await asyncio.sleep(0.05)
             now = self._graph()
@@ -356,40 +357,35 @@ class Observer:
 
     def _graph(self) -> Any:
         node = self._node
-        found: dict[str, Any] = {}
+        nodes: dict[str, Any] = {}
         for info in node.get_nodes():
             if info.fully_qualified_name == self._own:
                 continue
-            where = info.name, info.namespace
-            found[info.fully_qualified_name] = {
-                "publishers": node.get_publisher_names_and_types_by_node(*where),
-                "subscribers": node.get_subscriber_names_and_types_by_node(*where),
-                "services": node.get_service_names_and_types_by_node(*where),
-                "clients": node.get_client_names_and_types_by_node(*where),
+            name_and_namespace = info.name, info.namespace
+            nodes[info.fully_qualified_name] = {
+                "publishers": node.get_publisher_names_and_types_by_node(*name_and_namespace),
+                "subscribers": node.get_subscriber_names_and_types_by_node(*name_and_namespace),
+                "services": node.get_service_names_and_types_by_node(*name_and_namespace),
+                "clients": node.get_client_names_and_types_by_node(*name_and_namespace),
             }
         endpoints = []
         for topic, _ in node.get_topic_names_and_types():
-            for kind, infos in (
-                ("publisher", node.get_publishers_info_by_topic(topic)),
-                ("subscription", node.get_subscriptions_info_by_topic(topic)),
-            ):
-                for info in infos:
-                    name = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
-                    if name != self._own:
-                        endpoints.append(
-                            (topic, kind, name, info.topic_type, str(info.topic_type_hash), _qos(info.qos_profile))
-                        )
-        return found, sorted(endpoints)
+            for end in (*node.get_publishers_info_by_topic(topic), *node.get_subscriptions_info_by_topic(topic)):
+                name = f"{end.node_namespace.rstrip('/')}/{end.node_name}"
+                if name != self._own:
+                    type_ = end.topic_type, str(end.topic_type_hash)
+                    endpoints.append((topic, end.endpoint_type.name, name, *type_, _qos(end.qos_profile)))
+        return nodes, sorted(endpoints)
 
     async def _parameters(self, name: str) -> Any:
         client = self._node.create_parameter_client(name)
-        names = sorted((await client.list(timeout_s=PATIENCE_S)).names)
-        described = await client.describe(names, timeout_s=PATIENCE_S)
+        names = sorted((await client.list(timeout_s=TIMEOUT_S)).names)
+        described = await client.describe(names, timeout_s=TIMEOUT_S)
         found = {}
         for one, text in zip(names, described, strict=True):
             try:
-                value = repr(await client.get(one, timeout_s=PATIENCE_S))
-            except ParameterNotDeclaredError:  # what rclpy's service answers for one without a value
+                value = repr(await client.get(one, timeout_s=TIMEOUT_S))
+            except ParameterNotDeclaredError:  # the reply of rclpy's service for a parameter without a value
                 value = "no answer"
             found[one] = value, repr(text)
         return found
@@ -402,7 +398,7 @@ def _qos(qos: QoSProfile) -> dict[str, Any]:
 
 
 def _plain(text: str) -> str:
-    for pattern, short in _DIFFERS:
+    for pattern, short in _VARIABLE_TEXTS:
         text = pattern.sub(short, text)
     return text
 

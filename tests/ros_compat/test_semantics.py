@@ -16,7 +16,7 @@ from support.environments import SHARED_MEMORY_LOST, environment
 from support.node_fixtures import DOMAINS
 
 FOLDER = Path(__file__).parent / "semantics"
-HELPERS = {"show", "quietly", "until", "let_arrive", "connected", "spin_until", "main"}
+HELPERS = {"show", "until", "let_arrive", "connected", "spin_until", "main"}
 CASES = [
     node.name
     for node in ast.parse((FOLDER / "spinning.py").read_text(encoding="utf-8")).body

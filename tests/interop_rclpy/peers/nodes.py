@@ -21,7 +21,20 @@ def remove_node(peer, name):
     node.destroy_node()
 
 
-# --- parameters -------------------------------------------------------------------------------------------------------
+def clear(peer):
+    """Destroy all entities except the node of the peer; actions stay, because goals may still be executed."""
+    for name in [name for name, node in peer.nodes.items() if node is not peer.node]:
+        remove_node(peer, name)
+    for kind, name in list(peer.things):
+        if kind == "subscription":
+            peer.node.destroy_subscription(peer.things.pop((kind, name)).subscription)
+        elif kind in ("publisher", "service", "client"):
+            getattr(peer.node, f"destroy_{kind}")(peer.things.pop((kind, name)))
+        elif kind == "slow":
+            executor, node, thread = peer.things.pop((kind, name))
+            executor.shutdown()
+            thread.join()
+            node.destroy_node()
 
 
 def declare(peer, parameters, node=""):
@@ -45,9 +58,6 @@ async def remote(peer, node, method, argument):
         if isinstance(one, Client):
             peer.node.destroy_client(one)
     return messages.to_plain(response)
-
-
-# --- graph ------------------------------------------------------------------------------------------------------------
 
 
 async def until_node(peer, name, there=True):
@@ -106,9 +116,6 @@ async def until_infos(peer, topic, what, nodes):
         }
         for one in found
     ]
-
-
-# --- the rest ---------------------------------------------------------------------------------------------------------
 
 
 def log(peer, text):

@@ -63,13 +63,6 @@ def serve_slowly(peer, name, type, threads, seconds):
     peer.things["slow", name] = executor, node, thread
 
 
-def unserve_slowly(peer, name):
-    executor, node, thread = peer.things.pop(("slow", name))
-    executor.shutdown()
-    thread.join()
-    node.destroy_node()
-
-
 def unserve(peer, name):
     made = peer.things.pop(("service", name))
     peer.owner("services", made).destroy_service(made)

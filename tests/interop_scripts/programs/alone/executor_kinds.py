@@ -4,6 +4,7 @@ import time
 
 import rclpy
 from rclpy.executors import (
+    ConditionReachedException,
     ExternalShutdownException,
     MultiThreadedExecutor,
     ShutdownException,
@@ -50,6 +51,10 @@ try:
     executor.wait_for_ready_callbacks(timeout_sec=0)
 except TimeoutException as error:
     print(type(error).__name__)
+try:
+    executor.wait_for_ready_callbacks(condition=lambda: True)
+except ConditionReachedException as error:
+    print(type(error).__name__)
 task = executor.create_task(lambda a, b=0: a + b, 1, b=2)
 print(task.done(), task.result())
 executor.spin_until_future_complete(task)
@@ -78,6 +83,8 @@ try:
     executor.wait_for_ready_callbacks(timeout_sec=0)
 except ShutdownException as error:
     print(type(error).__name__)
+executor.spin()
+print(executor.shutdown(), rclpy.get_global_executor() is rclpy.get_global_executor())
 timer.cancel()
 with SingleThreadedExecutor() as third:
     third.add_node(other)

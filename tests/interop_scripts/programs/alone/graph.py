@@ -32,6 +32,8 @@ print(sorted(node.get_topic_names_and_types()))
 print(sorted(node.get_service_names_and_types())[-2:])
 print(node.get_publisher_names_and_types_by_node("other", "/b"))
 print(node.get_subscriber_names_and_types_by_node("other", "/b"))
+dds_topics = node.get_publisher_names_and_types_by_node("other", "/b", no_demangle=True)
+print([topic for topic in dds_topics if topic[0].endswith(("chatter", "goReply"))])
 print(node.get_service_names_and_types_by_node("other", "/b"))
 print(node.get_client_names_and_types_by_node("looks", "/a"))
 try:

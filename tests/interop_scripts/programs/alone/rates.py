@@ -38,7 +38,7 @@ def sleep():
         ended.append(type(error).__name__)
 
 
-sleeper = threading.Thread(target=sleep)
+sleeper = threading.Thread(target=lambda: (sleep(), sleep()))
 sleeper.start()
 executor.create_task(lambda: rclpy.shutdown())
 sleeper.join(10)
