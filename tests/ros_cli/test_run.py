@@ -195,7 +195,7 @@ def test_what_is_around_a_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv("ROS_DISTRO", "kilted")
     found = run("--path", "ws", "own/program.py", "--check", cwd=tmp_path)
     assert found.stdout == "a ['2', '3', 'kilted'] ['--check']\n"
-    note = "note: --check after the program is an argument of the program; rosidl-py run --check PROGRAM is ours\n"
+    note = "note: --check is passed to the program; for the option use rosidl-py run --check PROGRAM\n"
     assert found.stderr == note
 
 
@@ -387,7 +387,7 @@ def test_the_executables_are_listed(workspace: Path) -> None:
         (["talker"], "expected an executable of talker"),
         (["talker", "tolk"], 'has no executable "tolk"; did you mean "talk"?'),
         (["tolker", "talk"], 'no package "tolker"; did you mean "talker"?'),
-        (["near_msgs", "binary"], "is no Python program"),
+        (["near_msgs", "binary"], "is not a Python program"),
         (["nothing.py"], "nothing.py: expected a Python file, no such file"),
         (["./src"], "src: expected a Python file, it is a folder"),
         (["-m", "talker"], '"talker" is a package without a module __main__'),

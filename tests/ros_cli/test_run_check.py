@@ -153,7 +153,7 @@ def test_a_console_script_whose_module_is_not_there(tmp_path: Path) -> None:
         "src/talker/talker/cilent.py": "def main(): pass",
     }
     write(tmp_path, {path: textwrap.dedent(text) for path, text in files.items()})
-    said = 'error: no source of the module "talker.client" is found; did you mean "cilent"?\n'
+    said = 'error: no source of the module "talker.client" was found; did you mean "cilent"?\n'
     assert run("--check", "talker", "talk", cwd=tmp_path).stderr == said
     assert run("--check", "talker", "x", cwd=tmp_path).stderr == said.partition(";")[0].replace("client", "x.y") + "\n"
 

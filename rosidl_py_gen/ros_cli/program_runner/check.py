@@ -1,9 +1,9 @@
-"""What a program uses that is not here, found without running it: ``rosidl-py run --check``.
+"""``rosidl-py run --check``: modules, names and packages that a program uses and that are missing; nothing is run.
 
-Its syntax tree is read, and those of the modules it imports of its own package and workspace. Names of the shim and of
-message packages are looked up in these, which are ours to import; of other packages only whether they are there.
-What is imported in a `try` that catches ImportError, or for type checkers, may be missing; what is imported instead may
-not when it comes to that.
+The syntax trees of the program and of the modules of its package and workspace are read. Names of rclpy and of message
+packages are looked up in these modules, which are imported; of other packages only the presence is checked. An import
+in a `try` that handles ImportError, or for type checkers, may be missing; an import of its handler is required if one
+in the `try` is missing.
 """
 
 from __future__ import annotations
@@ -27,183 +27,234 @@ from rosidl_py_gen.ros_cli import ToolError, terminal_output
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.program_runner.program import Program
 
-_MOST_BYTES = 4 << 20
+_MAX_BYTES = 4 << 20
 
 
 @dataclass
-class _Imported:
-    """One import: the module, the name that is taken out of it (or none), what it is called, and whether it must be.
+class _Import:
+    """Imported module or name.
 
-    One `alternatives` others must be only where one of these is missing.
+    Attributes:
+        name: name that is imported from the module, or None.
+        alias: name in the importing file.
+        is_required: False if the program handles its absence.
+        alternatives: imports of a `try`; this one is required if one of them is missing.
     """
 
     module: str
     name: str | None
-    alias: str | None
+    alias: str
     line: int
     is_required: bool
     is_renamed: bool = False
-    alternatives: tuple[_Imported, ...] = ()
+    alternatives: tuple[_Import, ...] = ()
 
 
 @dataclass
 class _Findings:
-    """What was found: by place, so that all is told once and in order."""
+    """Findings without duplicates, and the checked files."""
 
     lines: dict[tuple[str, int, str], None] = field(default_factory=dict)
-    modules: set[Path] = field(default_factory=set)
-
-    def add(self, file: Path, line: int, text: str) -> None:
-        self.lines.setdefault((display_path(file), line, text))
+    files: set[Path] = field(default_factory=set)
 
 
 def check(program: Program, as_json: bool) -> int:
-    """Print what the program lacks; 1 when that is anything."""
+    """Print what the program lacks; returns 1 if anything is missing."""
     sys.path[:1] = [program.folder]
     start = program.file
     if start is None:
         assert program.module is not None
         start = _own_file(program.module) or _own_file(f"{program.module}.__main__")
         if start is None:
-            raise ToolError(_no_source(program.module))
+            raise ToolError(_no_source_text(program.module))
     findings = _Findings()
-    waiting = [(start, program.module or "")]
-    while waiting:
-        file, name = waiting.pop(0)
-        if file not in findings.modules:
-            findings.modules.add(file)
-            waiting += _checked(file, name, findings, program.function if file == start else None)
+    queue = [(start, program.module or "")]
+    while queue:
+        file, module = queue.pop(0)
+        if file not in findings.files:
+            findings.files.add(file)
+            queue += _FileChecker(file, module, findings).run(program.function if file == start else None)
+    missing = sorted(findings.lines)
     if as_json:
-        missing = [{"file": place, "line": line, "text": text} for place, line, text in sorted(findings.lines)]
-        terminal_output.document({"files": len(findings.modules), "missing": missing})
-        return 1 if missing else 0
-    terminal_output.lines(f"{place}:{line}: {text}" for place, line, text in sorted(findings.lines))
-    count, files = len(findings.lines), len(findings.modules)
-    of = f"in {files} file{'s' if files != 1 else ''}"
-    terminal_output.line(f"{count or 'nothing'} missing {of}")
-    return 1 if findings.lines else 0
+        rows = [{"file": place, "line": line, "text": text} for place, line, text in missing]
+        terminal_output.document({"files": len(findings.files), "missing": rows})
+    else:
+        terminal_output.lines(f"{place}:{line}: {text}" for place, line, text in missing)
+        count = len(findings.files)
+        terminal_output.line(f"{len(missing) or 'nothing'} missing in {count} file{'s' if count != 1 else ''}")
+    return 1 if missing else 0
 
 
-def _checked(file: Path, name: str, findings: _Findings, function: str | None) -> list[tuple[Path, str]]:
-    """Check one file, and whether it has a function; the files of the program's own that it imports."""
-    try:
-        data = file.read_bytes()
-        if len(data) > _MOST_BYTES:
-            raise ToolError(f"{file} is longer than {_MOST_BYTES} bytes")
-        tree = ast.parse(data)
-    except (SyntaxError, ValueError) as error:
-        findings.add(file, getattr(error, "lineno", 0) or 0, f"cannot be read as Python: {error}")
-        return []
-    except (RecursionError, MemoryError) as error:
-        raise ToolError(f"{file}: expressions are nested too deeply") from error
-    package = name if file.name == "__init__.py" else name.rpartition(".")[0]
-    known: dict[str, Any] = {}
-    more: list[tuple[Path, str]] = []
-    for one in _imports(tree, package):
-        found = _resolve_import(one, file, findings, more)
-        if one.alias is not None and found is not None:
-            known[one.alias] = found
-    if function is not None:
-        _check_function(function.partition(".")[0], name, tree, file, findings)
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load):
-            _check_attribute(node, known, file, findings)
-        elif isinstance(node, ast.ClassDef):
-            _check_class(node, known, tree, file, findings)
-    return more
+class _FileChecker:
+    """Checks one file of a program."""
+
+    def __init__(self, file: Path, module: str, findings: _Findings) -> None:
+        self._file, self._module, self._findings = file, module, findings
+        self._known: dict[str, Any] = {}
+        self._own_imports: list[tuple[Path, str]] = []
+
+    def run(self, function: str | None) -> list[tuple[Path, str]]:
+        """Check the file, and that it defines a function; returns the imported files of the program."""
+        try:
+            data = self._file.read_bytes()
+            if len(data) > _MAX_BYTES:
+                raise ToolError(f"{self._file} is longer than {_MAX_BYTES} bytes")
+            tree = ast.parse(data)
+        except (SyntaxError, ValueError) as error:
+            self._add(getattr(error, "lineno", 0) or 0, f"cannot be read as Python: {error}")
+            return []
+        except (RecursionError, MemoryError) as error:
+            raise ToolError(f"{self._file}: expressions are nested too deeply") from error
+        package = self._module if self._file.name == "__init__.py" else self._module.rpartition(".")[0]
+        imports = [*_imports(tree, package)]
+        for one in imports:
+            value = self._resolve_import(one)
+            if value is not None:
+                self._known[one.alias] = value
+        assigned = _assigned_names(tree)
+        if function is not None:
+            self._check_function(function.partition(".")[0], assigned | {one.alias for one in imports})
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load):
+                self._check_attribute(node)
+            elif isinstance(node, ast.ClassDef):
+                self._check_class(node, assigned)
+        return self._own_imports
+
+    def _add(self, line: int, text: str) -> None:
+        self._findings.lines.setdefault((display_path(self._file), line, text))
+
+    def _resolve_import(self, one: _Import) -> Any:
+        """Return the module or object if it is one of ours; a missing required import is added to the findings."""
+        top = one.module.partition(".")[0]
+        if not top:
+            return None
+        if one.is_required and one.alternatives and not any(map(self._is_missing, one.alternatives)):
+            one = replace(one, is_required=False)
+        if not _is_ours(one.module):
+            self._check_foreign_import(one, top)
+            return None
+        module = _import_module(one.module)
+        if module is None:
+            if one.is_required:
+                parent, _, name = one.module.rpartition(".")
+                hint = did_you_mean(name, dir(sys.modules[parent])) if parent in sys.modules else ""
+                self._add(one.line, f"{one.module} is not here{hint}")
+            return None
+        if one.name is None:
+            return module if one.is_renamed else sys.modules[top]
+        if one.name == "*":
+            return None
+        if not _has(module, one.name) and _import_module(f"{one.module}.{one.name}") is None:
+            if one.is_required:
+                self._add(one.line, _no_name_text(one.module, one.name, module))
+            return None
+        return getattr(module, one.name, None) or sys.modules.get(f"{one.module}.{one.name}")
+
+    def _check_foreign_import(self, one: _Import, top: str) -> None:
+        if (own := _own_file(one.module)) is not None:
+            self._own_imports.append((own, one.module))
+            if one.name is not None and (submodule := _own_file(f"{one.module}.{one.name}")) is not None:
+                self._own_imports.append((submodule, f"{one.module}.{one.name}"))
+        elif top not in sys.stdlib_module_names and not _is_installed(top) and one.is_required:
+            is_message_package = one.module.partition(".")[2].partition(".")[0] in KINDS
+            hint = did_you_mean(top, found_packages()) if is_message_package else ""
+            advice = "its definitions can be given with --path" if is_message_package else "it is not installed"
+            self._add(one.line, f"no package {top}{hint}; {advice}")
+
+    def _is_missing(self, one: _Import) -> bool:
+        findings = _Findings()
+        _FileChecker(self._file, self._module, findings)._resolve_import(replace(one, is_required=True))
+        return bool(findings.lines)
+
+    def _check_attribute(self, node: ast.Attribute) -> None:
+        """Check ``rclpy.x.y`` where `rclpy` is imported: attributes of modules, classes and enumerations."""
+        owner = self._resolve(node.value)
+        if isinstance(owner, ModuleType) and _is_ours(owner.__name__):
+            name = owner.__name__
+            is_missing = not _has(owner, node.attr) and _import_module(f"{name}.{node.attr}") is None
+        elif isinstance(owner, type) and _is_ours(owner.__module__):
+            name = f"{owner.__module__}.{owner.__name__}"
+            is_missing = not _has(owner, node.attr) and not _is_field(owner, node.attr)
+        else:
+            return
+        if is_missing:
+            self._add(node.lineno, _no_name_text(name, node.attr, owner))
+
+    def _resolve(self, node: ast.expr) -> Any:
+        if isinstance(node, ast.Name):
+            return self._known.get(node.id)
+        if isinstance(node, ast.Attribute):
+            owner = self._resolve(node.value)
+            if isinstance(owner, ModuleType | type):
+                return getattr(owner, node.attr, None)
+        return None
+
+    def _check_class(self, node: ast.ClassDef, assigned: set[str]) -> None:
+        """Check ``self.x`` in a class with base classes of ours only, unless the file assigns any x."""
+        bases = [self._resolve(base) for base in node.bases]
+        if not bases or not all(isinstance(base, type) and _is_ours(base.__module__) for base in bases):
+            return
+        for one in ast.walk(node):
+            if not isinstance(one, ast.Attribute) or not isinstance(one.value, ast.Name) or one.value.id != "self":
+                continue
+            if one.attr not in assigned and not any(_has(base, one.attr) for base in bases):
+                self._add(one.lineno, _no_name_text(ast.unparse(node.bases[0]), one.attr, bases[0]))
+
+    def _check_function(self, function: str, names: set[str]) -> None:
+        """Check that a module may define the function that a console script calls."""
+        if not names & {function, "*", "__getattr__"}:
+            hint = did_you_mean(function, sorted(names))
+            self._add(1, f"{self._module} has no {function}{hint}; the executable calls it")
 
 
-# --- imports ----------------------------------------------------------------------------------------------------------
-
-
-def _imports(tree: ast.AST, package: str, must: bool = True) -> Iterator[_Imported]:
+def _imports(tree: ast.AST, package: str, is_required: bool = True) -> Iterator[_Import]:
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.Import):
             for alias in node.names:
-                called = alias.asname or alias.name.partition(".")[0]
-                yield _Imported(alias.name, None, called, node.lineno, must, alias.asname is not None)
+                name = alias.asname or alias.name.partition(".")[0]
+                yield _Import(alias.name, None, name, node.lineno, is_required, alias.asname is not None)
         elif isinstance(node, ast.ImportFrom):
             base = node.module or ""
             if node.level:
                 above = package.split(".")[: len(package.split(".")) - node.level + 1]
                 base = ".".join([*above, *([base] if base else [])])
             for alias in node.names:
-                yield _Imported(base, alias.name, alias.asname or alias.name, node.lineno, must)
+                yield _Import(base, alias.name, alias.asname or alias.name, node.lineno, is_required)
         elif isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
-            for part in node.orelse:
-                yield from _imports(ast.Module([part], []), package, must)
+            yield from _imports(ast.Module(node.orelse, []), package, is_required)
         elif isinstance(node, ast.Try):
-            caught = any(_catches_import_error(handler.type) for handler in node.handlers)
-            tried = tuple(_imports(ast.Module(node.body, []), package, must and not caught))
+            is_handled = any(_handles_import_error(handler.type) for handler in node.handlers)
+            tried = tuple(_imports(ast.Module(node.body, []), package, is_required and not is_handled))
             yield from tried
             for handler in node.handlers:
-                is_next = must and _catches_import_error(handler.type)
-                for one in _imports(ast.Module(handler.body, []), package, is_next):
+                is_fallback = is_required and _handles_import_error(handler.type)
+                for one in _imports(ast.Module(handler.body, []), package, is_fallback):
                     yield replace(one, alternatives=one.alternatives or tried)
-            yield from _imports(ast.Module([*node.orelse, *node.finalbody], []), package, must)
+            yield from _imports(ast.Module([*node.orelse, *node.finalbody], []), package, is_required)
         else:
-            yield from _imports(node, package, must)
+            yield from _imports(node, package, is_required)
 
 
-def _catches_import_error(kind: ast.expr | None) -> bool:
+def _handles_import_error(kind: ast.expr | None) -> bool:
     text = "" if kind is None else ast.unparse(kind)
     return kind is None or any(name in text for name in ("ImportError", "ModuleNotFoundError", "Exception"))
 
 
-def _resolve_import(one: _Imported, file: Path, findings: _Findings, more: list[tuple[Path, str]]) -> Any:
-    """The module or object that an import brings if it is of ours; the program's own files go into `more`."""
-    top = one.module.partition(".")[0]
-    if not top:
-        return None
-    if one.is_required and one.alternatives and not any(_is_missing(other, file) for other in one.alternatives):
-        one = replace(one, is_required=False)
-    if not _is_ours(one.module):
-        own = _own_file(one.module)
-        if own is not None:
-            more.append((own, one.module))
-            if one.name is not None and (inside := _own_file(f"{one.module}.{one.name}")) is not None:
-                more.append((inside, f"{one.module}.{one.name}"))
-        elif top not in sys.stdlib_module_names and not _is_there(top) and one.is_required:
-            findings.add(file, one.line, _no_package(top, one.module))
-        return None
-    module = _module(one.module)
-    if module is None:
-        if one.is_required:
-            findings.add(file, one.line, f"{one.module} is not here{_nearest(one.module)}")
-        return None
-    if one.name is None:
-        return module if one.is_renamed else sys.modules[top]
-    if one.name == "*":
-        return None
-    if not _has(module, one.name) and _module(f"{one.module}.{one.name}") is None:
-        if one.is_required:
-            findings.add(file, one.line, _no_name(one.module, one.name, module))
-        return None
-    return getattr(module, one.name, None) or sys.modules.get(f"{one.module}.{one.name}")
-
-
-def _is_missing(one: _Imported, file: Path) -> bool:
-    findings = _Findings()
-    _resolve_import(replace(one, is_required=True), file, findings, [])
-    return bool(findings.lines)
-
-
 def _is_ours(module: str) -> bool:
-    """Whether it is of the shim, or of messages."""
+    """Return True for a module of the rclpy layer, and of a message package."""
     from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR
 
     top, _, rest = module.partition(".")
     if (RCLPY_COMPAT_DIR / top / "__init__.py").is_file():
         return True
-    found = found_packages().get(top)
-    return found is not None and (rest.partition(".")[0] in KINDS or (not rest and not _has_modules(found.folder, top)))
+    package = found_packages().get(top)
+    if package is None:
+        return False
+    return rest.partition(".")[0] in KINDS or not (rest or (package.folder / top / "__init__.py").is_file())
 
 
-def _has_modules(folder: Path, package: str) -> bool:
-    return (folder / package / "__init__.py").is_file()
-
-
-def _module(name: str) -> ModuleType | None:
+def _import_module(name: str) -> ModuleType | None:
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError:
@@ -216,118 +267,55 @@ def _has(module: Any, name: str) -> bool:
     return name in dir(module) or hasattr(module, name)
 
 
-def _own_file(module: str) -> Path | None:
-    """The source of a module of the program: beside the script, or in the workspace; nothing is imported."""
-    top, *rest = module.split(".")
-    found = PathFinder.find_spec(top, sys.path[:1])
-    if found is None or found.origin is None:
-        folder = found_packages().get(top)
-        places = [] if folder is None else [str(folder.folder), str(folder.folder / "src")]
-        found = PathFinder.find_spec(top, places)
-    for name in rest:
-        if found is None or found.submodule_search_locations is None:
-            return None
-        found = PathFinder.find_spec(f"{found.name}.{name}", [*found.submodule_search_locations])
-    if found is None or found.origin is None or not found.origin.endswith(".py"):
-        return None
-    return Path(found.origin)
+def _is_field(owner: type, name: str) -> bool:
+    return hasattr(owner, "get_fields_and_field_types") or name in getattr(owner, "__annotations__", ())
 
 
-def _no_source(module: str) -> str:
-    """That a module is not found, and which one of its package is called nearly so."""
-    above, _, name = module.rpartition(".")
-    beside = _own_file(above) if above else None
-    files = [] if beside is None or beside.name != "__init__.py" else sorted(beside.parent.glob("*.py"))
-    return f'no source of the module "{module}" is found{did_you_mean(name, [file.stem for file in files])}'
-
-
-def _is_there(top: str) -> bool:
+def _is_installed(top: str) -> bool:
     try:
         return find_spec(top) is not None
     except (ImportError, ValueError):
         return top in sys.modules
 
 
-def _no_package(top: str, module: str) -> str:
-    is_of_messages = module.partition(".")[2].partition(".")[0] in KINDS
-    help_ = "its definitions can be given with --path" if is_of_messages else "it is not installed"
-    return f"no package {top}{did_you_mean(top, found_packages()) if is_of_messages else ''}; {help_}"
+def _own_file(module: str) -> Path | None:
+    """Return the source of a module next to the script or in the workspace, without importing it."""
+    top, *rest = module.split(".")
+    spec = PathFinder.find_spec(top, sys.path[:1])
+    if spec is None or spec.origin is None:
+        package = found_packages().get(top)
+        folders = [] if package is None else [str(package.folder), str(package.folder / "src")]
+        spec = PathFinder.find_spec(top, folders)
+    for name in rest:
+        if spec is None or spec.submodule_search_locations is None:
+            return None
+        spec = PathFinder.find_spec(f"{spec.name}.{name}", [*spec.submodule_search_locations])
+    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
+        return None
+    return Path(spec.origin)
 
 
-def _nearest(module: str) -> str:
+def _no_source_text(module: str) -> str:
     parent, _, name = module.rpartition(".")
-    found = sys.modules.get(parent)
-    return did_you_mean(name, dir(found)) if found is not None else ""
+    package = _own_file(parent) if parent else None
+    files = [] if package is None or package.name != "__init__.py" else sorted(package.parent.glob("*.py"))
+    return f'no source of the module "{module}" was found{did_you_mean(name, [file.stem for file in files])}'
 
 
-def _no_name(module: str, name: str, found: Any) -> str:
-    return f"{module} has no {name}{did_you_mean(name, dir(found))}"
-
-
-# --- names ------------------------------------------------------------------------------------------------------------
-
-
-def _check_attribute(node: ast.Attribute, known: dict[str, Any], file: Path, findings: _Findings) -> None:
-    """``rclpy.x.y`` where `rclpy` is what was imported: modules, classes and enumerations are looked into."""
-    owner = _resolved(node.value, known)
-    if isinstance(owner, ModuleType) and _is_ours(owner.__name__):
-        name = owner.__name__
-        is_missing = not _has(owner, node.attr) and _module(f"{name}.{node.attr}") is None
-    elif isinstance(owner, type) and _is_ours(owner.__module__):
-        name = f"{owner.__module__}.{owner.__name__}"
-        is_missing = not _has(owner, node.attr) and not _is_field(owner, node.attr)
-    else:
-        return
-    if is_missing:
-        findings.add(file, node.lineno, _no_name(name, node.attr, owner))
-
-
-def _is_field(owner: type, name: str) -> bool:
-    return hasattr(owner, "get_fields_and_field_types") or name in getattr(owner, "__annotations__", ())
-
-
-def _resolved(node: ast.expr, known: dict[str, Any]) -> Any:
-    if isinstance(node, ast.Name):
-        return known.get(node.id)
-    if isinstance(node, ast.Attribute):
-        owner = _resolved(node.value, known)
-        if isinstance(owner, ModuleType | type):
-            return getattr(owner, node.attr, None)
-    return None
-
-
-def _check_class(node: ast.ClassDef, known: dict[str, Any], tree: ast.AST, file: Path, findings: _Findings) -> None:
-    """``self.x`` in a class made of classes of the shim alone, where nothing in the file is called x."""
-    bases = [_resolved(base, known) for base in node.bases]
-    if not bases or not all(isinstance(base, type) and _is_ours(base.__module__) for base in bases):
-        return
-    given = _assigned_names(tree)
-    for one in ast.walk(node):
-        if not isinstance(one, ast.Attribute) or not isinstance(one.value, ast.Name) or one.value.id != "self":
-            continue
-        if one.attr not in given and not any(_has(base, one.attr) for base in bases):
-            findings.add(file, one.lineno, _no_name(ast.unparse(node.bases[0]), one.attr, bases[0]))
-
-
-def _check_function(function: str, name: str, tree: ast.Module, file: Path, findings: _Findings) -> None:
-    """What a console script calls, unless anything in its module or imported there may be called so."""
-    imported = {one.alias or one.name for one in _imports(tree, name)}
-    given = _assigned_names(tree) | {alias for alias in imported if alias is not None}
-    if function not in given and "*" not in given and "__getattr__" not in given:
-        nearest = did_you_mean(function, sorted(given))
-        findings.add(file, 1, f"{name} has no {function}{nearest}; the executable calls it")
+def _no_name_text(module: str, name: str, owner: Any) -> str:
+    return f"{module} has no {name}{did_you_mean(name, dir(owner))}"
 
 
 def _assigned_names(tree: ast.AST) -> set[str]:
-    """All that something in a file is called; names that `setattr` gets cannot be known."""
-    given: set[str] = set()
+    """Return all names that a file assigns or defines, and its strings, which `setattr` may use."""
+    names: set[str] = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute) and not isinstance(node.ctx, ast.Load):
-            given.add(node.attr)
+            names.add(node.attr)
         elif isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load):
-            given.add(node.id)
+            names.add(node.id)
         elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-            given.add(node.name)
+            names.add(node.name)
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.isidentifier():
-            given.add(node.value)
-    return given
+            names.add(node.value)
+    return names

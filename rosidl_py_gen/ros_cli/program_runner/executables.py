@@ -1,8 +1,8 @@
-"""The executables of a package, read from its sources: nothing of them is run.
+"""Executables of a package, read from its sources, which are not run.
 
-Console scripts of setup.py (by its syntax tree), setup.cfg and pyproject.toml, the files that CMakeLists.txt installs
-as PROGRAMS, and Python files that it installs into ``lib/<package>``. An installed package has the console scripts of
-its distribution, and what is in ``lib/<package>`` of its prefix.
+They are the console scripts of setup.py (read as syntax tree), setup.cfg and pyproject.toml, the files that
+CMakeLists.txt installs as PROGRAMS, and Python files that it installs into ``lib/<package>``. An installed package has
+the console scripts of its distribution, and the executable files in ``lib/<package>`` of its prefix.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ _GROUP = "console_scripts"
 
 @dataclass(frozen=True)
 class Executable:
-    """One executable.
+    """Script, or function of a module.
 
     Attributes:
-        name: what `ros2 run` calls it.
-        folder: is put in front of `sys.path`.
-        source: the file that names it.
-        file: the script that is run, or None.
-        module: has the function that is called, or None.
-        function: with dots for attributes, or None.
+        name: name for `ros2 run`.
+        folder: first folder of `sys.path`.
+        source: file that declares the executable.
+        file: the script, or None.
+        module: the module of the function, or None.
+        function: name of the function, with dots for attributes, or None.
     """
 
     name: str
@@ -46,11 +46,7 @@ class Executable:
 
 
 def of_sources(folder: Path) -> dict[str, Executable]:
-    """The executables of a source package by name.
-
-    Raises:
-        ToolError: a file that names them cannot be read.
-    """
+    """Return the executables of a source package by name. Raises `ToolError` if a file cannot be read."""
     found: dict[str, Executable] = {}
     for reader, name in ((_setup_py, "setup.py"), (_setup_cfg, "setup.cfg"), (_pyproject, "pyproject.toml")):
         if (folder / name).is_file():
@@ -64,20 +60,20 @@ def of_sources(folder: Path) -> dict[str, Executable]:
 
 
 def of_distribution(package: str) -> dict[str, Executable]:
-    """The console scripts of a package that pip installed."""
+    """Return the console scripts of a package that pip has installed."""
     from importlib.metadata import PackageNotFoundError, distribution
 
     try:
         installed = distribution(package)
     except PackageNotFoundError:
         return {}
-    place = Path(str(installed.locate_file("")))
+    folder = Path(str(installed.locate_file("")))
     texts = [f"{one.name} = {one.value}" for one in installed.entry_points if one.group == _GROUP]
-    return {one.name: one for one in _scripts(texts, place, place)}
+    return {one.name: one for one in _scripts(texts, folder, folder)}
 
 
 def of_prefixes(package: str) -> dict[str, Executable]:
-    """What AMENT_PREFIX_PATH has of a package in ``lib/<package>``."""
+    """Return the executable files in ``lib/<package>`` of the prefixes in AMENT_PREFIX_PATH."""
     found: dict[str, Executable] = {}
     for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
         folder = Path(prefix, "lib", package)
@@ -101,40 +97,32 @@ def _text(folder: Path, name: str) -> str:
 
 def _scripts(texts: Iterable[str], folder: Path, source: Path) -> Iterator[Executable]:
     for text in texts:
-        found = _ENTRY.fullmatch(text)
-        if found is None:
-            if text.strip():
-                raise ToolError(f'{source}: expected "name = module:function", found "{text.strip()[:200]}"')
-            continue
-        yield Executable(found[1], folder, source, module=found[2], function=found[3])
-
-
-# --- setup.py ---------------------------------------------------------------------------------------------------------
+        if match := _ENTRY.fullmatch(text):
+            yield Executable(match[1], folder, source, module=match[2], function=match[3])
+        elif text.strip():
+            raise ToolError(f'{source}: expected "name = module:function", found "{text.strip()[:200]}"')
 
 
 def _setup_py(text: str, source: Path) -> tuple[list[str], str]:
-    """Return the console scripts, and where modules are below the package's folder."""
+    """Return the console scripts, and the folder of the modules relative to that of the package."""
     try:
         calls = setup_calls(text, source.parent)
     except SetupSyntaxError as error:
         raise ToolError(f"{source}: {error}") from error
     texts: list[str] = []
     root = ""
-    for given in calls:
-        points = given.get("entry_points")
-        listed = points.get(_GROUP) if isinstance(points, dict) else None
+    for arguments in calls:
+        points = arguments.get("entry_points")
+        scripts = points.get(_GROUP) if isinstance(points, dict) else None
         if isinstance(points, str):
-            listed = _section(points, _GROUP)
-        if isinstance(listed, str):
-            listed = listed.splitlines()
-        texts += [one for one in listed or () if isinstance(one, str)] if isinstance(listed, list | tuple) else []
-        folders = given.get("package_dir")
+            scripts = _section(points, _GROUP)
+        if isinstance(scripts, str):
+            scripts = scripts.splitlines()
+        texts += [one for one in scripts if isinstance(one, str)] if isinstance(scripts, list | tuple) else []
+        folders = arguments.get("package_dir")
         if isinstance(folders, dict) and isinstance(folders.get(""), str):
             root = folders[""]
     return texts, root
-
-
-# --- setup.cfg, pyproject.toml ----------------------------------------------------------------------------------------
 
 
 def _setup_cfg(text: str, source: Path) -> tuple[list[str], str]:
@@ -148,29 +136,26 @@ def _setup_cfg(text: str, source: Path) -> tuple[list[str], str]:
 
 
 def _pyproject(text: str, source: Path) -> tuple[list[str], str]:
-    """The lines of the table ``[project.scripts]``; Python 3.10 has no parser for all of TOML."""
+    """Return the lines of ``[project.scripts]``; Python 3.10 has no TOML parser."""
     lines = (_TOML_LINE.fullmatch(line) for line in _section(text, "project.scripts"))
     texts = [f"{one[1] or one[2] or one[3]} = {one[4] or one[5] or ''}" for one in lines if one]
     return texts, "" if not (source.parent / "src").is_dir() else "src"
 
 
 def _section(text: str, name: str) -> list[str]:
-    """The lines below ``[name]``."""
-    found: list[str] = []
+    """Return the lines below ``[name]``."""
+    lines: list[str] = []
     is_inside = False
     for line in text.splitlines():
         if line.lstrip().startswith("["):
             is_inside = line.strip().partition("]")[0].lstrip("[").strip() == name
         elif is_inside:
-            found.append(line)
-    return found
-
-
-# --- CMakeLists.txt ---------------------------------------------------------------------------------------------------
+            lines.append(line)
+    return lines
 
 
 def _programs(folder: Path) -> Iterator[Executable]:
-    """Yield what is installed as PROGRAMS, and Python files that go into ``lib/<package>`` in another way."""
+    """Yield files that are installed as PROGRAMS, and Python files that are installed into ``lib/<package>``."""
     source = folder / "CMakeLists.txt"
     try:
         installs = cmake_installs(folder)

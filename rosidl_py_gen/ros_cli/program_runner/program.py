@@ -1,4 +1,4 @@
-"""A program, run as `python` runs it: `__main__`, `sys.argv`, `sys.path`, exit code, traceback, signals."""
+"""Running a program as `python` does: `__main__`, `sys.argv`, `sys.path`, exit code, traceback and signals."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from typing import Any
 from rosidl_py_gen.ros_cli import ToolError, report
 from rosidl_py_gen.ros_cli.program_runner.traceback_filter import filter_traceback, refused_arguments
 
-_OURS = str(Path(__file__).parents[1])
+_PACKAGE_DIR = str(Path(__file__).parents[1])
 
 
 @dataclass(frozen=True)
 class Program:
-    """What is run.
+    """Script, module, or function of a console script, with its arguments.
 
     Attributes:
         name: `sys.argv[0]`.
-        arguments: what follows it.
-        folder: is put in front of `sys.path`.
-        place: the script, or the folder around which the workspace is.
-        file: the script; None for others.
-        module: the module that is `__main__`, or has the function of a console script.
-        function: the function of a console script, with dots for attributes; None for others.
+        arguments: the other elements of `sys.argv`.
+        folder: first folder of `sys.path`.
+        place: the script, or a folder, in the workspace of the program.
+        file: the script, or None.
+        module: the module that becomes `__main__` or has the function; None for a script.
+        function: the function of a console script, with dots for attributes, or None.
     """
 
     name: str
@@ -42,29 +42,29 @@ class Program:
     function: str | None = None
 
     def start(self) -> None:
-        """Run it. Ends as the program ends: with its exit code, an exception whose traceback was printed, a signal."""
+        """Run the program; it ends with its exit code, an exception whose traceback was printed, or a signal."""
         sys.path[:1] = [self.folder]
         sys.argv[:] = [self.name, *self.arguments]
         try:
             self._body()()
         except SystemExit:
             raise
-        except ToolError as error:  # there is no such module
+        except ToolError as error:  # unknown module
             report(str(error))
             sys.exit(1)
         except BaseException as error:
             if refused := refused_arguments(error):
                 report(refused)
                 sys.exit(1)
-            # As the interpreter does it, without our frames; what follows, such as the end by SIGINT, is its own part.
-            error.__traceback__ = _without_ours(error.__traceback__)
+            # Print the traceback as the interpreter does, without our frames. The interpreter handles the rest, such as
+            # the end by SIGINT.
+            error.__traceback__ = _without_own_frames(error.__traceback__)
             filter_traceback(error)
             sys.excepthook(type(error), error, error.__traceback__)
-            sys.excepthook = _nothing
+            sys.excepthook = lambda kind, error, traceback: None  # it was printed
             raise
 
     def _body(self) -> Callable[[], Any]:
-        """What is called."""
         if self.function is not None:
             return self._console_script
         if self.module is not None:
@@ -81,18 +81,17 @@ class Program:
         return lambda: exec(code, main.__dict__)
 
     def _console_script(self) -> None:
-        """What the script of an installed package does."""
         assert self.module is not None and self.function is not None
         main = _main_module(None, None, None)
-        found: Any = importlib.import_module(self.module)
+        function: Any = importlib.import_module(self.module)
         for name in self.function.split("."):
-            found = getattr(found, name)
-        main.__dict__[self.function.rpartition(".")[2]] = found
-        sys.exit(found())
+            function = getattr(function, name)
+        main.__dict__[self.function.rpartition(".")[2]] = function
+        sys.exit(function())
 
 
 def _main_module(loader: Any, file: str | None, spec: ModuleSpec | None) -> ModuleType:
-    """A fresh `__main__`, with what the interpreter puts there."""
+    """Replace `__main__` by a new module with the attributes that the interpreter sets."""
     main = ModuleType("__main__")
     main.__loader__ = loader
     main.__spec__ = spec
@@ -107,19 +106,19 @@ def _main_module(loader: Any, file: str | None, spec: ModuleSpec | None) -> Modu
 
 
 def _spec(name: str) -> ModuleSpec:
-    """Where the module for ``-m`` is: of a package its `__main__`."""
+    """Return the spec of the module for ``-m``; of a package that of its `__main__`."""
     try:
         spec = importlib.util.find_spec(name)
         if spec is not None and spec.submodule_search_locations is not None:
             spec = importlib.util.find_spec(f"{name}.__main__")
             if spec is None:
                 raise ToolError(f'"{name}" is a package without a module __main__, and cannot be run')
-    except ModuleNotFoundError as missing:
-        if missing.name is None or not (name == missing.name or name.startswith(missing.name + ".")):
+    except ModuleNotFoundError as error:
+        if error.name is None or not (name == error.name or name.startswith(error.name + ".")):
             raise
         spec = None
-    except ValueError as wrong:
-        raise ToolError(f'expected the name of a module, found "{name}": {wrong}') from wrong
+    except ValueError as error:
+        raise ToolError(f'expected the name of a module, found "{name}": {error}') from error
     if spec is None:
         raise ToolError(f'no module "{name}" in {os.getcwd()}, in the workspace, or on sys.path')
     return spec
@@ -129,18 +128,14 @@ def _code(spec: ModuleSpec) -> CodeType:
     get = getattr(spec.loader, "get_code", None)
     code = get(spec.name) if get is not None else None
     if not isinstance(code, CodeType):
-        raise ToolError(f'the module "{spec.name}" has no code that could be run')
+        raise ToolError(f'the module "{spec.name}" has no code to run')
     return code
 
 
-def _without_ours(traceback: TracebackType | None) -> TracebackType | None:
+def _without_own_frames(traceback: TracebackType | None) -> TracebackType | None:
     while traceback is not None:
         file = traceback.tb_frame.f_code.co_filename
-        if not file.startswith((_OURS, "<frozen importlib")) and file != importlib.__file__:
+        if not file.startswith((_PACKAGE_DIR, "<frozen importlib")) and file != importlib.__file__:
             break
         traceback = traceback.tb_next
     return traceback
-
-
-def _nothing(kind: type[BaseException], error: BaseException, traceback: TracebackType | None) -> None:
-    """The exception was printed."""

@@ -1,4 +1,4 @@
-"""What ``rosidl-py run`` is given: a file, a module, or a package and an executable; and what makes it run here."""
+"""Finding the program of ``rosidl-py run`` (a file, a module, or an executable of a package), and preparing imports."""
 
 from __future__ import annotations
 
@@ -24,68 +24,65 @@ if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.program_runner.executables import Executable
 
 _ENVIRONMENT = {"ROS_VERSION": "2", "ROS_PYTHON_VERSION": "3", "ROS_DISTRO": "jazzy"}
-"""Variables that programs read to know which ROS runs them, and which a setup script of ROS sets."""
+"""Environment variables that a setup script of ROS sets, and programs read."""
 
 
 def start(
     words: Sequence[str], paths: Sequence[str], check: bool, listed: bool, as_json: bool
 ) -> Callable[[], None] | int:
-    """Return what is to be called, or the exit code of what was requested instead."""
+    """Return a function that runs the program; for --list and --check, the exit code."""
     if listed:
         return _list(words, paths, as_json)
     if as_json and not check:
-        raise click.UsageError("--json needs --check or --list; what follows the program is for the program")
+        raise click.UsageError("--json requires --check or --list; options of the program follow the program")
     program = _program(words, paths)
     _make_importable(program.place, paths)
     if check:
-        from rosidl_py_gen.ros_cli.program_runner.check import check as checked
+        from rosidl_py_gen.ros_cli.program_runner.check import check as check_program
 
-        return checked(program, as_json)
+        return check_program(program, as_json)
     for name, value in _ENVIRONMENT.items():
         os.environ.setdefault(name, value)
-    _explain_own_option(program)
+    _note_misplaced_option(program)
     return program.start
 
 
-def _explain_own_option(program: Program) -> None:
-    """Print a note where an option of ours follows the program, which may not know it."""
+def _note_misplaced_option(program: Program) -> None:
+    """Print a note if an option of ``run`` follows the program, unless the program mentions it."""
     first = program.arguments[0] if program.arguments else ""
     if first not in ("--check", "--list"):
         return
     with suppress(OSError):
         if program.file is not None and first.encode() in program.file.read_bytes():
             return
-    text = f"note: {first} after the program is an argument of the program; rosidl-py run {first} PROGRAM is ours"
-    terminal_output.note(text)
+    terminal_output.note(f"note: {first} is passed to the program; for the option use rosidl-py run {first} PROGRAM")
 
 
 def _make_importable(place: Path, paths: Sequence[str]) -> None:
-    """Install the hook; say in one line when that takes the place of a real rclpy."""
+    """Install the import hook; print a warning if it replaces an installed rclpy."""
     real = PathFinder.find_spec("rclpy")
     if real is not None and real.origin is not None:
-        text = f"rclpy is {_shim()}, not {Path(real.origin).parent}; so are its companions and all messages"
-        terminal_output.note(f"warning: {text}")
+        from rosidl_py_gen import __version__
+
+        terminal_output.note(
+            f"warning: rclpy is that of rosidl-py-gen {__version__}, not {Path(real.origin).parent}; "
+            "so are its companions and all messages"
+        )
         warnings.filterwarnings("ignore", category=ImportHookWarning)
-    install_import_hook(message_api="rclpy", path=paths, workspace_of=_around(place), override_installed=True)
+    install_import_hook(message_api="rclpy", path=paths, workspace_of=_workspace_folder(place), override_installed=True)
 
 
-def _around(place: Path) -> Path:
-    """What the workspace is around: the program, unless it is in no folder `src` and the current folder's has it."""
+def _workspace_folder(place: Path) -> Path:
+    """Return the program, or the current folder if that is in the workspace of the program."""
     here = Path.cwd()
     package = package_around(place)
-    if package is None:  # a whole folder of somebody is not searched for a script that may need nothing of it
+    if package is None:  # the folder of a script may be large, and is not searched for packages
         is_workspace = here.name == "src" or (here / "src").is_dir() or package_around(here) is not None
         return here if is_workspace else place
     if any(folder.name == "src" for folder in package.parents) or here not in package.parents:
         return place
     around = workspace_around(here)
     return here if around is not None and package in around.packages.values() else place
-
-
-def _shim() -> str:
-    from rosidl_py_gen import __version__
-
-    return f"that of rosidl-py-gen {__version__}"
 
 
 def _program(words: Sequence[str], paths: Sequence[str]) -> Program:
@@ -99,15 +96,15 @@ def _program(words: Sequence[str], paths: Sequence[str]) -> Program:
         return Program("-m", tuple(rest[1:]), str(here), here, module=rest[0])
     path = Path(first)
     if path.is_file():
-        return _of_file(path, tuple(rest))
+        return _file_program(path, tuple(rest))
     if first.endswith(".py") or "/" in first or os.sep in first:
         kind = "it is a folder" if path.is_dir() else "no such file"
         raise ToolError(f"{first}: expected a Python file, {kind}")
-    return _of_package(first, rest, paths)
+    return _executable_program(first, rest, paths)
 
 
-def _of_file(path: Path, arguments: tuple[str, ...]) -> Program:
-    """A file; one that has relative imports, and so cannot run alone, is run as the module it is."""
+def _file_program(path: Path, arguments: tuple[str, ...]) -> Program:
+    """Return the program of a file; a file with relative imports is run as a module of its package."""
     real = path.resolve()
     inside = [*takewhile(lambda folder: (folder / "__init__.py").is_file(), real.parents)]
     if inside and _has_relative_imports(real):
@@ -121,11 +118,8 @@ def _has_relative_imports(file: Path) -> bool:
     try:
         tree = ast.parse(file.read_bytes())
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
-        return False  # running it says what is wrong
+        return False  # the error appears when it runs
     return any(isinstance(node, ast.ImportFrom) and node.level for node in ast.walk(tree))
-
-
-# --- package and executable -------------------------------------------------------------------------------------------
 
 
 def _workspaces(paths: Sequence[str]) -> list[Workspace]:
@@ -134,41 +128,41 @@ def _workspaces(paths: Sequence[str]) -> list[Workspace]:
 
 
 def _executables(package: str, paths: Sequence[str]) -> tuple[dict[str, Executable], list[str]]:
-    """The executables of a package: of its sources, else of pip's, else of a prefix; and where that is."""
+    """Return the executables of a package from its sources, pip or a prefix, and their location."""
     from rosidl_py_gen.ros_cli.program_runner import executables
 
     places: list[str] = []
     for workspace in _workspaces(paths):
         if folder := workspace.packages.get(package):
             places.append(str(folder))
-            if found := executables.of_sources(folder):
-                return found, places
-    for look in (executables.of_distribution, executables.of_prefixes):
-        if found := look(package):
-            return found, [str(next(iter(found.values())).source)]
+            if by_name := executables.of_sources(folder):
+                return by_name, places
+    for find in (executables.of_distribution, executables.of_prefixes):
+        if by_name := find(package):
+            return by_name, [str(next(iter(by_name.values())).source)]
     return {}, places
 
 
-def _of_package(package: str, words: Sequence[str], paths: Sequence[str]) -> Program:
-    found, places = _executables(package, paths)
-    if not found and not places:
-        looked = ", ".join(str(one.folder) for one in _workspaces(paths))
+def _executable_program(package: str, words: Sequence[str], paths: Sequence[str]) -> Program:
+    by_name, places = _executables(package, paths)
+    if not by_name and not places:
+        searched = ", ".join(str(one.folder) for one in _workspaces(paths))
         known = {name for workspace in _workspaces(paths) for name in workspace.packages}
         text = f'no file and no package "{package}"{did_you_mean(package, known)}'
-        raise ToolError(f"{text}; looked for a package in {looked}, in what pip installed, and in AMENT_PREFIX_PATH")
-    names = ", ".join(sorted(found)) or "none that are Python"
+        raise ToolError(f"{text}; searched {searched}, the packages of pip, and AMENT_PREFIX_PATH")
+    names = ", ".join(sorted(by_name)) or "none in Python"
     if not words:
         raise ToolError(f"expected an executable of {package} ({places[0]}); it has: {names}")
     name, *arguments = words
-    if name not in found:
+    if name not in by_name:
         raise ToolError(
-            f'{package} ({places[0]}) has no executable "{name}"{did_you_mean(name, found)}; it has: {names}'
+            f'{package} ({places[0]}) has no executable "{name}"{did_you_mean(name, by_name)}; it has: {names}'
         )
-    one = found[name]
+    one = by_name[name]
     place = one.folder if one.file is None else one.file
     if one.file is not None:
         if not _is_python(one.file):
-            raise ToolError(f"{one.file} is no Python program")
+            raise ToolError(f"{one.file} is not a Python program")
         return Program(str(one.file), tuple(arguments), str(one.file.resolve().parent), place, file=one.file)
     argv0 = str(one.folder / one.name)
     return Program(argv0, tuple(arguments), str(one.folder), place, module=one.module, function=one.function)
@@ -183,16 +177,16 @@ def _is_python(file: Path) -> bool:
 
 
 def _list(words: Sequence[str], paths: Sequence[str], as_json: bool) -> int:
-    """Print ``package executable`` lines, as `ros2 pkg executables` does."""
+    """Print lines as `ros2 pkg executables` does."""
     if len(words) > 1:
         raise click.UsageError("expected at most a package")
     packages = words or sorted({name for workspace in _workspaces(paths) for name in workspace.packages})
     rows = []
     for package in packages:
-        found, places = _executables(package, paths)
-        if words and not found and not places:
-            _of_package(package, (), paths)
-        rows += [{"package": package, "executable": name} for name in sorted(found)]
+        by_name, places = _executables(package, paths)
+        if words and not by_name and not places:
+            _executable_program(package, (), paths)
+        rows += [{"package": package, "executable": name} for name in sorted(by_name)]
     if as_json:
         terminal_output.document(rows)
     else:
