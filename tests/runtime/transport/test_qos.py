@@ -1,4 +1,4 @@
-"""Profiles, presets and matching: the tables of docs/internals/protocol.md 7."""
+"""Profiles, presets, matching and texts of incompatibilities: the tables of docs/internals/protocol.md 7."""
 
 from __future__ import annotations
 
@@ -9,10 +9,13 @@ from typing import Any
 import pytest
 
 from rosidl_py_gen.runtime.transport import qos
+from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
+from rosidl_py_gen.runtime.transport.incompatibility import Incompatibility, IncompatibilityKind
 from rosidl_py_gen.runtime.transport.qos import (
     BEST_AVAILABLE,
     DEFAULT,
     INFINITE_NS,
+    SENSOR_DATA,
     SYSTEM_DEFAULT,
     Durability,
     History,
@@ -29,61 +32,47 @@ from rosidl_py_gen.runtime.transport.qos_matching import (
     without_best_available,
 )
 
-KL, SD = History.KEEP_LAST, History.SYSTEM_DEFAULT
 REL, BE = Reliability.RELIABLE, Reliability.BEST_EFFORT
 VOL, TL = Durability.VOLATILE, Durability.TRANSIENT_LOCAL
 
 
 @pytest.mark.parametrize(
-    ("name", "history", "depth", "reliability", "durability"),
+    ("name", "depth", "reliability", "durability"),
     [
-        ("DEFAULT", KL, 10, REL, VOL),
-        ("SENSOR_DATA", KL, 5, BE, VOL),
-        ("SERVICES_DEFAULT", KL, 10, REL, VOL),
-        ("PARAMETERS", KL, 1000, REL, VOL),
-        ("PARAMETER_EVENTS", KL, 1000, REL, VOL),
-        ("ROSOUT", KL, 1000, REL, TL),
-        ("ACTION_STATUS", KL, 1, REL, TL),
-        ("CLOCK", KL, 1, BE, VOL),
-        ("SYSTEM_DEFAULT", SD, 0, Reliability.SYSTEM_DEFAULT, Durability.SYSTEM_DEFAULT),
-        ("BEST_AVAILABLE", KL, 10, Reliability.BEST_AVAILABLE, Durability.BEST_AVAILABLE),
+        ("DEFAULT", 10, REL, VOL),
+        ("SENSOR_DATA", 5, BE, VOL),
+        ("SERVICES_DEFAULT", 10, REL, VOL),
+        ("PARAMETERS", 1000, REL, VOL),
+        ("PARAMETER_EVENTS", 1000, REL, VOL),
+        ("ROSOUT", 1000, REL, TL),
+        ("ACTION_STATUS", 1, REL, TL),
+        ("CLOCK", 1, BE, VOL),
+        ("SYSTEM_DEFAULT", 0, Reliability.SYSTEM_DEFAULT, Durability.SYSTEM_DEFAULT),
+        ("BEST_AVAILABLE", 10, Reliability.BEST_AVAILABLE, Durability.BEST_AVAILABLE),
     ],
 )
-def test_presets_are_those_of_rmw(
-    name: str, history: History, depth: int, reliability: Reliability, durability: Durability
-) -> None:
+def test_presets_are_those_of_rmw(name: str, depth: int, reliability: Reliability, durability: Durability) -> None:
     profile: QoSProfile = getattr(qos, name)
-    assert (profile.history, profile.depth, profile.reliability, profile.durability) == (
-        history,
-        depth,
-        reliability,
-        durability,
-    )
-    assert profile.lifespan_ns == (10 * 10**9 if name == "ROSOUT" else 0)
+    history = History.SYSTEM_DEFAULT if name == "SYSTEM_DEFAULT" else History.KEEP_LAST
+    lifespan_ns = 10 * 10**9 if name == "ROSOUT" else 0
+    assert (profile.history, profile.depth, profile.lifespan_ns) == (history, depth, lifespan_ns)
+    assert (profile.reliability, profile.durability) == (reliability, durability)
 
 
 def test_enumerations_have_the_numbers_of_rmw() -> None:
     assert [int(v) for v in History] == [0, 1, 2, 3]
-    assert {v.name: int(v) for v in Reliability} == {
-        "SYSTEM_DEFAULT": 0,
-        "RELIABLE": 1,
-        "BEST_EFFORT": 2,
-        "UNKNOWN": 3,
-        "BEST_AVAILABLE": 4,
-    }
-    assert {v.name: int(v) for v in Liveliness} == {
-        "SYSTEM_DEFAULT": 0,
-        "AUTOMATIC": 1,
-        "MANUAL_BY_TOPIC": 3,
-        "UNKNOWN": 4,
-        "BEST_AVAILABLE": 5,
-    }
+    names = ("SYSTEM_DEFAULT", "RELIABLE", "BEST_EFFORT", "UNKNOWN", "BEST_AVAILABLE")
+    assert {v.name: int(v) for v in Reliability} == {name: number for number, name in enumerate(names)}
+    names = ("SYSTEM_DEFAULT", "AUTOMATIC", "", "MANUAL_BY_TOPIC", "UNKNOWN", "BEST_AVAILABLE")
+    assert {v.name: int(v) for v in Liveliness} == {name: number for number, name in enumerate(names) if name}
     assert [int(v) for v in (Durability.TRANSIENT_LOCAL, Durability.VOLATILE)] == [1, 2]
 
 
 def test_builder_calls_chain_and_leave_the_original_alone() -> None:
     profile = QoSProfile().keep_last(5).best_effort().transient_local().deadline(0.5).lifespan(2).manual_liveliness(3)
-    assert profile == QoSProfile(KL, 5, BE, TL, 500_000_000, 2 * 10**9, Liveliness.MANUAL_BY_TOPIC, 3 * 10**9)
+    assert profile == QoSProfile(
+        History.KEEP_LAST, 5, BE, TL, 500_000_000, 2 * 10**9, Liveliness.MANUAL_BY_TOPIC, 3 * 10**9
+    )
     assert QoSProfile() == DEFAULT
     assert profile.keep_all().depth == 0 and profile.keep_all().history is History.KEEP_ALL
     assert profile.reliable().volatile().automatic_liveliness().liveliness_lease_ns == 3 * 10**9
@@ -155,28 +144,19 @@ def test_unknown_policies_are_shown_but_not_offered(name: str) -> None:
         as_profile(discovered)
 
 
-TLQ = QoSProfile().transient_local()
-MAN = QoSProfile().manual_liveliness()
-AUTO = QoSProfile().automatic_liveliness()
+P = QoSProfile()
+TRANSIENT, MANUAL, AUTO = P.transient_local(), P.manual_liveliness(), P.automatic_liveliness()
 ERRORS = [
-    (QoSProfile().best_effort(), QoSProfile(), "ERROR: Best effort publisher and reliable subscription;"),
-    (QoSProfile(), TLQ, "ERROR: Volatile publisher and transient local subscription;"),
-    (QoSProfile(), QoSProfile().deadline(1), "ERROR: Subscription has a deadline, but publisher does not;"),
+    (P.best_effort(), P, "Best effort publisher and reliable subscription"),
+    (P, TRANSIENT, "Volatile publisher and transient local subscription"),
+    (P, P.deadline(1), "Subscription has a deadline, but publisher does not"),
+    (P.deadline(2), P.deadline(1), "Subscription deadline is less than publisher deadline"),
+    (AUTO, MANUAL, "Publisher's liveliness is automatic and subscription's is manual by topic"),
+    (AUTO, P.automatic_liveliness(1), "Subscription has a liveliness lease duration, but publisher does not"),
     (
-        QoSProfile().deadline(2),
-        QoSProfile().deadline(1),
-        "ERROR: Subscription deadline is less than publisher deadline;",
-    ),
-    (AUTO, MAN, "ERROR: Publisher's liveliness is automatic and subscription's is manual by topic;"),
-    (
-        AUTO,
-        QoSProfile().automatic_liveliness(1),
-        "ERROR: Subscription has a liveliness lease duration, but publisher does not;",
-    ),
-    (
-        QoSProfile().automatic_liveliness(2),
-        QoSProfile().automatic_liveliness(1),
-        "ERROR: Subscription liveliness lease duration is less than publisher;",
+        P.automatic_liveliness(2),
+        P.automatic_liveliness(1),
+        "Subscription liveliness lease duration is less than publisher",
     ),
 ]
 
@@ -184,53 +164,45 @@ ERRORS = [
 @pytest.mark.parametrize(("offered", "requested", "reason"), ERRORS)
 def test_each_mismatch_has_the_reason_text_of_rmw(offered: QoSProfile, requested: QoSProfile, reason: str) -> None:
     result = check_compatible(offered, requested)
-    assert (result.compatibility, result.reason, result.matches) == (Compatibility.ERROR, reason, False)
+    assert (result.compatibility, result.reason, result.matches) == (Compatibility.ERROR, f"ERROR: {reason};", False)
 
 
 def test_reasons_are_concatenated_in_the_order_of_rmw() -> None:
     offered = QoSProfile().best_effort().automatic_liveliness()
-    requested = TLQ.manual_liveliness(1).deadline(1)
-    texts = [ERRORS[i][2] for i in (0, 1, 2, 4, 5)]
+    requested = TRANSIENT.manual_liveliness(1).deadline(1)
+    texts = [f"ERROR: {ERRORS[i][2]};" for i in (0, 1, 2, 4, 5)]
     assert check_compatible(offered, requested).reason == "".join(texts)
 
 
+def with_values(**values: Any) -> QoSProfile:
+    return replace(AUTO, **values)
+
+
 WARNINGS = [
-    (
-        replace(AUTO, reliability=Reliability.UNKNOWN),
-        AUTO,
-        "WARNING: Reliable subscription, but publisher is unknown;",
-    ),
+    (with_values(reliability=Reliability.UNKNOWN), AUTO, "Reliable subscription, but publisher is unknown"),
     (
         AUTO.best_effort(),
-        replace(AUTO, reliability=Reliability.SYSTEM_DEFAULT),
-        "WARNING: Best effort publisher, but subscription is system_default;",
+        with_values(reliability=Reliability.SYSTEM_DEFAULT),
+        "Best effort publisher, but subscription is system_default",
     ),
     (
-        replace(AUTO, durability=Durability.SYSTEM_DEFAULT),
+        with_values(durability=Durability.SYSTEM_DEFAULT),
         AUTO.transient_local(),
-        "WARNING: Transient local subscription, but publisher is system_default;",
+        "Transient local subscription, but publisher is system_default",
     ),
+    (AUTO, with_values(durability=Durability.UNKNOWN), "Volatile publisher, but subscription is unknown"),
     (
-        AUTO,
-        replace(AUTO, durability=Durability.UNKNOWN),
-        "WARNING: Volatile publisher, but subscription is unknown;",
+        with_values(liveliness=Liveliness.UNKNOWN),
+        MANUAL,
+        "Subscription's liveliness is manual by topic, but publisher's is unknown",
     ),
-    (
-        replace(AUTO, liveliness=Liveliness.UNKNOWN),
-        MAN,
-        "WARNING: Subscription's liveliness is manual by topic, but publisher's is unknown;",
-    ),
-    (
-        AUTO,
-        QoSProfile(),
-        "WARNING: Publisher's liveliness is automatic, but subscription's is system_default;",
-    ),
+    (AUTO, P, "Publisher's liveliness is automatic, but subscription's is system_default"),
     (
         SYSTEM_DEFAULT,
         SYSTEM_DEFAULT,
-        "WARNING: Publisher reliability is system_default and subscription reliability is system_default;"
+        "Publisher reliability is system_default and subscription reliability is system_default;"
         "WARNING: Publisher durabilty is system_default and subscription durability is system_default;"
-        "WARNING: Publisher liveliness is system_default and subscription liveliness is system_default;",
+        "WARNING: Publisher liveliness is system_default and subscription liveliness is system_default",
     ),
 ]
 
@@ -238,7 +210,7 @@ WARNINGS = [
 @pytest.mark.parametrize(("offered", "requested", "reason"), WARNINGS)
 def test_unknown_policies_are_warned_about(offered: QoSProfile, requested: QoSProfile, reason: str) -> None:
     result = check_compatible(offered, requested)
-    assert (result.compatibility, result.reason, result.matches) == (Compatibility.WARNING, reason, True)
+    assert (result.compatibility, result.reason, result.matches) == (Compatibility.WARNING, f"WARNING: {reason};", True)
 
 
 def test_stronger_offers_match_and_infinite_is_no_deadline() -> None:
@@ -256,7 +228,7 @@ def test_best_available_publisher_takes_the_strongest_policies() -> None:
 
 
 def test_best_available_subscription_takes_what_all_publishers_offer() -> None:
-    peers = [TLQ.manual_liveliness(1), QoSProfile().best_effort().manual_liveliness(2)]
+    peers = [TRANSIENT.manual_liveliness(1), QoSProfile().best_effort().manual_liveliness(2)]
     got = resolve_best_available(BEST_AVAILABLE, publisher=False, peers=peers)
     assert (got.reliability, got.durability, got.liveliness) == (BE, VOL, Liveliness.MANUAL_BY_TOPIC)
     assert (got.deadline_ns, got.liveliness_lease_ns) == (0, 2 * 10**9)
@@ -274,3 +246,28 @@ def test_policies_that_are_stated_stay_and_services_never_use_best_available() -
     stated = QoSProfile().best_effort()
     assert resolve_best_available(stated, publisher=False, peers=[DEFAULT]) == stated
     assert without_best_available(BEST_AVAILABLE) == qos.SERVICES_DEFAULT
+
+
+def test_each_kind_of_incompatibility_has_a_text_about_both_and_about_the_peer() -> None:
+    writer = DiscoveredEndpoint(b"w", b"", True, TopicKey("topic", "/t"), "p/msg/A", SENSOR_DATA, "RIHS01_1")
+    reader = replace(writer, guid=b"r", is_writer=False, qos=DEFAULT, type_hash="RIHS01_2")
+    other = replace(reader, type="p/msg/B")
+    texts = {
+        IncompatibilityKind.TYPE: ("types differ, p/msg/A and p/msg/B", "X has another type, p/msg/A"),
+        IncompatibilityKind.DEFINITION: (
+            "they have p/msg/A by different definitions, RIHS01_1 and RIHS01_2",
+            "X has another definition of p/msg/A, RIHS01_1; here it is RIHS01_2",
+        ),
+        IncompatibilityKind.QOS: (
+            "their quality of service is incompatible. ERROR: Best effort publisher and reliable subscription;",
+            "X offers incompatible QoS: reliability BEST_EFFORT, here RELIABLE",
+        ),
+    }
+    for kind, expected in texts.items():
+        incompatibility = Incompatibility(kind, writer, other if kind is IncompatibilityKind.TYPE else reader)
+        assert (incompatibility.reason, incompatibility.reason_of(writer, "X")) == expected
+        assert bool(incompatibility.policies) == (kind is IncompatibilityKind.QOS)
+        assert incompatibility.mismatch_kind == kind.name.lower()
+    humble = Incompatibility(IncompatibilityKind.HASH_FORMAT, writer, replace(reader, type_hash=""))
+    assert "only one of them has a type hash" in humble.reason and humble.mismatch_kind == "qos"
+    assert humble.reason_of(writer, "X") == f"X does not match: {humble.reason}"

@@ -1,4 +1,4 @@
-"""Flow control of replies, with a clock that the tests move."""
+"""Flow control of replies, with virtual time."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from rosidl_py_gen.runtime.transport.reply_window import ACK_TIMEOUT_S, HOLD_S, 
 
 
 class Server:
-    """Replies that go out when the window lets them; `acknowledged` None means that the transport cannot tell."""
+    """Server whose window decides when replies are sent; `acknowledged` is None if the transport cannot tell."""
 
     def __init__(self, acknowledged: bool | None, depth: int = 10) -> None:
         self.acknowledged, self.now_ns = acknowledged, 10**9
@@ -28,7 +28,7 @@ class Server:
             self.waiting.append(client)
 
     def reply(self) -> int:
-        """Send what may be sent; the number of replies."""
+        """Send as many replies as possible; return their number."""
         count = len(self.waiting)
         while self.waiting and self.window.is_open(self.waiting[0]):
             client = self.waiting.pop(0)
@@ -52,7 +52,7 @@ def test_many_replies_go_out_in_groups_that_clients_can_keep() -> None:
         assert server.replies(HOLD_S, 3) == [8, 8, 4], clients
     server = Server(acknowledged=False)  # a dead client: as slow once, later as where no acknowledgements come
     server.request(*["a"] * 40)
-    assert server.replies(HOLD_S, 8) == [8, 0, 0, 8, 8, 8, 8, 0], "the timeout is 2.5 times the pause"
+    assert server.replies(HOLD_S, 8) == [8, 0, 0, 8, 8, 8, 8, 0]
     assert 2 < ACK_TIMEOUT_S / HOLD_S <= 3
     server = Server(acknowledged=None)
     server.request(*["a"] * 20)
@@ -89,7 +89,7 @@ def test_some_calls_at_a_time_wait_once_too() -> None:
 
 
 def test_a_client_that_sends_all_requests_before_it_takes_a_reply_is_found_out() -> None:
-    """The server is faster than the client sends, so that it never sees two requests at once before it waits."""
+    # The server is faster than the client, so it never sees two requests at once before it waits.
     server = Server(acknowledged=True)
     for _ in range(3):
         sent = 0

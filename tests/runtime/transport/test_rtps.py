@@ -1,4 +1,4 @@
-"""What Fast DDS says beside a message, as bytes: who it is that asks or is answered."""
+"""Sample identities of Fast DDS in the bytes of RTPS packets."""
 
 from __future__ import annotations
 
@@ -18,12 +18,11 @@ WRITER_ID = b"\0\0\x14\x03"
 
 
 def packet(vendor: bytes) -> bytes:
-    """The RTPS header."""
     return b"RTPS\2\3" + vendor + vendor + bytes(10)
 
 
 def submessage(parameters: bytes = b"", *, big: bool = False, number: int = 7, kind: int = rtps.DATA) -> bytes:
-    """DATA or DATA_FRAG up to the payload, as Cyclone leaves it: all but the parameters in our byte order."""
+    """Return DATA or DATA_FRAG up to the payload, as Cyclone stores it: the header in our byte order."""
     flags = (0 if big else 1) | (rtps.INLINE_QOS_FLAG if parameters else 0)
     length = rtps.DATA_BYTES if kind == rtps.DATA else rtps.DATA_FRAG_BYTES
     head = struct.pack("<BBHHH", kind, flags, 0, 0, length - 8)
@@ -32,7 +31,7 @@ def submessage(parameters: bytes = b"", *, big: bool = False, number: int = 7, k
 
 
 def parameter(pid: int, guid: bytes, number: int, *, big: bool = False) -> bytes:
-    """One parameter with an identity, and the end of the list."""
+    """Return inline QoS of one identity."""
     order = ">" if big else "<"
     body = struct.pack(f"{order}HH16siI", pid, 24, guid, number >> 32, number & 0xFFFFFFFF)
     return body + struct.pack(f"{order}HH", 1, 0)
@@ -53,12 +52,12 @@ def test_what_we_send_names_the_reader_in_both_forms(kind: int, number: int) -> 
 
 @pytest.mark.parametrize("big", [False, True])
 @pytest.mark.parametrize(
-    ("vendor", "pid", "is_heard"),
+    ("vendor", "pid", "is_known"),
     [(FAST, 0x83, True), (FAST, 0x800F, True), (RTI, 0x800F, True), (CYCLONE, 0x83, True), (CYCLONE, 0x800F, False)],
 )
-def test_replies_belong_to_whom_they_name(vendor: bytes, pid: int, is_heard: bool, big: bool) -> None:
+def test_replies_belong_to_whom_they_name(vendor: bytes, pid: int, is_known: bool, big: bool) -> None:
     data = submessage(parameter(pid, READER, 3, big=big), big=big)
-    assert rtps.read_submessage(packet(vendor), data, is_reply=True) == ((READER, 3) if is_heard else None)
+    assert rtps.read_submessage(packet(vendor), data, is_reply=True) == ((READER, 3) if is_known else None)
 
 
 def test_requests_are_numbered_by_the_middleware_and_answered_to_the_reader_they_name() -> None:
@@ -92,18 +91,18 @@ def test_other_parameters_are_passed_over() -> None:
 @given(st.binary(max_size=20), st.binary(max_size=200), st.booleans())
 def test_hostile_bytes_are_refused_or_read(head: bytes, data: bytes, is_reply: bool) -> None:
     try:
-        found = rtps.read_submessage(head, data, is_reply=is_reply)
+        identity = rtps.read_submessage(head, data, is_reply=is_reply)
     except ValueError:
         return
-    assert found is None or len(found[0]) == 16
+    assert identity is None or len(identity[0]) == 16
 
 
 @given(st.sampled_from([FAST, CYCLONE]), st.binary(max_size=120), st.booleans(), st.booleans())
 def test_hostile_parameters_end_at_the_payload(vendor: bytes, parameters: bytes, big: bool, is_reply: bool) -> None:
     data = bytearray(submessage(parameters, big=big))
     data[1] |= rtps.INLINE_QOS_FLAG
-    found = rtps.read_submessage(packet(vendor), bytes(data), is_reply=is_reply)
-    assert found is None or (len(found[0]) == 16 and -(2**63) <= found[1] < 2**63)
+    identity = rtps.read_submessage(packet(vendor), bytes(data), is_reply=is_reply)
+    assert identity is None or (len(identity[0]) == 16 and -(2**63) <= identity[1] < 2**63)
 
 
 @given(st.binary(max_size=40), st.binary(min_size=16, max_size=16), st.integers(-(2**63), 2**63 - 1))

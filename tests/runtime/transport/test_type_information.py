@@ -1,4 +1,4 @@
-"""Endpoints announce no type information, so that peers of every kind compare names; the peers here do announce it."""
+"""Endpoints without type information match by name, also with peers that announce type information."""
 
 from __future__ import annotations
 
