@@ -1,6 +1,6 @@
-"""Builds the foreign peers from Debian's packages and runs them, on loopback and in the test run's own domain.
+"""Foreign peers that are built with packages of Debian and run on loopback, in the domain of the test run.
 
-Needs cyclonedds-dev cyclonedds-tools libfastrtps-dev fastddsgen gcc g++. Tests are skipped where these are missing,
+They need cyclonedds-dev cyclonedds-tools libfastrtps-dev fastddsgen gcc g++. Tests are skipped without these packages,
 unless ROSIDL_TEST_REQUIRE_PEERS is set, as in CI.
 """
 
@@ -37,7 +37,7 @@ _CYCLONE_XML = (
 
 @pytest.fixture(autouse=True)
 def bound_as_the_peers_are(only_loopback: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """They announce loopback alone, which Cyclone before 11 hears when it is bound to that: docs/internals/dds.md 8."""
+    """Bind to loopback, because peers announce only that, and Cyclone before 11 needs it: docs/internals/dds.md 8."""
     if IGNORE_TYPE_INFORMATION in library.find().unsupported_elements:
         bound = "<General><Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces></General>"
         monkeypatch.setenv("CYCLONEDDS_URI", f"<CycloneDDS><Domain>{bound}</Domain></CycloneDDS>")
@@ -56,7 +56,7 @@ def _compiled(name: str, make: Callable[[Path], None]) -> Path:
 
 @pytest.fixture(scope="session")
 def cyclone_peer() -> Path:
-    """The C program on Cyclone DDS 0.10.2; `-t`: like ROS endpoints it announces no XTypes information."""
+    """C program on Cyclone DDS 0.10.2; with `-t` it announces no XTypes information, like endpoints of ROS."""
     _require("idlc", "gcc")
 
     def make(folder: Path) -> None:
@@ -69,7 +69,7 @@ def cyclone_peer() -> Path:
 
 @pytest.fixture(scope="session")
 def fastdds_peer() -> Path:
-    """The C++ program on Fast DDS 2.9."""
+    """C++ program on Fast DDS 2.9."""
     _require("fastddsgen", "g++")
 
     def make(folder: Path) -> None:
@@ -84,8 +84,8 @@ def fastdds_peer() -> Path:
 
 @pytest.fixture(scope="session")
 def fastdds_service_peer() -> Path:
-    """The C++ program on Fast DDS 2.9 that has a service server and a client, as rmw_fastrtps of Humble makes them."""
-    _require("fastddsgen", "g++")  # the generator stands for the Debian packages of Fast DDS
+    """C++ program on Fast DDS 2.9 with a server and a client like those of rmw_fastrtps of Humble."""
+    _require("fastddsgen", "g++")  # the generator proves that the packages of Fast DDS are installed
 
     def make(folder: Path) -> None:
         source = str(SOURCES / "fastdds_service_peer.cpp")
@@ -97,7 +97,7 @@ def fastdds_service_peer() -> Path:
 
 @contextmanager
 def running(program: Path, *arguments: str, lease_s: int = 10) -> Iterator[subprocess.Popen[str]]:
-    """Start a peer, wait until it is ready, and kill it at the end; on Cyclone DDS it is missed after `lease_s`."""
+    """Start a peer, wait until it is ready, and kill it at the end; on Cyclone DDS its lease is `lease_s`."""
     environment = {
         **os.environ,
         "CYCLONEDDS_URI": _CYCLONE_XML.replace("<Domain>", f"<Domain Id='{domain_id()}'>").format(lease_s=lease_s),
@@ -114,5 +114,4 @@ def running(program: Path, *arguments: str, lease_s: int = 10) -> Iterator[subpr
 
 @pytest.fixture
 def run_peer() -> Callable[..., object]:
-    """`running`, for tests."""
     return running

@@ -1,4 +1,4 @@
-"""Real foreign peers: Cyclone DDS 0.10 in C, Fast DDS 2.9 in C++. Every sample makes the way out and back."""
+"""Foreign peers: Cyclone DDS 0.10 in C, Fast DDS 2.9 in C++. Each sample is sent back."""
 
 from __future__ import annotations
 
@@ -57,13 +57,13 @@ async def echo_through(node: Node, kind: str, messages: list[Any]) -> None:
     answers: Any = node.create_subscription(type(messages[0]), f"/answer_{kind}", qos=qos)
     assert await publisher.wait_for_subscribers(timeout_s=10)
     assert await answers.wait_for_publishers(timeout_s=10)
-    first, *others = messages
+    first, *later = messages
     receiving = asyncio.ensure_future(answers.receive(timeout_s=10))
-    while not receiving.done():  # the peer must have found our reader too; nothing tells us
+    while not receiving.done():  # until the peer knows our reader, too
         publisher.publish(first)
         await asyncio.wait([receiving], timeout=0.3)
     assert receiving.result() == first
-    for message in others:
+    for message in later:
         publisher.publish(message)
         while (answer := await answers.receive(timeout_s=10)) == first:
             pass
@@ -73,7 +73,7 @@ async def echo_through(node: Node, kind: str, messages: list[Any]) -> None:
 
 
 async def connected(client: Any) -> None:
-    """Call until there is an answer: the server must have found our reader too, and nothing tells us."""
+    """Call until there is a response: the server must know our reader, too."""
     assert await client.wait_for_service(timeout_s=10)
     for _ in range(20):
         with suppress(CallTimeoutError):
@@ -174,7 +174,7 @@ async def test_a_peer_that_is_killed_disappears_and_may_return(
 ) -> None:
     client = dds.node("tester").create_client(AddTwoInts, "/c_add")
     for _ in range(2):
-        with run_peer(cyclone_peer, lease_s=6):
+        with run_peer(cyclone_peer, lease_s=3):
             await connected(client)
             assert (await client.call(AddTwoInts.Request(a=1, b=2), timeout_s=10)).sum == 3
-        await until(lambda: not client.service_is_available(), 60)  # killed, so it takes the lease
+        await until(lambda: not client.service_is_available(), 60)  # after the lease

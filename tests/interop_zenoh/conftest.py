@@ -1,7 +1,7 @@
-"""Foreign nodes on Zenoh as peers: one spoken by hand on wheel 1.7.2, and those of two other projects.
+"""Foreign nodes on Zenoh: a hand-written one on Zenoh 1.7.2, and those of two other projects.
 
-No binary of rmw_zenoh_cpp can be had from a package index. What stands for it here is `peers/raw.py`, with its
-configuration and formats, on a Zenoh from before its own.
+No package index has binaries of rmw_zenoh_cpp. `peers/raw.py` replaces it, with its configuration and formats, on an
+older Zenoh.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ REQUIREMENTS = {
 
 
 class Peer:
-    """A running peer; `lines` is what it printed."""
+    """Running peer; `lines` are those that it printed."""
 
     def __init__(self, process: asyncio.subprocess.Process) -> None:
         self.process = process
@@ -55,25 +55,24 @@ class Peer:
         async for line in self.process.stdout:
             self.lines.append(line.decode().rstrip("\n"))
 
-    def said(self, start: str) -> list[str]:
-        """What followed `start` in each line that begins so."""
+    def printed(self, start: str) -> list[str]:
+        """Return the rest of each line that begins with `start`."""
         return [line.removeprefix(start).strip() for line in self.lines if line.startswith(start)]
 
-    async def hears(self, start: str, count: int = 1) -> list[str]:
-        """Wait for that many such lines."""
+    async def wait_for(self, start: str, count: int = 1) -> list[str]:
+        """Wait for `count` lines that begin with `start`, and return them as `printed` does."""
         try:
-            await until(lambda: len(self.said(start)) >= count, 15)
+            await until(lambda: len(self.printed(start)) >= count, 15)
         except AssertionError:
-            raise AssertionError(f"the peer said {self.lines[-20:]}, nothing with {start!r}") from None
-        return self.said(start)
+            raise AssertionError(f"the peer printed {self.lines[-20:]}, not {start!r}") from None
+        return self.printed(start)
 
     def tell(self, line: str) -> None:
-        """A command."""
         assert self.process.stdin is not None
         self.process.stdin.write(f"{line}\n".encode())
 
     async def end(self) -> None:
-        """Its input ends, and so does it."""
+        """Close the input, which ends the peer."""
         assert self.process.stdin is not None
         self.process.stdin.close()
         try:
@@ -86,22 +85,22 @@ class Peer:
 
 @pytest.fixture(scope="session")
 def pythons() -> dict[str, Path]:
-    """A Python for each peer."""
+    """Python interpreter of each peer."""
     made = {name: environment(f"zenoh-{name}", requirements) for name, requirements in REQUIREMENTS.items()}
-    # pyzeros compiles the attachment with Cython when it is first used, half a minute; it is kept beside the wheels.
+    # At its first use pyzeros compiles the attachment with Cython for half a minute; the result is cached.
     warm = "from pyzeros.builtin_msgs import Attachment; Attachment().serialize()"
     subprocess.run([made["zeros"], "-c", warm], env={**os.environ, **compiled(made["zeros"])}, check=True)
     return made
 
 
 def compiled(python: Path) -> dict[str, str]:
-    """Where pyzeros of this environment keeps what it compiled."""
+    """Return the variable with the compilation cache of pyzeros."""
     return {"CYDR_CACHE_DIR": str(python.parent.parent / "cydr")}
 
 
 @pytest.fixture
 def start_peer(pythons: dict[str, Path]) -> Callable[..., Awaitable[Peer]]:
-    """Starts a peer by name; the test ends it."""
+    """Function that starts a peer by name; the test ends it."""
 
     async def start(name: str, *arguments: str) -> Peer:
         clean = {key: value for key, value in os.environ.items() if not key.startswith(("ZENOH", "ROS_", "PYTHON"))}
@@ -119,5 +118,5 @@ def start_peer(pythons: dict[str, Path]) -> Callable[..., Awaitable[Peer]]:
 
 @pytest.fixture
 def world(monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
-    """A world on Zenoh; its sessions meet the peers at the router of this test process."""
+    """World on Zenoh whose sessions and the peers use the router of this test process."""
     yield from world_on_zenoh(monkeypatch)

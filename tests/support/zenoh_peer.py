@@ -19,12 +19,13 @@ from support.node_fixtures import domain_id, zenoh_router
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+CDR = b"\0\1\0\0"
 PLAIN = "::,10:,:,:,,"
-"""The default profile."""
+"""Text of the default profile."""
 
 
 class Peer:
-    """A session with a node `/peer`."""
+    """Session with a node `/peer`."""
 
     def __init__(self) -> None:
         config = zenoh.Config()
@@ -40,7 +41,7 @@ class Peer:
         self._ids = itertools.count()
         self._kept: list[Any] = [self.session.liveliness().declare_token(self._token("NN"))]
         self.tokens: set[str] = set()
-        """Of others, as long as they are there."""
+        """Tokens of other sessions."""
         self._listen = self.session.liveliness().declare_subscriber(
             f"@ros2_lv/{self.domain}/**", zenoh.handlers.Callback(self._on_token, indirect=False), history=True
         )
@@ -54,32 +55,56 @@ class Peer:
             change(str(sample.key_expr))
 
     def of_others(self, kind: str, name: str) -> list[list[str]]:
-        """The chunks of the tokens of other sessions for a topic or service."""
-        found = (token.split("/") for token in sorted(self.tokens))
-        return [chunks for chunks in found if chunks[5] == kind and chunks[9] == name.replace("/", "%")]
+        """Return the chunks of other sessions' tokens of a topic or service."""
+        tokens = (token.split("/") for token in sorted(self.tokens))
+        return [chunks for chunks in tokens if chunks[5] == kind and chunks[9] == name.replace("/", "%")]
 
     def key(self, name: str, type_and_hash: str) -> str:
         return f"{self.domain}{name}/{type_and_hash}"
 
     def tell(self, kind: str, name: str, type_and_hash: str, end: str = PLAIN) -> bytes:
-        """Declare the token of an endpoint; its GID."""
+        """Declare the token of an endpoint; return its GID."""
         token = f"{self._token(kind)}/{name.replace('/', '%')}/{type_and_hash}/{end}"
         self._kept.append(self.session.liveliness().declare_token(token))
         return xxhash.xxh3_128_intdigest(token.encode()).to_bytes(16, "little")
 
     def listen(self, key: str, heard: list[bytes]) -> None:
-        """A subscriber without token."""
+        """Declare a subscriber without token."""
         take = zenoh.handlers.Callback(lambda sample: heard.append(sample.payload.to_bytes()), indirect=False)
         self._kept.append(self.session.declare_subscriber(key, take))
 
-    def serve(self, key: str, answer: Callable[[Any], None]) -> None:
-        """A queryable without token."""
-        take = zenoh.handlers.Callback(answer, indirect=False)
-        self._kept.append(self.session.declare_queryable(key, take, complete=True))
+    def serve(self, name: str, type_and_hash: str, respond: Callable[[bytes], bytes]) -> None:
+        """Create a server; requests and responses have no CDR header."""
 
-    def keep(self, thing: object) -> None:
-        """Until the end."""
-        self._kept.append(thing)
+        def answer(query: Any) -> None:
+            body = respond(query.payload.to_bytes()[4:])
+            query.reply(str(query.key_expr), CDR + body, attachment=query.attachment.to_bytes())
+            query.drop()
+
+        take = zenoh.handlers.Callback(answer, indirect=False)
+        self._kept.append(self.session.declare_queryable(self.key(name, type_and_hash), take, complete=True))
+        self.tell("SS", name, type_and_hash)
+
+    def call(self, name: str, type_and_hash: str, request: bytes) -> list[bytes]:
+        """Call a service; responses without CDR header are added to the returned list."""
+        responses: list[bytes] = []
+        gid = self.tell("SC", name, type_and_hash)
+
+        def take(reply: Any) -> None:
+            number, _, _, to = struct.unpack("<qqB16s", reply.ok.attachment.to_bytes())
+            assert (number, to) == (1, gid)
+            responses.append(reply.ok.payload.to_bytes()[4:])
+
+        querier = self.session.declare_querier(
+            self.key(name, type_and_hash),
+            target=zenoh.QueryTarget.ALL_COMPLETE,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=20.0,
+        )
+        self._kept.append(querier)
+        callback = zenoh.handlers.Callback(take, indirect=False)
+        querier.get(callback, payload=CDR + request, attachment=attachment(1, gid))
+        return responses
 
     def close(self) -> None:
         self.session.close()
@@ -90,7 +115,7 @@ def attachment(number: int, gid: bytes) -> bytes:
 
 
 class PlainPublisher:
-    """A publisher of Jazzy, or of Humble, which differs by `type_and_hash`."""
+    """Publisher of Jazzy, or of Humble, which differs by `type_and_hash`."""
 
     def __init__(self, peer: Peer, name: str, type_and_hash: str) -> None:
         self.peer, self.name = peer, name

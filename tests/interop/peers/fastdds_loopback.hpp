@@ -1,4 +1,4 @@
-// What the Fast DDS peers share: a participant that stays on loopback, and topics and QoS as rmw_fastrtps makes them.
+// Common part of the Fast DDS peers: a participant on loopback, and topics and QoS like those of rmw_fastrtps.
 #pragma once
 
 #include <cstdio>

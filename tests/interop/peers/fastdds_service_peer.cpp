@@ -1,13 +1,13 @@
 // The service example_interfaces/srv/AddTwoInts on Fast DDS 2.9, as rmw_fastrtps of Humble has it.
 //
-// Requests and replies are the bare messages. What belongs together is said by a "related sample identity" beside them,
+// Requests and replies are the bare messages. They are linked by a "related sample identity" in the inline QoS,
 // a GUID and a sequence number: a request names the client's reply reader (number unknown), a reply names that reader, or
 // the request writer if no reader was named, and the sequence number of the request. Fast DDS up to 2.9 knows one inline
 // QoS parameter for it, 0x800f, from any vendor; from 2.10 on it writes 0x0083 too.
 //
 // "serve DOMAIN SERVICE": prints READY and answers until killed.
 // "call DOMAIN SERVICE A B [A B]...": prints READY, waits for a server, sends up to ten requests at once and prints
-// "SUM <number>" for each, in the order given. Exits with 1 and a word on stderr when 10 s bring no server or no answer.
+// "SUM <number>" for each, in the order given. Exits with 1 and an error on stderr if there is no server or no reply for 10 s.
 // Loopback only.
 #include <chrono>
 #include <condition_variable>
@@ -24,7 +24,7 @@
 
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
-static constexpr std::chrono::seconds PATIENCE{10};
+static constexpr std::chrono::seconds TIMEOUT{10};
 
 // A struct of `count` int64, in little-endian CDR.
 template <size_t count>
@@ -125,7 +125,7 @@ public:
         requests_(publisher->create_datawriter(request_topic(service), writer_qos(false))) {}
 
   bool wait_for_server() {
-    for (const auto end = Clock::now() + PATIENCE; Clock::now() < end; std::this_thread::sleep_for(milliseconds(10))) {
+    for (const auto end = Clock::now() + TIMEOUT; Clock::now() < end; std::this_thread::sleep_for(milliseconds(10))) {
       PublicationMatchedStatus requests;
       SubscriptionMatchedStatus replies;
       requests_->get_publication_matched_status(requests);
@@ -146,7 +146,7 @@ public:
   // The sums that came, by the number of their request; fewer than `count` when time passed.
   std::map<uint64_t, std::int64_t> receive(size_t count) {
     std::map<uint64_t, std::int64_t> sums;
-    for (const auto end = Clock::now() + PATIENCE; sums.size() < count && Clock::now() < end;) {
+    for (const auto end = Clock::now() + TIMEOUT; sums.size() < count && Clock::now() < end;) {
       replies_->wait_for_unread_message({0, 100'000'000});
       Reply::Data reply;
       SampleInfo info;

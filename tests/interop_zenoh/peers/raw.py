@@ -1,8 +1,7 @@
-"""A node as rmw_zenoh_cpp makes it, spoken by hand on the Zenoh of its time: tokens, keys, attachments, CDR.
+"""Hand-written node like those of rmw_zenoh_cpp, on Zenoh of that time: tokens, keys, attachments, CDR.
 
-Nothing of ours is imported: what is written here is read from rmw_zenoh_cpp 0.2.10, whose configuration files have
-the values of CONFIG. Arguments: router, domain, hash of std_srvs/srv/SetBool; then a lease in ms, or "silent" for a
-server that never answers. Prints a line for what happens:
+It imports nothing of this package; the formats and CONFIG are those of rmw_zenoh_cpp 0.2.10. Arguments: router, domain,
+hash of std_srvs/srv/SetBool; then a lease in ms, or "silent" for a server that never answers. It prints lines:
 
     ready GID | heard DATA NUMBER GID | asked VALUE | answered SUCCESS TEXT | answered nothing | latched DATA
     token TEXT
@@ -63,7 +62,7 @@ def say(*words: object) -> None:
 
 
 def declare(kind: str, name: str, type_and_hash: str, qos: str) -> bytes:
-    """Tell of an endpoint of this node; its GID."""
+    """Declare the token of an endpoint; return its GID."""
     start = f"@ros2_lv/{DOMAIN}/{session.info.zid()}/0/{next(ids)}/{kind}/%/%/raw"
     token = f"{start}/{name.replace('/', '%')}/{type_and_hash}/{qos}"
     kept.append(session.liveliness().declare_token(token))
@@ -135,20 +134,18 @@ client_gid = declare("SC", "/ours/set", SET_BOOL, DEFAULT_SERVICE)
 
 
 def call(number: int, value: int) -> None:
-    answered = []
+    answers = []
 
     def on_reply(reply: zenoh.Reply) -> None:
         if reply.ok is None:
             return
-        data, (replied, _, _, to) = (
-            reply.ok.payload.to_bytes(),
-            struct.unpack("<qqB16s", reply.ok.attachment.to_bytes()),
-        )
+        data = reply.ok.payload.to_bytes()
+        replied, _, _, to = struct.unpack("<qqB16s", reply.ok.attachment.to_bytes())
         assert (replied, to) == (number, client_gid)
-        answered.append((data[4], text_of(data, 8)))
+        answers.append((data[4], text_of(data, 8)))
 
     def done() -> None:
-        say("answered", *(answered[0] if answered else ("nothing",)))
+        say("answered", *(answers[0] if answers else ("nothing",)))
 
     request = b"\0\1\0\0" + bytes([value])
     querier.get(
@@ -160,7 +157,7 @@ def on_latched(sample: zenoh.Sample) -> None:
     say("latched", text_of(sample.payload.to_bytes()))
 
 
-def publish_for_ever() -> None:
+def publish_forever() -> None:
     number = 0
     while True:
         number += 1
@@ -173,7 +170,7 @@ def on_token(sample: zenoh.Sample) -> None:
         say("token", sample.key_expr)
 
 
-threading.Thread(target=publish_for_ever, daemon=True).start()
+threading.Thread(target=publish_forever, daemon=True).start()
 say("ready", gid.hex())
 for number, line in enumerate(sys.stdin, 1):
     match line.split():

@@ -1,4 +1,4 @@
-"""zenoh-ros2-sdk as a peer: what it gets right are topics and services. Arguments and lines as of raw.py."""
+"""Peer on zenoh-ros2-sdk, whose topics and services are correct. Arguments and lines as in raw.py."""
 
 import sys
 import threading
@@ -9,7 +9,7 @@ from zenoh_ros2_sdk import ROS2Publisher, ROS2ServiceClient, ROS2ServiceServer, 
 ROUTER, DOMAIN, SERVICE_HASH = sys.argv[1:4]
 HOST, PORT = ROUTER.removeprefix("tcp/").split(":")
 WHERE = {"domain_id": int(DOMAIN), "router_ip": HOST, "router_port": int(PORT)}
-# With definitions and hashes it fetches nothing from elsewhere.
+# With definitions and hashes it downloads nothing.
 STRING = {
     "msg_type": "std_msgs/msg/String",
     "msg_definition": "string data",
@@ -44,7 +44,7 @@ def serve(request):
 server = ROS2ServiceServer("/peer/set", callback=serve, **SET_BOOL, **WHERE)
 
 
-def publish_for_ever() -> None:
+def publish_forever() -> None:
     number = 0
     while True:
         number += 1
@@ -52,7 +52,7 @@ def publish_for_ever() -> None:
         time.sleep(0.05)
 
 
-threading.Thread(target=publish_for_ever, daemon=True).start()
+threading.Thread(target=publish_forever, daemon=True).start()
 say("ready", publisher.publisher_gid.hex())
 for line in sys.stdin:
     match line.split():

@@ -1,4 +1,4 @@
-"""pyzeros as a peer: what it gets right are topics, services and tokens. Arguments and lines as of raw.py."""
+"""Peer on pyzeros, whose topics, services and tokens are correct. Arguments and lines as in raw.py."""
 
 import asyncio
 import sys

@@ -1,4 +1,4 @@
-"""Whose a request or a reply is on DDS, by bytes and GUIDs alone (docs/internals/protocol.md 5)."""
+"""Identification of requests and replies on DDS by bytes and GUIDs (docs/internals/protocol.md 5)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A world on Zenoh, and a peer in it that is spoken by hand."""
+"""World on Zenoh, and a hand-written peer in it."""
 
 from __future__ import annotations
 
@@ -14,13 +14,11 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def zenoh(monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
-    """A world on Zenoh."""
     yield from world_on_zenoh(monkeypatch)
 
 
 @pytest.fixture
 def peer(zenoh: World) -> Iterator[Peer]:
-    """A peer that sees the nodes of that world."""
     made = Peer()
     yield made
     made.close()

@@ -1,4 +1,4 @@
-"""What sessions and routers are opened with: docs/internals/zenoh.md 1.2, 1.3, 1.7."""
+"""Configuration of sessions and routers: docs/internals/zenoh.md 1.2, 1.3, 1.7."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from rosidl_py_gen.runtime.transport.zenoh.router import ZenohRouter
 if TYPE_CHECKING:
     from pathlib import Path
 
-# Where rmw_zenoh_cpp 0.2.10's files differ from what Zenoh 1.10 does when nothing is said.
+# Differences of the files of rmw_zenoh_cpp 0.2.10 from the defaults of Zenoh 1.10.
 BOTH = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/target": {"router": ["router", "peer"], "peer": ["router"]},
@@ -148,18 +148,18 @@ def test_pairs_of_the_override_variable_win() -> None:
     ],
 )
 def test_a_wrong_pair_is_left_out_with_a_warning(pair: str, warning: str) -> None:
-    said: list[str] = []
-    config = session_config({"ZENOH_CONFIG_OVERRIDE": f"{pair};transport/link/tx/lease=5000"}, said.append)
-    assert said == [warning]
+    warnings: list[str] = []
+    config = session_config({"ZENOH_CONFIG_OVERRIDE": f"{pair};transport/link/tx/lease=5000"}, warnings.append)
+    assert warnings == [warning]
     assert values(config, ["mode", "transport/link/tx/lease"]) == {"mode": "peer", "transport/link/tx/lease": 5000}
 
 
 @given(st.text())
-@example("a/b=" + "[" * 100_000)  # ends the process when Zenoh gets to see it
+@example("a/b=" + "[" * 100_000)  # crashes the parser of Zenoh
 def test_no_override_raises_anything(text: str) -> None:
-    said: list[str] = []
-    session_config({"ZENOH_CONFIG_OVERRIDE": text}, said.append)
-    assert all(len(sentence) < 1000 for sentence in said)
+    warnings: list[str] = []
+    session_config({"ZENOH_CONFIG_OVERRIDE": text}, warnings.append)
+    assert all(len(sentence) < 1000 for sentence in warnings)
 
 
 @pytest.mark.parametrize(
@@ -195,10 +195,10 @@ def test_a_wrong_endpoint_is_named() -> None:
 
 
 def test_a_machine_without_ipv6_listens_on_ipv4(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[list[str]] = []
+    requested: list[list[str]] = []
 
     def stop(*_: object, listen: list[str], connect: list[str]) -> None:
-        asked.append(listen)
+        requested.append(listen)
         raise ZenohConfigError("far enough")
 
     def no_ipv6(*_: object) -> None:
@@ -212,4 +212,4 @@ def test_a_machine_without_ipv6_listens_on_ipv4(monkeypatch: pytest.MonkeyPatch)
     for listen in ([], ["tcp/127.0.0.1:0"]):
         with pytest.raises(ZenohConfigError):
             ZenohRouter({}, refuse, listen=listen)
-    assert asked == [[], ["tcp/127.0.0.1:0"], ["tcp/0.0.0.0:7447"], ["tcp/127.0.0.1:0"]]
+    assert requested == [[], ["tcp/127.0.0.1:0"], ["tcp/0.0.0.0:7447"], ["tcp/127.0.0.1:0"]]

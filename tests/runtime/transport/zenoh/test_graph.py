@@ -1,4 +1,4 @@
-"""What a graph makes of tokens, also of those that no ROS node would declare."""
+"""Graph of liveliness tokens, also of such that no ROS node would declare."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ ODD = [
 
 
 def there(graph: TokenGraph) -> set[bytes]:
-    """The GUIDs that were found and not lost, of a graph that nobody has asked yet."""
+    """Return the GUIDs that were discovered and not lost."""
     guids: set[bytes] = set()
     for event in graph.events():
         if isinstance(event, ParticipantDiscovered | DiscoveredEndpoint):
@@ -51,9 +51,9 @@ def there(graph: TokenGraph) -> set[bytes]:
 
 
 @given(st.lists(st.tuples(st.booleans(), st.sampled_from(ODD), st.booleans())))
-def test_tokens_in_any_order_raise_nothing_and_leave_nothing(news: list[tuple[bool, str, bool]]) -> None:
+def test_tokens_in_any_order_raise_nothing_and_leave_nothing(changes: list[tuple[bool, str, bool]]) -> None:
     graph = TokenGraph("ff", "/")
-    for is_there, text, is_read in news:
+    for is_there, text, is_read in changes:
         graph.on_token(is_there, text)
         if is_read:
             graph.read()

@@ -1,4 +1,4 @@
-"""Subscriptions of messages with an unbounded array of bytes, for which publishers of Lyrical have keys of their own.
+"""Subscriptions of messages with an unbounded array of bytes, which publishers of Lyrical send on other keys.
 
 The publisher chooses the key as rmw_zenoh_cpp 0.10.5 does (rmw_publisher_data.cpp, `publish` and
 `on_subscriber_discovered`; docs/internals/zenoh.md 9.2 to 9.4).
@@ -38,7 +38,7 @@ def bytes_message(*values: int) -> bytes:
 
 
 class LyricalPublisher(PlainPublisher):
-    """One that is buffer-aware: every subscription it knows is of its group of the CPU, or has a key of its own."""
+    """Buffer-aware publisher: a subscription belongs to its CPU group, or gets samples on a separate key."""
 
     def __init__(self, peer: Peer, name: str, type_and_hash: str) -> None:
         super().__init__(peer, name, type_and_hash)
@@ -79,18 +79,18 @@ def test_messages_with_an_unbounded_array_of_bytes_are_known_by_their_fields(cls
 async def test_a_publisher_of_lyrical_reaches_our_subscriptions(zenoh: World, peer: Peer) -> None:
     subscription = zenoh.node("ours").create_subscription(UInt8MultiArray, "/bytes")
     publisher = LyricalPublisher(peer, "/bytes", BYTES)
-    publisher.publish(bytes_message(0))  # may be too early for it to know anybody
+    publisher.publish(bytes_message(0))  # before it knows a subscription
     await until(lambda: len(peer.of_others("MS", "/bytes")) == 1)
-    next(publisher.numbers)  # its numbers have gaps: they are of all its keys together
+    next(publisher.numbers)  # its numbers have gaps: they count the samples of all keys
     publisher.publish(bytes_message(1, 2))
     publisher.publish_serialized(bytes_message(3))
     publisher.publish(bytes_message(4))
-    found: list[list[int]] = []
-    while not found or found[-1] != [4]:
+    received: list[list[int]] = []
+    while not received or received[-1] != [4]:
         message, info = await subscription.receive_with_info(5)
         assert info.publisher_gid == publisher.gid
-        found.append(list(message.data))
-    assert found[-3:] == [[1, 2], [3], [4]] and found[:-3] in ([], [[0]])
+        received.append(list(message.data))
+    assert received[-3:] == [[1, 2], [3], [4]] and received[:-3] in ([], [[0]])
 
 
 async def test_without_the_last_chunk_of_its_token_a_subscription_would_hear_nothing(zenoh: World, peer: Peer) -> None:
@@ -142,25 +142,28 @@ async def test_only_volatile_subscriptions_of_such_messages_say_what_they_take(
 async def test_such_messages_of_jazzy_and_of_ours_arrive_once(zenoh: World, peer: Peer) -> None:
     alice, bob = zenoh.pair()
     subscription = alice.create_subscription(UInt8MultiArray, "/bytes")
-    among_us, theirs = bob.create_publisher(UInt8MultiArray, "/bytes"), PlainPublisher(peer, "/bytes", BYTES)
-    assert await among_us.wait_for_subscribers(5)
+    own_publisher, peer_publisher = (
+        bob.create_publisher(UInt8MultiArray, "/bytes"),
+        PlainPublisher(peer, "/bytes", BYTES),
+    )
+    assert await own_publisher.wait_for_subscribers(5)
     await until(lambda: len(peer.of_others("MS", "/bytes")) == 1 and alice.count_publishers("/bytes") == 2)
     for number in range(3):
-        among_us.publish(UInt8MultiArray(data=[number]))
+        own_publisher.publish(UInt8MultiArray(data=[number]))
     assert [list((await subscription.receive(5)).data) for _ in range(3)] == [[0], [1], [2]]
     for number in range(3):
-        theirs.publish(bytes_message(number))
+        peer_publisher.publish(bytes_message(number))
     assert [list((await subscription.receive(5)).data) for _ in range(3)] == [[0], [1], [2]]
 
 
 async def test_our_publishers_reach_subscriptions_of_lyrical(zenoh: World, peer: Peer) -> None:
-    heard: list[bytes] = []
+    received: list[bytes] = []
     for key in (peer.key("/bytes", BYTES), f"{peer.key('/bytes', BYTES)}/_buf_cpu"):
-        peer.listen(key, heard)
+        peer.listen(key, received)
     peer.tell("MS", "/bytes", BYTES, f"{PLAIN}/backends:cpu:")
     publisher = zenoh.node("ours").create_publisher(UInt8MultiArray, "/bytes")
     assert await publisher.wait_for_subscribers(5)
     publisher.publish(UInt8MultiArray(data=[1]))
     publisher.publish(UInt8MultiArray(data=[2]))
-    await until(lambda: len(heard) >= 2)
-    assert heard == [bytes_message(1), bytes_message(2)]
+    await until(lambda: len(received) >= 2)
+    assert received == [bytes_message(1), bytes_message(2)]

@@ -1,4 +1,4 @@
-"""What a participant does when Zenoh refuses something."""
+"""Participants when Zenoh refuses an operation."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SERVICE = ServiceSpec("/s", "p/srv/X", "", "", "")
 
 
 class Session:
-    """A session of Zenoh that does nothing, and refuses the functions of the names in `refused`."""
+    """Session of Zenoh that does nothing and refuses the functions in `refused`."""
 
     def __init__(self) -> None:
         self.refused: set[str] = set()
@@ -101,17 +101,17 @@ def test_a_session_is_closed_whatever_zenoh_refuses_to_undeclare() -> None:
 
 
 def test_what_arrives_after_the_end_is_written_nowhere() -> None:
-    arrivals = ReadySinks()
-    arrivals.put(lambda: None)
-    watched = arrivals.fileno()
+    ready = ReadySinks()
+    ready.put(lambda: None)
+    watched = ready.fileno()
     assert watched is not None and select.select([watched], [], [], 0)[0]
-    assert len(arrivals.take()) == 1 and not select.select([watched], [], [], 0)[0]
-    arrivals.close()
+    assert len(ready.take()) == 1 and not select.select([watched], [], [], 0)[0]
+    ready.close()
     pipes = [os.pipe()]
-    while watched not in pipes[-1]:  # the same numbers again; lower ones may have become free meanwhile
+    while watched not in pipes[-1]:  # until the number is reused
         pipes.append(os.pipe())
     pipes.append(os.pipe())
-    arrivals.put(lambda: None)
+    ready.put(lambda: None)
     try:
         assert not select.select([reading for reading, _ in pipes], [], [], 0)[0]
     finally:
@@ -120,23 +120,23 @@ def test_what_arrives_after_the_end_is_written_nowhere() -> None:
 
 
 def test_what_arrives_while_another_way_to_tell_is_set_is_told() -> None:
-    arrivals, told = ReadySinks(), []
+    ready, calls = ReadySinks(), []
 
-    class Meanwhile(deque[Any]):
-        """Another thread puts something just after somebody has looked."""
+    class Changing(deque[Any]):
+        """Another thread adds a sink just after the length was read."""
 
         def __len__(self) -> int:
-            found = super().__len__()
-            if not self.was_looked_at:
-                self.was_looked_at = True
-                arrivals.put(lambda: None)
-            return found
+            length = super().__len__()
+            if not self.was_read:
+                self.was_read = True
+                ready.put(lambda: None)
+            return length
 
-        was_looked_at = False
+        was_read = False
 
-    arrivals.put(lambda: None)
-    arrivals._ready.clear()  # the loop that was told is gone
-    arrivals._ready = Meanwhile()
-    arrivals.set_wakeup(lambda: told.append(1))
-    assert told and len(arrivals.take()) == 1
-    arrivals.close()
+    ready.put(lambda: None)
+    ready._ready.clear()  # by a loop that is gone
+    ready._ready = Changing()
+    ready.set_wakeup(lambda: calls.append(1))
+    assert calls and len(ready.take()) == 1
+    ready.close()

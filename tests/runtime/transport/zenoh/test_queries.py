@@ -1,10 +1,10 @@
-"""Requests and responses as queries of Zenoh: what is kept of them, and what strange peers do."""
+"""Requests and responses as queries of Zenoh, also with peers that misbehave."""
 
 from __future__ import annotations
 
 import asyncio
 import threading
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from example_interfaces.action import Fibonacci
@@ -17,14 +17,11 @@ from rosidl_py_gen.runtime import CallTimeoutError, ServerLostError
 from rosidl_py_gen.runtime.transport.zenoh import services
 from rosidl_py_gen.runtime.transport.zenoh.attachment import pack
 
-if TYPE_CHECKING:
-    pass
-
 GID = bytes(range(16))
 
 
 class Pair:
-    """A server that answers nothing by itself, and its client."""
+    """Server that the test answers for, and its client."""
 
     def __init__(self, world: World) -> None:
         self.node = world.node("server")
@@ -40,8 +37,7 @@ class Pair:
     def call(self, timeout_s: float | None = 20) -> asyncio.Future[Any]:
         return asyncio.ensure_future(self.client.call(AddTwoInts.Request(a=1, b=2), timeout_s=timeout_s))
 
-    async def asked(self) -> tuple[tuple[bytes, int], Any]:
-        """The first request that arrives, for the test to answer."""
+    async def first_request(self) -> tuple[tuple[bytes, int], Any]:
         await until(lambda: self.reader._queries)
         identity = next(iter(self.reader._queries))
         return identity, self.reader.pop_query(identity)
@@ -59,7 +55,7 @@ async def test_calls_that_are_given_up_leave_nothing_in_zenoh(pair: Pair) -> Non
     assert not pair.replies._in_flight
     for number in range(200):
         calling = pair.call()
-        await asyncio.sleep(0.0001 * (number % 10))  # at every stage of a call, wherever that is
+        await asyncio.sleep(0.0001 * (number % 10))  # at every stage of a call
         calling.cancel()
     await until(lambda: not pair.replies._in_flight)
     assert pair.client.in_flight_count == 0
@@ -93,7 +89,7 @@ async def test_closing_a_client_with_calls_under_way_cancels_them(pair: Pair) ->
 
 async def test_an_error_in_place_of_a_response_is_told(pair: Pair) -> None:
     calling = pair.call()
-    _, query = await pair.asked()
+    _, query = await pair.first_request()
     query.reply_err(b"no \x1b[31mnumbers" + 1000 * b"!")
     query.drop()
     with pytest.raises(ServerLostError, match=r"server of /add answered with an error: no  \[31mnumbers!+\Z") as caught:
@@ -115,7 +111,7 @@ async def test_only_calls_without_a_limit_have_that_of_zenoh_and_results_of_acti
     assert (await limited).sum == 3
 
     async def execute(goal: Any) -> Any:
-        await asyncio.sleep(0.5)  # longer than Zenoh's limit, which nothing tells us of
+        await asyncio.sleep(0.5)  # longer than the timeout of Zenoh
         return Fibonacci.Result(sequence=[1])
 
     pair.node.create_action_server(Fibonacci, "fibonacci", execute)
@@ -125,7 +121,7 @@ async def test_only_calls_without_a_limit_have_that_of_zenoh_and_results_of_acti
 
 
 async def test_a_response_counts_that_comes_after_the_news_that_its_server_is_gone(pair: Pair) -> None:
-    """Zenoh sends tokens before replies, whichever was first."""
+    # Zenoh sends tokens before replies, even if the reply was first.
     calling = pair.call()
     await until(lambda: pair.reader._queries)
     caller: Any = pair.client._scope.participant
@@ -133,7 +129,7 @@ async def test_a_response_counts_that_comes_after_the_news_that_its_server_is_go
     caller.graph.on_token(False, token)
     caller.report_discovery()
     await until(lambda: not pair.client._servers())
-    for _ in range(5):  # the client looks for what is lost in a callback of the loop
+    for _ in range(5):  # the client checks for lost requests in a callback of the loop
         await asyncio.sleep(0)
     request = await anext(pair.server)
     request.respond(AddTwoInts.Response(sum=3))
@@ -147,7 +143,7 @@ async def test_a_response_without_content_is_no_lost_server_but_one_without_head
     pair: Pair, data: bytes, error: type[Exception]
 ) -> None:
     calling = pair.call()
-    (gid, number), query = await pair.asked()
+    (gid, number), query = await pair.first_request()
     query.reply(pair.key, data, attachment=pack(number, 1, gid))
     query.drop()
     with pytest.raises(error):
@@ -163,10 +159,11 @@ async def test_a_request_without_header_is_not_kept(pair: Pair) -> None:
     assert list(pair.reader._queries) == [(GID, 2)]
 
 
-async def test_of_large_requests_that_nobody_answers_the_oldest_are_given_up(
-    pair: Pair, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("limit", "value"), [("_MAX_BYTES", 45), ("_MAX_QUERIES", 2)])  # a request has 20 bytes
+async def test_of_many_requests_that_nobody_answers_the_oldest_are_given_up(
+    pair: Pair, monkeypatch: pytest.MonkeyPatch, limit: str, value: int
 ) -> None:
-    monkeypatch.setattr(services, "_MAX_BYTES", 45)  # a request has 20
+    monkeypatch.setattr(services, limit, value)
     assert await pair.client.wait_for_service(5)
     calls = [pair.call() for _ in range(4)]
     requests = [await anext(pair.server) for _ in range(4)]
@@ -188,23 +185,27 @@ async def test_a_forked_child_touches_no_query(pair: Pair) -> None:
     pair.reader.close()
     pair.replies.cancel(1)
     assert not pair.reader._queries and not pair.replies._in_flight
-    await asyncio.sleep(0.1)  # in which an answer would come, of which we cannot know that it does not
+    await asyncio.sleep(0.1)  # a response would arrive in this time
     assert not calling.done()
     calling.cancel()
 
 
-async def test_what_arrives_without_attachment_is_logged_on_the_thread_of_the_loop(
+async def test_samples_without_attachment_are_dropped_with_a_word(
     zenoh: World, caplog: pytest.LogCaptureFixture
 ) -> None:
     node = zenoh.node("n")
     subscription = node.create_subscription(String, "t")
     session: Any = node._scope.participant.session  # type: ignore[attr-defined]
-    key = f"{node.context.domain_id}/t/std_msgs::msg::dds_::String_/{String._TYPE.hash}"
-    data = String(data="x").encode()
-    while "found none" not in caplog.text:  # at most one a second is logged, also of other tests
+    key, data = (
+        f"{node.context.domain_id}/t/std_msgs::msg::dds_::String_/{String._TYPE.hash}",
+        String(data="x").encode(),
+    )
+    while "expected an attachment of 33 bytes, found none" not in caplog.text:  # at most one per second is logged
         await asyncio.to_thread(session.put, key, data)
         await asyncio.sleep(0.1)
-    await asyncio.to_thread(session.put, key, data, attachment=pack(1, 1, GID))
+    for payload, attachment in ((data, b"\x01" * 33), (b"", pack(1, 1, GID)), (data, pack(2, 1, GID))):
+        await asyncio.to_thread(session.put, key, payload, attachment=attachment)
     assert (await subscription.receive(5)).data == "x"
+    assert len(subscription._items) == 0
     threads = {record.thread for record in caplog.records if "found none" in record.getMessage()}
-    assert threads == {threading.get_ident()}
+    assert threads == {threading.get_ident()}  # the loop's

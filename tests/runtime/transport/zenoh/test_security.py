@@ -1,6 +1,6 @@
-"""Nobody gets in without certificate or password: the configurations that docs/guide/zenoh.md shows, word for word.
+"""Access only with certificate or password, by the configurations of docs/guide/zenoh.md.
 
-Certificates are made here. Everything is on loopback; sessions are bare ones of Zenoh: what is tried is who may join.
+Everything is on loopback; sessions are plain ones of Zenoh.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def issue(folder: Path, ca: trustme.CA, name: str) -> None:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Stands for /etc/robot; a stranger has a certificate of another authority."""
+    """Folder in place of /etc/robot; the stranger has a certificate of another authority."""
     made = tmp_path_factory.mktemp("robot")
     ca = trustme.CA()
     ca.cert_pem.write_to_path(str(made / "ca.pem"))
@@ -50,12 +50,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class Guarded:
-    """A router and sessions with the page's files, changed as a test says: (what is there, what takes its place)."""
+    """Router and sessions with the files of the page, with changes (old text, new text)."""
 
     def __init__(self, folder: Path, stack: ExitStack, *changes: tuple[str, str]) -> None:
         self.folder, self.stack = folder, stack
         path = self.write("router.json5", ROUTER, ("[::]:7447", "127.0.0.1:0"), *changes)
-        # Sessions find the port here; the page's router tells nothing of itself.
+        # The router of the page has no admin space, which tells its port.
         environ = {"ZENOH_ROUTER_CONFIG_URI": path, "ZENOH_CONFIG_OVERRIDE": "adminspace/enabled=true"}
         router = stack.enter_context(ZenohRouter(environ, refuse))
         self.port = router.endpoints[0].rpartition(":")[2]
@@ -80,7 +80,6 @@ def stack() -> Iterator[ExitStack]:
 
 
 def exchange(one: zenoh.Session, other: zenoh.Session) -> None:
-    """Data goes from one to the other."""
     answering = other.declare_queryable("a/b", lambda query: query.reply("a/b", b"hello"))
     asking = one.declare_querier("a/b", timeout=10)
     deadline = time.monotonic() + 10

@@ -44,7 +44,7 @@ WRITER = EndpointToken(NODE, 10, EntityKind.PUBLISHER, "/chatter", STRING, HASH,
 
 
 def announced(profile: QoSProfile) -> QoSProfile:
-    """The profile with what rmw_zenoh_cpp puts in place of what was left open."""
+    """Return the profile with the defaults of rmw_zenoh_cpp for undetermined values."""
     return replace(
         profile,
         history=profile.history or History.KEEP_LAST,
@@ -84,7 +84,7 @@ def test_numbers_that_are_the_default_are_left_out(profile: QoSProfile, text: st
 @pytest.mark.parametrize(
     ("text", "profile"),
     [
-        # As other implementations write them: defaults written out, and what no profile can hold.
+        # Texts of other implementations: explicit defaults, and values that no profile can contain.
         ("1:2:1,42:9223372036,854775807:9223372036,854775807:1,9223372036,854775807", announced(DEFAULT.keep_last(42))),
         ("::,0:,:,:,,", announced(DEFAULT.keep_last(42))),
         ("::,18446744073709551615:,:,:,,", announced(DEFAULT.keep_last(MAX_DEPTH))),
@@ -218,7 +218,7 @@ def test_a_token_without_one_of_its_chunks_is_not_read(place: int, chunk: str | 
         (2, "0" * 33),
         (2, "0x1"),
         (2, "0"),
-        (2, "01a"),  # another text of the session 1a would stand for the same GUID
+        (2, "01a"),  # it would have the GUID of session 1a
         (3, "1.0"),
         (4, "9" * 5000),
         (5, "XX"),

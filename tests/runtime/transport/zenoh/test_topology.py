@@ -1,4 +1,4 @@
-"""Nodes past one router: routers in a line, as on three machines, and a router that ends and comes back."""
+"""Nodes with several routers: a line of three, and a router that stops and restarts."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def router(stack: ExitStack, listen: str = "tcp/127.0.0.1:0", connect: tuple[str
 
 @pytest.fixture
 def node_at(monkeypatch: pytest.MonkeyPatch, stack: ExitStack) -> Callable[..., Node]:
-    """Makes nodes that go to a router of the test's own; they close before it does."""
+    """Function that creates a node at a router of the test; nodes are closed before routers."""
     world = World("zenoh")
     stack.callback(world.close)
 
@@ -75,10 +75,10 @@ async def test_nodes_go_on_without_their_router_and_meet_others_when_it_is_back(
     publisher, subscription = talker.create_publisher(String, "/talk"), listener.create_subscription(String, "/talk")
     assert await publisher.wait_for_subscribers(10)
     here, there = (node._scope.participant.session.info for node in (talker, listener))  # type: ignore[attr-defined]
-    await until(lambda: there.zid() in here.peers_zid(), 10)  # not only through the router
+    await until(lambda: there.zid() in here.peers_zid(), 10)  # a direct link
     gone.close()
     receiving = asyncio.ensure_future(subscription.receive(10))
-    while not receiving.done():  # that way may be known a moment later
+    while not receiving.done():  # the direct link may be used later
         publisher.publish(String(data="alone"))
         await asyncio.wait([receiving], timeout=0.2)
     assert receiving.result().data == "alone"
