@@ -64,7 +64,6 @@ CASES = [
         ),
     ),
     Case("add_server", (Graph(), Call("/flip", SET, {"data": True}), Call("/flip", SET, {"data": False}), Interrupt())),
-    Case("call_itself", (), unordered=True),
     Case(
         "parameters",
         (
@@ -77,11 +76,9 @@ CASES = [
     ),
     Case("polling", (Publish("/in", INT, tuple({"data": n} for n in range(5))), Printed("sum 10"), Graph())),
     Case("latched", (Receive("/map", STRING, 1, LATCHED), Graph(), Interrupt())),
-    Case("logging_calls"),
     Case("exceptions", (Publish("/in", INT, ({"data": 1}, {"data": 0})),)),
     Case("threads", (Receive("/count", INT, 3), Interrupt()), unordered=True),
     Case("async_callbacks", (Call("/double", SET, {"data": True}), Interrupt())),
-    Case("futures"),
     Case("without_init"),
     Case(
         "lamp",

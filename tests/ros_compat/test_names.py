@@ -18,20 +18,20 @@ from support.record_rclpy_names import RECORD
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "rclpy.md"
 REAL: dict[str, dict[str, Any]] = json.loads(RECORD.read_text(encoding="utf-8"))
 MISSING = {
-    "functions of C, which no handle of ours has": (
+    "functions of C handles": (
         "rclpy.clock.ClockHandle.add_clock_callback",
         "rclpy.clock.ClockHandle.remove_clock_callback",
         "rclpy.impl.implementation_singleton.import_c_library",
     ),
-    "count what C's logging needs, which is not there": (
+    "state of C logging": (
         "rclpy.context.g_logging_configure_lock",
         "rclpy.context.g_logging_ref_count",
     ),
-    "the service is served below rclpy and ends with its node": (
+    "the runtime serves this service, which ends with its node": (
         "rclpy.type_description_service.GetTypeDescription",
         "rclpy.type_description_service.TypeDescriptionService.destroy",
     ),
-    "what a module imports for its own lines, and is imported elsewhere by its own name": (
+    "private imports of a module, available under their own names": (
         "rclpy.clock.TYPE_CHECKING",
         "rclpy.event_handler.rclpy",
         "rclpy.experimental.events_executor.rclpy",
@@ -40,23 +40,23 @@ MISSING = {
         "rclpy.qos_overriding_options.rclpy",
         "rclpy.utilities.ament_index_python",
     ),
-    "a name for checkers of types inside of the class": ("rclpy.exceptions.InvalidParameterTypeException.Parameter",),
+    "a name for type checkers inside the class": ("rclpy.exceptions.InvalidParameterTypeException.Parameter",),
 }
 """Reason -> names of rclpy that ours does not have."""
 OTHER_VALUES = {
-    "an enumeration of names; its numbers are used in C only": tuple(
+    "an enumeration whose numbers only C code uses": tuple(
         f"rclpy.action.server.GoalEvent.{name}" for name in ("ABORT", "CANCELED", "CANCEL_GOAL", "EXECUTE", "SUCCEED")
     ),
 }
 """Reason -> constants whose values differ."""
 MORE = {
-    "parts of `rclpy.node` and `rclpy.action.server`, in files of their own": (
+    "moved out of `rclpy.node` and `rclpy.action.server`": (
         "rclpy.action.server_goal",
         "rclpy.node_entities",
         "rclpy.node_graph",
         "rclpy.node_parameters",
     ),
-    "what stands where rclpy has C, in files of their own": (
+    "replacements of C code": (
         "rclpy.handles",
         "rclpy.handling",
         "rclpy.impl.action_endpoints",
@@ -68,7 +68,7 @@ MORE = {
         "rclpy.ready_scan",
         "rclpy.task.EntityTask",
     ),
-    "what stands where rclpy has classes and functions of C": (
+    "replacements of C classes and functions": (
         "rclpy.clock.ClockHandle.is_valid",
         "rclpy.context.mark_all_shut_down",
         "rclpy.context.refused_arguments",
@@ -84,14 +84,14 @@ MORE = {
         "rclpy.timer.TimerHandle",
         "rclpy.waitable.WaitSet",
     ),
-    "all handles of C have it but that of a clock": ("rclpy.clock.ClockHandle.pointer",),
-    "names of types for checkers": (
+    "attribute of all C handles except that of a clock": ("rclpy.clock.ClockHandle.pointer",),
+    "type aliases": (
         "rclpy.clock.AnyClockType",
         "rclpy.lifecycle.node.Described",
         "rclpy.time.AnyClockType",
     ),
-    "a value of the middleware that rclpy has no name for": ("rclpy.qos.RMW_QOS_DEADLINE_BEST_AVAILABLE",),
-    "there under `rclpy.executors` in rclpy": ("rclpy.task.await_or_execute",),
+    "a value of the middleware without a name in rclpy": ("rclpy.qos.RMW_QOS_DEADLINE_BEST_AVAILABLE",),
+    "defined in `rclpy.executors` in rclpy": ("rclpy.task.await_or_execute",),
     "fields with a default, which rclpy sets in constructors": (
         "rclpy.clock.JumpThreshold.on_clock_change",
         *(
@@ -105,7 +105,7 @@ MORE = {
         ),
         "rclpy.event_handler.SubscriptionEventCallbacks.use_default_callbacks",
     ),
-    "fields that a namedtuple made by a call has as well, unrecorded": tuple(
+    "fields of a namedtuple, which are not recorded": tuple(
         f"rclpy.impl.rcutils_logger.CallerId.{name}"
         for name in ("file_path", "function_name", "last_index", "line_number")
     ),

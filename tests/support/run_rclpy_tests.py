@@ -35,29 +35,29 @@ from rosidl_py_gen import install_import_hook
 sys.argv[1:] = []
 install_import_hook(message_api="rclpy", override_installed=True, path={paths!r})
 """
-_C = "a class of C, not there in ours"
+_C = "a class of C that ours does not have"
 REASONS = {
     "test_client.py": {"test_service_timestamps": "it takes a request from the service's handle of C"},
     "test_lifecycle.py": {"test_lifecycle_node_init": "it asks the state machine of C for the services that it serves"},
     "test_node.py": {"test_take": "it takes a message from the subscription's handle of C"},
     "test_qos_event.py": {
-        "test_call_publisher_rclpy_event_apis": f"it makes a `WaitSet`: {_C}",
-        "test_call_publisher_rclpy_event_matched": f"it makes a `WaitSet`: {_C}",
-        "test_call_subscription_rclpy_event_apis": f"it makes a `WaitSet`: {_C}",
-        "test_call_subscription_rclpy_event_matched_unmatched": f"it makes a `WaitSet`: {_C}",
-        "test_publisher_event_create_destroy": f"it makes an `EventHandle`: {_C}",
-        "test_subscription_event_create_destroy": f"it makes an `EventHandle`: {_C}",
+        "test_call_publisher_rclpy_event_apis": f"it creates a `WaitSet`: {_C}",
+        "test_call_publisher_rclpy_event_matched": f"it creates a `WaitSet`: {_C}",
+        "test_call_subscription_rclpy_event_apis": f"it creates a `WaitSet`: {_C}",
+        "test_call_subscription_rclpy_event_matched_unmatched": f"it creates a `WaitSet`: {_C}",
+        "test_publisher_event_create_destroy": f"it creates an `EventHandle`: {_C}",
+        "test_subscription_event_create_destroy": f"it creates an `EventHandle`: {_C}",
     },
-    "test_topic_endpoint_info.py": {"test_qos_profile_only_constructor": f"it makes an `rmw_qos_profile_t`: {_C}"},
+    "test_topic_endpoint_info.py": {"test_qos_profile_only_constructor": f"it creates an `rmw_qos_profile_t`: {_C}"},
     "test_type_description_service.py": {
         "test_get_type_description": "it sends an object as a string; rclpy 7.1.5 fails it as well"
     },
     "test_waitable.py": {
-        "test_waitable_with_client": f"it makes a `Client`: {_C}",
-        "test_waitable_with_guard_condition": f"it makes a `GuardCondition`: {_C}",
-        "test_waitable_with_server": f"it makes a `Service`: {_C}",
-        "test_waitable_with_subscription": f"it makes a `Subscription`: {_C}",
-        "test_waitable_with_timer": f"it makes a `Timer`: {_C}",
+        "test_waitable_with_client": f"it creates a `Client`: {_C}",
+        "test_waitable_with_guard_condition": f"it creates a `GuardCondition`: {_C}",
+        "test_waitable_with_server": f"it creates a `Service`: {_C}",
+        "test_waitable_with_subscription": f"it creates a `Subscription`: {_C}",
+        "test_waitable_with_timer": f"it creates a `Timer`: {_C}",
     },
 }
 """File -> test that ours does not pass -> why."""

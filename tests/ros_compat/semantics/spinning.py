@@ -107,58 +107,6 @@ def order():
     print(got)
 
 
-def callback_raises():
-    def cb(m):
-        raise KeyError("x")
-
-    node.create_subscription(String, "t", cb, 10)
-    pub = node.create_publisher(String, "t", 10)
-    connected(pub)
-    pub.publish(String())
-    show(lambda: spin_until(lambda: False, limit=2))
-    pub.publish(String())
-    show(lambda: spin_until(lambda: False, limit=2))
-    print(node.get_name())
-
-
-def multi_raises():
-    ex = MultiThreadedExecutor(2)
-    ex.add_node(node)
-
-    def cb():
-        raise KeyError("x")
-
-    node.create_timer(0.1, cb)
-
-    def go():
-        end = time.time() + 5
-        while time.time() < end:
-            ex.spin_once(timeout_sec=0.2)
-
-    show(go)
-
-
-def service_raises():
-    def serve(q, r):
-        raise ValueError("no")
-
-    node.create_service(SetBool, "add", serve)
-    cli = node.create_client(SetBool, "add")
-    cli.wait_for_service(10)
-    f = cli.call_async(SetBool.Request())
-    show(lambda: rclpy.spin_until_future_complete(node, f, timeout_sec=3))
-    rclpy.spin_until_future_complete(node, f, timeout_sec=0.5)
-    print(f.done(), f.result())
-
-
-def service_none():
-    node.create_service(SetBool, "add", lambda q, r: None)
-    cli = node.create_client(SetBool, "add")
-    cli.wait_for_service(10)
-    f = cli.call_async(SetBool.Request())
-    show(lambda: rclpy.spin_until_future_complete(node, f, timeout_sec=3))
-
-
 def service_async():
     async def serve(q, r):
         r.message = str(q.data)
@@ -170,18 +118,6 @@ def service_async():
     f = cli.call_async(SetBool.Request(data=True))
     rclpy.spin_until_future_complete(node, f, timeout_sec=3)
     print(f.result().message)
-
-
-def call_without_server():
-    cli = node.create_client(SetBool, "none")
-    print(cli.service_is_ready(), cli.wait_for_service(0.3))
-    f = cli.call_async(SetBool.Request())
-    rclpy.spin_until_future_complete(node, f, timeout_sec=0.3)
-    print(f.done(), f.result())
-    cli.remove_pending_request(f)
-    show(lambda: cli.call_async(String()))
-    show(lambda: cli.call(String()))
-    show(lambda: cli.call(SetBool.Request(), timeout_sec=0.2))
 
 
 def nested():
