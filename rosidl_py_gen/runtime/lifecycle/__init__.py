@@ -1,4 +1,1 @@
-"""Nodes with managed states, and the services by which others change them.
-
-May import: endpoints, the rooms below, and node.
-"""
+"""Lifecycle nodes: states, transitions, and the services by which peers change them."""

@@ -1,4 +1,4 @@
-"""The managed node: a `Node` with the state machine of `machine.py`, which decides everything else."""
+"""Lifecycle node: a `Node` with the state machine of `state_machine.py`."""
 
 from __future__ import annotations
 
@@ -22,16 +22,15 @@ MessageT = TypeVar("MessageT", bound=Message)
 
 
 class LifecycleNode(Node):
-    """A node that others configure, activate and shut down (docs/internals/protocol.md 12.2). Arguments are those of
-    `Node`.
+    """Node that peers configure, activate and shut down; arguments as `Node`. Source: docs/internals/protocol.md 12.2.
 
     Override `on_configure`, `on_activate` and so on; create endpoints in `on_configure`. Each ``on_...`` may be plain
-    or async, gets the state the node comes from, and answers an `Outcome`. None and what Python takes for true mean
-    SUCCESS, anything else (False, 0, an empty text) means FAILURE, an exception ERROR; the numbers
-    TRANSITION_CALLBACK_... mean what they say. Without an `on_error` of its own a failed node is finalized.
+    or async, gets the previous state, and returns a `TransitionCallbackReturn` or a number TRANSITION_CALLBACK_... .
+    None and other true values mean SUCCESS, false values FAILURE, an exception ERROR. Without its own `on_error` a
+    failed node is finalized.
 
-    A transition that is cancelled ends as an error: `on_error` runs, the state follows from its answer, and then the
-    caller gets its CancelledError. A callback that holds back the cancellation and answers is taken at its word.
+    A transition that is cancelled ends as an error: `on_error` runs and decides about the state, then the caller gets
+    its CancelledError. A callback that suppresses the cancellation decides by its return value.
     """
 
     _machine: LifecycleMachine
@@ -44,55 +43,55 @@ class LifecycleNode(Node):
         return self.state is State.UNCONFIGURED
 
     def on_configure(self, state: State) -> Any:
-        """Get ready; the node becomes inactive."""
+        """Prepare the node, which becomes inactive."""
 
     def on_cleanup(self, state: State) -> Any:
         """Undo `on_configure`."""
 
     def on_activate(self, state: State) -> Any:
-        """Begin to work."""
+        """Start working."""
 
     def on_deactivate(self, state: State) -> Any:
         """Stop working."""
 
     def on_shutdown(self, state: State) -> Any:
-        """Release everything; there is no way back."""
+        """Release everything; the node becomes finalized."""
 
     def on_error(self, state: State) -> Any:
-        """Recover to unconfigured (SUCCESS), or give up."""
+        """Recover: SUCCESS makes the node unconfigured, all else finalized."""
         return TransitionCallbackReturn.FAILURE
 
     @property
     def state(self) -> State:
-        """The present state."""
+        """Current state."""
         return self._machine.state
 
     async def configure(self) -> TransitionCallbackReturn:
-        """Raises `TransitionError` unless unconfigured."""
+        """Configure the node; raises `TransitionError` unless it is unconfigured."""
         return await self._machine.change(label="configure")
 
     configure_sync = blocking(configure)
 
     async def cleanup(self) -> TransitionCallbackReturn:
-        """Raises `TransitionError` unless inactive."""
+        """Make the node unconfigured; raises `TransitionError` unless it is inactive."""
         return await self._machine.change(label="cleanup")
 
     cleanup_sync = blocking(cleanup)
 
     async def activate(self) -> TransitionCallbackReturn:
-        """Raises `TransitionError` unless inactive."""
+        """Activate the node; raises `TransitionError` unless it is inactive."""
         return await self._machine.change(label="activate")
 
     activate_sync = blocking(activate)
 
     async def deactivate(self) -> TransitionCallbackReturn:
-        """Raises `TransitionError` unless active."""
+        """Make the node inactive; raises `TransitionError` unless it is active."""
         return await self._machine.change(label="deactivate")
 
     deactivate_sync = blocking(deactivate)
 
     async def shutdown(self) -> TransitionCallbackReturn:
-        """Raises `TransitionError` when finalized already, or in between."""
+        """Finalize the node; raises `TransitionError` if it is finalized, or in a transition."""
         return await self._machine.change(label="shutdown")
 
     shutdown_sync = blocking(shutdown)
@@ -118,7 +117,7 @@ class LifecycleNode(Node):
         *,
         event_callbacks: PublisherEventCallbacks | None = None,
     ) -> LifecyclePublisher[Any]:
-        """A publisher that is silent while the node is not active; arguments and errors as `create_publisher`."""
+        """Create a publisher that sends only while the node is active; arguments and errors as `create_publisher`."""
         self._scope.require_open(False, "the node")
         return LifecyclePublisher(
             self._scope,

@@ -1,8 +1,8 @@
-"""Managed nodes: callbacks, five services, the transition event, and publishers that are silent while inactive.
+"""State machine of a lifecycle node: callbacks, five services, the transition event, and lifecycle publishers.
 
-Decides when callbacks run; states and what answers mean are `states.py`'s. One transition at a time: a request
-that comes while another is under way is refused. A transition that is cancelled is an error: it is brought to its end,
-error processing included, so that the node is never left in between. Source: docs/internals/protocol.md 12.2.
+During a transition, requests for another one are refused. A transition that is cancelled is completed as an error,
+including error processing, so that the node is never left in a transition state.
+Source: docs/internals/protocol.md 12.2.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from rosidl_py_gen.runtime.lifecycle.transitions import (
     TransitionError,
     available_transitions,
     finished_transition,
-    outcome_of,
     requested_transition,
+    to_callback_return,
 )
 from rosidl_py_gen.runtime.loop.user_callback import UserCallback
 from rosidl_py_gen.runtime.transport.qos import DEFAULT, SERVICES_DEFAULT
@@ -61,7 +61,7 @@ _CALLBACKS = {
 
 
 class LifecyclePublisher(Publisher[T]):
-    """A publisher that sends only while its node is active; what is published otherwise is dropped and counted."""
+    """Publisher that sends only while its node is active, and else drops and counts the messages."""
 
     def __init__(
         self,
@@ -74,16 +74,16 @@ class LifecyclePublisher(Publisher[T]):
     ) -> None:
         self._is_active = is_active
         self.silenced = 0
-        """How many messages were dropped because the node was not active."""
+        """Number of messages that were dropped because the node was not active."""
         super().__init__(scope, message_type, topic, qos, event_callbacks=event_callbacks)
 
     def publish(self, message: T) -> None:
-        """Publish while the node is active; else the message is dropped."""
+        """Publish a message if the node is active, else drop it."""
         if self._may_publish():
             super().publish(message)
 
     def publish_raw(self, data: bytes) -> None:
-        """Publish bytes while the node is active; else they are dropped."""
+        """Publish serialized bytes if the node is active, else drop them."""
         if self._may_publish():
             super().publish_raw(data)
 
@@ -92,12 +92,12 @@ class LifecyclePublisher(Publisher[T]):
             return True
         self.silenced += 1
         if self.silenced == 1:
-            self._scope.logger.warning(f"nothing is published on {self.topic} while the node is not active")
+            self._scope.logger.warning(f"messages on {self.topic} are dropped while the node is not active")
         return False
 
 
 class LifecycleMachine:
-    """State, services and event of one managed node, whose ``on_...`` methods it calls."""
+    """State, services and transition event of one lifecycle node, whose ``on_...`` methods it calls."""
 
     def __init__(self, scope: EntityScope, names: NodeNames, node: object) -> None:
         self.state = State.UNCONFIGURED
@@ -118,46 +118,48 @@ class LifecycleMachine:
             ("get_transition_graph", GetAvailableTransitions, lambda r: _transitions(LIFECYCLE_TRANSITIONS)),
         ]
         for callback in _CALLBACKS.values():
-            require_signature(getattr(node, callback), f"{callback} of a lifecycle node", "the state it comes from")
+            require_signature(getattr(node, callback), f"{callback} of a lifecycle node", "the previous state")
         for name, cls, handler in table:
             ServiceServer(scope, service_type(cls), names.resolve_service(f"~/{name}"), handler, SERVICES_DEFAULT)
 
     async def change(self, transition_id: int = 0, label: str = "") -> TransitionCallbackReturn:
-        """Run a transition and what follows from it.
+        """Run a transition, and error processing if it fails.
 
         Returns:
-            What the transition's own callback said.
+            The result of the transition's own callback.
 
         Raises:
-            TransitionError: it does not leave the present state. ClosedError.
-            CancelledError: whoever waits here was cancelled; the transition has ended as an error.
+            TransitionError: the transition is not possible in the current state.
+            ClosedError: the node is closed.
+            CancelledError: the caller was cancelled; the transition has ended as an error.
         """
         self._scope.require_open(False, "the lifecycle")
         row = requested_transition(self.state, transition_id, label)
         if row is None:
-            wanted = label or transition_id
             possible = ", ".join(item.label for item in available_transitions(self.state) if item.id < 10) or "nothing"
-            raise TransitionError(f"{wanted!r} is not possible in state {self.state.label}; possible: {possible}")
-        came_from = self.state
+            raise TransitionError(
+                f"{label or transition_id!r} is not possible in state {self.state.label}; possible: {possible}"
+            )
+        previous = self.state
         self._enter(row)
-        outcome, cancelled = await self._run(came_from)
+        outcome, cancelled = await self._run(previous)
         self._enter(finished_transition(self.state, outcome))
         if self.state is State.ERRORPROCESSING:
-            recovered, again = await self._run(came_from)
+            recovered, cancelled_again = await self._run(previous)
             self._enter(finished_transition(self.state, recovered))
-            cancelled = cancelled or again
+            cancelled = cancelled or cancelled_again
         if cancelled:
             raise asyncio.CancelledError
         return outcome
 
-    async def _run(self, came_from: State) -> tuple[TransitionCallbackReturn, bool]:
-        """What the callback of the present state says, and whether the caller was cancelled meanwhile."""
+    async def _run(self, previous: State) -> tuple[TransitionCallbackReturn, bool]:
+        """Call the callback of the current state; return its result, and True if the caller was cancelled."""
         name = _CALLBACKS[self.state]
-        if self._scope.closed:  # by the callback before
+        if self._scope.closed:  # by the previous callback
             return TransitionCallbackReturn.ERROR, False
         callback = UserCallback(self._scope, getattr(self._node, name), f"{name} of a lifecycle node")
-        outcomes = [TransitionCallbackReturn.ERROR]  # stays the only one when the callback fails, or is cancelled
-        task = callback.call(came_from, on_result=lambda answer: outcomes.append(outcome_of(answer)))
+        outcomes = [TransitionCallbackReturn.ERROR]  # remains the last one if the callback raises or is cancelled
+        task = callback.call(previous, on_result=lambda value: outcomes.append(to_callback_return(value)))
         cancelled = task is not None and await _await_uncancelled(task)
         return outcomes[-1], cancelled
 
@@ -174,15 +176,12 @@ class LifecycleMachine:
             return ChangeState_Response(success=False)
         return ChangeState_Response(success=outcome is TransitionCallbackReturn.SUCCESS)
 
-    def _on_transitions(self, request: object) -> GetAvailableTransitions_Response:
-        return _transitions(available_transitions(self.state))
-
     def _on_states(self, request: object) -> GetAvailableStates_Response:
         return GetAvailableStates_Response(available_states=[_state(state) for state in State])
 
 
 async def _await_uncancelled(task: asyncio.Future[Any]) -> bool:
-    """Wait for the end of a task, whatever that is; cancels it, and returns True, when the caller is cancelled."""
+    """Wait for the end of a task; if the caller is cancelled, cancel the task, and return True."""
     cancelled = False
     while not task.done():
         try:

@@ -1,8 +1,4 @@
-"""The states of lifecycle nodes and the transitions between them, as a table.
-
-Decides which transition a request means and which state follows (docs/internals/protocol.md 12.2). Running callbacks
-and serving the five services is `machine.py`.
-"""
+"""States of lifecycle nodes, and the table of transitions. Source: docs/internals/protocol.md 12.2."""
 
 from __future__ import annotations
 
@@ -13,7 +9,7 @@ from rosidl_py_gen.errors import RosidlError
 
 
 class State(IntEnum):
-    """Numbers of lifecycle_msgs/State; 1 to 4 are primary, 10 to 15 are passed through."""
+    """Numbers of lifecycle_msgs/State: 1 to 4 are primary states, 10 to 15 transition states."""
 
     UNKNOWN = 0
     UNCONFIGURED = 1
@@ -29,12 +25,12 @@ class State(IntEnum):
 
     @property
     def label(self) -> str:
-        """The name on the wire."""
+        """Name in messages."""
         return self.name.lower()
 
 
 class TransitionCallbackReturn(Enum):
-    """What a callback says about its transition; the values are the transition labels."""
+    """Result of a transition callback; the values are labels of transitions."""
 
     SUCCESS = "transition_success"
     FAILURE = "transition_failure"
@@ -43,13 +39,13 @@ class TransitionCallbackReturn(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """One row of `LIFECYCLE_TRANSITIONS`.
+    """Row of `LIFECYCLE_TRANSITIONS`.
 
     Attributes:
-        id: as in lifecycle_msgs/Transition; below 10 it can be requested, the others are what callbacks answer.
-        label: ``configure``, or ``transition_success`` and its like.
-        start: the state it leaves.
-        goal: the state it leads to.
+        id: as in lifecycle_msgs/Transition; numbers below 10 can be requested, the others result from callbacks.
+        label: such as ``configure`` or ``transition_success``.
+        start: state before the transition.
+        goal: state after it.
     """
 
     id: int
@@ -59,7 +55,7 @@ class Transition:
 
 
 class TransitionError(RosidlError):
-    """The caller asked for a transition that does not leave the present state."""
+    """Raised for a transition that is not possible in the current state."""
 
 
 def _rows() -> tuple[Transition, ...]:
@@ -89,36 +85,34 @@ def _rows() -> tuple[Transition, ...]:
 
 
 LIFECYCLE_TRANSITIONS: tuple[Transition, ...] = _rows()
-"""All transitions of a lifecycle node, in rcl_lifecycle's order: what leads to a passing state, then what leaves it;
-source: docs/internals/protocol.md 12.2."""
+"""All transitions of a lifecycle node in rcl_lifecycle's order: those to a transition state, then those from it."""
 _OUTCOMES = frozenset(outcome.value for outcome in TransitionCallbackReturn)
 _CALLBACK_RETURNS = {
     97: TransitionCallbackReturn.SUCCESS,
     98: TransitionCallbackReturn.FAILURE,
     99: TransitionCallbackReturn.ERROR,
 }
-"""TRANSITION_CALLBACK_... of lifecycle_msgs/Transition, which are what rclpy's callbacks return."""
+"""Numbers TRANSITION_CALLBACK_... of lifecycle_msgs/Transition, which rclpy's callbacks return."""
 
 
-def outcome_of(answer: object) -> TransitionCallbackReturn:
-    """What the answer of a callback means: None is a success, and so is what Python takes for true."""
-    if isinstance(answer, TransitionCallbackReturn):
-        return answer
-    if isinstance(answer, int) and int(answer) in _CALLBACK_RETURNS:
-        return _CALLBACK_RETURNS[int(answer)]
-    return TransitionCallbackReturn.SUCCESS if answer is None or answer else TransitionCallbackReturn.FAILURE
+def to_callback_return(value: object) -> TransitionCallbackReturn:
+    """Convert the value that a callback returned: None and other true values are a success."""
+    if isinstance(value, TransitionCallbackReturn):
+        return value
+    if isinstance(value, int) and int(value) in _CALLBACK_RETURNS:
+        return _CALLBACK_RETURNS[int(value)]
+    return TransitionCallbackReturn.SUCCESS if value is None or value else TransitionCallbackReturn.FAILURE
 
 
 def available_transitions(state: State) -> tuple[Transition, ...]:
-    """The transitions that leave `state`; those with an id below 10 can be requested."""
+    """Return the transitions that start in `state`; those with an id below 10 can be requested."""
     return tuple(row for row in LIFECYCLE_TRANSITIONS if row.start is state)
 
 
 def requested_transition(state: State, transition_id: int = 0, label: str = "") -> Transition | None:
-    """The transition a ChangeState request means; a label that is not empty takes precedence over the id.
+    """Return the transition of a ChangeState request, or None; a label takes precedence over the id.
 
-    None when no such transition leaves `state`. The ``transition_...`` rows cannot be requested, only callbacks cause
-    them.
+    The ``transition_...`` rows cannot be requested.
     """
     for row in available_transitions(state):
         if row.label not in _OUTCOMES and (row.label == label if label else row.id == transition_id):
@@ -127,13 +121,14 @@ def requested_transition(state: State, transition_id: int = 0, label: str = "") 
 
 
 def finished_transition(state: State, outcome: TransitionCallbackReturn) -> Transition:
-    """The transition that follows when the callback of a passing `state` ends with `outcome`.
+    """Return the transition that follows a callback of the transition state `state` with the result `outcome`.
 
     Raises:
-        TransitionError: no callback runs in that state. TypeError: they are no state and no outcome.
+        TransitionError: no callback runs in that state.
+        TypeError: an argument is not a `State` or not a `TransitionCallbackReturn`.
     """
     if not isinstance(state, State) or not isinstance(outcome, TransitionCallbackReturn):
-        raise TypeError(f"expected a State and an Outcome, got {state!r:.100} and {outcome!r:.100}")
+        raise TypeError(f"expected a State and a TransitionCallbackReturn, got {state!r:.100} and {outcome!r:.100}")
     for row in available_transitions(state):
         if row.label == outcome.value:
             return row

@@ -1,4 +1,1 @@
-"""Loggers of nodes and where their records go: the console, files and /rosout.
-
-May import: names.
-"""
+"""Loggers of nodes, and their outputs: the console, files and /rosout."""

@@ -1,9 +1,6 @@
-"""Printing log records the way ROS prints them.
+"""Console output of log records in the format of ROS. Source: docs/internals/protocol.md 9.7, 10.6.
 
-Decides the text of a line (RCUTILS_CONSOLE_OUTPUT_FORMAT), colour and stream. When the program gave Python's root
-logger handlers of its own, those get every record and this console keeps quiet, so that nothing appears twice.
-
-Source: docs/internals/protocol.md 9.7, 10.6.
+Nothing is printed while Python's root logger has handlers: they get all records, which would appear twice.
 """
 
 from __future__ import annotations
@@ -31,7 +28,7 @@ _COLOR_END = "\x1b[0m"
 
 @dataclass(frozen=True, slots=True)
 class ConsoleSettings:
-    """`colorized` None decides by whether the stream is a terminal."""
+    """Settings of the console; `colorized` None: only on a terminal."""
 
     format: str = DEFAULT_FORMAT
     colorized: bool | None = None
@@ -39,7 +36,7 @@ class ConsoleSettings:
 
 
 def read_console_environment(environ: Mapping[str, str]) -> ConsoleSettings:
-    """From the RCUTILS_* variables; values other than 0 and 1 count as unset, as they cannot stop a program."""
+    """Read the RCUTILS_* variables; values other than 0 and 1 are ignored."""
     colorized = {"0": False, "1": True}.get(environ.get("RCUTILS_COLORIZED_OUTPUT", ""))
     return ConsoleSettings(
         environ.get("RCUTILS_CONSOLE_OUTPUT_FORMAT") or DEFAULT_FORMAT,
@@ -49,7 +46,7 @@ def read_console_environment(environ: Mapping[str, str]) -> ConsoleSettings:
 
 
 def format_record(record: logging.LogRecord, format_text: str = DEFAULT_FORMAT) -> str:
-    """Replace the known ``{tokens}``; unknown ones stay as they are, as in rcutils."""
+    """Replace the known ``{tokens}`` of the format; unknown ones remain, as in rcutils."""
     values = {
         "severity": LEVEL_NAMES[ros_level(record.levelno)],
         "name": record.name,
@@ -63,18 +60,18 @@ def format_record(record: logging.LogRecord, format_text: str = DEFAULT_FORMAT) 
     values["time"] = f"{seconds}.{nanoseconds:09d}"
     values["time_as_nanoseconds"] = str(now_ns)
     values["date_time_with_ms"] = datetime.fromtimestamp(record.created).isoformat(" ", "milliseconds")
-    return _TOKEN.sub(lambda found: values.get(found.group(1), found.group()), format_text)
+    return _TOKEN.sub(lambda match: values.get(match.group(1), match.group()), format_text)
 
 
 class ConsoleHandler(logging.Handler):
-    """Writes records to stderr, or stdout when asked; the stream is looked up anew for each record."""
+    """Handler that writes to the current `sys.stderr`, or `sys.stdout`."""
 
     def __init__(self, settings: ConsoleSettings | None = None) -> None:
         super().__init__()
         self.settings = settings or ConsoleSettings()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Print one record, unless the program configured Python's root logger."""
+        """Print a record, unless Python's root logger has handlers."""
         if logging.getLogger().handlers:
             return
         stream = sys.stdout if self.settings.use_stdout else sys.stderr
@@ -95,16 +92,15 @@ _handler = ConsoleHandler()
 
 
 def print_logs() -> None:
-    """Print what loggers say on the console from now on, as ``RCUTILS_...`` variables say.
+    """Print log records on the console from now on, with the settings of the ``RCUTILS_...`` variables.
 
-    The first open context does that anyway; this is for programs that log before there is one. A context with
-    ``--disable-stdout-logs`` ends it.
+    The first context does that, too; call this to log before. A context with ``--disable-stdout-logs`` ends it.
     """
     install_console(read_console_environment(os.environ))
 
 
 def install_console(settings: ConsoleSettings, *, prints: bool = True) -> None:
-    """Print every ROS record, or none; a later call changes that."""
+    """Print all ROS records, or none, until the next call."""
     _handler.settings = settings
     root = get_root_logger()
     if prints:

@@ -1,9 +1,7 @@
-"""Log files: folder, name and lines.
+"""Log files: folder, name and lines. Source: docs/internals/protocol.md 10.6.
 
-They are those of rcl_logging_spdlog, except that the name begins with the program's name where ROS says ``python3``,
-and that lines are written at once. Whether there is a file is decided by `logs/outputs.py`. May import this room only.
-
-Source: docs/internals/protocol.md 10.6.
+They equal those of rcl_logging_spdlog, but their name begins with the program's name instead of ``python3``, and each
+line is written at once.
 """
 
 from __future__ import annotations
@@ -22,23 +20,20 @@ if TYPE_CHECKING:
 
 
 class LogFileError(RosidlError, OSError):
-    """A log file was asked for and cannot be written; the text says where and why."""
+    """Raised if a log file cannot be written."""
 
 
 def get_logging_directory(environ: Mapping[str, str] | None = None) -> Path:
-    """The folder for log files, which may not exist yet; a leading ``~`` is the home folder.
-
-    ``$ROS_LOG_DIR``, else ``$ROS_HOME/log``, else ``~/.ros/log``.
+    """Return the folder for log files: ``$ROS_LOG_DIR``, else ``$ROS_HOME/log``, else ``~/.ros/log``.
 
     Args:
-        environ: None means the environment of this process.
+        environ: environment variables; None: those of this process.
 
     Raises:
-        LogFileError: nobody knows where the home folder is.
+        LogFileError: the home folder is unknown.
     """
     environ = os.environ if environ is None else environ
-    chosen = environ.get("ROS_LOG_DIR")
-    folder = Path(chosen) if chosen else Path(environ.get("ROS_HOME") or "~/.ros") / "log"
+    folder = Path(environ.get("ROS_LOG_DIR") or Path(environ.get("ROS_HOME") or "~/.ros") / "log")
     try:
         return folder.expanduser()
     except RuntimeError as error:
@@ -46,12 +41,12 @@ def get_logging_directory(environ: Mapping[str, str] | None = None) -> Path:
 
 
 def log_file_name(prefix: str, process_id: int, now_ns: int) -> str:
-    """``<prefix>_<process>_<milliseconds since 1970>.log``."""
+    """Return ``<prefix>_<process>_<milliseconds since 1970>.log``."""
     return f"{prefix}_{process_id}_{now_ns // 1_000_000}.log"
 
 
 def program_prefix(program: str) -> str:
-    """What a log file is called after when nobody says: the program's name without folder and ``.py``."""
+    """Return the program's name without folder and ``.py``, the default prefix of a log file."""
     if program in ("", "-", "-c", "-m"):
         return "python"
     path = Path(program)
@@ -61,16 +56,15 @@ def program_prefix(program: str) -> str:
 
 
 class LogFile(logging.Handler):
-    """Appends records to a file, line by line, in the format of the console and without colour."""
+    """Handler that appends records to a file, in the format of the console without colours; raises `LogFileError`."""
 
     def __init__(self, path: Path, format_text: str = DEFAULT_FORMAT) -> None:
-        """Creates folder and file; raises `LogFileError`."""
         super().__init__()
         self.path = path
         self._format = format_text
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            # Line buffered, so that a crash loses nothing.
+            # Line buffered, so that no line is lost in a crash.
             self._stream = path.open("a", buffering=1, encoding="utf-8", errors="backslashreplace")
         except OSError as error:
             raise LogFileError(
@@ -79,13 +73,13 @@ class LogFile(logging.Handler):
             ) from error
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write one record; a full disk is reported as `logging` reports failures of handlers."""
+        """Write a record."""
         try:
             self._stream.write(format_record(record, self._format) + "\n")
         except Exception:
             self.handleError(record)
 
     def close(self) -> None:
-        """May be called twice."""
+        """Close the file; may be called twice."""
         self._stream.close()
         super().close()

@@ -1,11 +1,7 @@
-"""ROS loggers on top of Python's `logging`.
+"""ROS loggers, based on Python's `logging`. Source: docs/internals/protocol.md 9.7.
 
-Decides names, levels and the `once` / `throttle_s` / `skip_first` options. ROS loggers live in a tree of their own,
-because their names are node names: a node called "asyncio" must not change Python's logger of that name, and the
-default level is INFO, not WARNING. Records still reach the handlers of Python's root logger, so `basicConfig`, pytest
-and friends see them. Printing is `console.py`, publishing is `rosout.py`.
-
-Source: docs/internals/protocol.md 9.7.
+ROS loggers form a tree of their own, because their names are node names: a node "asyncio" must not change Python's
+logger of that name, and the default level is INFO. Records also reach the handlers of Python's root logger.
 """
 
 from __future__ import annotations
@@ -41,11 +37,11 @@ _INTERNAL_FILES = frozenset({logging.info.__code__.co_filename, __file__})
 
 
 class LogLevelError(RosidlError, ValueError):
-    """The caller asked for a log level that does not exist."""
+    """Raised for a log level that does not exist."""
 
 
 def parse_level(text: str) -> int:
-    """The number of ``debug``, ``info``, ``warn``, ``error``, ``fatal`` or ``unset``, in any case."""
+    """Return the number of a level name such as ``debug``, in any case; raises `LogLevelError`."""
     level = _LEVELS.get(text.upper())
     if level is None:
         raise LogLevelError(f"unknown log level {text!r}; expected one of {', '.join(_LEVELS).lower()}")
@@ -53,20 +49,17 @@ def parse_level(text: str) -> int:
 
 
 def ros_level(level: int) -> int:
-    """The ROS level a Python level counts as: the highest of 10, 20, 30, 40, 50 that is not above it."""
+    """Return the ROS level of a Python level: the highest of 10, 20, 30, 40, 50 that is not above it."""
     return min(max(level // 10 * 10, DEBUG), FATAL)
 
 
 def logger_name(fully_qualified_node_name: str) -> str:
-    """The logger name of a node: ``/a/b/n`` becomes ``a.b.n``."""
+    """Return the logger name of a node: ``/a/b/n`` becomes ``a.b.n``."""
     return fully_qualified_node_name.strip("/").replace("/", ".")
 
 
 class LogOptions(TypedDict, total=False):
-    """Keyword arguments of every logging call; the last four are those of Python's `logging`.
-
-    `stacklevel` 2 makes it the call of whoever called, in the record and for `once`, `throttle_s` and `skip_first`.
-    """
+    """Keyword arguments of a logging call; the last four are those of Python's `logging`."""
 
     once: bool
     throttle_s: float | None
@@ -78,7 +71,7 @@ class LogOptions(TypedDict, total=False):
 
 
 class CallSiteFilter:
-    """Remembers, per call site, whether an `once`, `throttle_s` or `skip_first` call may pass."""
+    """State of `once`, `throttle_s` and `skip_first` for each call site."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -88,7 +81,7 @@ class CallSiteFilter:
     def passes(
         self, site: tuple[str, int], now_s: float, *, once: bool, throttle_s: float | None, skip_first: bool
     ) -> bool:
-        """True when the record of `site` shall be logged; all given conditions must agree."""
+        """Return True if the record must be logged, because all conditions agree."""
         with self._lock:
             first = site not in self._seen
             self._seen.add(site)
@@ -104,11 +97,11 @@ class CallSiteFilter:
 
 
 class RosLogger(logging.Logger):
-    """A logger with the ROS options; get one from `get_logger` or `node.logger`.
+    """Logger with the options of ROS, from `get_logger` or `node.logger`.
 
-    `once` logs the first time this line is reached, `throttle_s` at most every so many seconds (steady time),
-    `skip_first` not the first time. Extra positional arguments are %-formatted into the message as in `logging`.
-    A function that wraps a logger gives ``stacklevel=2``: then the line is that of its caller.
+    `once` logs only the first call of a line, `skip_first` all but the first, `throttle_s` one call in that interval
+    (steady time). Positional arguments are %-formatted into the message. A function that wraps a logger passes
+    ``stacklevel=2``, so that its caller's line counts.
     """
 
     def __init__(self, name: str, level: int = UNSET) -> None:
@@ -117,53 +110,53 @@ class RosLogger(logging.Logger):
 
     def debug(self, msg: object, *args: object, **options: Unpack[LogOptions]) -> None:
         """Log at DEBUG."""
-        self._maybe(DEBUG, msg, args, **options)
+        self._log_if(DEBUG, msg, args, **options)
 
     def info(self, msg: object, *args: object, **options: Unpack[LogOptions]) -> None:
         """Log at INFO."""
-        self._maybe(INFO, msg, args, **options)
+        self._log_if(INFO, msg, args, **options)
 
     def warning(self, msg: object, *args: object, **options: Unpack[LogOptions]) -> None:
         """Log at WARN."""
-        self._maybe(WARN, msg, args, **options)
+        self._log_if(WARN, msg, args, **options)
 
     warn = warning
-    """`warning`, as rclpy spells it."""
+    """Name of `warning` in rclpy."""
 
     def error(self, msg: object, *args: object, **options: Unpack[LogOptions]) -> None:
         """Log at ERROR."""
-        self._maybe(ERROR, msg, args, **options)
+        self._log_if(ERROR, msg, args, **options)
 
     def fatal(self, msg: object, *args: object, **options: Unpack[LogOptions]) -> None:
         """Log at FATAL."""
-        self._maybe(FATAL, msg, args, **options)
+        self._log_if(FATAL, msg, args, **options)
 
     critical = fatal
-    """`fatal`, as Python spells it."""
+    """Name of `fatal` in Python."""
 
     def exception(self, msg: object, *args: object, **options: Unpack[LogOptions]) -> None:
         """Log at ERROR with the traceback of the exception being handled."""
         options.setdefault("exc_info", True)
-        self._maybe(ERROR, msg, args, **options)
+        self._log_if(ERROR, msg, args, **options)
 
     def log(self, level: int, msg: object, *args: object, **options: Unpack[LogOptions]) -> None:
         """Log at any level."""
-        self._maybe(level, msg, args, **options)
+        self._log_if(level, msg, args, **options)
 
     set_level = logging.Logger.setLevel
-    """`setLevel`, as rclpy spells it."""
+    """Name of `setLevel` in rclpy."""
 
     get_effective_level = logging.Logger.getEffectiveLevel
-    """`getEffectiveLevel`, as rclpy spells it."""
+    """Name of `getEffectiveLevel` in rclpy."""
 
     is_enabled_for = logging.Logger.isEnabledFor
-    """`isEnabledFor`, as rclpy spells it."""
+    """Name of `isEnabledFor` in rclpy."""
 
     def get_child(self, suffix: str) -> RosLogger:
-        """The logger ``<name>.<suffix>``; it publishes to /rosout through the same node."""
+        """Return the logger ``<name>.<suffix>``, whose records are published by the same node."""
         return get_logger(suffix if self is _root else f"{self.name}.{suffix}")
 
-    def _maybe(
+    def _log_if(
         self,
         level: int,
         msg: object,
@@ -190,7 +183,7 @@ class RosLogger(logging.Logger):
         self._log(level, msg, args, exc_info=exc_info, extra=extra, stack_info=stack_info, stacklevel=stacklevel)
 
     def findCaller(self, stack_info: bool = False, stacklevel: int = 1) -> tuple[str, int, str, str | None]:
-        # The frame outside this file and `logging`; written out because CPython's rule changed in 3.11.
+        # Find the frame outside this file and `logging`. Not by `super`, because CPython's rule changed in 3.11.
         frame = sys._getframe(1)
         while frame.f_back is not None and frame.f_code.co_filename in _INTERNAL_FILES:
             frame = frame.f_back
@@ -206,7 +199,7 @@ class RosLogger(logging.Logger):
 
 
 class _RosRoot(RosLogger):
-    """The root of the ROS tree; its records go on to the handlers of Python's root logger."""
+    """Root of the ROS loggers; passes its records to the handlers of Python's root logger."""
 
     def __init__(self) -> None:
         super().__init__("root", INFO)
@@ -220,21 +213,17 @@ _root.manager = _manager
 
 
 def get_root_logger() -> RosLogger:
-    """The logger every ROS logger inherits from; handlers belong here."""
+    """Return the root of all ROS loggers, to which handlers are added."""
     return _root
 
 
 def get_logger(name: str) -> RosLogger:
-    """The ROS logger of that name, such as ``robot.driver`` for the node ``/robot/driver``; always the same object.
+    """Return the ROS logger of a name, such as ``robot.driver`` for the node ``/robot/driver``; "" is the root.
 
-    It needs no node. An empty name is the root, whose level counts where no other is set. What loggers say goes to
-    ``/rosout`` where they are that of a node, or below it.
-
-    Raises:
-        TypeError: the name is no text.
+    Records of a node's logger and its children are published on ``/rosout``. Raises `TypeError` unless `name` is a str.
     """
     if not isinstance(name, str):
-        raise TypeError(f"the name of a logger must be a text, got {name!r:.100}")
+        raise TypeError(f"the name of a logger must be a str, got {name!r:.100}")
     if not name:
         return _root
     logger = _manager.getLogger(name)
@@ -243,39 +232,40 @@ def get_logger(name: str) -> RosLogger:
 
 
 def internal_logger() -> RosLogger:
-    """Where the runtime reports what belongs to no node; below the ROS root, so levels and outputs count for it."""
+    """Return the logger of the runtime, for records that belong to no node."""
     return get_logger("rosidl_py_gen")
 
 
 failure_listeners: RegistrationSet[Callable[[str, BaseException], None]] = RegistrationSet()
-"""Called with what failed and its exception, for each failure of any node; the pytest plugin listens."""
+"""Functions that are called with a description and the exception of each failure; for the pytest plugin."""
 
 
-def report_failure(doing: str, logger: RosLogger | None = None, effect: str = "nothing else is affected") -> None:
+def report_failure(activity: str, logger: RosLogger | None = None, effect: str = "nothing else is affected") -> None:
     """Log the exception being handled, with its traceback, as a node or as `internal_logger`."""
-    (logger or internal_logger()).exception(f"{doing} failed; {effect}")
+    (logger or internal_logger()).exception(f"{activity} failed; {effect}")
     error = sys.exc_info()[1]
     if error is not None:
-        for hear in failure_listeners:
-            hear(doing, error)
+        for listener in failure_listeners:
+            listener(activity, error)
 
 
 def node_logger(fully_qualified_node_name: str) -> RosLogger:
-    """The logger of a node; raises `InvalidNameError` when the last part is no node name."""
+    """Return the logger of a node; raises `InvalidNameError` if the last token is not a node name."""
     validate_node_name(fully_qualified_node_name.rpartition("/")[2])
     return get_logger(logger_name(fully_qualified_node_name))
 
 
 def set_logger_level(name: str, level: int | str) -> None:
-    """Set the level of a logger, and of those below it that have none of their own.
+    """Set the level of a logger, and of its children without a level.
 
     Args:
-        name: of the logger; empty for the root.
+        name: name of the logger; empty for the root.
         level: ``"debug"``, ``"info"``, ``"warn"``, ``"error"``, ``"fatal"`` or ``"unset"``, in any case, or its number,
-            10 to 50 and 0. ``"unset"`` lets the logger inherit again; the root becomes INFO.
+            10 to 50 and 0. ``"unset"`` makes the logger inherit its level again; the root becomes INFO.
 
     Raises:
-        LogLevelError: there is no such level. TypeError: the name is no text.
+        LogLevelError: the level does not exist.
+        TypeError: the name is not a str.
     """
     number = parse_level(level) if isinstance(level, str) else level
     if not isinstance(number, int) or number not in LEVEL_NAMES:
@@ -285,9 +275,5 @@ def set_logger_level(name: str, level: int | str) -> None:
 
 
 def get_logger_level(name: str) -> int:
-    """The level that was set, 0 when the logger inherits; `RosLogger.getEffectiveLevel` has what counts.
-
-    Raises:
-        TypeError: the name is no text.
-    """
+    """Return the level that was set, 0 if the logger inherits its level; raises `TypeError` as `get_logger`."""
     return get_logger(name).level

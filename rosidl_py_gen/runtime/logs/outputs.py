@@ -1,11 +1,8 @@
-"""Where log records go besides ``/rosout``: the console, a log file. One choice for the process, as in ROS.
+"""Console and log file of the process. Source: docs/internals/protocol.md 10.4, 10.6.
 
-Decides that the first open context chooses, and that another wish meanwhile is a warning; that a file is written only
-when somebody asks for one, with ``--log-file-name``, ``--enable-external-lib-logs`` or ``ROS_LOG_DIR``
-(``--disable-external-lib-logs`` wins). ROS writes one for every process; a script that uses this package need not leave
-files behind. Log levels are set by every context, for the process. May import this room and names.
-
-Source: docs/internals/protocol.md 10.4, 10.6.
+The first open context selects them; different settings of another context are reported. Unlike ROS, a file is only
+written on request, by ``--log-file-name``, ``--enable-external-lib-logs`` or ``ROS_LOG_DIR``, and not with
+``--disable-external-lib-logs``. Each context sets its log levels, for the whole process.
 """
 
 from __future__ import annotations
@@ -27,14 +24,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class LogSettings:
-    """What a command line says about logging.
+    """Logging options of a command line.
 
     Attributes:
-        level: for all loggers; None leaves INFO.
+        level: level of the root logger; None: INFO.
         levels: (logger name, level) in order.
-        file_name: what the name of a log file begins with; empty leaves the program's name.
-        stdout, rosout: the switches ``--enable-…-logs`` and ``--disable-…-logs``; of several the last counts.
-        external_lib: the switch for log files; None when it was not given.
+        file_name: prefix of the name of the log file; empty: the program's name.
+        stdout, rosout: the switches ``--enable-…-logs`` and ``--disable-…-logs``; the last one counts.
+        external_lib: the same switch for log files; None if absent.
     """
 
     level: int | None = None
@@ -45,54 +42,55 @@ class LogSettings:
     external_lib: bool | None = None
 
     def wants_file(self, environ: Mapping[str, str]) -> bool:
-        """Whether the command line or the environment asks for a log file."""
+        """Return True if the command line or the environment requests a log file."""
         if self.external_lib is False:
             return False
         return bool(self.external_lib or self.file_name or environ.get("ROS_LOG_DIR"))
 
 
 class LogOutputs:
-    """The outputs of this process; every context opens and closes them, the first and the last one really."""
+    """Outputs of this process, which exist from the first open context to the last."""
 
     def __init__(self) -> None:
         self._lock = threading.RLock()
         self._users = 0
-        self._chosen: tuple[bool, tuple[Path, str] | None] = (True, None)
+        self._selected: tuple[bool, tuple[Path, str] | None] = (True, None)
         self._file: LogFile | None = None
 
     def open(self, settings: LogSettings, program: str, environ: Mapping[str, str]) -> None:
-        """Applies log levels, too; `program` may name the log file.
+        """Open the outputs for a context, and set its log levels; raises `LogFileError`.
 
-        Raises `LogFileError` when a file is asked for and cannot be written.
+        Args:
+            program: name of the program, for the log file.
         """
-        place = None
+        location = None
         if settings.wants_file(environ):
-            place = get_logging_directory(environ), settings.file_name or program_prefix(program)
+            location = get_logging_directory(environ), settings.file_name or program_prefix(program)
         with self._lock:
             if self._users == 0:
-                self._choose(settings.stdout, place, environ)
+                self._select(settings.stdout, location, environ)
             self._users += 1
         if settings.level is not None:
             set_logger_level("", settings.level)
         for name, level in settings.levels:
             set_logger_level(name, level)
-        if (settings.stdout, place) not in ((True, None), self._chosen):
+        if (settings.stdout, location) not in ((True, None), self._selected):
             get_root_logger().warning(
-                "a process has one console and one log file, and the first context has chosen them: the log switches "
-                "and the log file of a further context have no effect"
+                "log switches and log file of this context are ignored: a process has one console and one log file, "
+                "which the first context has selected"
             )
 
-    def _choose(self, stdout: bool, place: tuple[Path, str] | None, environ: Mapping[str, str]) -> None:
+    def _select(self, stdout: bool, location: tuple[Path, str] | None, environ: Mapping[str, str]) -> None:
         settings = read_console_environment(environ)
-        if place is not None:
-            folder, prefix = place
+        if location is not None:
+            folder, prefix = location
             self._file = LogFile(folder / log_file_name(prefix, os.getpid(), time.time_ns()), settings.format)
             get_root_logger().addHandler(self._file)
         install_console(settings, prints=stdout)
-        self._chosen = stdout, place
+        self._selected = stdout, location
 
     def close(self) -> None:
-        """Undo one `open`; the last one closes the file. What comes afterwards is still printed, or not, as before."""
+        """Undo one `open`; the last one closes the file, but not the console."""
         with self._lock:
             self._users -= 1
             if self._users == 0 and self._file is not None:
@@ -105,7 +103,7 @@ class LogOutputs:
         return file
 
     def after_fork(self) -> None:
-        """In the child: contexts and file are the parent's; the lock may be held by a thread that is not here."""
+        """Reset the state in a forked child: a thread of the parent may hold the lock, and the file is the parent's."""
         self._lock, self._users = threading.RLock(), 0
         if self._file is not None:
             self._drop_file()

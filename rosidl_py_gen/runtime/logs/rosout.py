@@ -1,8 +1,4 @@
-"""From a log record to the fields of rcl_interfaces/Log, and to the node that publishes it.
-
-Decides what the message says, and that each record is published once, by the node it belongs to. Records that belong to
-no node are not published. `node/node.py` publishes them. Source: docs/internals/protocol.md 9.7.
-"""
+"""Routing of log records to the node that publishes them as rcl_interfaces/Log; docs/internals/protocol.md 9.7."""
 
 from __future__ import annotations
 
@@ -25,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class LogFields:
-    """The fields of rcl_interfaces/Log; `stamp_ns` is system time even when simulated time is in use."""
+    """Fields of rcl_interfaces/Log; `stamp_ns` is system time, also with simulated time."""
 
     stamp_ns: int
     level: int
@@ -37,7 +33,7 @@ class LogFields:
 
 
 def message_text(record: logging.LogRecord) -> str:
-    """The formatted message, followed by the traceback when the record has one."""
+    """Return the formatted message, followed by the traceback if there is one."""
     text = record.getMessage()
     if record.exc_info and record.exc_info[0] is not None:
         text += "\n" + "".join(traceback.format_exception(*record.exc_info)).rstrip("\n")
@@ -47,7 +43,7 @@ def message_text(record: logging.LogRecord) -> str:
 
 
 def log_fields(record: logging.LogRecord) -> LogFields:
-    """What /rosout says about `record`."""
+    """Convert a record."""
     return LogFields(
         round(record.created * NS_PER_S),
         ros_level(record.levelno),
@@ -60,11 +56,7 @@ def log_fields(record: logging.LogRecord) -> LogFields:
 
 
 class RosoutRouter(logging.Handler):
-    """A handler for the root of the ROS loggers that hands each record to the node it belongs to.
-
-    That is the node registered for the record's logger or for its nearest ancestor. So a child logger counts as its
-    parent's node, and a node `a.b` is never taken for a node `a`.
-    """
+    """Handler of the ROS root logger that passes each record to the node of its logger, or of the nearest ancestor."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -72,30 +64,29 @@ class RosoutRouter(logging.Handler):
         self._busy = threading.local()
 
     def register(self, logger_name: str, publish: Publish) -> Registration:
-        """Publish the records of this logger and its descendants until the answer is closed.
+        """Publish the records of this logger and its descendants until the registration is closed.
 
-        When two nodes have one name the older one publishes, so that nothing appears twice.
+        Of several nodes of one name only the oldest publishes.
         """
         self._publishers.setdefault(logger_name, []).append(publish)
 
         def remove() -> None:
-            found = self._publishers[logger_name]
-            found.remove(publish)
-            if not found:
+            publishers = self._publishers[logger_name]
+            publishers.remove(publish)
+            if not publishers:
                 del self._publishers[logger_name]
 
         return Registration(remove)
 
     def _publisher_of(self, logger_name: str) -> Publish | None:
         while logger_name:
-            found = self._publishers.get(logger_name)
-            if found:
-                return found[0]
+            if publishers := self._publishers.get(logger_name):
+                return publishers[0]
             logger_name = logger_name.rpartition(".")[0]
         return None
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Publish one record; what publishing itself logs is not published again."""
+        """Publish a record, except for records of the publishing itself."""
         publish = self._publisher_of(record.name)
         if publish is None or getattr(self._busy, "now", False):
             return
@@ -112,6 +103,6 @@ _router = RosoutRouter()
 
 
 def shared_router() -> RosoutRouter:
-    """The one router of this process, installed on the root of the ROS loggers."""
+    """Return the router of this process, after adding it to the ROS root logger."""
     get_root_logger().addHandler(_router)
     return _router

@@ -1,4 +1,1 @@
-"""Times and durations, clocks that can be set, sleeping by a clock, and when a timer is due.
-
-May import: logs.
-"""
+"""Times and durations, clocks with simulated time, sleeping by a clock, and the schedules of timers."""

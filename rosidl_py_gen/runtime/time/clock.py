@@ -1,12 +1,6 @@
-"""Clocks: what time it is, and who hears when time jumps.
+"""Clocks, with jump callbacks and sleeps. Source: docs/internals/protocol.md 9.6.
 
-Decides ROS time: system time until an override is enabled, then whatever was last set, 0 before that. Subscribing to
-`/clock` is `node/sim_time.py`. Jump callbacks run on the thread that changes the time, before and after the change.
-
-A sleep ends when ROS time is activated or deactivated, as in rclpy: a point in one time means nothing in the other, and
-waiting for it could take for ever.
-
-May import this room and logs. Source: docs/internals/protocol.md 9.6.
+ROS time is system time until an override is enabled, then the last override, 0 before there is one.
 """
 
 from __future__ import annotations
@@ -39,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _JumpCallbacks:
-    """`matches` says whether the thresholds given with them select a jump."""
+    """Jump callbacks, and a function that returns True if their thresholds select a jump."""
 
     matches: Callable[[TimeJump], bool]
     pre: Callable[[TimeJump], None] | None
@@ -47,9 +41,11 @@ class _JumpCallbacks:
 
 
 class Clock:
-    """One clock. `system_ns` and `steady_ns` replace the machine's clocks, for tests.
+    """Clock of a clock type.
 
-    `on_failure` is called with a description while the exception of a jump callback is handled; logs by default.
+    Args:
+        system_ns, steady_ns: functions that replace the clocks of the machine, for tests.
+        on_failure: called with a description while the exception of a jump callback is handled; logs by default.
     """
 
     def __init__(
@@ -61,7 +57,7 @@ class Clock:
         on_failure: Callable[[str], None] = report_failure,
     ) -> None:
         self.clock_type = ClockType(clock_type)
-        """Which clock it is; times of different ones cannot be compared."""
+        """Type of the clock; times of different types cannot be compared."""
         self._source_ns = steady_ns if self.clock_type is ClockType.STEADY_TIME else system_ns
         self._override_ns = 0
         self._active = False
@@ -73,28 +69,28 @@ class Clock:
         return f"Clock({self.clock_type.name}{state})"
 
     def now(self) -> Time:
-        """The time now, stamped with this clock's type."""
+        """Return the current time."""
         return Time(nanoseconds=self.now_ns(), clock_type=self.clock_type)
 
     def now_ns(self) -> int:
-        """Nanoseconds since the clock's zero; 0 while ROS time is overridden but no time was set yet."""
+        """Return the current time in nanoseconds; 0 while ROS time is overridden and no time was set."""
         return self._override_ns if self._active else self._source_ns()
 
     @property
     def ros_time_is_active(self) -> bool:
-        """True while an override decides the time."""
+        """True while the ROS time override is enabled."""
         return self._active
 
     def enable_ros_time_override(self) -> None:
-        """Let the override decide; without effect when it already does. Raises `ClockTypeError` off ROS time."""
+        """Enable the override; raises `ClockTypeError` unless the clock is of ROS time."""
         self._change_source(True)
 
     def disable_ros_time_override(self) -> None:
-        """Follow the system clock again; the stored override time is kept."""
+        """Return to the system clock, and retain the override for the next time."""
         self._change_source(False)
 
     def set_ros_time_override(self, now: Time) -> None:
-        """Set the simulated time; only stores it while the override is not enabled."""
+        """Set the time of the override; raises `ClockTypeError`, `TypeError`."""
         self._require_ros_time()
         if not isinstance(now, Time):
             raise TypeError(f"the override of a ROS clock must be a Time, got {now!r:.100}")
@@ -105,9 +101,9 @@ class Clock:
             return
         delta = Duration(nanoseconds=now.nanoseconds - self._override_ns)
         jump = TimeJump(ClockChange.ROS_TIME_NO_CHANGE, delta)
-        chosen = self._call_before(jump)
+        matching = self._call_before(jump)
         self._override_ns = now.nanoseconds
-        self._call_after(chosen, jump)
+        self._call_after(matching, jump)
 
     def create_jump_callback(
         self,
@@ -118,16 +114,19 @@ class Clock:
         min_forward: Duration | None = None,
         min_backward: Duration | None = None,
     ) -> Registration:
-        """Call `pre` before and `post` after each jump that one of the thresholds selects, until the answer is closed.
+        """Call `pre` before and `post` after each jump that a threshold selects, until the registration is closed.
 
-        Raises `TimeRangeError` unless `min_forward` > 0 and `min_backward` < 0. Exceptions in a callback are logged.
+        The callbacks run on the thread that changes the time; their exceptions are logged. Raises `TimeRangeError`
+        unless `min_forward` > 0 and `min_backward` < 0.
         """
         for name, threshold in (("min_forward", min_forward), ("min_backward", min_backward)):
             if threshold is not None and not isinstance(threshold, Duration):
                 raise TypeError(f"{name} must be a Duration or None, got {threshold!r:.100}")
         for name, callback in (("pre", pre), ("post", post)):
             if callback is not None:
-                _require_jump_callback(name, callback)
+                if not callable(callback):
+                    raise TypeError(f"{name} must be a function or None, got {callback!r:.100}")
+                require_signature(callback, f"the {name} callback of a time jump", "the TimeJump")
         if min_forward is not None and min_forward.nanoseconds <= 0:
             raise TimeRangeError(f"min_forward must be a positive duration, got {min_forward!r}")
         if min_backward is not None and min_backward.nanoseconds >= 0:
@@ -142,37 +141,39 @@ class Clock:
         return self._jump_callbacks.add(_JumpCallbacks(matches, pre, post))
 
     def _on_any_jump(self, pre: Callable[[TimeJump], None], post: Callable[[TimeJump], None]) -> Registration:
-        """`create_jump_callback` for all jumps."""
-        chosen = _JumpCallbacks(lambda jump: jump.source_changed or jump.delta.nanoseconds != 0, pre, post)
-        return self._jump_callbacks.add(chosen)
+        """Call `pre` and `post` for all jumps; see `create_jump_callback`."""
+        return self._jump_callbacks.add(
+            _JumpCallbacks(lambda jump: jump.source_changed or jump.delta.nanoseconds != 0, pre, post)
+        )
 
     async def sleep_until(self, until: Time) -> bool:
-        """Sleep until this clock, simulated or not, reads `until` or later.
+        """Sleep until this clock reads `until` or later.
 
-        While simulated time has not begun (the clock reads 0) nothing is due, not even time 0. A jump back makes the
-        sleep longer.
+        While simulated time has not started (the clock reads 0) no sleep ends. A jump back makes the sleep longer.
 
         Returns:
-            False when ROS time was activated or deactivated meanwhile: `until` has no meaning on the other time.
+            False if the sleep ended because ROS time was activated or deactivated, as in rclpy: `until` has no meaning
+            on the other time.
 
         Raises:
-            ClockTypeError: `until` is of another clock. TypeError: it is no `Time`.
+            ClockTypeError: `until` is of another clock type.
+            TypeError: `until` is not a `Time`.
         """
         if not isinstance(until, Time):
             raise TypeError(f"until must be a Time such as clock.now() + Duration(seconds=1), got {until!r:.100}")
         if until.clock_type is not self.clock_type:
             raise ClockTypeError(f"cannot sleep until a {until.clock_type.name} on a clock of {self.clock_type.name}")
-        # A period that began at 0: no jump goes back to before that.
+        # A period that started at 0, because no jump goes back further.
         return await self._sleep(until.nanoseconds, 0)
 
     async def sleep_for(self, duration: Duration | float) -> bool:
-        """Sleep by this clock, simulated or not; a number means seconds. False as in `sleep_until`.
+        """Sleep for a duration, or seconds, by this clock; returns as `sleep_until`.
 
-        Time that has not begun is waited for first. Time that jumps back to before the start of the sleep begins it
-        anew, as a timer's period does.
+        The sleep starts when simulated time has started. A jump to before its start restarts it.
 
         Raises:
-            TypeError: no duration and no number. TimeRangeError: not finite.
+            TypeError: `duration` is not a `Duration` and not a number.
+            TimeRangeError: `duration` is not finite.
         """
         length_ns = duration.nanoseconds if isinstance(duration, Duration) else seconds_to_ns("duration", duration)
         if self._active and self.now_ns() == 0 and not await self._sleep(1, 0):
@@ -184,12 +185,12 @@ class Clock:
         return await sleep_until_due(self, schedule, ends_with_source=True)
 
     def _schedule(self, period_ns: int, start_ns: int) -> TimerSchedule:
-        """A schedule by this clock whose first period begins at `start_ns`."""
+        """Return a schedule by this clock, whose first period starts at `start_ns`."""
         return TimerSchedule(period_ns, start_ns, waits_at_zero=self.clock_type is ClockType.ROS_TIME)
 
     def _require_ros_time(self) -> None:
         if self.clock_type is not ClockType.ROS_TIME:
-            raise ClockTypeError(f"only a ROS_TIME clock can be overridden, this one is {self.clock_type.name}")
+            raise ClockTypeError(f"only a ROS_TIME clock can be overridden, got {self.clock_type.name}")
 
     def _change_source(self, active: bool) -> None:
         self._require_ros_time()
@@ -197,21 +198,21 @@ class Clock:
             return
         change = ClockChange.ROS_TIME_ACTIVATED if active else ClockChange.ROS_TIME_DEACTIVATED
         jump = TimeJump(change, Duration())
-        chosen = self._call_before(jump)
+        matching = self._call_before(jump)
         self._active = active
-        self._call_after(chosen, jump)
+        self._call_after(matching, jump)
 
     def _call_before(self, jump: TimeJump) -> set[_JumpCallbacks]:
-        chosen = set()
+        matching = set()
         for callbacks in self._jump_callbacks:
             if callbacks.matches(jump):
-                chosen.add(callbacks)
+                matching.add(callbacks)
                 self._call(callbacks.pre, jump)
-        return chosen
+        return matching
 
-    def _call_after(self, chosen: set[_JumpCallbacks], jump: TimeJump) -> None:
+    def _call_after(self, matching: set[_JumpCallbacks], jump: TimeJump) -> None:
         for callbacks in self._jump_callbacks:
-            if callbacks in chosen:
+            if callbacks in matching:
                 self._call(callbacks.post, jump)
 
     def _call(self, callback: Callable[[TimeJump], None] | None, jump: TimeJump) -> None:
@@ -221,9 +222,3 @@ class Clock:
             callback(jump)
         except Exception:
             self._on_failure("a time jump callback")
-
-
-def _require_jump_callback(name: str, callback: object) -> None:
-    if not callable(callback):
-        raise TypeError(f"{name} must be a function or None, got {callback!r:.100}")
-    require_signature(callback, f"the {name} callback of a time jump", "the TimeJump")

@@ -1,9 +1,7 @@
-"""Being there when a schedule is due by a clock that can jump.
+"""Waiting until a schedule is due, by a clock that can jump.
 
-Decides when to look at the clock: simulated time is never slept for, each jump is looked at instead; system time is
-looked at at least once a second, because somebody may set it. What is due, and what was missed, is `schedule.py`.
-
-Clocks may jump on any thread; all else takes place on the loop, apart from `arm_threadsafe` and `close`.
+With simulated time, each jump is checked. System time is checked at least once a second, because it may be set.
+Thread: loop, except for jumps, `arm_threadsafe` and `close`.
 """
 
 from __future__ import annotations
@@ -24,14 +22,15 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.time.values import TimeJump
 
 _MAX_SLEEP_S = 1.0
+"""Maximum time between two checks of the system time; a timer is at most that late after the time was set."""
 
 
 class ClockTimer:
-    """Calls `on_due` on the loop when the schedule is due, once for each `arm`, until it is closed.
+    """Timer that calls `on_due` on the loop when the schedule is due, once for each `arm`, until it is closed.
 
     Args:
-        loop: gives the loop there is now; None while there is none, then nothing is due.
-        on_due: notes the call in the schedule, and arms again if it wants to.
+        loop: returns the current loop; None while there is none.
+        on_due: calls `mark_called` of the schedule, and may arm again.
     """
 
     def __init__(
@@ -50,7 +49,7 @@ class ClockTimer:
         self._jumps = clock._on_any_jump(self._before_jump, self._after_jump)
 
     def arm(self) -> None:
-        """Look at the clock now, and come back when it may be time."""
+        """Check the clock now, and schedule the next check."""
         if self._handle is not None:
             self._handle.cancel()
             self._handle = None
@@ -58,15 +57,15 @@ class ClockTimer:
         if self._closed or loop is None or left_ns is None:
             return
         if left_ns <= 0:
-            self._handle = loop.call_soon(self._look)
+            self._handle = loop.call_soon(self._check)
         elif not self._clock.ros_time_is_active:
             left_s = left_ns / NS_PER_S
             if self._clock.clock_type is not ClockType.STEADY_TIME:
                 left_s = min(left_s, _MAX_SLEEP_S)
-            self._handle = loop.call_later(left_s, self._look)
+            self._handle = loop.call_later(left_s, self._check)
 
     def arm_threadsafe(self) -> None:
-        """`arm` from any thread: a loop that sleeps has to be woken."""
+        """Call `arm` on the loop. Thread: any."""
         loop = self._loop()
         if loop is None:
             return
@@ -77,16 +76,16 @@ class ClockTimer:
             loop.call_soon_threadsafe(self.arm)
 
     def close(self) -> None:
-        """Never call `on_due` again; from any thread."""
+        """Stop the timer. Thread: any."""
         self._closed = True
         self._jumps.close()
         self.arm_threadsafe()
 
-    def _look(self) -> None:
+    def _check(self) -> None:
         self._handle = None
         if not self._closed and self._schedule.is_ready(self._clock.now_ns()):
             self._on_due()
-        else:  # woken a little early, or the schedule has changed
+        else:  # the loop was early, or the schedule has changed
             self.arm()
 
     def _before_jump(self, jump: TimeJump) -> None:
@@ -102,15 +101,15 @@ class ClockTimer:
 
 
 async def sleep_until_due(clock: Clock, schedule: TimerSchedule, *, ends_with_source: bool) -> bool:
-    """Wait until the schedule is due, and note that as its call; False when the source of time changed before.
+    """Wait until the schedule is due and mark it called; return False if the source of time changed before.
 
     Args:
-        ends_with_source: otherwise the part of the period that has passed counts by the other source, too.
+        ends_with_source: end if the source changes; otherwise the elapsed part of the period is retained.
     """
     now_ns = clock.now_ns()
     if schedule.is_ready(now_ns):
         schedule.mark_called(now_ns)
-        await asyncio.sleep(0)  # a loop that is always late must not starve the others
+        await asyncio.sleep(0)  # so that a caller that is always late does not starve other tasks
         return True
     wait = _ClockWait(clock, schedule, ends_with_source)
     wait.arm()
@@ -121,16 +120,16 @@ async def sleep_until_due(clock: Clock, schedule: TimerSchedule, *, ends_with_so
 
 
 class _ClockWait(ClockTimer):
-    """One wait. That it was due is noted in the jump itself: the task may wake when time is somewhere else already."""
+    """Wait of one task, which ends in the jump callback itself, because time may change before the task runs."""
 
     def __init__(self, clock: Clock, schedule: TimerSchedule, ends_with_source: bool) -> None:
         loop = asyncio.get_running_loop()
-        super().__init__(clock, schedule, lambda: loop, self._note_due)
+        super().__init__(clock, schedule, lambda: loop, self._end_if_due)
         self._ends_with_source = ends_with_source
         self._has_ended = False
         self.outcome: asyncio.Future[bool] = loop.create_future()
 
-    def _note_due(self) -> None:
+    def _end_if_due(self) -> None:
         now_ns = self._clock.now_ns()
         if not self._has_ended and self._schedule.is_ready(now_ns):
             self._schedule.mark_called(now_ns)
@@ -138,11 +137,11 @@ class _ClockWait(ClockTimer):
 
     def _end(self, outcome: bool) -> None:
         self._has_ended = True
-        complete_threadsafe(self.outcome, outcome)  # the first one counts
+        complete_threadsafe(self.outcome, outcome)  # the first call counts
 
     def _after_jump(self, jump: TimeJump) -> None:
         if not jump.source_changed:
-            self._note_due()
+            self._end_if_due()
         elif self._ends_with_source:
             self._end(False)
         super()._after_jump(jump)

@@ -1,8 +1,4 @@
-"""How long somebody is willing to wait, and what is left of it.
-
-Decides what a time limit may be: a number of seconds, 0 or more, or None or `math.inf` for ever. The only place that
-says so, in the same words for all.
-"""
+"""Deadlines of waits. A timeout is a number of seconds >= 0; None and `math.inf` mean no timeout."""
 
 from __future__ import annotations
 
@@ -14,10 +10,10 @@ from rosidl_py_gen.runtime.time.values import timeout_to_ns
 
 
 class WaitTimeoutError(RosidlError, TimeoutError):
-    """Raised when a wait has not ended after `timeout_s` seconds.
+    """Raised if a wait has not ended after `timeout_s` seconds.
 
     Attributes:
-        reason: why not, in words, which the text ends with; empty where it is not known.
+        reason: the end of the text; empty if no reason is known.
     """
 
     def __init__(self, text: str = "", reason: str = "") -> None:
@@ -26,28 +22,28 @@ class WaitTimeoutError(RosidlError, TimeoutError):
 
 
 def with_reason(text: str, reason: str) -> str:
-    """Return the text of an error with the reason, if one is known."""
+    """Return an error text with the reason, if one is known."""
     return f"{text}: {reason}" if reason else text
 
 
 class Deadline:
-    """The end of one wait on the running event loop, by its time; the wait may consist of several."""
+    """End of one or several waits, by the time of the running event loop."""
 
     __slots__ = ("_end_s", "_time")
 
     def __init__(self, timeout_s: float | None) -> None:
-        """Raises `TypeError` for no number, `TimeRangeError` for a negative one or NaN."""
-        limit_ns = None if timeout_s is None else timeout_to_ns("timeout_s", timeout_s)
+        """Start the timeout; raises `TypeError`, `TimeRangeError` as `timeout_to_ns`."""
+        timeout_ns = None if timeout_s is None else timeout_to_ns("timeout_s", timeout_s)
         self._time = asyncio.get_running_loop().time
-        self._end_s = None if limit_ns is None else self._time() + limit_ns / NS_PER_S
+        self._end_s = None if timeout_ns is None else self._time() + timeout_ns / NS_PER_S
 
-    def remaining_s(self, at_most_s: float | None = None) -> float | None:
-        """Seconds, 0 when it is over; without an end `at_most_s`, which may be None."""
+    def remaining_s(self, max_s: float | None = None) -> float | None:
+        """Return the remaining seconds, at most `max_s`; None without timeout and maximum."""
         if self._end_s is None:
-            return at_most_s
+            return max_s
         left_s = max(0.0, self._end_s - self._time())
-        return left_s if at_most_s is None else min(left_s, at_most_s)
+        return left_s if max_s is None else min(left_s, max_s)
 
     def is_expired(self) -> bool:
-        """Whether the time has passed."""
+        """Return True if the timeout is over."""
         return self._end_s is not None and self._time() >= self._end_s

@@ -1,7 +1,4 @@
-"""Keeping a loop at a frequency, by any clock.
-
-Decides that a `Rate` goes on like a timer, by the arithmetic of `schedule.py`. May import this room only.
-"""
+"""Sleeping at a fixed frequency, by any clock."""
 
 from __future__ import annotations
 
@@ -17,32 +14,32 @@ if TYPE_CHECKING:
 
 
 class Rate:
-    """Keeps a loop at a frequency: ``while True: work(); await rate.sleep()``. Late rounds are not made up for.
+    """Fixed frequency of a loop: ``while True: work(); await rate.sleep()``. Missed periods are skipped.
 
-    It follows its clock as a timer does: time that jumps back starts a new period; when ROS time is activated or
-    deactivated during `sleep`, the part of the period that has passed counts.
+    A jump back of the clock starts a new period. If ROS time is activated or deactivated during `sleep`, the elapsed
+    part of the period counts.
     """
 
     def __init__(self, clock: Clock, frequency_hz: float) -> None:
-        """Raises `TypeError` for no number, `TimeRangeError` unless positive, finite and at most 1e9."""
+        """Raise `TypeError` for a frequency that is not a number, `TimeRangeError` unless it is in (0, 1e9]."""
         self._clock = clock
         self._period_ns = _period_ns(frequency_hz)
         self._schedule: TimerSchedule | None = None
         self._was_active = clock.ros_time_is_active
 
     async def sleep(self) -> None:
-        """Wait for the next point of the grid that began with the first call."""
+        """Wait for the end of the current period; the first call starts the first one."""
         schedule, active = self._schedule, self._clock.ros_time_is_active
-        if schedule is None or active != self._was_active:  # the first round, or the source changed between two
+        if schedule is None or active != self._was_active:  # first call, or the source has changed since the last one
             self._schedule = schedule = self._clock._schedule(self._period_ns, self._clock.now_ns())
-        schedule.after_jump(self._clock.now_ns())  # time may have gone back between two rounds
+        schedule.after_jump(self._clock.now_ns())  # the clock may have jumped back since the last call
         await sleep_until_due(self._clock, schedule, ends_with_source=False)
         self._was_active = self._clock.ros_time_is_active
 
 
 def _period_ns(frequency_hz: object) -> int:
     frequency = finite_number("frequency_hz", frequency_hz, "a number")
-    # Below 1e-300 the period would be no float any more.
+    # The period of lower frequencies would not be a finite float.
     if not 1e-300 <= frequency <= NS_PER_S:
         raise TimeRangeError(f"frequency_hz must be positive, finite and at most 1e9, got {frequency!r}")
     return seconds_to_ns("the period", 1 / frequency)

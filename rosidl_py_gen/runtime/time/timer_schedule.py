@@ -1,8 +1,6 @@
-"""When a timer is due: the arithmetic, fed with values.
+"""Arithmetic of timers, by the drift-free rule of rcl (docs/internals/protocol.md 9.6).
 
-Decides the drift-free rule of rcl (docs/internals/protocol.md 9.6): due times stay on the grid of the first one,
-periods that were missed are skipped and counted, never made up. Waiting and calling are `entities/timer.py`'s
-business.
+Due times are the first one plus multiples of the period. Missed periods are skipped and counted.
 """
 
 from __future__ import annotations
@@ -14,11 +12,11 @@ from rosidl_py_gen.runtime.time.values import TimeRangeError, timeout_to_ns
 
 @dataclass(frozen=True, slots=True)
 class TimerCall:
-    """What one call of a timer knows.
+    """Call of a timer.
 
     Attributes:
-        since_last_ns: time since the previous call, or since creation for the first.
-        missed: whole periods that passed without a call and are skipped.
+        since_last_ns: time since the previous call, or since creation.
+        missed: number of whole periods without a call.
     """
 
     since_last_ns: int
@@ -26,12 +24,15 @@ class TimerCall:
 
 
 class TimerSchedule:
-    """When one timer or sleep is due; every method takes the reading of the timer's clock."""
+    """Due time of a timer or sleep; the methods take the time of its clock.
+
+    Args:
+        waits_at_zero: the clock is of ROS time, on which 0 means that no `/clock` message has arrived.
+    """
 
     __slots__ = ("_elapsed_before_jump_ns", "canceled", "last_ns", "next_ns", "period_ns", "waits_at_zero")
 
     def __init__(self, period_ns: int, now_ns: int, *, waits_at_zero: bool = False) -> None:
-        """`waits_at_zero`: the clock is a ROS clock, so a reading of 0 means that no `/clock` arrived yet."""
         self.period_ns = _checked(period_ns)
         self.last_ns = now_ns
         self.next_ns = now_ns + period_ns
@@ -40,18 +41,18 @@ class TimerSchedule:
         self._elapsed_before_jump_ns = 0
 
     def time_until_ns(self, now_ns: int) -> int | None:
-        """Nanoseconds to the next call, 0 or less when due; None while canceled or the clock has not started."""
+        """Return the time to the next call, 0 or less if due; None while canceled, or before the clock has started."""
         if self.canceled or (self.waits_at_zero and now_ns == 0):
             return None
         return self.next_ns - now_ns
 
     def is_ready(self, now_ns: int) -> bool:
-        """True when a call is due."""
+        """Return True if a call is due."""
         remaining = self.time_until_ns(now_ns)
         return remaining is not None and remaining <= 0
 
     def mark_called(self, now_ns: int) -> TimerCall:
-        """Note a call now and move on to the next due time on the grid that is later than now."""
+        """Record a call, and advance to the first due time later than now."""
         since_last_ns = now_ns - self.last_ns
         self.last_ns = now_ns
         missed = 0
@@ -65,20 +66,20 @@ class TimerSchedule:
         return TimerCall(since_last_ns, missed)
 
     def cancel(self) -> None:
-        """Never be due until `reset`."""
+        """Stop until `reset`."""
         self.canceled = True
 
     def reset(self, now_ns: int) -> None:
-        """Be due one period from now; ends a cancellation. The time of the last call is kept, as rcl does."""
+        """Restart the period; retains the time of the last call, as rcl does."""
         self.canceled = False
         self.next_ns = now_ns + self.period_ns
 
     def change_period(self, period_ns: int) -> None:
-        """Use another period from the next call on; the call already due stays where it is."""
+        """Use another period after the next call."""
         self.period_ns = _checked(period_ns)
 
     def before_source_change(self, now_ns: int) -> None:
-        """ROS time is about to be (de)activated: remember how much of the period has passed."""
+        """Store the elapsed part of the period, before ROS time is activated or deactivated."""
         if now_ns == 0:
             self._elapsed_before_jump_ns = 0
             return
@@ -86,7 +87,7 @@ class TimerSchedule:
         self._elapsed_before_jump_ns = min(max(elapsed, 0), self.period_ns)
 
     def after_source_change(self, now_ns: int) -> None:
-        """ROS time was (de)activated: wait only for the rest of the period, in the new time."""
+        """Continue the period in the new time, because the zeros of both are unrelated."""
         if now_ns == 0:
             return
         elapsed, self._elapsed_before_jump_ns = self._elapsed_before_jump_ns, 0
@@ -94,28 +95,21 @@ class TimerSchedule:
         self.next_ns = self.last_ns + self.period_ns
 
     def after_jump(self, now_ns: int) -> None:
-        """Time jumped on the same source; a jump to before the last call starts a new period.
-
-        After a forward jump nothing changes here: `is_ready` answers True when the due time was passed.
-        """
+        """Start a new period if the clock has jumped to before the last call."""
         if now_ns < self.last_ns and now_ns < self.next_ns:
             self.last_ns = now_ns
             self.next_ns = now_ns + self.period_ns
 
 
-def period_to_ns(period_s: object, what: str = "period_s") -> int:
-    """A timer's period in seconds as nanoseconds.
-
-    Raises:
-        TypeError: no number. TimeRangeError: negative or not finite. Both begin with `what`.
-    """
-    period_ns = timeout_to_ns(what, period_s)
+def period_to_ns(period_s: object) -> int:
+    """Convert a period in seconds; raises `TypeError`, and `TimeRangeError` if it is negative or not finite."""
+    period_ns = timeout_to_ns("period_s", period_s)
     if period_ns is None:
-        raise TimeRangeError(f"{what} must be finite, got {period_s!r}")
+        raise TimeRangeError(f"period_s must be finite, got {period_s!r}")
     return period_ns
 
 
 def _checked(period_ns: int) -> int:
     if isinstance(period_ns, bool) or not isinstance(period_ns, int) or period_ns < 0:
-        raise TimeRangeError(f"a timer's period must be an int of nanoseconds, 0 or more, got {period_ns!r}")
+        raise TimeRangeError(f"the period of a timer must be an int of nanoseconds >= 0, got {period_ns!r}")
     return period_ns

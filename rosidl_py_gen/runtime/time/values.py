@@ -1,7 +1,6 @@
-"""Points in time and durations as integer nanoseconds.
+"""Points in time and durations, as integer nanoseconds.
 
-Decides arithmetic, comparison and conversion. Which clock a time comes from is part of it: times of different clocks
-can neither be ordered nor subtracted, because their zero differs. Where time comes from is `clock.py`.
+Times of different clock types cannot be ordered or subtracted, because their zeros differ.
 """
 
 from __future__ import annotations
@@ -26,64 +25,59 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 
 
 class ClockTypeError(RosidlError, TypeError):
-    """The caller mixed times of different clocks, or asked a clock for what its type cannot do."""
+    """Raised if times of different clock types are mixed, or a clock type does not support an operation."""
 
 
 class TimeRangeError(RosidlError, ValueError):
-    """The caller's time or duration does not fit where it should go."""
+    """Raised for a time or duration that is out of range."""
 
 
 class ClockType(IntEnum):
-    """Where a time comes from; numbers of rcl (docs/internals/protocol.md 9.6)."""
+    """Type of a clock; numbers of rcl (docs/internals/protocol.md 9.6)."""
 
     ROS_TIME = 1
     SYSTEM_TIME = 2
     STEADY_TIME = 3
 
 
-def finite_number(what: str, value: object, kind: str) -> float:
-    """Raises `TypeError` for what is no `kind`, `TimeRangeError` for what is not finite; both begin with `what`."""
+def finite_number(subject: str, value: object, expected: str) -> float:
+    """Return a finite float; raises `TypeError` unless the value is a number, `TimeRangeError` if it is not finite."""
     if not isinstance(value, Real) or isinstance(value, bool):
-        raise TypeError(f"{what} must be {kind}, got {value!r:.100}")
+        raise TypeError(f"{subject} must be {expected}, got {value!r:.100}")
     number = float(value)
     if not math.isfinite(number):
-        raise TimeRangeError(f"{what} must be finite, got {number!r}")
+        raise TimeRangeError(f"{subject} must be finite, got {number!r}")
     return number
 
 
-_PLAIN_S = 1e6
-"""Below this a product of floats is exact to the nanosecond; it is what calls with a time limit need, in a fifth of the
-time.
-"""
+_EXACT_S = 1e6
+"""Number of seconds below which the product with 1e9 is exact to the nanosecond: five times faster for timeouts."""
 
 
-def seconds_to_ns(what: str, seconds: object) -> int:
-    """A number of seconds, numpy's too, as nanoseconds; rounded when it is no whole number.
-
-    Raises:
-        TypeError: no number. TimeRangeError: not finite. Both begin with `what`.
-    """
+def seconds_to_ns(subject: str, seconds: object) -> int:
+    """Convert a number of seconds, also of numpy, to nanoseconds; raises as `finite_number`."""
     if isinstance(seconds, Integral) and not isinstance(seconds, bool):
         return int(seconds) * NS_PER_S
-    # Whole seconds apart: the product of both might exceed a float.
-    fraction, whole = math.modf(finite_number(what, seconds, "a number of seconds"))
+    # Whole seconds are converted separately, because their product may exceed the precision of a float.
+    fraction, whole = math.modf(finite_number(subject, seconds, "a number of seconds"))
     return int(whole) * NS_PER_S + round(fraction * NS_PER_S)
 
 
-def timeout_to_ns(what: str, seconds: object) -> int | None:
-    """How long somebody is willing to wait, as nanoseconds: 0 or more, None for `math.inf`, which means for ever.
+def timeout_to_ns(subject: str, seconds: object) -> int | None:
+    """Convert a timeout to nanoseconds; None for `math.inf`.
 
     Raises:
-        TypeError: no number. TimeRangeError: negative or NaN. Both begin with `what`.
+        TypeError: the timeout is not a number.
+        TimeRangeError: it is negative or NaN.
     """
-    if type(seconds) in (int, float) and 0 <= seconds < _PLAIN_S:  # type: ignore[operator]
+    if type(seconds) in (int, float) and 0 <= seconds < _EXACT_S:  # type: ignore[operator]
         return round(seconds * NS_PER_S)  # type: ignore[operator]
     if isinstance(seconds, float) and seconds == math.inf:
         return None
-    limit_ns = seconds_to_ns(what, seconds)
-    if limit_ns < 0:
-        raise TimeRangeError(f"{what} must be 0 or more seconds, got {seconds!r}")
-    return limit_ns
+    timeout_ns = seconds_to_ns(subject, seconds)
+    if timeout_ns < 0:
+        raise TimeRangeError(f"{subject} must be 0 or more seconds, got {seconds!r}")
+    return timeout_ns
 
 
 def _total_ns(seconds: float, nanoseconds: int) -> int:
@@ -94,17 +88,17 @@ def _total_ns(seconds: float, nanoseconds: int) -> int:
     return seconds_to_ns("seconds", seconds) + nanoseconds
 
 
-def _fitting(what: str, nanoseconds: int) -> tuple[int, int]:
-    """Split for a message: seconds rounded down, nanoseconds always from 0 to 999 999 999."""
+def _message_fields(subject: str, nanoseconds: int) -> tuple[int, int]:
+    """Split into seconds, rounded down, and nanoseconds from 0 to 999 999 999."""
     sec, nanosec = sec_nanosec(nanoseconds)
     if not _INT32_MIN <= sec <= _INT32_MAX:
-        raise TimeRangeError(f"{what} of {sec} s does not fit a message, whose sec is an int32")
+        raise TimeRangeError(f"{subject} of {sec} s does not fit a message, whose sec is an int32")
     return sec, nanosec
 
 
 @dataclass(frozen=True, slots=True, order=True, init=False)
 class Duration:
-    """A signed length of time; exact, in nanoseconds."""
+    """Signed duration in nanoseconds."""
 
     nanoseconds: int
 
@@ -113,7 +107,7 @@ class Duration:
 
     @property
     def seconds(self) -> float:
-        """The whole duration in seconds, rounded to a float."""
+        """Duration in seconds, rounded to a float."""
         return self.nanoseconds / NS_PER_S
 
     def __repr__(self) -> str:
@@ -159,32 +153,32 @@ class Duration:
         return NotImplemented
 
     def to_timedelta(self) -> timedelta:
-        """The duration rounded to microseconds."""
+        """Convert to a timedelta, rounded to microseconds."""
         return timedelta(microseconds=round(self.nanoseconds / 1000))
 
     @classmethod
     def from_timedelta(cls, value: timedelta) -> Duration:
-        """Exact."""
+        """Convert a timedelta exactly."""
         return cls(nanoseconds=(value // timedelta(microseconds=1)) * 1000)
 
     def to_msg(self) -> DurationMessage:
-        """A builtin_interfaces/Duration; raises `TimeRangeError` when sec exceeds an int32."""
+        """Convert to builtin_interfaces/Duration; raises `TimeRangeError` if sec exceeds an int32."""
         from rosidl_py_gen.msgs.builtin_interfaces.msg import Duration as DurationMessage
 
-        sec, nanosec = _fitting("duration", self.nanoseconds)
+        sec, nanosec = _message_fields("duration", self.nanoseconds)
         return DurationMessage(sec=sec, nanosec=nanosec)
 
     @classmethod
     def from_msg(cls, message: SecNanosec) -> Duration:
-        """From builtin_interfaces/Duration of any generator."""
+        """Convert a builtin_interfaces/Duration of any generator."""
         return cls(nanoseconds=stamp_ns(message))
 
 
 @dataclass(frozen=True, slots=True, init=False)
 class Time:
-    """A point in time on one kind of clock; never negative.
+    """Point in time of a clock type, not negative.
 
-    ``==`` between times of different clocks is False; ordering and subtracting them raises `ClockTypeError`.
+    Times of different clock types are not equal; ordering or subtracting them raises `ClockTypeError`.
     """
 
     nanoseconds: int
@@ -201,14 +195,14 @@ class Time:
 
     @property
     def seconds(self) -> float:
-        """Seconds since the clock's zero, rounded to a float (about 0.2 microseconds for the system clock)."""
+        """Time in seconds, rounded to a float (precision of the system clock: about 0.2 µs)."""
         return self.nanoseconds / NS_PER_S
 
     def __repr__(self) -> str:
         return f"Time(nanoseconds={self.nanoseconds}, clock_type={self.clock_type.name})"
 
     def seconds_nanoseconds(self) -> tuple[int, int]:
-        """Whole seconds and the nanoseconds that remain."""
+        """Return whole seconds and the remaining nanoseconds."""
         return sec_nanosec(self.nanoseconds)
 
     def __add__(self, other: Duration) -> Time:
@@ -244,44 +238,43 @@ class Time:
     def _same_clock(self, other: Time) -> int:
         if other.clock_type is not self.clock_type:
             raise ClockTypeError(
-                f"a {self.clock_type.name} and a {other.clock_type.name} have nothing to compare; "
-                "take both from one clock"
+                f"a {self.clock_type.name} and a {other.clock_type.name} cannot be compared; use times of one clock"
             )
         return other.nanoseconds
 
     def to_datetime(self) -> datetime:
-        """In UTC, cut to microseconds; raises `ClockTypeError` for steady time, whose zero is arbitrary."""
+        """Convert to a datetime in UTC, truncated to microseconds; raises `ClockTypeError` for steady time."""
         if self.clock_type is ClockType.STEADY_TIME:
-            raise ClockTypeError("STEADY_TIME has an arbitrary zero and is no date")
+            raise ClockTypeError("STEADY_TIME has an arbitrary zero and cannot be a datetime")
         return _EPOCH + timedelta(microseconds=self.nanoseconds // 1000)
 
     @classmethod
     def from_datetime(cls, value: datetime, clock_type: ClockType = ClockType.SYSTEM_TIME) -> Time:
-        """Exact; raises `TimeRangeError` for a datetime without time zone."""
+        """Convert a datetime exactly; raises `TimeRangeError` if it has no time zone."""
         if value.tzinfo is None:
             raise TimeRangeError(f"{value!r} has no time zone; use for example datetime.now(timezone.utc)")
         return cls(nanoseconds=((value - _EPOCH) // timedelta(microseconds=1)) * 1000, clock_type=clock_type)
 
     def to_msg(self) -> TimeMessage:
-        """A builtin_interfaces/Time; raises `TimeRangeError` when sec exceeds an int32."""
+        """Convert to builtin_interfaces/Time; raises `TimeRangeError` if sec exceeds an int32."""
         from rosidl_py_gen.msgs.builtin_interfaces.msg import Time as TimeMessage
 
-        sec, nanosec = _fitting("time", self.nanoseconds)
+        sec, nanosec = _message_fields("time", self.nanoseconds)
         return TimeMessage(sec=sec, nanosec=nanosec)
 
     @classmethod
     def from_msg(cls, message: SecNanosec, clock_type: ClockType = ClockType.ROS_TIME) -> Time:
-        """From builtin_interfaces/Time of any generator; a message does not say its clock, stamps are ROS time."""
+        """Convert a builtin_interfaces/Time of any generator; stamps of messages are ROS time."""
         return cls(nanoseconds=stamp_ns(message), clock_type=clock_type)
 
 
 def read_stamp(message: SecNanosec) -> Time | None:
-    """Return the stamp of a peer's message; None if it is negative, which no `Time` is."""
+    """Return the stamp of a peer's message; None if it is negative."""
     return Time.from_msg(message) if stamp_ns(message) >= 0 else None
 
 
 class ClockChange(IntEnum):
-    """What happened to the source of a clock; numbers of rcl."""
+    """Change of the source of a clock; numbers of rcl."""
 
     ROS_TIME_NO_CHANGE = 1
     ROS_TIME_ACTIVATED = 2
@@ -291,12 +284,12 @@ class ClockChange(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class TimeJump:
-    """One jump; `delta` is 0 when the source changed, because the two zeros have nothing in common."""
+    """Jump of a clock; `delta` is 0 if the source changed, because the zeros are unrelated."""
 
     clock_change: ClockChange
     delta: Duration
 
     @property
     def source_changed(self) -> bool:
-        """True when ROS time was activated or deactivated."""
+        """True if ROS time was activated or deactivated."""
         return self.clock_change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED)

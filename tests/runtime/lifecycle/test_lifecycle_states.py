@@ -20,8 +20,8 @@ from rosidl_py_gen.runtime.lifecycle.transitions import (
     TransitionError,
     available_transitions,
     finished_transition,
-    outcome_of,
     requested_transition,
+    to_callback_return,
 )
 
 REQUESTS = {
@@ -116,7 +116,7 @@ TestWalk.settings = settings(max_examples=examples(50), stateful_step_count=30, 
     ("state", "outcome"), [(10, TransitionCallbackReturn.SUCCESS), (State.CONFIGURING, "transition_success")]
 )
 def test_numbers_and_texts_are_no_state_and_no_outcome(state: Any, outcome: Any) -> None:
-    with pytest.raises(TypeError, match="expected a State and an Outcome, got "):
+    with pytest.raises(TypeError, match="expected a State and a TransitionCallbackReturn, got "):
         finished_transition(state, outcome)
 
 
@@ -156,4 +156,4 @@ def test_the_table_has_25_rows_and_available_ones_leave_the_state() -> None:
     ],
 )
 def test_what_the_answer_of_a_callback_means(answer: object, outcome: TransitionCallbackReturn) -> None:
-    assert outcome_of(answer) is outcome
+    assert to_callback_return(answer) is outcome

@@ -161,7 +161,7 @@ def test_loggers_are_public_and_need_no_node() -> None:
 @pytest.mark.parametrize("name", [None, 5, b"a", ["a"]])
 def test_the_name_of_a_logger_is_a_text(name: Any) -> None:
     for use in (get_logger, get_logger_level, lambda name: set_logger_level(name, INFO)):
-        with pytest.raises(TypeError, match="the name of a logger must be a text, got "):
+        with pytest.raises(TypeError, match="the name of a logger must be a str, got "):
             use(name)
 
 

@@ -53,9 +53,9 @@ def test_period_zero_is_always_ready() -> None:
 
 @pytest.mark.parametrize("bad", [-1, True, 1.5])
 def test_bad_periods_are_refused(bad: int) -> None:
-    with pytest.raises(TimeRangeError, match="period must be an int"):
+    with pytest.raises(TimeRangeError, match="timer must be an int"):
         TimerSchedule(bad, 0)
-    with pytest.raises(TimeRangeError, match="period must be an int"):
+    with pytest.raises(TimeRangeError, match="timer must be an int"):
         TimerSchedule(1, 0).change_period(bad)
 
 
