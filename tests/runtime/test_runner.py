@@ -462,7 +462,7 @@ def test_nodes_of_the_fixture_are_served_when_one_of_them_is_used(ros_node: Call
         later.append(ros_node("later"))
 
     asyncio.run(main())
-    assert later[0].context._core.had_loop
+    assert later[0].context._core._had_loop.is_set()
 
 
 def test_wrong_ros_arguments_end_a_program_with_one_line(tmp_path: Path) -> None:

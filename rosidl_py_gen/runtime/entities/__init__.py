@@ -1,4 +1,1 @@
-"""Publishers, subscriptions, service clients and servers, and timers.
-
-May import the rooms below: names, time, logs, transport, loop, graph.
-"""
+"""Publishers, subscriptions, service clients and servers, and timers."""

@@ -80,6 +80,7 @@ class ServiceRequest(Generic[RequestT, ResponseT]):
         self._origin = origin
         self._times_ns = times_ns
         self.message = message
+        """Request message."""
         """Request of the client, to be answered with `respond`."""
         self._responded = False
 

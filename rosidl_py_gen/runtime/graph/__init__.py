@@ -1,4 +1,1 @@
-"""Which nodes, topics and services there are: what DDS discovers and what nodes tell of themselves.
-
-May import: names, logs, transport, loop.
-"""
+"""Graph of nodes, topics, services and endpoints, fed by discovery."""

@@ -1,4 +1,1 @@
-"""Names of nodes, topics and parameters: what is allowed, how remapping changes them.
-
-Imports no other room.
-"""
+"""Names of nodes, topics and services: validation, expansion and remapping."""

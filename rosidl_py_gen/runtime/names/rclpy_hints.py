@@ -1,6 +1,6 @@
-"""Names of rclpy that programs use most, with the names that replace them here.
+"""Most frequently used names of rclpy, with their replacements, for the errors about unknown attributes.
 
-The runtime and its nodes mention them in the error for an unknown attribute. docs/migration.md lists all others.
+docs/migration.md lists all others.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ HINTS = {
     "spin_until_future_complete": "await the call itself: response = await client.call(request, timeout_s=5)",
     "try_shutdown": _CLOSE,
 }
-"""Name in rclpy -> text that says what replaces it."""
+"""Name in rclpy -> text about its replacement."""
 
 
 def unknown_attribute(owner: str, name: str) -> str:

@@ -1,9 +1,7 @@
-"""Which names ROS allows, and how a name as written becomes a fully qualified one.
+"""Validation and expansion of names (docs/internals/protocol.md 10.1, 10.2).
 
-Decides validation and expansion (docs/internals/protocol.md 10.1, 10.2). Rules are looked at in the order of rcl and
-rmw, so that the place we tell is theirs. Remapping is `remap.py`, what DDS calls a name is `dds.py`. A name is
-validated twice: as written, so that the caret points into the text the user typed, and again after expansion, because
-substitutions and namespaces can break it.
+Rules are checked in the order of rcl and rmw, so that errors point at the same character. A name is validated twice: as
+the user wrote it, so that the caret points into that text, and after expansion, which can make it invalid.
 """
 
 from __future__ import annotations
@@ -19,13 +17,13 @@ MAX_NAMESPACE_LENGTH = 245
 MAX_NODE_NAME_LENGTH = 255
 
 _NAME_CHARACTER = re.compile(r"[A-Za-z0-9_/]")
-_GIVEN_CHARACTER = re.compile(r"[A-Za-z0-9_/~{}]")
+_UNEXPANDED_NAME_CHARACTER = re.compile(r"[A-Za-z0-9_/~{}]")
 _IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 _SUBSTITUTION = re.compile(r"\{([^{}]*)\}")
 
 
 class NameRule(Enum):
-    """Rule that a name breaks; rcl and rmw have a text of their own for each."""
+    """Rule of a name; rcl and rmw have an error text for each."""
 
     EMPTY = auto()
     CHARACTER = auto()
@@ -42,41 +40,38 @@ class NameRule(Enum):
 
 
 class NameFault(NamedTuple):
-    """First thing that is wrong with a name."""
+    """First broken rule of a name; `position` is the index of the offending character."""
 
     position: int
-    """Index of the offending character."""
     rule: NameRule
     reason: str
-    """The text for people."""
 
 
-def _raise_for(fault: NameFault | None, what: str, name: str) -> None:
-    """Raise with the name and a caret below the offending character, if there is a fault."""
+def _raise_for(fault: NameFault | None, subject: str, name: str) -> None:
+    """Raise an error with a caret below the offending character, if there is a fault."""
     if fault is None:
         return
     index, _, reason = fault
     start = max(0, index - 60)
-    shown = name[start : start + 120]
-    # repr() of a character may be wider than one column, so control characters are shown as "?".
-    line = "".join(c if c.isprintable() else "?" for c in shown)
-    text = f"invalid {what} {name!r:.300}: {reason}\n    {line}\n    {' ' * (index - start)}^"
+    # The repr of a character may be wider than one column, so control characters are replaced by "?".
+    line = "".join(c if c.isprintable() else "?" for c in name[start : start + 120])
+    text = f"invalid {subject} {name!r:.300}: {reason}\n    {line}\n    {' ' * (index - start)}^"
     raise InvalidNameError(text, name=name, index=index, reason=reason)
 
 
-def _check_type(what: str, name: object) -> None:
+def _check_type(subject: str, name: object) -> None:
     if not isinstance(name, str):
-        raise InvalidNameError(f"invalid {what}: expected a str, got {type(name).__name__} {name!r:.300}")
+        raise InvalidNameError(f"invalid {subject}: expected a str, got {type(name).__name__} {name!r:.300}")
 
 
 def validate_node_name(name: str) -> None:
-    """Refuse a node name, without namespace, that rmw would refuse; raises `InvalidNameError`."""
+    """Raise `InvalidNameError` if rmw would refuse a node name, given without namespace."""
     _check_type("node name", name)
     _raise_for(find_node_name_fault(name), "node name", name)
 
 
 def find_node_name_fault(name: str) -> NameFault | None:
-    """Return the reason why rmw refuses a node name, without namespace; None if it accepts it."""
+    """Return the rule of rmw that a node name (without namespace) breaks; None if it is valid."""
     if not name:
         return NameFault(0, NameRule.EMPTY, "it is empty")
     for index, character in enumerate(name):
@@ -95,18 +90,18 @@ def _length_fault(name: str, max_length: int) -> NameFault | None:
 
 
 def validate_namespace(namespace: str) -> None:
-    """Refuse a namespace that rmw would refuse: ``/`` or ``/a/b``; raises `InvalidNameError`."""
+    """Raise `InvalidNameError` if rmw would refuse a namespace such as ``/`` or ``/a/b``."""
     _check_type("namespace", namespace)
     _raise_for(find_namespace_fault(namespace), "namespace", namespace)
 
 
 def find_namespace_fault(namespace: str) -> NameFault | None:
-    """Return the reason why rmw refuses a namespace; None if it accepts it."""
+    """Return the rule of rmw that a namespace breaks; None if it is valid."""
     return None if namespace == "/" else _full_fault(namespace, MAX_NAMESPACE_LENGTH)
 
 
 def normalize_namespace(namespace: str) -> str:
-    """The namespace with its leading ``/``; empty becomes ``/``. Raises `InvalidNameError`."""
+    """Return a namespace with its leading ``/``, which may be missing; raises `InvalidNameError`."""
     _check_type("namespace", namespace)
     full = namespace if namespace.startswith("/") else f"/{namespace}"
     validate_namespace(full)
@@ -114,17 +109,13 @@ def normalize_namespace(namespace: str) -> str:
 
 
 def validate_full_name(name: str, what: str = "topic name") -> None:
-    """Refuse a fully qualified topic or service name that rmw would refuse; raises `InvalidNameError`.
-
-    Args:
-        what: what it is called in the error.
-    """
+    """Raise `InvalidNameError` if rmw would refuse a fully qualified topic or service name; `what` names its kind."""
     _check_type(what, name)
     _raise_for(find_full_name_fault(name), what, name)
 
 
 def find_full_name_fault(name: str) -> NameFault | None:
-    """Return the reason why rmw refuses a fully qualified topic or service name; None if it accepts it."""
+    """Return the rule of rmw that a fully qualified topic or service name breaks; None if it is valid."""
     return _full_fault(name, MAX_TOPIC_LENGTH)
 
 
@@ -153,24 +144,20 @@ def _token_fault(name: str, index: int) -> NameFault | None:
 
 
 def validate_name(name: str, what: str = "topic name") -> None:
-    """Refuse a topic or service name as written by a user, with ``~`` and ``{...}``; raises `InvalidNameError`.
-
-    Args:
-        what: what it is called in the error.
-    """
+    """Raise `InvalidNameError` for an invalid topic or service name with ``~`` and ``{...}``; `what` names its kind."""
     _check_type(what, name)
     _raise_for(find_name_fault(name), what, name)
 
 
 def find_name_fault(name: str) -> NameFault | None:
-    """Return the reason why rcl refuses a topic or service name as written by a user; None if it accepts it."""
+    """Return the rule of rcl that a topic or service name with ``~`` and ``{...}`` breaks; None if it is valid."""
     if not name:
         return NameFault(0, NameRule.EMPTY, "it is empty")
     if fault := _token_fault(name, 0):
         return fault
     if name.endswith("/"):
         return NameFault(len(name) - 1, NameRule.TRAILING_SLASH, "it must not end with '/'")
-    if fault := _given_character_fault(name):
+    if fault := _unexpanded_character_fault(name):
         return fault
     for index in range(1, len(name)):
         if name[index - 1] == "/":
@@ -178,43 +165,44 @@ def find_name_fault(name: str) -> NameFault | None:
                 return fault
         elif name[0] == "~" and index == 1 and name[1] != "/":
             return NameFault(1, NameRule.TILDE_SLASH, "'~' must be followed by '/'")
-    if "{}" in name:  # rcl finds it when it expands
+    if "{}" in name:  # rcl reports it when it expands the name
         return NameFault(name.index("{}") + 1, NameRule.SUBSTITUTION, "'' is not a substitution name")
     return None
 
 
-def _given_character_fault(name: str) -> NameFault | None:
-    opened = -1
+def _unexpanded_character_fault(name: str) -> NameFault | None:
+    brace_index = -1
     for index, character in enumerate(name):
         if character == "}":
-            if opened < 0:
+            if brace_index < 0:
                 return NameFault(index, NameRule.BRACES, "'}' without '{'")
-            opened = -1
-        elif opened >= 0:
+            brace_index = -1
+        elif brace_index >= 0:
             if character == "{":
                 return NameFault(index, NameRule.SUBSTITUTION, "substitutions must not be nested")
-            if not _IDENTIFIER.match(name[opened + 1 : index + 1]):
-                inner = name[opened + 1 :].partition("}")[0]
+            if not _IDENTIFIER.match(name[brace_index + 1 : index + 1]):
+                inner = name[brace_index + 1 :].partition("}")[0]
                 return NameFault(index, NameRule.SUBSTITUTION, f"{inner!r} is not a substitution name")
         elif character == "{":
-            opened = index
-        elif not _GIVEN_CHARACTER.match(character):
+            brace_index = index
+        elif not _UNEXPANDED_NAME_CHARACTER.match(character):
             reason = f"character {character!r} is not allowed, only A-Z, a-z, 0-9, _, /, ~ and {{}} are"
             return NameFault(index, NameRule.CHARACTER, reason)
         elif character == "~" and index > 0:
             return NameFault(index, NameRule.TILDE_PLACE, "'~' may only be the first character")
-    return None if opened < 0 else NameFault(opened, NameRule.BRACES, "'{' without '}'")
+    return None if brace_index < 0 else NameFault(brace_index, NameRule.BRACES, "'{' without '}'")
 
 
 def fully_qualified_node_name(name: str, namespace: str) -> str:
-    """``/ns/name``; `namespace` begins with ``/``."""
+    """Return ``/ns/name``; `namespace` must begin with ``/``."""
     return f"/{name}" if namespace == "/" else f"{namespace}/{name}"
 
 
 def resolve_node_name(name: str, namespace: str) -> str:
-    """``/ns/name`` for a node given as ``name``, which is looked for in `namespace`, or as ``/ns/name``.
+    """Return ``/ns/name`` of a node that is given as ``name`` in `namespace`, or as ``/ns/name``.
 
-    Raises `InvalidNameError`.
+    Raises:
+        InvalidNameError: name or namespace is invalid.
     """
     _check_type("node name", name)
     above, slash, plain = name.rpartition("/")
@@ -223,27 +211,27 @@ def resolve_node_name(name: str, namespace: str) -> str:
 
 
 def expand_name(name: str, node_name: str, namespace: str, what: str = "topic name") -> str:
-    """Turn a name as written into a fully qualified one, without remapping: ``~/x`` into ``/ns/node/x``.
+    """Return the fully qualified name, without remapping: ``~/x`` becomes ``/ns/node/x``.
 
     Args:
-        what: what it is called in the error.
+        name: topic or service name, which may contain ``~`` and ``{...}``.
+        node_name: replaces ``{node}``.
+        namespace: replaces ``{ns}`` and ``{namespace}``.
+        what: kind of the name in errors.
 
     Raises:
-        InvalidNameError: the name, as written or as it came out, is not allowed; its `name` is the one that is not.
-
-    Source: docs/internals/protocol.md 10.2.
+        InvalidNameError: the name is invalid, as written or after expansion; attribute `name` has the invalid one.
     """
     validate_name(name, what)
     full = name
     if full.startswith("~"):
         full = fully_qualified_node_name(node_name, namespace) + full[1:]
     values = {"node": node_name, "ns": namespace, "namespace": namespace}
-    for found in _SUBSTITUTION.finditer(name):
-        if found.group(1) not in values:
-            known = ", ".join(f"{{{key}}}" for key in values)
-            reason = f"unknown substitution {found.group()}; known are {known}"
-            _raise_for(NameFault(found.start(), NameRule.SUBSTITUTION, reason), what, name)
-    full = _SUBSTITUTION.sub(lambda found: values[found.group(1)], full)
+    for match in _SUBSTITUTION.finditer(name):
+        if match.group(1) not in values:
+            reason = f"unknown substitution {match.group()}; expected one of {{node}}, {{ns}}, {{namespace}}"
+            _raise_for(NameFault(match.start(), NameRule.SUBSTITUTION, reason), what, name)
+    full = _SUBSTITUTION.sub(lambda match: values[match.group(1)], full)
     if not full.startswith("/"):
         full = f"/{full}" if namespace == "/" else f"{namespace}/{full}"
     validate_full_name(full, what)

@@ -1,4 +1,1 @@
-"""The node and the context it lives in: arguments, environment, clock, and the services every node has.
-
-May import: all rooms but lifecycle.
-"""
+"""Nodes and contexts: arguments, environment, clock, and the services that every node has."""

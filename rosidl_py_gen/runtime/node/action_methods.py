@@ -1,7 +1,6 @@
-"""The action methods of a node.
+"""Action methods of a node: names and defaults as in rclpy.
 
-Decides names and defaults as ROS users know them; what the endpoints do is in their own files, which are imported when
-they are first used: most nodes have no actions, and every node has to start fast.
+Action clients and servers are imported when they are first used, because most nodes have none.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.time.clock import Clock
 
 RESULT_TIMEOUT_S = 900.0
-"""rclpy's default."""
+"""Default of rclpy."""
 
 
 class ActionMethods:
@@ -80,30 +79,35 @@ class ActionMethods:
         arrays: bool = False,
         type_hash_check: TypeCheck | None = None,
     ) -> ActionServer[Any]:
-        """Serve an action; callbacks may be plain or async. Without `execute`, iterate over the goal requests.
+        """Create a server of an action; callbacks may be plain or async functions.
+
+        Goals that have not started (queued, or deferred) end as CANCELED when a cancel request is accepted.
 
         Args:
-            execute: gets a `ServerGoal` and returns the result (SUCCEEDED), or ends the goal itself with `succeed`,
-                `abort` or `canceled`, which get the result or leave it to what it returns. An exception, or returning
-                None without having ended it, is ABORTED. A plain function runs in a thread of its own for each goal;
-                it has to look at `goal.is_cancel_requested`, which is also true when the node closes.
-            goal_callback: gets the goal; answers a `GoalDecision` (DEFER: `goal.execute()` later), or a true value
-                or None to accept, and another false value to reject.
-            cancel_callback: True accepts every cancel, False refuses; a function gets the `ServerGoal`, and a false
-                value other than None refuses. A handler that does not read `goal.is_cancel_requested` runs to its end.
-            result_timeout_s: how long a result is kept after the end of its goal; `math.inf` for ever.
-            goal_policy: ``"parallel"`` runs any number of goals at once. One at a time: ``"reject"`` refuses others
-                meanwhile, ``"queue"`` lets them wait their turn, ``"preempt"`` cancels the running one for the newest.
-                Deferred goals take their place in the queue when `execute` is called; `goal.started()` waits for it.
-            arrays: sequences of fixed-size messages in goals are structured arrays, as in `decode`.
-            type_hash_check: that of `Node`, for the services and topics of this action.
-
-        Goals that have not started (queued, or deferred) end as CANCELED when a cancel is accepted.
+            action: action class, or its name: then goals, results and feedback are dicts.
+            name: action name, which is expanded and remapped.
+            execute: gets a `ServerGoal` and returns the result (SUCCEEDED), or ends the goal with `succeed`, `abort` or
+                `canceled`, with the result as argument or as return value. An exception, or returning None without
+                having ended the goal, is ABORTED. A plain function runs in a thread for each goal; it must check
+                `goal.is_cancel_requested`, which is also true when the node closes. None: iterate over the requests.
+            goal_callback: gets the goal; returns a `GoalDecision` (DEFER: `goal.execute()` later), or a true value or
+                None to accept, another false value to reject.
+            cancel_callback: True accepts every cancel request, False refuses; a function gets the `ServerGoal`, and
+                refuses with a false value other than None. A handler that does not check `goal.is_cancel_requested`
+                runs to its end.
+            result_timeout_s: time for which a result is retained after the end of its goal; `math.inf` forever.
+            goal_policy: ``"parallel"`` runs all goals concurrently. The others run one goal at a time: ``"reject"``
+                rejects further ones, ``"queue"`` runs them later, ``"preempt"`` cancels the running one. A deferred
+                goal is queued when `execute` is called; `goal.started()` waits for its start.
+            arrays: decode sequences of fixed-size messages in goals as structured arrays; not with a type name.
+            type_hash_check: like that of `Node`, for the services and topics of this action.
 
         Raises:
-            InvalidNameError, TypeNotFoundError, ClosedError: as their names say.
-            TypeError, ActionArgumentError, ValueError: an argument is of no use, or `goal_callback` comes without
+            InvalidNameError: the action name is invalid.
+            TypeNotFoundError: `action` names no known type.
+            TypeError, ActionArgumentError, ValueError: an argument is invalid, or `goal_callback` is given without
                 `execute`.
+            ClosedError: the node is closed.
         """
         from rosidl_py_gen.runtime.actions.server import ActionServer
         from rosidl_py_gen.runtime.actions.types import ActionNames, action_type
@@ -156,18 +160,23 @@ class ActionMethods:
         arrays: bool = False,
         type_hash_check: TypeCheck | None = None,
     ) -> ActionClient[Any]:
-        """Send goals to an action. A type given as text makes goals, results and feedback dicts.
+        """Create a client of an action.
 
         Args:
-            feedback_depth: how many feedback messages a goal keeps until somebody iterates, at least 1; older ones are
+            action: action class, or its name: then goals, results and feedback are dicts.
+            name: action name, which is expanded and remapped.
+            feedback_depth: number of feedback messages that a goal retains for iteration, at least 1; older ones are
                 dropped, and counted in `goal.feedback_dropped`.
-            server_lost_timeout_s: how long a server may be away before goals end with `ActionServerLostError`;
-                `math.inf` for ever.
-            arrays: sequences of fixed-size messages in results and feedback are structured arrays, as in `decode`.
-            type_hash_check: that of `Node`, for the services and topics of this action.
+            server_lost_timeout_s: time without server after which goals end with `ActionServerLostError`; `math.inf`
+                forever.
+            arrays: decode sequences of fixed-size messages in results and feedback as structured arrays.
+            type_hash_check: like that of `Node`, for the services and topics of this action.
 
         Raises:
-            InvalidNameError, TypeNotFoundError, ClosedError. TypeError, ActionArgumentError: an argument is of no use.
+            InvalidNameError: the action name is invalid.
+            TypeNotFoundError: `action` names no known type.
+            TypeError, ActionArgumentError: an argument is invalid.
+            ClosedError: the node is closed.
         """
         from rosidl_py_gen.runtime.actions.client import ActionClient
         from rosidl_py_gen.runtime.actions.types import ActionNames, action_type

@@ -1,7 +1,6 @@
-"""ROS arguments: everything between ``--ros-args`` and ``--``, and what is left for the program; and those of `Node`.
+"""ROS arguments of a command line, between ``--ros-args`` and ``--`` (docs/internals/protocol.md 10.4).
 
-Decides the grammar of docs/internals/protocol.md 10.4. Values are kept in the order of the command line, because later
-parameters override earlier ones. Parameter files are read through the `read_text` function given by the caller.
+Values remain in the order of the command line, because later parameters override earlier ones.
 """
 
 from __future__ import annotations
@@ -9,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
@@ -24,19 +24,20 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.parameters.values import ParameterValue
 
 _NODE_PREFIX = re.compile(r"([^:]+):(?!=)")
+_SWITCH = re.compile(r"--(enable|disable)-(.*)\Z")
 
 
 class RosArgumentError(RosidlError, ValueError):
-    """The user gave a ROS argument that cannot be understood; the text shows it."""
+    """A ROS argument cannot be parsed; the text contains it."""
 
 
 @dataclass(frozen=True, slots=True)
 class RosArguments:
-    """The meaning of a command line.
+    """Parsed command line.
 
     Attributes:
-        program: what is left for the program, its name included, ROS arguments removed.
-        remap_rules: in order; the first that matches wins.
+        program: program name and the arguments of the program.
+        remap_rules: in order; the first one that matches applies.
         parameters: from ``-p`` and files, in order; later ones override earlier ones.
         warnings: sentences to log once.
     """
@@ -49,13 +50,13 @@ class RosArguments:
     warnings: tuple[str, ...] = ()
 
     def overrides_for(self, fully_qualified_name: str) -> dict[str, ParameterValue]:
-        """Parameter values for one node."""
+        """Return the parameter values of a node."""
         return overrides_for(self.parameters, fully_qualified_name)
 
 
 @dataclass(slots=True)
 class _Parser:
-    """Collects what the flags say; one method a flag with an argument."""
+    """Collected values, and one method for each flag with an argument."""
 
     read_text: Callable[[str], str]
     program: list[str] = field(default_factory=list)
@@ -63,7 +64,7 @@ class _Parser:
     parameters: list[ParameterOverrides] = field(default_factory=list)
     log_levels: list[tuple[str, int]] = field(default_factory=list)
     logs: dict[str, Any] = field(default_factory=dict)
-    """The other fields of `LogSettings`."""
+    """Fields of `LogSettings` without `levels`."""
     enclave: str = "/"
     warnings: list[str] = field(default_factory=list)
     unknown: list[str] = field(default_factory=list)
@@ -77,9 +78,9 @@ class _Parser:
         left, separator, text = value.partition(":=")
         if not separator:
             raise RosArgumentError("there is no ':='; expected [NODE:]name:=value")
-        found = _NODE_PREFIX.match(left)
-        pattern = "/" + found.group(1).lstrip("/") if found else "/**"
-        name = left[found.end() :] if found else left
+        prefix = _NODE_PREFIX.match(left)
+        pattern = "/" + prefix.group(1).lstrip("/") if prefix else "/**"
+        name = left[prefix.end() :] if prefix else left
         if not name or ":" in name or any(character.isspace() for character in name):
             raise RosArgumentError(f"{name!r} is not a parameter name; expected [NODE:]name:=value")
         self.parameters.append(ParameterOverrides(pattern, {name: parse_parameter_value(text)}, f"-p {value}"))
@@ -109,13 +110,13 @@ class _Parser:
 
     def set_log_config_file(self, value: str) -> None:
         raise RosArgumentError(
-            "log configuration files are not read, because they can run code (ROS's usual backend, spdlog, reads none "
-            "either); use --log-level [logger:=]LEVEL, or configure Python's logging in the program"
+            "log configuration files are not supported, because they can run code (nor by spdlog, the default backend "
+            "of ROS); use --log-level [logger:=]LEVEL, or configure Python's logging in the program"
         )
 
     def set_log_file_name(self, value: str) -> None:
         if not value or not value.isprintable() or any(sign in value for sign in "/\\:"):
-            raise RosArgumentError("expected the beginning of a file name, without folder; ROS_LOG_DIR sets the folder")
+            raise RosArgumentError("expected the prefix of a file name, without folder; ROS_LOG_DIR sets the folder")
         self.logs["file_name"] = value
 
 
@@ -132,26 +133,28 @@ _WITH_ARGUMENT = {
     "--log-file-name": _Parser.set_log_file_name,
 }
 _SWITCHES = {"stdout-logs": "stdout", "rosout-logs": "rosout", "external-lib-logs": "external_lib"}
-"""What follows ``--enable-`` or ``--disable-``, and the field of `LogSettings` it sets."""
+"""Rest of a flag after ``--enable-`` or ``--disable-`` -> the field of `LogSettings` that it sets."""
 
 
-def read_text_file(path: str) -> str:
-    """The default way to read a parameter file."""
-    with open(path, encoding="utf-8") as file:
-        return file.read()
+def _read_text_file(path: str) -> str:
+    return Path(path).read_text(encoding="utf-8")
 
 
-def parse_arguments(arguments: Sequence[str], read_text: Callable[[str], str] = read_text_file) -> RosArguments:
-    """Split a command line, program name included, into ROS arguments and the rest.
+def parse_arguments(arguments: Sequence[str], read_text: Callable[[str], str] = _read_text_file) -> RosArguments:
+    """Split a command line, which begins with the program name, into ROS arguments and the others.
+
+    Args:
+        arguments: the command line.
+        read_text: reads a parameter file.
 
     Raises:
-        RosArgumentError: shows the argument: unknown flag, missing or malformed value, unreadable file.
-        TypeError: not a list of texts; one text is not split, because only a shell knows how.
+        RosArgumentError: unknown flag, missing or malformed value, or unreadable file.
+        TypeError: not a list of texts; a single text is not split, because the rules depend on the shell.
     """
     if isinstance(arguments, (str, bytes)) or not isinstance(arguments, Iterable):
-        found = "the text " if isinstance(arguments, (str, bytes)) else ""
+        kind = "the text " if isinstance(arguments, (str, bytes)) else ""
         raise TypeError(
-            f"args must be a list of arguments such as ['program', '--ros-args'], got {found}{arguments!r:.200}"
+            f"args must be a list of arguments such as ['program', '--ros-args'], got {kind}{arguments!r:.200}"
         )
     arguments = list(arguments)  # it may be an iterator
     for argument in arguments:
@@ -162,12 +165,12 @@ def parse_arguments(arguments: Sequence[str], read_text: Callable[[str], str] = 
     for argument in rest:
         if argument == "--ros-args":
             _parse_group(parser, rest)
-        elif not _deprecated_remap(parser, argument):
+        elif not _parse_deprecated_remap(parser, argument):
             parser.program.append(argument)
     if parser.unknown:
         flags = " ".join(repr(argument) for argument in parser.unknown)
         known = ", ".join([*_WITH_ARGUMENT, *(f"--enable-{s}, --disable-{s}" for s in _SWITCHES)])
-        raise RosArgumentError(f"unknown ROS arguments: {flags}; known are {known}; end them with '--'")
+        raise RosArgumentError(f"unknown ROS arguments: {flags}; expected {known}; end them with '--'")
     return RosArguments(
         tuple(parser.program),
         tuple(parser.remap_rules),
@@ -193,20 +196,13 @@ def _parse_group(parser: _Parser, rest: Iterator[str]) -> None:
                 handler(parser, value)
             except (RosArgumentError, InvalidNameError, ParameterFileError, LogLevelError) as error:
                 raise RosArgumentError(f"ROS argument {argument} {value!r}: {error}") from None
-        elif not _switch(parser, argument):
+        elif (switch := _SWITCH.match(argument)) and switch[2] in _SWITCHES:
+            parser.logs[_SWITCHES[switch[2]]] = switch[1] == "enable"
+        else:
             parser.unknown.append(argument)
 
 
-def _switch(parser: _Parser, argument: str) -> bool:
-    for prefix, value in (("--enable-", True), ("--disable-", False)):
-        name = _SWITCHES.get(argument.removeprefix(prefix))
-        if name is not None and argument.startswith(prefix):
-            parser.logs[name] = value
-            return True
-    return False
-
-
-def _deprecated_remap(parser: _Parser, argument: str) -> bool:
+def _parse_deprecated_remap(parser: _Parser, argument: str) -> bool:
     if ":=" not in argument:
         return False
     try:
@@ -219,29 +215,24 @@ def _deprecated_remap(parser: _Parser, argument: str) -> bool:
 
 
 def parse_node_arguments(arguments: Sequence[str] | None) -> RosArguments:
-    """What one node is given as ``cli_args``; None: nothing. Raises as `parse_arguments`."""
+    """Parse the ``cli_args`` of a node, which may be None; raises like `parse_arguments`."""
     if arguments is None:
         return RosArguments()
     own = parse_arguments(arguments)
     if own.logs != LogSettings() or own.enclave != "/":
         raise RosArgumentError(
-            "cli_args concern one node: they may have remap rules (-r) and parameters (-p, --params-file); what is for "
-            "the whole process, logs and the enclave, is given to the context: Context(args=[...])"
+            "cli_args of a node may contain remap rules (-r) and parameters (-p, --params-file); logs and the enclave "
+            "concern the whole process: pass them to Context(args=[...])"
         )
     return own
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeOptions:
-    """The keyword arguments of `Node`, without the context.
-
-    Attributes:
-        arguments: what only this node is given.
-    """
+    """Keyword arguments of `Node`; `arguments` are its parsed ``cli_args``."""
 
     arguments: RosArguments
     use_global_arguments: bool
-
     enable_rosout: bool
     parameter_overrides: Mapping[str, object] | None
     allow_undeclared_parameters: bool

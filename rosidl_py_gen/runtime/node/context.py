@@ -1,7 +1,6 @@
-"""A context: one participant of a domain, its graph, and the event loop its nodes live on.
+"""Public class for a participant of a domain, and the default context.
 
-Decides what users see of it, and which context nodes share that are given none: it is opened by the first node and
-closed with the last.
+The first node without a context opens the default context, the last one closes it.
 """
 
 from __future__ import annotations
@@ -25,27 +24,30 @@ if TYPE_CHECKING:
 
 
 class Context:
-    """One participant of a domain.
+    """Participant of a domain, shared by nodes.
 
-    All contexts of one process and domain need the same settings. After a fork a context belongs to the parent process
-    alone: in the child it is closed, and so are its nodes.
+    All contexts of one process and domain must have the same settings. After a fork a context and its nodes are closed
+    in the child process.
 
     Args:
-        domain_id: None means ``ROS_DOMAIN_ID``, else 0.
-        discovery: ``"localhost"``, ``"subnet"`` or ``"off"``; None means the environment
+        domain_id: None uses ``ROS_DOMAIN_ID``, else 0.
+        discovery: ``"localhost"``, ``"subnet"`` or ``"off"``; None uses the environment
             (docs/internals/protocol.md 10.6).
-        args: a command line that may contain ``--ros-args``; None means `sys.argv`.
-        announce_delay_s: how long changes of our nodes wait for others before peers are told of them, together.
-        on_error: what nodes do that are not told otherwise, when a callback raises; see `Node`.
-        transport: ``"dds"`` or ``"zenoh"``; None means what ``RMW_IMPLEMENTATION`` says, else DDS where a libddsc is
-            found. A `MemoryTransport` stays inside this process.
-        loop_runner: its loop alone serves the context. None: the asyncio loop that its nodes are used in.
+        args: command line that may contain ``--ros-args``; None uses `sys.argv`.
+        announce_delay_s: time for which changes of own nodes are collected before they are announced to peers.
+        on_error: default of the nodes' `on_error`; see `Node`.
+        transport: ``"dds"`` or ``"zenoh"``; None uses ``RMW_IMPLEMENTATION``, else DDS if a libddsc is found. A
+            `MemoryTransport` connects contexts of this process.
+        loop_runner: runs the event loop of the context. None: the asyncio loop in which its nodes are used.
 
     Raises:
-        EnvironmentSettingError, RosArgumentError, LogFileError, BackendMissingError: as their names say.
+        EnvironmentSettingError: an environment variable, or the argument of the same meaning, is invalid.
+        RosArgumentError: `args` contain an invalid ROS argument.
+        LogFileError: the log file cannot be created.
+        BackendMissingError: the library of the transport is not installed.
         ClosedError: the runner is closed.
-        TransportError: DDS refused, the domain is open with other settings, or this process was forked from one that
-            uses DDS.
+        TransportError: DDS reports an error, the domain is open with other settings, or this process was forked from
+            one that uses DDS.
     """
 
     _default: ClassVar[Context | None] = None
@@ -67,12 +69,10 @@ class Context:
         self._core = core = ContextCore(domain_id, discovery, args, transport, on_error, announce_delay_s, loop_runner)
         self._guards: list[FailureGuard] = []
         self.arguments = list(core.ros_arguments.program)
-        """What is left for the program, like `sys.argv`: its name first, without ROS arguments."""
+        """Arguments without those of ROS; like `sys.argv`, they begin with the program's name."""
         self.settings: DomainSettings = core.settings
-        """What arguments and environment came to."""
+        """Settings that result from arguments and environment."""
         self.domain_id = core.settings.domain_id
-
-    # ------------------------------------------------------------------------------------------------------- domain
 
     @property
     def middleware(self) -> str:
@@ -81,44 +81,40 @@ class Context:
 
     @property
     def ddsc_library(self) -> str:
-        """The C library that is used, its version and file, as in ``Cyclone DDS 0.10.2, /usr/lib/...``; empty when it
-        is not one of several.
-        """
+        """Name, version and file of the DDS library, as in ``Cyclone DDS 0.10.2, /usr/lib/...``; empty without DDS."""
         return self._core.participant.library
 
     @property
     def library_capabilities(self) -> Mapping[str, str]:
-        """What depends on that library, in words: each ``"yes"`` or why not."""
+        """Features that depend on the DDS library -> ``"yes"``, or the reason why a feature is unavailable."""
         return self._core.participant.capabilities
 
     @property
     def services_unavailable_reason(self) -> str | None:
-        """Why services of nodes on Fast DDS cannot be used here; None when they can."""
+        """Reason why services of nodes on Fast DDS are unavailable; None if they are available."""
         return self._core.participant.services_unavailable_reason
 
     @property
     def on_incompatible_endpoint(self) -> Callable[[str, str], None] | None:
-        """Function that is called, in place of a log entry, for each of our endpoints that is incompatible with a peer.
+        """Function that is called instead of a log entry if one of our endpoints is incompatible with a peer.
 
         It gets the text, and the name of the topic or service.
         """
         return self._core.discovery.on_incompatible_endpoint
 
     @on_incompatible_endpoint.setter
-    def on_incompatible_endpoint(self, tell: Callable[[str, str], None] | None) -> None:
-        self._core.discovery.on_incompatible_endpoint = tell
+    def on_incompatible_endpoint(self, function: Callable[[str, str], None] | None) -> None:
+        self._core.discovery.on_incompatible_endpoint = function
 
     def participants(self) -> list[ParticipantInfo]:
-        """Every member of the domain that was found, this one included; usually each is a process."""
+        """Return all discovered members of the domain, including this one; usually each is a process."""
         self._core.require_open()
         self._core.discovery.refresh()
         return self._core.discovery.graph.participants()
 
-    # ----------------------------------------------------------------------------------------------------- sharing
-
     @classmethod
     def default(cls) -> Context:
-        """The context that nodes share when they are not given one; opened when there is none."""
+        """Return the context of nodes that are given none; open it if necessary."""
         with cls._default_lock:
             if cls._default is None or cls._default.is_closed:
                 cls._default = cls()
@@ -127,7 +123,7 @@ class Context:
 
     @classmethod
     def close_default(cls) -> None:
-        """Close the shared context if there is one, and with it the nodes that were left open."""
+        """Close the default context, if there is one, with its nodes."""
         with cls._default_lock:
             context, cls._default = cls._default, None
         if context is not None:
@@ -135,10 +131,8 @@ class Context:
 
     @classmethod
     def _after_fork(cls) -> None:
-        """In the child: a lock that nobody holds; a thread of the parent may have held the other."""
+        """Replace the lock in the child, because a thread of the parent may have held it."""
         cls._default, cls._default_lock = None, threading.RLock()
-
-    # ------------------------------------------------------------------------------------------------------ closing
 
     def __enter__(self) -> Self:
         return self

@@ -1,7 +1,4 @@
-"""What a context consists of: arguments, participant, graph, the bridge to the event loop, and the nodes it closes.
-
-`Context` is what users hold of it. Decides the order in which a context opens and closes.
-"""
+"""Components of a context: arguments, participant, discovery, loop binding, nodes. `Context` is its interface."""
 
 from __future__ import annotations
 
@@ -37,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class ContextCore:
-    """The parts of one context; see `Context` for arguments and errors."""
+    """Components of one context; see `Context` for parameters and exceptions."""
 
     def __init__(
         self,
@@ -47,61 +44,56 @@ class ContextCore:
         transport: Transport | str | None,
         on_error: OnError,
         announce_delay_s: float,
-        driver: LoopRunner | None,
+        loop_runner: LoopRunner | None,
     ) -> None:
         self.on_error = require_on_error(on_error)
-        chosen = resolve_transport(transport)
+        resolved_transport = resolve_transport(transport)
         settings = read_environment(os.environ, domain_id=domain_id, discovery=discovery)
         self.ros_arguments = parse_arguments(sys.argv if args is None else args)
         outputs.open(self.ros_arguments.logs, next(iter(self.ros_arguments.program), ""), os.environ)
         try:
-            self._open(settings, chosen, announce_delay_s, driver)
+            self._open(settings, resolved_transport, announce_delay_s, loop_runner)
         except BaseException:
             outputs.close()
             raise
 
     def _open(
-        self, settings: DomainSettings, transport: Transport, announce_delay_s: float, driver: LoopRunner | None
+        self, settings: DomainSettings, transport: Transport, announce_delay_s: float, loop_runner: LoopRunner | None
     ) -> None:
         for sentence in (*settings.warnings, *self.ros_arguments.warnings):
             get_root_logger().warning(sentence)
         self.settings = settings
         self.clocks = transport.clocks
         self.participant = transport.open(settings, self.ros_arguments.enclave)
-        self.bridge = LoopBinding(self.participant, driver)
+        self.bridge = LoopBinding(self.participant, loop_runner)
         self.discovery = Discovery(self.participant, self.bridge, announce_delay_s)
         self.request_windows = weakref.WeakValueDictionary[TopicKey, RequestFlowControl]()
         self.initial_values = InitialValues(self.ros_arguments.parameters)
-        """Of parameters, for all nodes."""
+        """Parameter values from arguments and files, for all nodes."""
         self.closed = ""
-        """Why it is closed, for errors; empty while it is open."""
+        """Reason for `ClosedError`; empty while the context is open."""
         self.is_default = False
-        """Whether nodes share it that are given no context; then it closes with its last node."""
+        """True for the context of nodes that are given none; it closes with its last node."""
         self._had_loop = threading.Event()
         self.bridge.on_start(self._had_loop.set)
         self._nodes: dict[int, Node] = {}
-        if driver is not None:
+        if loop_runner is not None:
             try:
-                driver.call(lambda: self.bridge.attach(driver.loop))
+                loop_runner.call(lambda: self.bridge.attach(loop_runner.loop))
             except BaseException:
                 self.participant.close()
                 raise
-        context_registry.add(self)
+        context_registry.open_contexts.add(self)
 
     def require_open(self) -> None:
-        """Raise `ClosedError` when the context is closed."""
+        """Raise `ClosedError` if the context is closed."""
         if self.closed:
             raise ClosedError(self.closed)
 
-    @property
-    def had_loop(self) -> bool:
-        """Whether an event loop was ever attached; before that no callback runs."""
-        return self._had_loop.is_set()
-
     def unserved(self, scope: EntityScope) -> CallbacksNeverRanError | None:
-        """Return the error of a node with callbacks that no event loop has served; the next call returns None."""
+        """Return an error if no event loop has served the callbacks of a node; the next call returns None."""
         entities = scope.with_callbacks.values()
-        if self.had_loop or all(getattr(one, "is_canceled", False) for one in entities):  # timers have that
+        if self._had_loop.is_set() or all(getattr(entity, "is_canceled", False) for entity in entities):
             return None
         scope.with_callbacks.clear()
         return CallbacksNeverRanError(
@@ -109,17 +101,15 @@ class ContextCore:
             "spin(node) or run(main); in a test an async function, asyncio.run or ros_loop.run"
         )
 
-    # ------------------------------------------------------------------------------------------------------- nodes
-
     @property
     def scopes(self) -> list[EntityScope]:
-        """Those of the open nodes."""
+        """Scopes of the open nodes."""
         return [node._scope for node in self._nodes.values()]
 
     def open_scope(self, names: NodeNames, on_error: OnError | None = None) -> EntityScope:
-        """Announce a node and make what its endpoints share; raises `ClosedError`."""
+        """Announce a node and create its scope; raises `ClosedError`."""
         self.require_open()
-        chosen = self.on_error if on_error is None else require_on_error(on_error)
+        on_error = self.on_error if on_error is None else require_on_error(on_error)
         number = self.discovery.add_node(names.name, names.namespace)
         return EntityScope(
             self.participant,
@@ -129,31 +119,29 @@ class ContextCore:
             self.clocks,
             number,
             names.fully_qualified_name,
-            chosen,
+            on_error,
         )
 
     def adopt(self, node: Node) -> None:
-        """Keep a node until it closes or `close` closes it."""
+        """Own a node until it closes."""
         self._nodes[node._scope.number] = node
 
     def release(self, node: Node) -> None:
-        """Forget a closed node; the default context closes with its last node."""
+        """Remove a closed node; the default context closes with its last node."""
         self._nodes.pop(node._scope.number, None)
         self.close_if_unused()
 
     def close_if_unused(self) -> None:
-        """Close the default context when it has no node, because the last one left or the first one failed."""
+        """Close the default context if it has no node, because the last one has closed or the first one failed."""
         if not self._nodes and self.is_default:
             self.close()
-
-    # ------------------------------------------------------------------------------------------------------ closing
 
     def close(self) -> None:
         """Close all nodes and leave the domain; may be called twice."""
         if self.closed:
             return
         self.closed = "this context is closed"
-        context_registry.discard(self)
+        context_registry.open_contexts.discard(self)
         for node in list(self._nodes.values()):
             node.close()
         self.initial_values.close()
@@ -163,13 +151,13 @@ class ContextCore:
         outputs.close()
 
     def close_at_exit(self) -> None:
-        """Close what is still open when the process ends, and warn about the nodes."""
+        """Close the context at the end of the process, with a warning for each node that is still open."""
         for node in self._nodes.values():
             warnings.warn(f"node {node._scope.node_name} was never closed", ResourceWarning, stacklevel=1)
         self.close()
 
     def abandon(self, reason: str) -> None:
-        """In a forked child: look closed, and touch nothing of the transport; errors give the reason."""
+        """Mark everything as closed in a forked child, without a call into the transport; errors contain the reason."""
         self.closed = f"this context is closed: it was {reason}"
         self.bridge.abandon(self.closed)
         for node in self._nodes.values():
@@ -178,11 +166,12 @@ class ContextCore:
 
 
 def resolve_transport(transport: Transport | str | None) -> Transport:
-    """The transport that an argument means; None: the environment decides.
+    """Return the transport for an argument, which may be None: the environment decides.
 
     Raises:
-        TypeError: there is no such transport. BackendMissingError: it is not installed.
-        EnvironmentSettingError: it reaches a network, and security is enforced.
+        TypeError: there is no such transport.
+        BackendMissingError: the transport is not installed.
+        EnvironmentSettingError: the transport uses a network, and security is enforced.
     """
     warn = get_root_logger().warning
     name = middleware(os.environ, warn) if transport is None else transport

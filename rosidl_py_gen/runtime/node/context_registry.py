@@ -1,4 +1,4 @@
-"""The open contexts of this process: which event loop serves them, and what becomes of them when it ends or forks."""
+"""Open contexts of this process: attaches them to event loops, and closes them when a loop or the process ends."""
 
 from __future__ import annotations
 
@@ -17,55 +17,43 @@ _FORKED = (
     "made before this process was forked, and works in the parent process only: start processes with multiprocessing's "
     '"spawn" method, or make nodes after the fork'
 )
-
-
-_open: set[ContextCore] = set()
-
-
-def add(core: ContextCore) -> None:
-    """Count a context among the open ones."""
-    _open.add(core)
-
-
-def discard(core: ContextCore) -> None:
-    """Count a context among the open ones no longer."""
-    _open.discard(core)
+open_contexts: set[ContextCore] = set()
 
 
 def attach_all() -> None:
-    """Let the running loop serve every open context that no running loop serves yet."""
-    for core in sorted(_open, key=lambda core: not core.is_default):
+    """Attach the running loop to every open context that no running loop serves."""
+    for core in sorted(open_contexts, key=lambda core: not core.is_default):
         core.bridge.adopt_running_loop()
 
 
 def close_served_by(loop: asyncio.AbstractEventLoop) -> None:
-    """Close the contexts that this loop serves."""
-    for core in list(_open):
+    """Close the contexts that a loop serves."""
+    for core in list(open_contexts):
         if core.bridge.loop is loop:
             core.close()
 
 
 def close_all() -> None:
-    """Leave all domains before the process goes, so that peers see it at once and no DDS thread outlives Python."""
-    for core in list(_open):
+    """Close all contexts before the process ends, so that peers notice at once and no DDS thread outlives Python."""
+    for core in list(open_contexts):
         core.close()
 
 
 @atexit.register
-def _close_forgotten() -> None:
-    for core in list(_open):
+def _close_at_exit() -> None:
+    for core in list(open_contexts):
         core.close_at_exit()
 
 
 def _after_fork() -> None:
-    """In the child: everything inherited looks closed.
+    """Mark all inherited contexts as closed in the child.
 
-    A child has the memory of its parent, but none of the threads that serve DDS and wait for it: a call into the
-    middleware, a join or a lock may hang for ever.
+    A child has the memory of its parent, but not the threads that serve DDS: a call into the middleware, a join or a
+    lock may block forever.
     """
-    for core in _open:
+    for core in open_contexts:
         core.abandon(_FORKED)
-    _open.clear()
+    open_contexts.clear()
     outputs.after_fork()
 
 

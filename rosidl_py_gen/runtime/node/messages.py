@@ -1,8 +1,4 @@
-"""Messages of a topic whose quality of service is not known beforehand: methods of `Node`, and a subscription.
-
-The subscription requests what all publishers of its type offer, so that it matches each of them. When one appears that
-offers less, it is recreated.
-"""
+"""Adaptive subscription, which chooses a QoS profile that matches all publishers, and `Node` methods based on it."""
 
 from __future__ import annotations
 
@@ -31,23 +27,23 @@ T = TypeVar("T")
 MessageT = TypeVar("MessageT", bound=Message)
 
 _DEPTH = 100
-"""More than the 5 of sensor data: a program may be slower than a burst, which shall not be cut."""
+"""Queue depth; more than the 5 of sensor data, because a program may be slower than a burst of messages."""
 
 
 class AdaptiveSubscription(Generic[T]):
-    """A subscription that adapts its quality of service to its publishers.
+    """Subscription that adapts its QoS profile to its publishers.
 
-    It requests what all publishers of its type offer: reliable messages, and retained ones, where all of them have
-    these. When a publisher appears that offers less, it subscribes again: automatically in ``async with``, otherwise
-    when the program calls `refresh`.
+    It requests reliability and durability if all publishers of its type offer them. When a publisher appears that
+    offers less, it subscribes again: automatically in ``async with``, otherwise when the program calls `refresh`.
 
     Args:
         node: owner of the subscription.
+        topic: topic name, which is expanded and remapped.
         msg_type: as in `Node.create_subscription`, like `raw` and `arrays`.
-        callback: is called with each message; without one, `receive_with_info` returns them.
+        callback: called with each message; without one, `receive_with_info` returns them.
         qos: profile to request, whatever is offered; None adapts it.
-        depth: number of messages that wait until they are taken, if `qos` is None.
-        note: is called with a sentence about what is not received because of the choice, each time it is made.
+        depth: queue depth, if `qos` is None.
+        note: called with a sentence about messages that the chosen profile does not receive, at each choice.
     """
 
     def __init__(
@@ -66,31 +62,30 @@ class AdaptiveSubscription(Generic[T]):
         self._node: Any = node
         self._topic, self._type, self._type_name = topic, msg_type, message_type(msg_type).ros_name
         self._options: dict[str, Any] = {"raw": raw, "arrays": arrays}
-        self._callback, self._given, self._depth, self._note = callback, qos, depth, note
+        self._callback, self._fixed_qos, self._depth, self._note = callback, qos, depth, note
         self._notes: list[str] = []
         """Sentences about the messages that the chosen profile does not receive."""
         self._dropped = 0
         self._had_publishers = False
-        """When the profile was chosen."""
-        self._is_untouched = True
-        """No message was received yet."""
+        """True if publishers existed when the profile was chosen."""
+        self._has_received = False
         self._rest: deque[tuple[T, MessageInfo]] = deque()
-        """Messages that had arrived when it subscribed again."""
-        self._watching: asyncio.Task[None] | None = None
+        """Messages of previous subscriptions."""
+        self._watch_task: asyncio.Task[None] | None = None
         self._subscription = self._subscribe()
 
     async def __aenter__(self) -> Self:
-        self._watching = asyncio.ensure_future(self._watch())
+        self._watch_task = asyncio.ensure_future(self._watch())
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        assert self._watching is not None
-        self._watching.cancel()
+        assert self._watch_task is not None
+        self._watch_task.cancel()
         self.close()
 
     async def _watch(self) -> None:
         try:
-            self.refresh()  # something may have come before this task began
+            self.refresh()  # the graph may have changed before this task has started
             async for _ in self._node.graph_changes():
                 self.refresh()
         except Exception:
@@ -98,15 +93,15 @@ class AdaptiveSubscription(Generic[T]):
             raise
 
     def _publishers(self) -> list[TopicEndpointInfo]:
-        found = self._node.get_publishers_info_by_topic(self._topic)
-        return [one for one in found if one.topic_type == self._type_name]
+        infos = self._node.get_publishers_info_by_topic(self._topic)
+        return [info for info in infos if info.topic_type == self._type_name]
 
     def _subscribe(self) -> Subscription[T]:
-        profile = self._given
+        profile = self._fixed_qos
         if profile is None:
             publishers = self._publishers()
             self._had_publishers = bool(publishers)
-            profile, self._notes = _chosen(publishers, self._depth)
+            profile, self._notes = _choose_profile(publishers, self._depth)
             for text in self._notes:
                 self._note(text)
         subscription: Subscription[T] = self._node.create_subscription(
@@ -116,95 +111,90 @@ class AdaptiveSubscription(Generic[T]):
 
     def refresh(self) -> None:
         """Subscribe again if a publisher now offers less than requested, or the first ones retain messages."""
-        if self._given is not None:
+        if self._fixed_qos is not None:
             return
         publishers = self._publishers()
-        if _is_too_much(self.qos, publishers) or (not self._had_publishers and self._is_too_little(publishers)):
+        if _requests_too_much(self.qos, publishers) or (
+            not self._had_publishers and self._requests_too_little(publishers)
+        ):
             self.resubscribe()
         self._had_publishers |= bool(publishers)
 
-    def _is_too_little(self, publishers: Sequence[TopicEndpointInfo]) -> bool:
-        """Return True if publishers retain messages, which a subscription made before them would not receive.
-
-        Nothing is lost or received twice then: they send to a new subscription what they retain.
-        """
-        wanted, _ = _chosen(publishers, 1)
-        is_untouched = self._is_untouched and self._callback is None and not self._subscription._has_news()
-        return is_untouched and wanted.durability is not self.qos.durability
+    def _requests_too_little(self, publishers: Sequence[TopicEndpointInfo]) -> bool:
+        """Return True if publishers retain messages and none was received yet, so that none is received twice."""
+        profile, _ = _choose_profile(publishers, 1)
+        has_messages = self._has_received or self._callback is not None or self._subscription._has_news()
+        return not has_messages and profile.durability is not self.qos.durability
 
     def resubscribe(self) -> None:
-        """Subscribe again; publishers that retain messages send them again. Messages that had arrived are kept."""
+        """Subscribe again, so that publishers send retained messages again; received messages are kept."""
         if self._callback is None:
             with suppress(ClosedError):
-                while (found := self._subscription.take_with_info()) is not None:
-                    self._rest.append(found)
+                while (taken := self._subscription.take_with_info()) is not None:
+                    self._rest.append(taken)
         self._subscription.close()
         self._dropped += self._subscription.dropped
         self._subscription = self._subscribe()
 
     async def receive_with_info(self, timeout_s: float | None = None) -> tuple[T, MessageInfo]:
-        """Return the next message; raises as `Subscription.receive_with_info`."""
+        """Return the next message; raises like `Subscription.receive_with_info`."""
         deadline = Deadline(timeout_s)
         while not self._rest:
             subscription = self._subscription
             try:
-                found = await subscription.receive_with_info(deadline.remaining_s())
+                result = await subscription.receive_with_info(deadline.remaining_s())
             except ClosedError:
-                if subscription is self._subscription:  # it was not made again
-                    self._raise_failure()
+                if subscription is self._subscription:  # not replaced by `resubscribe`
+                    if self._watch_task is not None and self._watch_task.done() and not self._watch_task.cancelled():
+                        self._watch_task.result()  # raises the exception that has ended it
                     raise
             except WaitTimeoutError as error:
                 reason = "; ".join(filter(None, [error.reason, *self._notes]))
                 raise WaitTimeoutError(f"no message on {subscription.topic} in {timeout_s} s", reason) from None
             else:
-                self._is_untouched = False
-                return found
-        self._is_untouched = False
+                self._has_received = True
+                return result
+        self._has_received = True
         return self._rest.popleft()
-
-    def _raise_failure(self) -> None:
-        """Raise what ended the following of publishers, if something did."""
-        if self._watching is not None and self._watching.done() and not self._watching.cancelled():
-            self._watching.result()
 
     @property
     def qos(self) -> QoSProfile:
-        """Profile that is requested now."""
+        """QoS profile of the current subscription."""
         return self._subscription.qos
 
     @property
     def dropped(self) -> int:
-        """Number of messages that were not taken in time."""
+        """Number of messages dropped because they were not taken in time."""
         return self._dropped + self._subscription.dropped
 
     def close(self) -> None:
-        """End the subscription; a waiting `receive_with_info` raises `ClosedError`."""
+        """Stop receiving; a waiting `receive_with_info` raises `ClosedError`."""
         self._subscription.close()
 
 
-def _chosen(publishers: Sequence[TopicEndpointInfo], depth: int) -> tuple[QoSProfile, list[str]]:
-    """Return the profile of a subscription that matches all of these publishers, and notes for the user."""
+def _choose_profile(publishers: Sequence[TopicEndpointInfo], depth: int) -> tuple[QoSProfile, list[str]]:
+    """Return the profile of a subscription that matches all publishers, and notes for the user."""
     profile = SENSOR_DATA.keep_last(depth)
     notes = []
-    reliable = [one.qos_profile.reliability is Reliability.RELIABLE for one in publishers]
-    durable = [one.qos_profile.durability is Durability.TRANSIENT_LOCAL for one in publishers]
+    reliable = [publisher.qos_profile.reliability is Reliability.RELIABLE for publisher in publishers]
+    durable = [publisher.qos_profile.durability is Durability.TRANSIENT_LOCAL for publisher in publishers]
     if publishers and all(reliable):
         profile = profile.reliable()
     elif any(reliable):
-        notes.append("some, but not all, publishers are reliable: receiving best effort, which connects to all of them")
+        notes.append("some, but not all, publishers are reliable: receiving best effort, which matches all of them")
     if publishers and all(durable):
         profile = profile.transient_local()
     elif any(durable):
-        notes.append("some, but not all, publishers are transient local: receiving volatile, so nothing of before now")
+        notes.append("some, but not all, publishers are transient local: receiving volatile, without earlier messages")
     return profile, notes
 
 
-def _is_too_much(profile: QoSProfile, publishers: Sequence[TopicEndpointInfo]) -> bool:
-    """Return True if a chosen profile requests more than one of the publishers now offers."""
-    now, _ = _chosen(publishers, 1)
+def _requests_too_much(profile: QoSProfile, publishers: Sequence[TopicEndpointInfo]) -> bool:
+    """Return True if a profile requests more than one of the publishers offers."""
+    current, _ = _choose_profile(publishers, 1)
     return bool(publishers) and (
-        (profile.reliability is Reliability.RELIABLE is not now.reliability)
-        or (profile.durability is Durability.TRANSIENT_LOCAL is not now.durability)
+        (profile.reliability is Reliability.RELIABLE is not current.reliability)
+        or (profile.durability is Durability.TRANSIENT_LOCAL is not current.durability)
     )
 
 
@@ -241,13 +231,16 @@ class MessageMethods:
         """Return the next message of a topic, or the latest that its publishers retain for late subscriptions.
 
         Args:
-            timeout_s: None waits for ever.
-            qos: None asks for what all publishers offer, those included that appear while it waits.
-            raw: as in `create_subscription`, like `arrays`.
+            msg_type: as in `create_subscription`, like `topic`, `raw` and `arrays`.
+            timeout_s: None waits forever.
+            qos: None requests what all publishers offer, including those that appear while it waits.
 
         Raises:
-            WaitTimeoutError: none came in time; its `reason` says why not.
-            InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as they say.
+            WaitTimeoutError: no message arrived within `timeout_s`; attribute `reason` contains the reason.
+            InvalidNameError: the topic name is invalid.
+            InvalidQoSError: the profile is invalid.
+            TypeNotFoundError: `msg_type` names no known type.
+            ClosedError: the node is closed, also while waiting.
         """
         subscription: AdaptiveSubscription[Any] = AdaptiveSubscription(
             self, topic, msg_type, qos=qos, depth=1, raw=raw, arrays=arrays
@@ -280,7 +273,7 @@ class MessageMethods:
         raw: bool = False,
         arrays: bool = False,
     ) -> Any:
-        """`wait_for_message` for plain code; raises `WouldDeadlockError` on the event loop's thread."""
+        """Block until `wait_for_message` returns; raises `WouldDeadlockError` on the event loop's thread."""
         options: Any = {"qos": qos, "raw": raw, "arrays": arrays}
         waiting: Coroutine[Any, Any, Any] = self.wait_for_message(msg_type, topic, timeout_s, **options)
         return self._scope.run_blocking(

@@ -1,7 +1,6 @@
-"""The node: a name, and the factory of everything that carries it.
+"""Public class for nodes: creates publishers and subscriptions, and inherits the other methods from mixin classes.
 
-Decides names (expansion and remapping through `NodeNames`), defaults and lifetime. What endpoints do is in their own
-files, which never see the node. Only lifecycle nodes, the runner and the pytest plugin import this file.
+Entities do not know their node. Only lifecycle nodes, the runner and the pytest plugin import this module.
 """
 
 from __future__ import annotations
@@ -60,43 +59,43 @@ _DEFAULT_DEPTH = 10
 
 
 class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethods, ActionMethods, ParameterMethods):
-    """A ROS 2 node.
+    """ROS 2 node.
 
-    Callbacks run on the asyncio event loop. The loop is attached by the first use of the node inside it: ``async with
-    node``, `spin`, `run`, creating or publishing something, awaiting something. What calls back but never had a loop is
-    warned about when the node closes.
+    Callbacks run on the asyncio event loop. The first use of the node inside a loop attaches that loop: ``async with
+    node``, `spin`, `run`, creating or publishing something, awaiting something. If a node has callbacks and never had a
+    loop, a warning is logged when it closes.
 
-    A node lives until it is closed, by ``with``, `close` or its context. Nodes that are still open when the process
-    ends are closed then, with a ResourceWarning.
+    A node is open until ``with``, `close` or its context closes it. Nodes that are open at the end of the process are
+    closed with a ResourceWarning.
 
     Args:
         name: may be overridden by ``-r __node:=...``.
         namespace: with or without a leading ``/``; may be overridden by ``-r __ns:=...``.
-        context: None means the shared default one.
-        enable_rosout: publish what `logger` logs on ``/rosout``.
-        parameter_overrides: initial values of parameters; they win over those of the command line.
-        allow_undeclared_parameters: parameters may be set without having been declared.
+        context: None uses the default context.
+        enable_rosout: publish the log records of `logger` on ``/rosout``.
+        parameter_overrides: initial values of parameters; they override those of the command line.
+        allow_undeclared_parameters: parameters may be set without a declaration.
         automatically_declare_parameters_from_overrides: declare every parameter that has an initial value.
         start_services: serve the six parameter services.
         parameter_events: publish changes of parameters on ``/parameter_events``.
         logger_services: serve ``~/get_logger_levels`` and ``~/set_logger_levels``.
-        time_source: declare the parameter `use_sim_time`, and follow ``/clock`` while it is true. Without it `clock`
-            shows system time, or what the program makes it show.
-        type_hash_check: what becomes of messages whose sender announces another definition of their type: ``"error"``
-            withholds them, ``"warn"`` hands them out; both say so once for each topic and peer, ``"off"`` does not. It
-            can be given for each endpoint, too.
-        on_error: what an exception in a callback does. ``"log"``: it is logged, and all goes on. ``"raise"``: it also
-            ends `run`, `spin`, ``async with node``, ``with node`` or the blocking call under way, which raises it.
-            None: what the context says, else ``"log"``.
-        cli_args: a command line for this node alone, such as ``["--ros-args", "-r", "chatter:=talk"]``: remap rules
-            and parameters, which go before those of the context. What is not for ROS has no effect.
-        use_global_arguments: remap rules and parameters of the context count for this node, too.
+        time_source: declare the parameter `use_sim_time`, and follow ``/clock`` while it is true. Without it, `clock`
+            returns system time, or the time that the program sets.
+        type_hash_check: treatment of messages whose sender announces another definition of their type: ``"error"``
+            drops them, ``"warn"`` delivers them; both warn once for each topic and peer, ``"off"`` delivers silently.
+            Default of the entities' parameter of this name.
+        on_error: effect of an exception in a callback. ``"log"`` logs it. ``"raise"`` also raises it from `run`,
+            `spin`, ``async with node``, ``with node`` or the current blocking call. None uses that of the context,
+            which is ``"log"`` by default.
+        cli_args: command line for this node alone, such as ``["--ros-args", "-r", "chatter:=talk"]``: remap rules and
+            parameters, which precede those of the context. Other arguments have no effect.
+        use_global_arguments: apply the remap rules and parameters of the context to this node, too.
 
     Raises:
-        InvalidNameError: for name or namespace.
+        InvalidNameError: name or namespace is invalid.
         ClosedError: the context is closed.
-        RosArgumentError: `cli_args` cannot be understood, or concern more than one node.
-        ParameterError: an initial value does not fit, such as ``use_sim_time:=3``.
+        RosArgumentError: `cli_args` cannot be parsed, or concern more than one node.
+        ParameterError: an initial value is invalid, such as ``use_sim_time:=3``.
     """
 
     def __init__(
@@ -123,9 +122,9 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         validate_node_name(name)  # before a context is opened for it
         normalize_namespace(namespace)
         mode = checked_mode(type_hash_check)
-        own = parse_node_arguments(cli_args)
+        own_arguments = parse_node_arguments(cli_args)
         options = NodeOptions(
-            arguments=own,
+            arguments=own_arguments,
             use_global_arguments=use_global_arguments,
             enable_rosout=enable_rosout,
             parameter_overrides=parameter_overrides,
@@ -139,19 +138,19 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         self.context = Context.default() if context is None else context
         core = self.context._core
         try:
-            rules = own.remap_rules + (core.ros_arguments.remap_rules if use_global_arguments else ())
+            rules = own_arguments.remap_rules + (core.ros_arguments.remap_rules if use_global_arguments else ())
             self._names = NodeNames.create(name, namespace, rules)
             self._scope = core.open_scope(self._names, on_error)
             self._scope.type_hash_check = mode
         except BaseException:
             core.close_if_unused()
             raise
-        self._made_on = id(current_loop())
+        self._creation_loop_id = id(current_loop())
         self._guards: list[FailureGuard] = []
         self.clock = self._scope.make_clock()
         """ROS time; system time until simulated time is switched on."""
         core.adopt(self)
-        for sentence in own.warnings:
+        for sentence in own_arguments.warnings:
             self.logger.warning(sentence)
         try:
             self._open(options)
@@ -160,22 +159,20 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             raise
 
     def _open(self, options: NodeOptions) -> None:
-        """Bring up what every node has; subclasses add to it. The node is closed when this fails."""
+        """Start rosout, parameters and services; subclasses add to it. The node is closed when this fails."""
         self.context._core.bridge.adopt_running_loop()
         if options.enable_rosout and self.context._core.ros_arguments.logs.rosout:
             _start_rosout(self._scope)
         self._open_parameters(options)
 
-    # -------------------------------------------------------------------------------------------------------- names
-
     @property
     def name(self) -> str:
-        """Without namespace, after remapping."""
+        """Name without namespace, after remapping."""
         return self._names.name
 
     @property
     def namespace(self) -> str:
-        """``/`` or ``/ns``, after remapping."""
+        """Namespace after remapping: ``/`` or ``/ns``."""
         return self._names.namespace
 
     @property
@@ -185,7 +182,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
 
     @property
     def logger(self) -> RosLogger:
-        """The logger of ROS name ``ns.name``."""
+        """Logger with the ROS name ``ns.name``."""
         return self._scope.logger
 
     def get_name(self) -> str:
@@ -209,14 +206,12 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         return self.clock
 
     def resolve_topic_name(self, topic: str) -> str:
-        """Expand and remap a topic name as written; raises `InvalidNameError`."""
+        """Expand and remap a topic name; raises `InvalidNameError`."""
         return self._names.resolve_topic(topic)
 
     def resolve_service_name(self, service: str) -> str:
-        """Expand and remap a service name as written; raises `InvalidNameError`."""
+        """Expand and remap a service name; raises `InvalidNameError`."""
         return self._names.resolve_service(service)
-
-    # ------------------------------------------------------------------------------------------------------- topics
 
     @overload
     def create_publisher(
@@ -247,20 +242,30 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         type_hash_check: TypeCheck | None = None,
         event_callbacks: PublisherEventCallbacks | None = None,
     ) -> Publisher[Any]:
-        """Publish on `topic`. A type given as text makes the messages dicts.
+        """Create a publisher of a topic.
 
         Args:
-            type_hash_check: that of `Node`, for this publisher: it warns of subscriptions with another definition.
-            event_callbacks: are told when subscriptions come and go, do not fit, and so on.
+            msg_type: message class, or its name such as ``"std_msgs/msg/String"``: then messages are dicts.
+            topic: topic name, which is expanded and remapped.
+            qos: profile, or depth.
+            type_hash_check: like that of `Node`; "off" does not warn of subscriptions with another definition.
+            event_callbacks: called for matched and incompatible subscriptions, missed deadlines and others.
 
         Raises:
-            InvalidNameError, InvalidQoSError, TypeNotFoundError, UnsupportedEventError, ClosedError: as they say.
+            InvalidNameError: the topic name is invalid.
+            InvalidQoSError: the profile is invalid.
+            TypeNotFoundError: `msg_type` names no known type.
+            UnsupportedEventError: the transport does not report a requested event.
+            ClosedError: the node is closed.
         """
         self._require_open()
-        name = self._names.resolve_topic(topic)
-        known, profile = message_type(msg_type), as_profile(qos)
         return Publisher(
-            self._scope, known, name, profile, type_hash_check=type_hash_check, event_callbacks=event_callbacks
+            self._scope,
+            message_type(msg_type),
+            self._names.resolve_topic(topic),
+            as_profile(qos),
+            type_hash_check=type_hash_check,
+            event_callbacks=event_callbacks,
         )
 
     @overload
@@ -320,26 +325,34 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         event_callbacks: SubscriptionEventCallbacks | None = None,
         concurrency: int = 1,
     ) -> Subscription[Any]:
-        """Receive from `topic`: iterate over the result, or give a callback (plain or async function).
+        """Create a subscription to a topic, with a callback, or to iterate over its messages.
 
         Args:
-            raw: messages stay bytes, 4-byte encapsulation header included.
-            arrays: sequences of fixed-size messages are structured arrays, as in `decode`; not with `raw` or text.
-            ignore_local: nothing from publishers of this context.
-            type_hash_check: that of `Node`, for this subscription.
-            event_callbacks: are told when publishers come and go, do not fit, are late, and so on.
-            concurrency: how many calls of an async callback may be under way at once. They begin in order.
+            msg_type: message class, or its name such as ``"std_msgs/msg/String"``: then messages are dicts.
+            topic: topic name, which is expanded and remapped.
+            callback: plain or async function that gets each message; None to iterate, `receive` or `take`.
+            qos: profile, or depth.
+            raw: do not decode messages; they begin with the 4-byte encapsulation header.
+            arrays: decode sequences of fixed-size messages as structured arrays; not with `raw` or a type name.
+            ignore_local: ignore publishers of this context.
+            type_hash_check: like that of `Node`.
+            event_callbacks: called for matched and incompatible publishers, missed deadlines and others.
+            concurrency: maximum number of concurrent calls of an async callback; they start in order.
 
         Raises:
-            InvalidNameError, InvalidQoSError, TypeNotFoundError, UnsupportedEventError, ClosedError: as they say.
+            InvalidNameError: the topic name is invalid.
+            InvalidQoSError: the profile is invalid.
+            TypeNotFoundError: `msg_type` names no known type.
+            UnsupportedEventError: the transport does not report a requested event.
+            ClosedError: the node is closed.
         """
         self._require_open()
         if arrays and raw:
-            raise TypeError("arrays=True needs messages that are decoded, raw=True leaves bytes")
-        known = message_type(msg_type, arrays=arrays)
+            raise TypeError("arrays=True decodes messages and raw=True does not; pass only one of them")
+        resolved_type = message_type(msg_type, arrays=arrays)
         subscription: Subscription[Any] = Subscription(
             self._scope,
-            raw_type(known) if raw else known,
+            raw_type(resolved_type) if raw else resolved_type,
             self._names.resolve_topic(topic),
             callback,
             as_profile(qos),
@@ -351,8 +364,6 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         if callback is not None:
             self._scope.with_callbacks[id(subscription)] = subscription
         return subscription
-
-    # ----------------------------------------------------------------------------------------------------- lifetime
 
     def _require_open(self) -> None:
         self._scope.require_open(False, "the node")
@@ -373,12 +384,12 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             self._scope.failures.raise_kept()
 
     async def __aenter__(self) -> Self:
-        """Raises `ClosedError`, and `WrongEventLoopError`: then a node that was made in here is closed."""
+        """Attach the running loop; raises `ClosedError`, or `WrongEventLoopError` if the context has another loop."""
         try:
             self._require_open()
             self.context._core.bridge.running_loop()
         except RosidlError:
-            if self._made_on == id(asyncio.get_running_loop()):  # else it may be in use elsewhere
+            if self._creation_loop_id == id(asyncio.get_running_loop()):  # else it may be in use elsewhere
                 self.close()
             raise
         self._guards.append(guard := FailureGuard(lambda failures: failures is self._scope.failures))
@@ -392,13 +403,13 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             self._guards.pop().__exit__(kind, error, trace)
 
     def close(self) -> None:
-        """Close all endpoints, then withdraw the node; may be called twice. Whoever waits on them is woken."""
+        """Close all entities, wake up their waiters, and withdraw the node; may be called twice."""
         if self._scope.closed:
             return
-        if (unserved := self.context._core.unserved(self._scope)) is not None:
-            self.logger.warning(str(unserved))
-            for hear in failure_listeners:
-                hear("", unserved)
+        if (error := self.context._core.unserved(self._scope)) is not None:
+            self.logger.warning(str(error))
+            for listener in failure_listeners:
+                listener("", error)
         self._scope.close()
         self.context._core.release(self)
 
@@ -407,27 +418,27 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         self.close()
 
     def destroy_publisher(self, publisher: Publisher[Any]) -> bool:
-        """Close a publisher and return True; the same as `publisher.close()`, as in rclpy."""
+        """Close a publisher and return True; the name in rclpy."""
         publisher.close()
         return True
 
     def destroy_subscription(self, subscription: Subscription[Any]) -> bool:
-        """Close a subscription and return True; the same as `subscription.close()`, as in rclpy."""
+        """Close a subscription and return True; the name in rclpy."""
         subscription.close()
         return True
 
     def destroy_service(self, service: ServiceServer[Any, Any]) -> bool:
-        """Close a service and return True; the same as `service.close()`, as in rclpy."""
+        """Close a service and return True; the name in rclpy."""
         service.close()
         return True
 
     def destroy_client(self, client: Client[Any, Any]) -> bool:
-        """Close a client and return True; the same as `client.close()`, as in rclpy."""
+        """Close a client and return True; the name in rclpy."""
         client.close()
         return True
 
     def destroy_timer(self, timer: Timer) -> bool:
-        """Close a timer and return True; the same as `timer.close()`, as in rclpy."""
+        """Close a timer and return True; the name in rclpy."""
         timer.close()
         return True
 
@@ -436,7 +447,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         def __getattr__(self, name: str) -> object:
             if name in HINTS:
                 raise AttributeError(unknown_attribute(repr(type(self).__name__) + " object", name))
-            # A property of a subclass may have failed with an AttributeError of its own: it is raised again.
+            # A property of a subclass may have raised an AttributeError: evaluate it again to raise that.
             return object.__getattribute__(self, name)
 
     def __repr__(self) -> str:
@@ -446,10 +457,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
 
 
 def _start_rosout(scope: EntityScope) -> None:
-    """Publish what is logged as this node on ``/rosout`` until it closes.
-
-    Source: docs/internals/protocol.md 9.7.
-    """
+    """Publish the node's log records on ``/rosout`` until it closes (docs/internals/protocol.md 9.7)."""
     publisher: Publisher[Log] = Publisher(scope, message_type(Log), "/rosout", ROSOUT)
 
     def publish(fields: LogFields) -> None:

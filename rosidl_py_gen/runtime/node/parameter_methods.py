@@ -1,8 +1,7 @@
-"""The parameter methods of a node.
+"""Parameter methods of a node, and the start of what every ROS node has.
 
-Decides names, defaults and the order in which a node brings up what every ROS node has
-(docs/internals/protocol.md 9.1): parameter events, `use_sim_time`, the six services, logger levels, type description.
-What each does is in its own file; what not every node needs is imported when it is first used.
+The order of the start is that of docs/internals/protocol.md 9.1: parameter events, `use_sim_time`, the six services,
+logger levels, type description. Modules that not every node needs are imported when they are first used.
 """
 
 from __future__ import annotations
@@ -49,13 +48,13 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.time.clock import Clock
 
 T = TypeVar("T")
-# bool stands before int, and int before float: type checkers accept the one where the other is expected.
+# bool before int, and int before float: type checkers accept the former where the latter is expected.
 ScalarT = TypeVar("ScalarT", bool, int, float, str, bytes)
 ItemT = TypeVar("ItemT", bool, int, float, str)
 
 
 class ParameterChange(NamedTuple):
-    """One parameter that changed; `value` is None when it was unset or undeclared."""
+    """Change of a parameter; `value` is None if it was unset or undeclared."""
 
     name: str
     value: PythonValue
@@ -73,11 +72,11 @@ class ParameterMethods:
     _event_callbacks: RegistrationSet[Callable[[ParameterEvent], object]]
 
     def _open_parameters(self, options: NodeOptions) -> None:
-        """Bring up parameters and what depends on them, in rclpy's order; call it once `scope` and `clock` exist."""
-        own = {item.name: item.value for item in as_parameters(options.parameter_overrides or {})}
-        given = options.arguments.parameters
+        """Start the parameters and all that depends on them, in the order of rclpy."""
+        own_overrides = {item.name: item.value for item in as_parameters(options.parameter_overrides or {})}
+        arguments = options.arguments.parameters
         if options.use_global_arguments:
-            given = self.context._core.ros_arguments.parameters + given
+            arguments = self.context._core.ros_arguments.parameters + arguments
         self._changes = changes = list[AsyncQueue[ParameterChange]]()
         self._event_callbacks = callbacks = RegistrationSet[Callable[[ParameterEvent], object]]()
         events: ParameterEventPublisher | None = None
@@ -86,7 +85,7 @@ class ParameterMethods:
 
             events = ParameterEventPublisher(self._scope, self._names, self.clock)
 
-        def tell(event: ParameterEvent) -> None:
+        def on_event(event: ParameterEvent) -> None:
             for stream in tuple(changes):
                 if stream.closed:
                     changes.remove(stream)
@@ -102,13 +101,13 @@ class ParameterMethods:
                     self._scope.report_failure("the callback of a parameter event")
 
         self._store = ParameterStore(
-            overrides_for(given, self._names.fully_qualified_name) | own,
+            overrides_for(arguments, self._names.fully_qualified_name) | own_overrides,
             allow_undeclared=options.allow_undeclared_parameters,
-            on_event=tell,
+            on_event=on_event,
             on_failure=self._scope.report_failure,
         )
-        self._store.sources.update(sources_for(given, self._names.fully_qualified_name))
-        for name in own:
+        self._store.sources.update(sources_for(arguments, self._names.fully_qualified_name))
+        for name in own_overrides:
             self._store.sources.pop(name, None)
         if options.time_source:
             TimeSource(self._scope, self._names, self._store, self.clock)
@@ -124,17 +123,15 @@ class ParameterMethods:
         self.context._core.initial_values.opened(
             self._scope,
             self._store,
-            own,
+            own_overrides,
             options.arguments.parameters,
             self._may_declare_more,
             takes_global=options.use_global_arguments,
         )
 
     def _may_declare_more(self) -> bool:
-        """Whether this is too early to wonder about initial values that no parameter takes."""
+        """Return True while it is too early to warn about initial values without parameter."""
         return False
-
-    # --------------------------------------------------------------------------------------------------- declaring
 
     def declare_parameters(
         self,
@@ -144,12 +141,18 @@ class ParameterMethods:
         initial: T | None = None,
         validator: Callable[[T], str | None] | None = None,
     ) -> T:
-        """Declare the fields of a dataclass; returns an object whose attributes follow, see `parameters/proxy.py`.
+        """Declare the fields of a dataclass as parameters; return an object whose attributes are their current values.
+
+        Args:
+            cls: dataclass, whose annotations are the types and constraints of the parameters.
+            prefix: prepended to all names.
+            initial: object with the default values; None uses the defaults of the fields.
+            validator: gets an object with the new values, and returns a reason to refuse them, or None.
 
         Raises:
-            ParameterClassError: an annotation cannot be a parameter, or a field has no default and nor has `initial`.
-            ParameterError: a name is taken, an override has the wrong type or is refused. Nothing is declared then.
-            TypeError: an argument has the wrong type; the validator is async.
+            ParameterClassError: an annotation cannot be a parameter, or a field has no default.
+            ParameterError: a name is taken, or an override is invalid. No parameter is declared.
+            TypeError: an argument has the wrong type, or the validator is async.
         """
         from rosidl_py_gen.runtime.parameters.dataclass_binding import bind_class
 
@@ -191,52 +194,56 @@ class ParameterMethods:
         *,
         ignore_override: bool = False,
     ) -> Any:
-        """Declare one parameter and return its value, which is the override's if there is one.
+        """Declare a parameter and return its value, which is that of the override if there is one.
 
-        The value has the type of `default`; a list is returned as a tuple. Only with a descriptor of `dynamic_typing`
-        an override may have another type.
+        The value has the type of `default`; a list is returned as a tuple. An override may have another type only if
+        the descriptor sets `dynamic_typing`.
 
         Raises:
-            ParameterAlreadyDeclaredError, InvalidParameterNameError: the name is taken, or cannot be one.
-            InvalidParameterValueError: a range, a callback or a missing type refuses it.
+            ParameterAlreadyDeclaredError: the name is taken.
+            InvalidParameterNameError: the name is invalid.
+            InvalidParameterValueError: a range or a callback refuses the value, or the type is missing.
             WrongParameterTypeError: default or override have another type.
-            TypeError: the descriptor is none, or one of its fields has the wrong type.
+            TypeError: the descriptor, or one of its fields, has the wrong type.
         """
         self._scope.require_open(False, "the node")
         value = parameter_value(default)
         return self._store.declare(name, value, descriptor, ignore_override=ignore_override).value
 
     def set_descriptor(self, name: str, descriptor: ParameterDescriptor, alternative: object = None) -> PythonValue:
-        """Describe a parameter anew, and return its value.
+        """Replace the descriptor of a parameter, and return its value; in case of an error nothing is changed.
 
-        The descriptor's own name counts for nothing; without a type it keeps that of the parameter. Of an undeclared
-        parameter nothing is kept, where those are allowed.
+        The name in the descriptor is ignored; without a type the parameter keeps its type. For an undeclared parameter
+        the call has no effect, if those are allowed.
 
         Args:
-            alternative: is set when the value that the parameter has does not fit; None: it has to.
+            name: name of the parameter.
+            descriptor: new descriptor.
+            alternative: new value if the current one does not fit; None: the current value must fit.
 
         Raises:
-            ParameterNotDeclaredError: nobody declared it. ParameterImmutableError: it is read-only so far.
-            InvalidParameterValueError: neither value fits, a callback refuses the alternative, or a range makes no
-                sense. TypeError: the descriptor is none, or one of its fields has the wrong type. Nothing changes then.
+            ParameterNotDeclaredError: the parameter is not declared.
+            ParameterImmutableError: the parameter is read-only.
+            InvalidParameterValueError: neither value fits, a callback refuses the alternative, or a range is invalid.
+            TypeError: the descriptor, or one of its fields, has the wrong type.
         """
         self._scope.require_open(False, "the node")
         value = parameter_value(alternative)
         return self._store.set_descriptor(require_name(name), descriptor, value).value
 
     def undeclare_parameter(self, name: str) -> None:
-        """Forget a parameter; raises `ParameterNotDeclaredError`, `ParameterImmutableError` when it is read-only.
+        """Remove a parameter; the field of a dataclass keeps the last value.
 
-        The field of a dataclass keeps showing its last value, until a parameter of that name and type is declared.
+        Raises:
+            ParameterNotDeclaredError: the parameter is not declared.
+            ParameterImmutableError: the parameter is read-only.
         """
         self._scope.require_open(False, "the node")
         self._store.undeclare(require_name(name))
 
     def has_parameter(self, name: str) -> bool:
-        """True when declared, with or without a value."""
+        """Return True if a parameter is declared, with or without a value."""
         return self._store.has(require_name(name))
-
-    # ----------------------------------------------------------------------------------------------------- reading
 
     @overload
     def get_parameter(self, name: str) -> PythonValue: ...
@@ -245,13 +252,16 @@ class ParameterMethods:
     @overload
     def get_parameter(self, name: str, type: type[T], default: None = None) -> T | None: ...
     def get_parameter(self, name: str, type: Any = None, default: Any = None) -> Any:
-        """The value; `default` when the parameter is declared but unset.
+        """Return the value of a parameter, or `default` if it is declared without value.
 
         Args:
+            name: name of the parameter.
             type: ``bool``, ``int``, ``float``, ``str``, ``bytes``, or a list of one of the first four. None: any.
+            default: result for a parameter without value.
 
         Raises:
-            ParameterNotDeclaredError: nobody declared it. WrongParameterTypeError: names both types.
+            ParameterNotDeclaredError: the parameter is not declared.
+            WrongParameterTypeError: the value has another type.
         """
         value = self._store.get_or_unset(require_name(name))
         kind = None if type is None else _expected_type(type)
@@ -264,130 +274,138 @@ class ParameterMethods:
         return list(value.value) if get_origin(type) is list else value.value  # type: ignore[arg-type]
 
     def get_parameters(self, names: Sequence[str]) -> list[PythonValue]:
-        """Values as they are at one moment, in order; `get_parameter` is for one.
+        """Return the values of parameters, read at one moment, in order.
 
         Raises:
-            ParameterNotDeclaredError, ParameterUninitializedError. TypeError: for a single text.
+            ParameterNotDeclaredError: a parameter is not declared.
+            ParameterUninitializedError: a parameter has no value.
+            TypeError: `names` is a single text.
         """
         return [value.value for value in self._store.get_values(require_names(names))]
 
     def describe_parameter(self, name: str) -> ParameterDescriptor:
-        """Raises `ParameterNotDeclaredError`."""
+        """Return the descriptor of a parameter; raises `ParameterNotDeclaredError`."""
         return self._store.describe(require_name(name))
 
     def get_parameters_by_prefix(self, prefix: str = "") -> dict[str, Parameter]:
-        """The parameters below a prefix, by their names without it; without a prefix all there are.
+        """Return name without prefix -> parameter, for all parameters below a prefix; without a prefix, all of them.
 
-        They are those of one moment, and some may have no value. Of ``arm`` and ``arm.speed`` the prefix ``arm`` gives
-        ``speed`` alone.
+        They are read at one moment, and may have no value. For ``arm`` and ``arm.speed``, the prefix ``arm`` returns
+        only ``speed``.
         """
         start = f"{require_name(prefix, 'a prefix')}{SEPARATOR}" if prefix else ""
         values = self._store.values().items()
         return {name[len(start) :]: Parameter(name, value) for name, value in values if name.startswith(start)}
 
     def list_parameters(self, prefixes: str | Sequence[str] = (), depth: int = 0) -> ListParametersResult:
-        """Names and groups, all or those below one or several prefixes; depth 0 has no limit."""
+        """Return names and groups, all of them or those below prefixes; depth 0 has no limit."""
         return self._store.listing(as_prefixes(prefixes), depth)
 
-    # ----------------------------------------------------------------------------------------------------- setting
-
     def set_parameter(self, name: str, value: object) -> None:
-        """Set one, from any thread.
+        """Set a parameter, from any thread.
 
         Raises:
-            ParameterNotDeclaredError: nobody declared it. InvalidParameterValueError: it is refused; has the reason.
-            CallbackAnswerError: a callback answered something it must not. ClosedError.
+            ParameterNotDeclaredError: the parameter is not declared.
+            InvalidParameterValueError: the value is refused; the text contains the reason.
+            CallbackAnswerError: a callback returned an invalid result.
+            ClosedError: the node is closed.
         """
         result = self.set_parameters_atomically({name: value}, require_declared=True)
         if not result.successful:
             raise InvalidParameterValueError(result.reason)
 
     def set_parameters(self, values: ParametersToSet, *, require_declared: bool = False) -> list[SetResult]:
-        """Set one by one, from any thread; the result of each says whether and why not.
+        """Set parameters one after the other, from any thread; return a result for each.
 
         Args:
-            require_declared: raise for a name that nobody declared, unless those are allowed; what stands before it
-                stays set, what stands behind it is not set. Otherwise its result is a refusal.
+            values: name -> value, or `Parameter` objects.
+            require_declared: raise for an undeclared name, unless those are allowed; earlier parameters remain set.
+                Otherwise the result for that name is a refusal.
 
         Raises:
-            InvalidParameterValueError: one is no parameter value; nothing is set then. TypeError: a name is no text.
-            ParameterNotDeclaredError: with `require_declared`. ClosedError.
-            CallbackAnswerError: a callback answered something it must not.
-            Exception: whatever a callback raises that was added with `raises`.
+            InvalidParameterValueError: a value cannot be that of a parameter; no parameter is set.
+            ParameterNotDeclaredError: `require_declared`, and a parameter is not declared.
+            CallbackAnswerError: a callback returned an invalid result.
+            TypeError: a name is not a text.
+            ClosedError: the node is closed.
+            Exception: raised by a callback that was added with `raises`.
         """
         return self._store.set_individually(self._coerce_empty_lists(values), require_declared=require_declared)
 
     def set_parameters_atomically(self, values: ParametersToSet, *, require_declared: bool = False) -> SetResult:
-        """Set all or nothing, with one event; otherwise as `set_parameters`."""
+        """Set all parameters or none, with one event; parameters and exceptions as for `set_parameters`."""
         return self._store.set_atomically(self._coerce_empty_lists(values), require_declared=require_declared)
 
     def _coerce_empty_lists(self, values: ParametersToSet) -> list[Parameter]:
-        """An empty list takes the type that was declared; raises `ClosedError`."""
+        """Give empty lists the declared type; raises `ClosedError`."""
         self._scope.require_open(False, "the node")
-        fitted = []
+        coerced = []
         for parameter in as_parameters(values):
             value = parameter.value
             if value.value == b"" and self._store.has(parameter.name):
                 kind = self._store.describe(parameter.name).type
                 value = parameter_value((), kind) if kind.is_array else value
-            fitted.append(Parameter(parameter.name, value))
-        return fitted
+            coerced.append(Parameter(parameter.name, value))
+        return coerced
 
     def add_pre_set_callback(
         self, callback: Callable[[list[Parameter]], list[Parameter]], *, raises: bool = False
     ) -> Registration:
-        """May replace the list to set, until the answer is closed. Raises `TypeError` for an async function.
+        """Add a callback that may replace the list of parameters to set, until the registration is closed.
 
         It is called on the thread that sets, and other sets wait for it: it must not wait for the event loop.
 
         Args:
-            raises: an exception in it goes on to whoever sets or declares, as in rclpy; of another node that sets, the
-                set is refused. Otherwise it refuses every set, with a reason that says so, and the traceback is logged.
+            callback: plain function that gets the parameters and returns those to set.
+            raises: raise its exceptions from the method that sets or declares, as in rclpy; a set by another node is
+                refused. Otherwise an exception is logged, and the set is refused.
+
+        Raises:
+            TypeError: the callback is async.
         """
         return self._store.callbacks.add("pre-set", callback, raises=raises)
 
     def add_on_set_callback(
         self, callback: Callable[[list[Parameter]], SetResult], *, raises: bool = False
     ) -> Registration:
-        """May refuse a set, the newest is asked first; otherwise as `add_pre_set_callback`."""
+        """Add a callback that may refuse a set; the newest one is called first. Else like `add_pre_set_callback`."""
         return self._store.callbacks.add("on-set", callback, raises=raises)
 
     def add_post_set_callback(
         self, callback: Callable[[list[Parameter]], None], *, raises: bool = False
     ) -> Registration:
-        """Hears of each successful set and declaration, on the thread that set, until the answer is closed.
+        """Add a callback for successful sets and declarations, called on the thread that sets.
 
         Args:
-            raises: an exception in it goes on to whoever set, once all have heard; the values stay. Otherwise it is
-                logged.
+            callback: plain function that gets the parameters.
+            raises: raise its exceptions from the method that sets, after all callbacks; the values remain set.
+                Otherwise they are logged.
 
         Raises:
-            TypeError: for an async function.
+            TypeError: the callback is async.
         """
         return self._store.callbacks.add("post-set", callback, raises=raises)
 
-    # ------------------------------------------------------------------------------------------------------ events
-
     def parameter_changes(self) -> AsyncQueue[ParameterChange]:
-        """Every change of this node's parameters from now on, whoever makes it, in whatever thread."""
+        """Return a queue of all changes of this node's parameters from now on, made in any thread."""
         stream: AsyncQueue[ParameterChange] = AsyncQueue()
         self._changes.append(stream)
         self._scope.register(stream)
         return stream
 
     def add_parameter_event_callback(self, callback: Callable[[ParameterEvent], object]) -> Registration:
-        """Hears of each event of this node, as ``/parameter_events`` has it, until the answer is closed.
+        """Add a callback for the events of this node, as they are published on ``/parameter_events``.
 
-        Also without `parameter_events` of `Node`. It is called on the thread that sets, in the order of the sets, and
-        other sets wait for it; what it raises is logged. Raises `TypeError` for an async function.
+        It is also called if the node does not publish them. It is called on the thread that sets, in the order of the
+        sets, and other sets wait for it. Its exceptions are logged. Raises `TypeError` for an async function.
         """
         require_plain(callback, "the callback of parameter events", "the event")
         return self._event_callbacks.add(callback)
 
     def parameter_services(self) -> list[ParameterService]:
-        """The six parameter services of this node as functions, to be served by other means than its own.
+        """Return the six parameter services of this node as functions, for a program that serves them itself.
 
-        Sets publish their events as always. With ``start_services=False`` the node does not serve them itself.
+        With ``start_services=False`` the node does not serve them.
         """
         self._scope.require_open(False, "the node")
         return self._parameter_services().handlers()
@@ -398,26 +416,26 @@ class ParameterMethods:
         return ParameterServices(self._scope, self._store, self.context._core.initial_values.on_listed)
 
     def parameter_events(self, node: str | None = None) -> ParameterEvents:
-        """What all nodes, or one of them, publish on ``/parameter_events`` from now on."""
+        """Return the events that all nodes, or one of them, publish on ``/parameter_events`` from now on."""
         from rosidl_py_gen.runtime.parameters.client import ParameterEvents
 
-        wanted = None if node is None else self._names.resolve_topic(require_name(node, "the name of a node"))
-        return ParameterEvents(self._scope, self._names, wanted)
+        full_name = None if node is None else self._names.resolve_topic(require_name(node, "the name of a node"))
+        return ParameterEvents(self._scope, self._names, full_name)
 
     def create_parameter_client(self, node: str) -> ParameterClient:
-        """Get and set the parameters of another node, named like a topic (``/other``, ``other``)."""
+        """Create a client for the parameters of another node, whose name is resolved like that of a topic."""
         from rosidl_py_gen.runtime.parameters.client import ParameterClient
 
         self._scope.require_open(False, "the node")
         return ParameterClient(self._scope, self._names, require_name(node, "the name of a node"))
 
 
-def _expected_type(wanted: Any) -> ParameterType:
-    kind = TYPE_OF.get(wanted) if isinstance(wanted, type) else None
-    if get_origin(wanted) in (list, tuple) and get_args(wanted):
-        kind = ARRAY_OF.get(TYPE_OF.get(get_args(wanted)[0]))
+def _expected_type(type_: Any) -> ParameterType:
+    kind = TYPE_OF.get(type_) if isinstance(type_, type) else None
+    if get_origin(type_) in (list, tuple) and get_args(type_):
+        kind = ARRAY_OF.get(TYPE_OF.get(get_args(type_)[0]))
     if kind is not None:
         return kind
     raise TypeError(
-        f"{wanted!r} is no parameter type; expected bool, int, float, str, bytes or a list such as list[int]"
+        f"{type_!r} is not a parameter type; expected bool, int, float, str, bytes or a list such as list[int]"
     )

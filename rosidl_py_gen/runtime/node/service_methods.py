@@ -1,7 +1,4 @@
-"""The service methods of a node.
-
-Decides names and defaults as ROS users know them; what the endpoints do is in their own files.
-"""
+"""Service methods of a node: names and defaults as in rclpy."""
 
 from __future__ import annotations
 
@@ -68,13 +65,21 @@ class ServiceMethods:
         arrays: bool = False,
         type_hash_check: TypeCheck | None = None,
     ) -> ServiceServer[Any, Any]:
-        """Serve `name`: with a handler ``(request) -> response``, plain or async; without, iterate over the requests.
+        """Create a server of a service.
 
-        `arrays`: sequences of fixed-size messages in requests are structured arrays, as in `decode`; not with text.
-        `type_hash_check`: that of `Node`, for this service.
+        Args:
+            srv_type: service class, or its name such as ``"std_srvs/srv/Trigger"``: then messages are dicts.
+            name: service name, which is expanded and remapped.
+            handler: plain or async function that gets the request and returns the response; None to iterate or `take`.
+            qos: profile, or depth.
+            arrays: decode sequences of fixed-size messages as structured arrays; not with a type name.
+            type_hash_check: like that of `Node`.
 
         Raises:
-            InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
+            InvalidNameError: the service name is invalid.
+            InvalidQoSError: the profile is invalid.
+            TypeNotFoundError: `srv_type` names no known type.
+            ClosedError: the node is closed.
         """
         self._require_open()
         server: ServiceServer[Any, Any] = ServiceServer(
@@ -112,16 +117,12 @@ class ServiceMethods:
         arrays: bool = False,
         type_hash_check: TypeCheck | None = None,
     ) -> Client[Any, Any]:
-        """Call the service `name`.
-
-        `arrays`: sequences of fixed-size messages in responses are structured arrays, as in `decode`; not with text.
-        `type_hash_check`: that of `Node`, for this client.
-
-        Raises:
-            InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
-        """
+        """Create a client of a service; parameters and exceptions as for `create_service`."""
         self._require_open()
-        known = service_type(srv_type, arrays=arrays)
         return Client(
-            self._scope, known, self._names.resolve_service(name), as_profile(qos), type_hash_check=type_hash_check
+            self._scope,
+            service_type(srv_type, arrays=arrays),
+            self._names.resolve_service(name),
+            as_profile(qos),
+            type_hash_check=type_hash_check,
         )

@@ -1,7 +1,6 @@
-"""Simulated time: following ``/clock`` while the parameter `use_sim_time` is true, and publishing it.
+"""Simulated time: following ``/clock`` while `use_sim_time` is true, and publishing it.
 
-Decides which change of the parameter means what; what a jump of time means is decided by `time/clock.py`. May import
-endpoints and parameters, never the node. Source: docs/internals/protocol.md 9.6.
+Source: docs/internals/protocol.md 9.6.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ NOT_BOOL_REASON = "use_sim_time parameter set to something besides a bool"
 
 
 class TimeSource:
-    """Ties the ROS clock of one node to its parameter `use_sim_time` and, when that is true, to ``/clock``."""
+    """Connection of a node's clock to ``/clock``, controlled by the parameter `use_sim_time`."""
 
     def __init__(self, scope: EntityScope, names: NodeNames, store: ParameterStore, clock: Clock) -> None:
         self._scope = scope
@@ -44,20 +43,20 @@ class TimeSource:
             store.declare(USE_SIM_TIME, parameter_value(False), ParameterDescriptor(name=USE_SIM_TIME))
 
     def _check(self, parameters: list[Parameter]) -> SetResult:
-        """Refuse a value that is no bool."""
-        wrong = any(one.name == USE_SIM_TIME and one.value.type is not ParameterType.BOOL for one in parameters)
-        return SetResult(not wrong, NOT_BOOL_REASON if wrong else "")
+        values = [parameter.value for parameter in parameters if parameter.name == USE_SIM_TIME]
+        is_wrong = any(value.type is not ParameterType.BOOL for value in values)
+        return SetResult(not is_wrong, NOT_BOOL_REASON if is_wrong else "")
 
     def _after_set(self, parameters: list[Parameter]) -> None:
         for parameter in parameters:
-            wanted = parameter.value.value is True
-            if parameter.name == USE_SIM_TIME and wanted is (self._subscription is None):
-                (self._start if wanted else self._stop)()
+            is_on = parameter.value.value is True
+            if parameter.name == USE_SIM_TIME and is_on is (self._subscription is None):
+                (self._start if is_on else self._stop)()
 
     def _start(self) -> None:
         message = message_type(ClockMessage)
         self._subscription = Subscription(self._scope, message, self._topic, self._on_clock, CLOCK)
-        # A time from an earlier round of simulation must not be shown again.
+        # The clock must not return the time of an earlier simulation.
         self._clock.set_ros_time_override(Time(clock_type=ClockType.ROS_TIME))
         self._clock.enable_ros_time_override()
 
@@ -75,14 +74,13 @@ class TimeSource:
 
 
 class SimTimePublisher(CompositeEntity):
-    """Publishes ``/clock``; made by `create_sim_time_publisher`.
+    """Publisher of ``/clock``, created by `Node.create_sim_time_publisher`.
 
-    Time moves with `advance` and `set_time`, and while `rate` is not 0 by itself: `rate` simulated seconds pass in one
-    second, in steps of `period_s`.
+    `advance` and `set_time` change the time. While `rate` is not 0, `rate` simulated seconds pass per second, in steps
+    of `period_s`.
     """
 
     def __init__(self, scope: EntityScope, topic: str, start: Time, rate: float, period_s: float) -> None:
-        """Raises `TypeError` and `TimeRangeError` that name the argument."""
         _require_time("start", start)
         self._rate = _checked_rate(rate)
         period_ns = period_to_ns(period_s)
@@ -100,42 +98,41 @@ class SimTimePublisher(CompositeEntity):
 
     @property
     def rate(self) -> float:
-        """Simulated seconds per second; may be changed at any time, 0 pauses.
-
-        Setting it raises `TypeError` for no number, `TimeRangeError` unless finite and 0 or more.
-        """
+        """Simulated seconds per second; may be changed at any time, 0 pauses. Must be a finite number >= 0."""
         return self._rate
 
     @rate.setter
     def rate(self, rate: float) -> None:
         rate = _checked_rate(rate)
         self._scope.require_open(self._closed, "a publisher of simulated time")
-        before, self._rate = self._rate, rate
+        previous, self._rate = self._rate, rate
         if not rate:
             self._timer.cancel()
-        elif not before:
-            self._wall_ns = self._wall.now_ns()  # what passed during the pause does not count
+        elif not previous:
+            self._wall_ns = self._wall.now_ns()  # skip the pause
             self._timer.reset()
 
     @property
     def now(self) -> Time:
-        """The time published last, or about to be published first."""
+        """Time that was published last; before the first message, its time."""
         return Time(nanoseconds=self._now_ns, clock_type=ClockType.ROS_TIME)
 
     def advance(self, duration: Duration | float) -> None:
-        """Let time pass, a number means seconds, and publish; negative jumps back.
+        """Add a duration, or a number of seconds, to the time, and publish; a negative one jumps back.
 
         Raises:
-            TypeError: no duration and no number. TimeRangeError: not finite, or time would leave what a message holds.
+            TypeError: `duration` is neither a duration nor a number.
+            TimeRangeError: `duration` is not finite, or the new time does not fit into a message.
         """
         length_ns = duration.nanoseconds if isinstance(duration, Duration) else seconds_to_ns("duration", duration)
         self.set_time(self.now + Duration(nanoseconds=length_ns))
 
     def set_time(self, now: Time) -> None:
-        """Publish this time, whichever clock it is of.
+        """Publish a time, of any clock.
 
         Raises:
-            TypeError: no `Time`. TimeRangeError: too late for a message.
+            TypeError: `now` is not a `Time`.
+            TimeRangeError: the time does not fit into a message.
         """
         _require_time("now", now)
         self._publisher.publish(ClockMessage(clock=now.to_msg()))
@@ -143,11 +140,11 @@ class SimTimePublisher(CompositeEntity):
 
     def _tick(self) -> None:
         wall_ns = self._wall.now_ns()
-        passed_ns, self._wall_ns = wall_ns - self._wall_ns, wall_ns
-        self.advance(Duration(nanoseconds=round(passed_ns * self._rate)))
+        elapsed_ns, self._wall_ns = wall_ns - self._wall_ns, wall_ns
+        self.advance(Duration(nanoseconds=round(elapsed_ns * self._rate)))
 
     async def wait_for_subscribers(self, timeout_s: float | None = None, *, count: int = 1) -> Literal[True]:
-        """Wait until at least `count` nodes follow; raises `WaitTimeoutError` when the time passed."""
+        """Wait until at least `count` nodes follow ``/clock``; raises `WaitTimeoutError` after `timeout_s`."""
         return await self._publisher.wait_for_subscribers(timeout_s, count=count)
 
 
@@ -158,6 +155,6 @@ def _checked_rate(rate: object) -> float:
     return number
 
 
-def _require_time(what: str, value: object) -> None:
+def _require_time(name: str, value: object) -> None:
     if not isinstance(value, Time):
-        raise TypeError(f"{what} must be a Time such as Time(seconds=5), got {value!r:.100}")
+        raise TypeError(f"{name} must be a Time such as Time(seconds=5), got {value!r:.100}")

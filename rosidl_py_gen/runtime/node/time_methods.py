@@ -1,7 +1,4 @@
-"""The time methods of a node: timers, rates, and publishing simulated time.
-
-Decides which clock each of them follows. May import what is below the node, never the node.
-"""
+"""Time methods of a node: timers, rates, and the publisher of simulated time."""
 
 from __future__ import annotations
 
@@ -35,10 +32,17 @@ class TimeMethods:
     def create_timer(
         self, period_s: float, callback: Callable[[], object] | None = None, *, clock: Clock | None = None
     ) -> Timer:
-        """Every `period_s` seconds of this node's clock, which may be simulated, or of `clock`.
+        """Create a timer.
+
+        Args:
+            period_s: time between two calls.
+            callback: plain or async function without arguments; None to iterate, `tick` or `take`.
+            clock: None uses the node's clock, whose time may be simulated.
 
         Raises:
-            TypeError: no number, function or clock. TimeRangeError: a negative period. ClosedError.
+            TypeError: an argument has the wrong type.
+            TimeRangeError: the period is negative or not finite.
+            ClosedError: the node is closed.
         """
         self._require_open()
         timer = Timer(self._scope, period_to_ns(period_s), callback, self.clock if clock is None else clock)
@@ -47,11 +51,11 @@ class TimeMethods:
         return timer
 
     def create_wall_timer(self, period_s: float, callback: Callable[[], object] | None = None) -> Timer:
-        """Every `period_s` seconds of the steady clock, which nothing can turn back."""
+        """Create a timer of the steady clock."""
         return self.create_timer(period_s, callback, clock=self._scope.make_clock(ClockType.STEADY_TIME))
 
     def create_rate(self, frequency_hz: float) -> Rate:
-        """``await rate.sleep()`` keeps a loop at this frequency of the node's clock."""
+        """Create a rate: ``await rate.sleep()`` keeps a loop at this frequency of the node's clock."""
         from rosidl_py_gen.runtime.time.rate import Rate
 
         return Rate(self.clock, frequency_hz)
@@ -59,7 +63,18 @@ class TimeMethods:
     def create_sim_time_publisher(
         self, *, rate: float = 0.0, start: Time | None = None, period_s: float = 0.01
     ) -> SimTimePublisher:
-        """Publish ``/clock`` by hand (`advance`, `set_time`), or by itself with `rate` simulated seconds a second."""
+        """Create a publisher of ``/clock``, for `advance` and `set_time`, or with `rate` simulated seconds per second.
+
+        Args:
+            rate: 0 publishes only on request.
+            start: None starts at 0.
+            period_s: time between two messages.
+
+        Raises:
+            TypeError: an argument has the wrong type.
+            TimeRangeError: an argument is out of range.
+            ClosedError: the node is closed.
+        """
         self._require_open()
-        begin = Time(clock_type=ClockType.ROS_TIME) if start is None else start
-        return SimTimePublisher(self._scope, self._names.resolve_topic("/clock"), begin, rate, period_s)
+        start = Time(clock_type=ClockType.ROS_TIME) if start is None else start
+        return SimTimePublisher(self._scope, self._names.resolve_topic("/clock"), start, rate, period_s)

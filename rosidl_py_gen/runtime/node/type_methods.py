@@ -1,11 +1,8 @@
-"""The types of a node's surroundings: the classes of topics, services and actions, and how others define their types.
-
-Decides the methods and their names; how a class is found is in `runtime.types.from_peers`.
-"""
+"""Type methods of a node: classes of other nodes' topics, services and actions, and their type descriptions."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.runtime.loop.blocking import blocking
@@ -22,7 +19,10 @@ if TYPE_CHECKING:
     from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.names.remapping import NodeNames
+    from rosidl_py_gen.runtime.type_resolution.announcements import TypeQuery
     from rosidl_py_gen.type_loading.class_lookup import SearchFolders
+
+BaseT = TypeVar("BaseT")
 
 
 class TypeMethods:
@@ -44,29 +44,30 @@ class TypeMethods:
         path: SearchFolders = (),
         timeout_s: float | None = None,
     ) -> type[Message]:
-        """The class of what is published on a topic, wherever its definition is.
+        """Return the message class of a topic, from a local definition or the description by another node.
 
         Waits until a node announces the type. A class of the announced hash that is importable or on the search path is
-        used; otherwise one of the nodes is asked for the definition, and its answer kept on disk. An answer of another
-        hash than the announced one is refused. Nodes of ROS 2 Humble announce no hash: then the local definition of
-        that name is used, with a warning.
+        used; otherwise one of the nodes is asked for the definition, and its description is cached on disk.
+        Descriptions with another hash than the announced one are refused. Nodes of ROS 2 Humble announce no hash: then
+        the local definition of that name is used, with a warning.
 
         Args:
-            type_name: needed when there are several types on the topic.
-            type_hash: needed when there are several definitions of that type.
-            path: folders with interfaces, looked through first, as by `get_message`.
-            timeout_s: for all of it.
+            topic: topic name, which is expanded and remapped.
+            type_name: required if the topic has several types.
+            type_hash: required if there are several definitions of that type.
+            path: folders with interfaces, searched first, as by `get_message`.
+            timeout_s: time limit of the whole search; None waits forever.
 
         Raises:
-            TypeDescriptionError: several types or hashes; or nobody described the type as it was announced.
+            TypeDescriptionError: there are several types or hashes, or no node described the announced type.
             TypeNotFoundError: no hash is announced, and there is no local definition.
-            CallTimeoutError: nobody announces a type. InvalidNameError. DefinitionError: `path` cannot be read.
+            CallTimeoutError: no node announced a type within `timeout_s`.
+            InvalidNameError: topic or type name is invalid.
+            DefinitionError: `path` cannot be read.
         """
-        self._require_open()
-        subject = topic_subject(self._names.resolve_topic(topic))
-        request = ResolveRequest(subject, Message, type_name, type_hash, path)
-        cls: type[Message] = await resolve(self._scope, self._names, request, timeout_s)
-        return cls
+        return await self._resolve(
+            topic_subject(self._names.resolve_topic(topic)), Message, type_name, type_hash, path, timeout_s
+        )
 
     resolve_type_sync = blocking(resolve_type)
 
@@ -79,17 +80,15 @@ class TypeMethods:
         path: SearchFolders = (),
         timeout_s: float | None = None,
     ) -> type[Service[Any, Any]]:
-        """The class of a service, as `resolve_type` that of a topic.
+        """Return the class of a service, like `resolve_type`.
 
-        Nodes announce the hashes of request and response, which decide whether a local definition is the right one.
-        Nodes of this package describe both; those of ROS 2 only the whole service, whose hash none announces: give it
-        as `type_hash`, or switch introspection on in the node.
+        Nodes announce the hashes of request and response, with which a local definition is compared. Nodes of this
+        package describe both. Nodes of ROS 2 describe only the whole service, whose hash is not announced: pass it as
+        `type_hash`, or switch introspection on in the node.
         """
-        self._require_open()
-        subject = service_subject(self._names.resolve_service(service))
-        request = ResolveRequest(subject, Service, type_name, type_hash, path)
-        cls: type[Service[Any, Any]] = await resolve(self._scope, self._names, request, timeout_s)
-        return cls
+        return await self._resolve(
+            service_subject(self._names.resolve_service(service)), Service, type_name, type_hash, path, timeout_s
+        )
 
     resolve_service_type_sync = blocking(resolve_service_type)
 
@@ -102,17 +101,28 @@ class TypeMethods:
         path: SearchFolders = (),
         timeout_s: float | None = None,
     ) -> type[Action[Any, Any, Any]]:
-        """The class of an action; see `resolve_service_type`, whose limits it shares."""
-        self._require_open()
+        """Return the class of an action, like `resolve_service_type`, with the same restrictions."""
         from rosidl_py_gen.runtime.actions.types import ActionNames
 
         names = ActionNames.resolve(self._names, action)
-        subject = action_subject(names.action, names.send_goal, names.get_result, names.feedback)
-        request = ResolveRequest(subject, Action, type_name, type_hash, path)
-        cls: type[Action[Any, Any, Any]] = await resolve(self._scope, self._names, request, timeout_s)
-        return cls
+        query = action_subject(names.action, names.send_goal, names.get_result, names.feedback)
+        return await self._resolve(query, Action, type_name, type_hash, path, timeout_s)
 
     resolve_action_type_sync = blocking(resolve_action_type)
+
+    async def _resolve(
+        self,
+        query: TypeQuery,
+        base: type[BaseT],
+        type_name: str | None,
+        type_hash: str | None,
+        path: SearchFolders,
+        timeout_s: float | None,
+    ) -> type[BaseT]:
+        self._require_open()
+        request = ResolveRequest(query, base, type_name, type_hash, path)
+        cls: type[BaseT] = await resolve(self._scope, self._names, request, timeout_s)
+        return cls
 
     async def get_type_description(
         self,
@@ -123,17 +133,21 @@ class TypeMethods:
         include_type_sources: bool = True,
         timeout_s: float | None = None,
     ) -> GetTypeDescription_Response:
-        """Ask another node how one of its types is defined.
+        """Request the definition of a type from another node.
 
         Args:
-            type_name: of an endpoint: ``pkg/msg/Name``, ``pkg/srv/Name_Request``, ``pkg/action/Name_FeedbackMessage``.
-                With a hash, which alone decides then, anything.
-            type_hash: None takes the one that the node announces for its endpoints of that type. Whole services and
-                actions are not announced; they need theirs.
+            remote_node: name of the node, in this node's namespace or fully qualified.
+            type_name: message type of an endpoint: ``pkg/msg/Name``, ``pkg/srv/Name_Request``,
+                ``pkg/action/Name_FeedbackMessage``. Not used if `type_hash` is given.
+            type_hash: None uses the hash that the node announces for endpoints of that type. The hashes of whole
+                services and actions are not announced.
+            include_type_sources: request the definition files, too.
+            timeout_s: None waits forever.
 
         Raises:
-            TypeDescriptionError: the node's own reason; or it announces no hash for that type, or several.
-            CallTimeoutError, InvalidNameError: as their names say.
+            TypeDescriptionError: the node reports an error, or announces no hash for the type, or several.
+            CallTimeoutError: the node or its service did not appear, or did not reply, within `timeout_s`.
+            InvalidNameError: node or type name is invalid.
         """
         node = resolve_node_name(remote_node, self._names.namespace)
         service = self._names.resolve_service(f"{node}/get_type_description")

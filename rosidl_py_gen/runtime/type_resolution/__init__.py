@@ -1,4 +1,1 @@
-"""Types of other nodes: what they announce, asking them how a type is defined, and answering when they ask.
-
-May import: names, time, logs, transport, loop, graph, endpoints, parameters.
-"""
+"""Message types of other nodes: what they announce, and the service ``~/get_type_description``."""

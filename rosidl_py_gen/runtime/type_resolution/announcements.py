@@ -1,8 +1,7 @@
-"""What nodes announce about the type of one topic, service or action.
+"""Announcements of nodes about the type of a topic, service or action.
 
-Decides which channels tell of it, and how the messages they carry lead to the type: a service is announced as its
-request and response, an action as the messages of its two services and its feedback. The hash of a service itself is
-announced on Zenoh, in place of those of its messages, and on DDS by nobody; that of an action nowhere.
+A service is announced as its request and response, an action as the messages of its two services and its feedback. The
+hash of a service itself is announced on Zenoh only, in place of those of its messages; that of an action nowhere.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import printable
-from rosidl_py_gen.runtime.graph.graph import BARE_DDS_NODE, UNKNOWN_NODE
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 
@@ -24,141 +22,135 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
 
 TYPE_HASH = re.compile(r"RIHS01_[0-9a-f]{64}\Z")
-_DESCRIBER = "/get_type_description"
-"""What is behind the name of a node in that of its service."""
-_MAX_SHOWN = 5
+_SERVICE_SUFFIX = "/get_type_description"
+_MAX_LISTED = 5
 
 
 @dataclass(frozen=True, slots=True)
 class TypeQuery:
-    """A topic, service or action whose type is asked for.
+    """Topic, service or action whose type is searched for. Message types are given by the suffix of the type's name.
 
     Attributes:
-        kind: topic, service or action.
+        kind: ``topic``, ``service`` or ``action``.
         name: fully qualified.
-        needed: channels that all have to be there -> what their type has behind the name of the type.
-        extra: channels that may be there.
-        messages: for each part that makes up the type, the announced messages that contain it, best first; all of them
-            by what they have behind the name of the type.
+        required: topics that must exist -> suffix of their message type.
+        optional: topics that may exist -> suffix of their message type.
+        messages: suffix of each section of the type -> suffixes of the announced messages that contain it, best first.
     """
 
     kind: str
     name: str
-    needed: dict[TopicKey, str]
-    extra: dict[TopicKey, str]
+    required: dict[TopicKey, str]
+    optional: dict[TopicKey, str]
     messages: dict[str, tuple[str, ...]]
 
 
 def topic_subject(name: str) -> TypeQuery:
-    """What tells the type of a topic, which is given by its fully qualified name."""
+    """Return the query for the type of a topic, given by its fully qualified name."""
     return TypeQuery("topic", name, {TopicKey("topic", name): ""}, {}, {"": ("",)})
 
 
-def service_subject(name: str, kind: str = "service", behind: str = "") -> TypeQuery:
-    """What tells the type of a service, which is given by its fully qualified name."""
-    needed = {TopicKey("request", name): f"{behind}_Request", TopicKey("reply", name): f"{behind}_Response"}
-    # A ROS 2 node describes neither request nor response, but what it publishes for introspection.
-    messages: dict[str, tuple[str, ...]] = {part: (behind, f"{behind}_Event", part) for part in needed.values()}
+def service_subject(name: str, prefix: str = "") -> TypeQuery:
+    """Return the query for the type of a service; `prefix` is that of all suffixes, for services of actions."""
+    required = {TopicKey("request", name): f"{prefix}_Request", TopicKey("reply", name): f"{prefix}_Response"}
+    # A ROS 2 node describes neither request nor response, but the events that it publishes for introspection.
+    messages = {suffix: (prefix, f"{prefix}_Event", suffix) for suffix in required.values()}
     events = TopicKey("topic", f"{name}/_service_event")
-    return TypeQuery(kind, name, needed, {events: f"{behind}_Event"}, messages)
+    return TypeQuery("service", name, required, {events: f"{prefix}_Event"}, {**messages})
 
 
 def action_subject(name: str, send_goal: str, get_result: str, feedback: str) -> TypeQuery:
-    """What tells the type of an action, given by its name and those of its services and topic, all fully qualified."""
-    halves = (service_subject(send_goal, behind="_SendGoal"), service_subject(get_result, behind="_GetResult"))
-    needed = {channel: part for half in halves for channel, part in half.needed.items()}
+    """Return the query for the type of an action, given by the names of the action, its services and its topic."""
+    goal, result = service_subject(send_goal, "_SendGoal"), service_subject(get_result, "_GetResult")
     messages: dict[str, tuple[str, ...]] = {
         "_Goal": ("_SendGoal", "_SendGoal_Event", "_SendGoal_Request"),
         "_Result": ("_GetResult", "_GetResult_Event", "_GetResult_Response"),
         "_Feedback": ("_FeedbackMessage",),
     }
-    extra = {channel: part for half in halves for channel, part in half.extra.items()}
-    return TypeQuery("action", name, {**needed, TopicKey("topic", feedback): "_FeedbackMessage"}, extra, messages)
+    required = goal.required | result.required | {TopicKey("topic", feedback): "_FeedbackMessage"}
+    return TypeQuery("action", name, required, goal.optional | result.optional, messages)
 
 
 @dataclass(slots=True)
 class TypeAnnouncement:
-    """What is announced for one type name.
+    """Announcements of all messages of one type.
 
     Attributes:
-        hashes: message -> hash, "" where none is announced -> the nodes that announce it, "" those without a name.
+        hashes: message -> hash, "" without one -> the nodes that announce it, "" for unknown names.
     """
 
     type_name: str
     hashes: dict[str, dict[str, set[str]]] = field(default_factory=dict)
 
-    def of(self, part: str) -> dict[str, set[str]]:
-        """The nodes by hash, for a message of the type."""
-        told = self.hashes.get(self.type_name + part, {})
-        return {text: nodes for text, nodes in told.items() if text}
+    def nodes_by_hash(self, suffix: str) -> dict[str, set[str]]:
+        """Return the nodes that announce each hash of a message."""
+        by_hash = self.hashes.get(self.type_name + suffix, {})
+        return {text: nodes for text, nodes in by_hash.items() if text}
 
     def has_hashes(self) -> bool:
-        """Whether any endpoint told a hash."""
-        return any(text for told in self.hashes.values() for text in told)
+        """Return True if any hash is announced."""
+        return any(text for by_hash in self.hashes.values() for text in by_hash)
 
     def is_ambiguous(self) -> bool:
-        """Whether there are several hashes for one message."""
-        return any(len([text for text in told if text]) > 1 for told in self.hashes.values())
+        """Return True if several hashes are announced for one message."""
+        return any(len([text for text in by_hash if text]) > 1 for by_hash in self.hashes.values())
 
     def nodes(self) -> set[str]:
-        """All that announce something, as far as their names are known."""
-        return {node for told in self.hashes.values() for nodes in told.values() for node in nodes} - {""}
+        """Return all announcing nodes whose names are known."""
+        return {node for by_hash in self.hashes.values() for nodes in by_hash.values() for node in nodes} - {""}
 
     def has_unnamed(self) -> bool:
-        """Whether something is announced by a node whose name is not known (yet)."""
-        return any("" in nodes for told in self.hashes.values() for nodes in told.values())
+        """Return True if a node whose name is not known (yet) announces something."""
+        return any("" in nodes for by_hash in self.hashes.values() for nodes in by_hash.values())
 
     def lines(self) -> list[str]:
-        """What there is, for people."""
+        """Return the announcements as text."""
         lines = []
-        for name, told in sorted(self.hashes.items()):
-            for text, nodes in sorted(told.items()):
-                who = join_truncated(sorted(printable(node[:300]) or "no name" for node in nodes))
-                lines.append(f"{printable(name[:100])} {text or 'without a hash'} ({who})")
+        for name, by_hash in sorted(self.hashes.items()):
+            for text, nodes in sorted(by_hash.items()):
+                names = join_truncated(sorted(printable(node[:300]) or "no name" for node in nodes))
+                lines.append(f"{printable(name[:100])} {text or 'without a hash'} ({names})")
         return lines
 
 
-def provider_participants(graph: Graph, subject: TypeQuery) -> Collection[bytes]:
-    """The participants that others get messages, answers or results from; empty when there is none."""
+def provider_participants(graph: Graph, query: TypeQuery) -> Collection[bytes]:
+    """Return the GUIDs of the participants that publish the topic, or serve the service or action."""
     return {
         endpoint.participant_guid
-        for channel in subject.needed
-        if channel.kind != "request"  # what clients write
+        for channel in query.required
+        if channel.kind != "request"  # clients write requests
         for endpoint in graph.endpoints_on(channel, writers=True)
     }
 
 
-def announced(graph: Graph, subject: TypeQuery, only: Collection[bytes] = ()) -> dict[str, TypeAnnouncement]:
-    """By type name, all that is announced; a type of another kind has the name that DDS gives it.
+def announced(graph: Graph, query: TypeQuery, participants: Collection[bytes] = ()) -> dict[str, TypeAnnouncement]:
+    """Return type name -> announcements, of all participants or the given ones.
 
-    Args:
-        only: participants that count; all when it is empty.
+    A type that is not a ROS type has its name in DDS.
     """
-    found: dict[str, TypeAnnouncement] = {}
-    for channel, part in (*subject.needed.items(), *subject.extra.items()):
-        for writers in (True, False):
-            for endpoint in graph.endpoints_on(channel, writers=writers):
-                if only and endpoint.participant_guid not in only:
-                    continue
-                told = endpoint.type
-                name = told[: len(told) - len(part)] if told.endswith(part) else told
-                hashes, node = found.setdefault(name, TypeAnnouncement(name)).hashes, _node_of(graph, endpoint)
-                hashes.setdefault(told, defaultdict(set))[_valid(endpoint.type_hash)].add(node)
-                service = endpoint.service_type
-                if service is not None and _valid(endpoint.service_hash):
-                    hashes.setdefault(service, defaultdict(set))[endpoint.service_hash].add(node)
-    return found
+    announcements: dict[str, TypeAnnouncement] = {}
+    for channel, suffix in (*query.required.items(), *query.optional.items()):
+        for endpoint in (*graph.endpoints_on(channel, writers=True), *graph.endpoints_on(channel, writers=False)):
+            if participants and endpoint.participant_guid not in participants:
+                continue
+            name = endpoint.type.removesuffix(suffix)
+            hashes = announcements.setdefault(name, TypeAnnouncement(name)).hashes
+            node, service = _node_of(graph, endpoint), endpoint.service_type
+            hashes.setdefault(endpoint.type, defaultdict(set))[_valid(endpoint.type_hash)].add(node)
+            if service is not None and _valid(endpoint.service_hash):
+                hashes.setdefault(service, defaultdict(set))[endpoint.service_hash].add(node)
+    return announcements
 
 
-def is_complete(one: TypeAnnouncement, subject: TypeQuery) -> bool:
-    """Whether everything is announced that is needed."""
-    return all(one.type_name + part in one.hashes for part in subject.needed.values())
+def is_complete(announcement: TypeAnnouncement, query: TypeQuery) -> bool:
+    """Return True if all required messages are announced."""
+    return all(announcement.type_name + suffix in announcement.hashes for suffix in query.required.values())
 
 
 def join_truncated(texts: Iterable[str]) -> str:
-    """Not all of them when they are many: a peer decides how many there are."""
-    listed = list(texts)
-    return ", ".join(listed[:_MAX_SHOWN]) + (f" and {len(listed) - _MAX_SHOWN} more" if listed[_MAX_SHOWN:] else "")
+    """Join texts, but not more than five, because peers determine their number."""
+    items = list(texts)
+    return ", ".join(items[:_MAX_LISTED]) + (f" and {len(items) - _MAX_LISTED} more" if items[_MAX_LISTED:] else "")
 
 
 def _valid(type_hash: str) -> str:
@@ -166,21 +158,20 @@ def _valid(type_hash: str) -> str:
 
 
 def _node_of(graph: Graph, endpoint: DiscoveredEndpoint) -> str:
-    """The node's name, "" when it cannot be told.
+    """Return the name of an endpoint's node, or "".
 
-    With Fast DDS it may come seconds after the endpoint; but where only one node of the participant serves descriptions
-    it can only be that one.
+    With Fast DDS the name may arrive seconds after the endpoint. But if only one node of the participant serves type
+    descriptions, the endpoint is assumed to be that node's.
     """
-    namespace, name = graph.node_of(endpoint)
-    if (namespace, name) not in (UNKNOWN_NODE, BARE_DDS_NODE):
+    if graph.has_named_node(endpoint):
+        namespace, name = graph.node_of(endpoint)
         return fully_qualified_node_name(name, namespace)
-    participant = endpoint.participant_guid
     names = {
-        other.channel.name.removesuffix(_DESCRIBER)
+        other.channel.name.removesuffix(_SERVICE_SUFFIX)
         for other in graph.endpoints.values()
-        if other.participant_guid == participant
+        if other.participant_guid == endpoint.participant_guid
         and other.is_writer
         and other.channel.kind == "reply"
-        and other.channel.name.endswith(_DESCRIBER)
+        and other.channel.name.endswith(_SERVICE_SUFFIX)
     }
     return names.pop() if len(names) == 1 else ""

@@ -1,9 +1,7 @@
-"""``~/get_type_description``: telling others how a type this node uses is defined.
+"""Server of ``~/get_type_description``: describes the types of a node's endpoints, services and actions.
 
-Decides which types count (those of the node's endpoints, the services and actions these are parts of) and the failure
-texts of docs/internals/protocol.md 9.8; whatever goes wrong is such a failure, never silence. Sources are looked for in
-the bundled interfaces and below AMENT_PREFIX_PATH; a type whose file is not there, or says something else, is answered
-with empty contents.
+Each failure is reported with one of the texts of docs/internals/protocol.md 9.8. Sources are searched for in the
+bundled interfaces and below AMENT_PREFIX_PATH; if there is no file, or with other contents, the source is empty.
 """
 
 from __future__ import annotations
@@ -39,65 +37,67 @@ if TYPE_CHECKING:
 PARAMETER = "start_type_description_service"
 _BUNDLED = "rosidl_py_gen.msgs"
 _MEMORY = "rosidl_py_gen_memory."
-"""Where `dynamic.py` puts classes that it compiles."""
+"""Package of the classes that are compiled at run time."""
 _GETTERS = {"msg": "get_message", "srv": "get_service", "action": "get_action"}
 
 
 def start_type_descriptions(scope: EntityScope, names: NodeNames, store: ParameterStore) -> None:
-    """Declare the parameter that can switch the service off, and serve until the node closes unless it does."""
+    """Declare the parameter that can switch the service off, and serve until the node closes if it is on."""
     if not store.has(PARAMETER):
-        what = "If enabled, start the ~/get_type_description service."
-        descriptor = ParameterDescriptor(PARAMETER, ParameterType.BOOL, what, read_only=True)
+        description = "If enabled, start the ~/get_type_description service."
+        descriptor = ParameterDescriptor(PARAMETER, ParameterType.BOOL, description, read_only=True)
         store.declare(PARAMETER, parameter_value(True), descriptor)
     if store.get(PARAMETER).value is True:
-        name, describe = names.resolve_service("~/get_type_description"), _DescriptionService(scope).answer
-        ServiceServer(scope, late_service_type(SERVICE), name, describe, SERVICES_DEFAULT)
+        name, handler = names.resolve_service("~/get_type_description"), _DescriptionService(scope).handle
+        ServiceServer(scope, late_service_type(SERVICE), name, handler, SERVICES_DEFAULT)
 
 
 class _DescriptionService:
-    """Answers for one node."""
+    """Handler of the service for one node."""
 
     def __init__(self, scope: EntityScope) -> None:
         self._scope = scope
 
-    def answer(self, request: srv.GetTypeDescription_Request) -> srv.GetTypeDescription_Response:
+    def handle(self, request: srv.GetTypeDescription_Request) -> srv.GetTypeDescription_Response:
         if not TYPE_HASH.match(request.type_hash):
             return _failure("Failed to parse type hash")
         reason = "Failed to populate TypeDescription to response."
         try:
-            found = self._find(request.type_hash)
-            if (
-                found is None or rihs01(type_description(found)) != request.type_hash
-            ):  # whoever leaves bytes as they are
+            cls = self._find_class(request.type_hash)
+            # A class that only forwards bytes has a hash to which its own description does not lead.
+            if cls is None or rihs01(type_description(cls)) != request.type_hash:
                 return _failure("Type not currently in use by this node")
-            response = srv.GetTypeDescription_Response(successful=True, type_description=_described(found))
-            encode(response)  # what does not fit a message, such as names of over 255 characters, must be told as well
+            from rosidl_py_gen import from_dict
+
+            description = from_dict(msg.TypeDescription, type_description(cls))
+            response = srv.GetTypeDescription_Response(successful=True, type_description=description)
+            encode(response)  # reports what does not fit into a message, such as names of over 255 characters
             if request.include_type_sources:
                 reason = "Failed to populate TypeSource_Sequence to response."
-                response.type_sources = _sources(found)
+                response.type_sources = _sources(cls)
                 encode(response)
         except Exception:
             self._scope.report_failure(f"describing the type {request.type_name} {request.type_hash}")
             return _failure(reason)
         return response
 
-    def _find(self, wanted: str) -> type[Any] | None:
-        """The class of a type in use; raises `TypeNotFoundError` when it is in use and there is no class."""
-        for name, announced in self._endpoint_types():
-            if announced == wanted:
-                return _class(name, wanted)
-            whole = name.removesuffix("_Request")
-            if whole != name:
-                service: Any = class_of(whole, wanted)
-                if service is not None and type_hash(service.Request) == announced:
-                    return _class(whole, wanted)
-                if (HASHES.get(whole), HASHES.get(name)) == (wanted, announced):
-                    return _class(whole, wanted)
+    def _find_class(self, wanted_hash: str) -> type[Any] | None:
+        """Return the class of a type in use; raises `TypeNotFoundError` if a type in use has no class."""
+        for name, endpoint_hash in self._endpoint_types():
+            if endpoint_hash == wanted_hash:
+                return _load_class(name, wanted_hash)
+            service_name = name.removesuffix("_Request")
+            if service_name != name:
+                service: Any = class_of(service_name, wanted_hash)
+                if service is not None and type_hash(service.Request) == endpoint_hash:
+                    return _load_class(service_name, wanted_hash)
+                if (HASHES.get(service_name), HASHES.get(name)) == (wanted_hash, endpoint_hash):
+                    return _load_class(service_name, wanted_hash)
         actions: Iterator[Any] = (getattr(owned, "action_class", None) for owned in self._scope.owned.values())
-        return next((cls for cls in actions if cls is not None and type_hash(cls) == wanted), None)
+        return next((cls for cls in actions if cls is not None and type_hash(cls) == wanted_hash), None)
 
     def _endpoint_types(self) -> Iterator[tuple[str, str]]:
-        """Name and hash of the message type of each endpoint of this node, as it announces them."""
+        """Yield name and hash of the message type of each endpoint of this node, as announced."""
         discovery, graph = self._scope.discovery, self._scope.graph
         discovery.refresh()
         for guid in discovery.endpoints_of(self._scope.number):
@@ -110,42 +110,36 @@ def _failure(reason: str) -> srv.GetTypeDescription_Response:
     return srv.GetTypeDescription_Response(successful=False, failure_reason=reason)
 
 
-def _class(name: str, wanted: str) -> type[Any]:
-    found = class_of(name, wanted)
-    if found is None:  # a bundled type that no message needed yet
+def _load_class(name: str, wanted_hash: str) -> type[Any]:
+    cls = class_of(name, wanted_hash)
+    if cls is None:  # a lazily imported type without any message until now
         package, kind, stem = name.split("/")
-        found = getattr(import_module(f"{_BUNDLED}.{package}.{kind}"), stem)
-        if type_hash(found) != wanted:
-            raise TypeNotFoundError(f"{name} with the hash {wanted} is announced, but has no class here")
-    return found
-
-
-def _described(cls: type[Any]) -> msg.TypeDescription:
-    from rosidl_py_gen import from_dict
-
-    return from_dict(msg.TypeDescription, type_description(cls))
+        cls = getattr(import_module(f"{_BUNDLED}.{package}.{kind}"), stem)
+        if type_hash(cls) != wanted_hash:
+            raise TypeNotFoundError(f"{name} with the hash {wanted_hash} is announced, but has no class here")
+    return cls
 
 
 def _sources(cls: type[Any]) -> list[msg.TypeSource]:
-    """The type's own source, then those of the types it leads to, sorted by name."""
+    """Return the source of the type, then those of the types it refers to, sorted by name."""
     top = type_name(cls)
     classes = referenced_classes(cls)
     return [type_source(name, classes[name]) for name in (top, *sorted(set(classes) - {top}))]
 
 
 def type_source(name: str, cls: type[Any] | None = None) -> msg.TypeSource:
-    """The definition of ``pkg/msg/Name`` as it is written in its file; derived types have none.
+    """Return the definition file of ``pkg/msg/Name``; derived types have none.
 
-    `cls` tells which of several definitions of that name is meant.
+    `cls` selects one of several definitions with that name.
     """
     package, kind, stem = name.split("/")
     for folder in _interface_folders(package, cls):
         for suffix in (kind, "idl"):
             path = folder / kind / f"{stem}.{suffix}"
-            if path.is_file() and _is_of_file(name, cls):
+            if path.is_file() and _is_from_file(name, cls):
                 text = path.read_bytes().decode("utf-8", "replace")
                 return msg.TypeSource(type_name=name, encoding=suffix, raw_file_contents=text)
-    # X_Request and A_SendGoal come from the file of X and A.
+    # X_Request and A_SendGoal are derived from the file of X and A.
     return msg.TypeSource(type_name=name, encoding="implicit" if "_" in stem else kind)
 
 
@@ -157,8 +151,8 @@ def _interface_folders(package: str, cls: type[Any] | None) -> Iterator[Path]:
     yield interfaces_dir() / package
 
 
-def _is_of_file(name: str, cls: type[Any] | None) -> bool:
-    """False when a class was compiled from a text that says something else than the file of the same name."""
+def _is_from_file(name: str, cls: type[Any] | None) -> bool:
+    """Return False for a class that was compiled from a text that differs from the file of that name."""
     if cls is None or not cls.__module__.startswith(_MEMORY):
         return True
     import rosidl_py_gen

@@ -1,7 +1,7 @@
-"""From what nodes announce to a class: a local one of the same hash, or a definition that one of these nodes gives.
+"""Search for the class of a type that other nodes announce.
 
-Decides the order (local, kept on disk, asked for), who is asked and for how long, and what is refused. Nothing that a
-node says of a type is used before its hash is the announced one. Whatever takes long runs in a thread.
+The order is: a local class with the announced hash, the cache on disk, one of the announcing nodes. A description is
+used only if its hash is the announced one. Slow steps run in a thread.
 """
 
 from __future__ import annotations
@@ -50,337 +50,333 @@ if TYPE_CHECKING:
     from rosidl_py_gen.type_loading.class_lookup import HashPredicate, SearchFolders
 
 _ANSWER_TIMEOUT_S = 3.0
-"""How long a node may take to answer, where others could be asked."""
+"""Maximum time to wait for the response of a node; after that, the next node is asked."""
 _SERVICE_TIMEOUT_S = 1.0
-"""The same for a node whose service is not known: it may have none."""
+"""Maximum time to wait for the service of a node, which may not have one."""
 _NODE_NAME_TIMEOUT_S = 4.0
-"""With Fast DDS the names of nodes may follow by 3 s (docs/internals/protocol.md 6)."""
-_LATE_ANNOUNCEMENT_S = 2.0
-"""What a node announces last may follow by this much: Fast DDS repeats lost announcements after 1 s."""
-_MAX_ASKED = 8
+"""Maximum time to wait for node names; with Fast DDS they may arrive after 3 s (docs/internals/protocol.md 6)."""
+_LATE_ANNOUNCEMENT_GRACE_S = 2.0
+"""Grace period for endpoints that are announced after the node's others; Fast DDS repeats a lost announcement after
+1 s.
+"""
+_MAX_ASKED_NODES = 8
 _KINDS = {Message: "a message", Service: "a service", Action: "an action"}
-_WHAT_TO_DO = "install its package, or add it to the search path (`path=`, `--path`, AMENT_PREFIX_PATH)"
+_CURE = "install its package, or add it to the search path (`path=`, `--path`, AMENT_PREFIX_PATH)"
 
 
 @dataclass(frozen=True, slots=True)
 class ResolveRequest:
-    """What is asked for; `base` is what the class has to be."""
+    """Parameters of a search; `base` is the expected base class."""
 
-    subject: TypeQuery
+    query: TypeQuery
     base: type[Any]
     type_name: str | None
     type_hash: str | None
     path: SearchFolders
 
-
-@dataclass(slots=True)
-class _FetchedDescriptions:
-    """What nodes said, by type name; every answer had the hash that was announced."""
-
-    who: dict[str, None] = field(default_factory=dict)
-    individuals: dict[str, Description] = field(default_factory=dict)
-    sources: dict[str, tuple[str, str]] = field(default_factory=dict)
+    @property
+    def subject(self) -> str:
+        """Kind and name for errors, such as "the topic /chatter"."""
+        return f"the {self.query.kind} {self.query.name}"
 
 
 async def resolve(scope: EntityScope, names: NodeNames, request: ResolveRequest, timeout_s: float | None) -> Any:
-    """The class of a topic, service or action; see `Node.resolve_type`."""
+    """Return the class of a topic, service or action; see `Node.resolve_type`."""
     if request.type_name is not None:
         split_ros_name(request.type_name)
     if request.type_hash is not None and not TYPE_HASH.match(request.type_hash):
         raise TypeDescriptionError(
-            f"expected a hash like RIHS01_ and 64 hexadecimal digits, got {request.type_hash!r:.100}"
+            f"type_hash: got {request.type_hash!r:.100}; expected RIHS01_ and 64 hexadecimal digits"
         )
     cls = await _TypeResolver(scope, names, request, Deadline(timeout_s)).run(timeout_s)
     if not issubclass(cls, request.base):
         raise TypeDescriptionError(
-            f"{_named(request)} has the type {cls._TYPE.name}, which is not {_KINDS[request.base]}"
+            f"{request.subject} has the type {cls._TYPE.name}, which is not {_KINDS[request.base]}"
         )
     return cls
 
 
-def _named(request: ResolveRequest) -> str:
-    return f"the {request.subject.kind} {request.subject.name}"
+@dataclass(slots=True)
+class _FetchedDescriptions:
+    """Descriptions that nodes returned, by type name; all of them have the announced hash."""
+
+    senders: dict[str, None] = field(default_factory=dict)
+    individuals: dict[str, Description] = field(default_factory=dict)
+    sources: dict[str, tuple[str, str]] = field(default_factory=dict)
 
 
 class _TypeResolver:
-    """One request under way."""
+    """State of one search."""
 
     def __init__(self, scope: EntityScope, names: NodeNames, request: ResolveRequest, deadline: Deadline) -> None:
         self._scope = scope
         self._names = names
         self._request = request
-        self._subject = request.subject
+        self._query = request.query
         self._deadline = deadline
-        self._learned = _FetchedDescriptions()
+        self._fetched = _FetchedDescriptions()
 
     async def run(self, timeout_s: float | None) -> type[Any]:
-        one = await self._announced(timeout_s)
-        if not one.has_hashes():
-            return await self._by_name(one)
-        cls = await self._local(one, self._fits(one))
+        announcement = await self._wait_for_announcement(timeout_s)
+        if not announcement.has_hashes():
+            return await self._find_by_name(announcement)
+        cls = await self._find_local(announcement, self._matches(announcement))
         if cls is not None:
             return cls
         try:
-            return await self._fetch_with_late_announcements(one, timeout_s)
+            return await self._fetch_with_late_announcements(announcement, timeout_s)
         except TypeDescriptionError as error:
-            other = await self._local(one, lambda hashes: True)
+            other = await self._find_local(announcement, lambda hashes: True)
             if other is None:
                 raise
-            raise TypeDescriptionError(f"{error}; the definition here has another hash, {type_hash(other)}") from error
+            text = f"{error}; the local definition has another hash, {type_hash(other)}"
+            raise TypeDescriptionError(text) from error
 
-    # ------------------------------------------------------------------------------------------------ announcements
+    def _announcements(self, participants: Collection[bytes] = ()) -> dict[str, TypeAnnouncement]:
+        return announced(self._scope.graph, self._query, participants)
 
-    def _all(self, only: Collection[bytes] = ()) -> dict[str, TypeAnnouncement]:
-        return announced(self._scope.graph, self._subject, only)
+    def _candidates(self, participants: Collection[bytes] = ()) -> list[TypeAnnouncement]:
+        """Return the types whose required messages are all announced; with `type_name` at most that one."""
+        return [
+            announcement
+            for announcement in self._announcements(participants).values()
+            if is_complete(announcement, self._query) and self._request.type_name in (None, announcement.type_name)
+        ]
 
-    def _candidates(self, only: Collection[bytes] = ()) -> list[TypeAnnouncement]:
-        """The types of which everything is announced that is needed, the wanted one only if one is."""
-        found = self._all(only)
-        wanted = self._request.type_name
-        return [one for one in found.values() if is_complete(one, self._subject) and wanted in (None, one.type_name)]
-
-    async def _announced(self, timeout_s: float | None) -> TypeAnnouncement:
-        scope = self._scope
+    async def _wait_for_announcement(self, timeout_s: float | None) -> TypeAnnouncement:
+        scope, request = self._scope, self._request
         scope.discovery.refresh()
         if not await scope.wait_until(lambda: bool(self._candidates()), timeout_s, lambda: scope.closed):
-            raise CallTimeoutError(self._nobody(timeout_s))
-        found = self._candidates()
-        if len(found) > 1 or (self._request.type_hash is None and found[0].is_ambiguous()):
-            # Whoever asks wants to understand, or to be understood by, those who publish or serve.
-            graph, own = scope.graph, {scope.participant.guid}
-            there = {*provider_participants(graph, self._subject)}
-            found = self._candidates(there - own or there) or found
-        if len(found) > 1:
-            raise self._several("types", found, "type_name")
-        if self._request.type_hash is None and found[0].is_ambiguous():
-            raise self._several("definitions", found, "type_hash")
+            raise CallTimeoutError(self._not_announced_text(timeout_s))
+        candidates = self._candidates()
+        if len(candidates) > 1 or (request.type_hash is None and candidates[0].is_ambiguous()):
+            # The types of publishers and servers in other processes are preferred.
+            providers = {*provider_participants(scope.graph, self._query)}
+            candidates = self._candidates(providers - {scope.participant.guid} or providers) or candidates
+        if len(candidates) > 1:
+            raise self._ambiguous_error("types", candidates, "type_name")
+        if request.type_hash is None and candidates[0].is_ambiguous():
+            raise self._ambiguous_error("definitions", candidates, "type_hash")
         try:
-            split_ros_name(found[0].type_name)
+            split_ros_name(candidates[0].type_name)
         except InvalidNameError:
-            told = join_truncated(found[0].lines())
-            raise TypeDescriptionError(f"the type of {_named(self._request)} is none of ROS: {told}") from None
-        return found[0]
+            text = join_truncated(candidates[0].lines())
+            raise TypeDescriptionError(f"the type of {request.subject} is not a ROS type: {text}") from None
+        return candidates[0]
 
-    def _nobody(self, timeout_s: float | None) -> str:
-        found = [line for one in self._all().values() for line in one.lines()]
+    def _not_announced_text(self, timeout_s: float | None) -> str:
+        lines = [line for announcement in self._announcements().values() for line in announcement.lines()]
         wanted = f"the type {self._request.type_name}" if self._request.type_name else "a type"
-        there = f"; there is {join_truncated(found)}" if found else ""
-        return f"nobody announced {wanted} for {_named(self._request)} in {timeout_s} s{there}"
+        existing = f"; announced are {join_truncated(lines)}" if lines else ""
+        return f"no node announced {wanted} for {self._request.subject} in {timeout_s} s{existing}"
 
-    def _several(self, what: str, found: list[TypeAnnouncement], by: str) -> TypeDescriptionError:
-        lines = [line for one in sorted(found, key=lambda one: one.type_name) for line in one.lines()]
+    def _ambiguous_error(
+        self, plural: str, announcements: list[TypeAnnouncement], parameter: str
+    ) -> TypeDescriptionError:
+        lines = [line for item in sorted(announcements, key=lambda item: item.type_name) for line in item.lines()]
         return TypeDescriptionError(
-            f"{_named(self._request)} has several {what}: {join_truncated(lines)}; say which by {by}"
+            f"{self._request.subject} has several {plural}: {join_truncated(lines)}; pass {parameter}"
         )
 
-    def _fits(self, one: TypeAnnouncement) -> HashPredicate:
-        """Whether hashes, by name, are those that are announced."""
-        wanted = self._request.type_hash
+    def _matches(self, announcement: TypeAnnouncement) -> HashPredicate:
+        """Return a function that compares hashes, by message name, with the announced ones."""
+        wanted_hash = self._request.type_hash
 
-        def fits(hashes: Mapping[str, str]) -> bool:
-            told = {name: {text for text in by_hash if text} for name, by_hash in one.hashes.items()}
-            is_told = all(hashes.get(name) in texts for name, texts in told.items() if texts)
-            return is_told and wanted in (None, hashes.get(one.type_name))
+        def matches(hashes: Mapping[str, str]) -> bool:
+            announced_hashes = {name: set(by_hash) - {""} for name, by_hash in announcement.hashes.items()}
+            is_announced = all(hashes.get(name) in texts for name, texts in announced_hashes.items() if texts)
+            return is_announced and wanted_hash in (None, hashes.get(announcement.type_name))
 
-        return fits
+        return matches
 
-    # -------------------------------------------------------------------------------------------------- local ones
-
-    async def _local(self, one: TypeAnnouncement, fits: HashPredicate) -> type[Any] | None:
+    async def _find_local(self, announcement: TypeAnnouncement, matches: HashPredicate) -> type[Any] | None:
         from rosidl_py_gen.type_loading.class_lookup import find_class
 
-        return await asyncio.to_thread(find_class, one.type_name, fits, path=self._request.path)
+        return await asyncio.to_thread(find_class, announcement.type_name, matches, path=self._request.path)
 
-    async def _by_name(self, one: TypeAnnouncement) -> type[Any]:
-        """What to take where nobody tells a hash."""
-        who = f"the nodes of {_named(self._request)} announce no hash for {one.type_name}, as those of ROS 2 Humble do"
-        cls = await self._local(one, self._fits(one))
+    async def _find_by_name(self, announcement: TypeAnnouncement) -> type[Any]:
+        """Return the local class of a type for which no hash is announced."""
+        reason = (
+            f"the nodes of {self._request.subject} announce no hash for {announcement.type_name}, as those of "
+            "ROS 2 Humble do"
+        )
+        cls = await self._find_local(announcement, self._matches(announcement))
         if cls is None:
-            what = (
-                "and no local definition has the hash" if self._request.type_hash else "and there is no definition here"
-            )
-            raise TypeNotFoundError(f"{who}, {what}; {_WHAT_TO_DO}")
-        self._scope.logger.warning(f"{who}; the local definition is used, whether or not it is theirs")
+            missing = "no local definition has the hash" if self._request.type_hash else "there is no local definition"
+            raise TypeNotFoundError(f"{reason}, and {missing}; {_CURE}")
+        self._scope.logger.warning(f"{reason}; using the local definition, which may differ from theirs")
         return cls
 
-    # ------------------------------------------------------------------------------------------------- fetched ones
-
-    async def _fetch_with_late_announcements(self, one: TypeAnnouncement, timeout_s: float | None) -> type[Any]:
-        """Try once more when what could help was announced a moment later: the events of a service, for example."""
+    async def _fetch_with_late_announcements(
+        self, announcement: TypeAnnouncement, timeout_s: float | None
+    ) -> type[Any]:
+        """Fetch the type, and retry if an optional message, such as the events of a service, was announced later."""
         try:
-            return await self._fetched(one)
+            return await self._fetch_class(announcement)
         except TypeDescriptionError:
-            scope, before = self._scope, len(one.hashes)
+            scope, previous_count = self._scope, len(announcement.hashes)
 
-            def more() -> bool:
-                later = self._all().get(one.type_name)
-                return later is not None and len(later.hashes) > before
+            def has_more() -> bool:
+                current = self._announcements().get(announcement.type_name)
+                return current is not None and len(current.hashes) > previous_count
 
-            patience_s = self._deadline.remaining_s(_LATE_ANNOUNCEMENT_S) if self._misses_extra(one) else 0.0
-            if not await scope.wait_until(more, patience_s, lambda: scope.closed):
+            names = (announcement.type_name + suffix for suffix in self._query.optional.values())
+            is_incomplete = any(name not in announcement.hashes for name in names)
+            grace_s = self._deadline.remaining_s(_LATE_ANNOUNCEMENT_GRACE_S) if is_incomplete else 0.0
+            if not await scope.wait_until(has_more, grace_s, lambda: scope.closed):
                 raise
-            return await self._fetched(await self._announced(timeout_s))
+            return await self._fetch_class(await self._wait_for_announcement(timeout_s))
 
-    def _misses_extra(self, one: TypeAnnouncement) -> bool:
-        return any(one.type_name + part not in one.hashes for part in self._subject.extra.values())
-
-    async def _fetched(self, one: TypeAnnouncement) -> type[Any]:
+    async def _fetch_class(self, announcement: TypeAnnouncement) -> type[Any]:
         from rosidl_py_gen.type_loading.from_description import compile_described, described_hashes
 
-        name, is_service = one.type_name, self._subject.kind == "service"
-        whole = self._request.type_hash
-        if whole is not None:
-            await self._fetch(name, whole, self._announcing_nodes(one, whole))
+        name, is_service = announcement.type_name, self._query.kind == "service"
+        wanted_hash = self._request.type_hash
+        if wanted_hash is not None:
+            await self._fetch(name, wanted_hash, _announcing_nodes(announcement, wanted_hash))
         else:
-            await self._fetch_messages(one)
-        learned = self._learned
+            await self._fetch_messages(announcement)
+        fetched = self._fetched
         try:
-            if name not in learned.individuals:
-                hashes = await asyncio.to_thread(described_hashes, name, learned.individuals, is_service=is_service)
-                self._require_fit(one, hashes)
-                await self._fetch_sources(name, hashes[name], one.nodes())
+            if name not in fetched.individuals:
+                hashes = await asyncio.to_thread(described_hashes, name, fetched.individuals, is_service=is_service)
+                self._require_match(announcement, hashes)
+                try:  # only for the sources; a node may not have the whole type
+                    await self._fetch(name, hashes[name], announcement.nodes())
+                except TypeDescriptionError as error:
+                    self._scope.logger.debug(f"no sources of {name}: {error}")
             cls = await asyncio.to_thread(
                 compile_described,
                 name,
-                learned.individuals,
-                learned.sources,
+                fetched.individuals,
+                fetched.sources,
                 is_service=is_service,
                 path=self._request.path,
             )
         except DefinitionError as error:
             raise TypeDescriptionError(
-                f"what {join_truncated(learned.who)} said of {name} cannot be used: {error}"
+                f"the description of {name} by {join_truncated(fetched.senders)} cannot be used: {error}"
             ) from error
-        self._require_fit(one, hashes_of(cls))
+        self._require_match(announcement, hashes_of(cls))
         return cls
 
-    def _require_fit(self, one: TypeAnnouncement, hashes: Mapping[str, str]) -> None:
-        """Each message alone was what was announced; together they may be of several definitions."""
-        if not self._fits(one)(hashes):
-            raise self._several("definitions", [one], "type_hash")
+    def _require_match(self, announcement: TypeAnnouncement, hashes: Mapping[str, str]) -> None:
+        """Raise if messages that match separately belong to several definitions of the type."""
+        if not self._matches(announcement)(hashes):
+            raise self._ambiguous_error("definitions", [announcement], "type_hash")
 
-    async def _fetch_messages(self, one: TypeAnnouncement) -> None:
-        """All parts of the type, each from one of the messages that contain it."""
-        for part, carriers in self._subject.messages.items():
+    async def _fetch_messages(self, announcement: TypeAnnouncement) -> None:
+        """Fetch all sections of the type, each from the first message that contains it and can be fetched."""
+        for suffix, carriers in self._query.messages.items():
+            name = announcement.type_name + suffix
             failures: list[str] = []
             for carrier in carriers:
-                if one.type_name + part in self._learned.individuals:
+                if name in self._fetched.individuals:
                     break
-                for wanted in one.of(carrier):
+                for wanted_hash in announcement.nodes_by_hash(carrier):
+                    nodes = _announcing_nodes(announcement, wanted_hash)
                     try:
-                        await self._fetch(one.type_name + carrier, wanted, self._announcing_nodes(one, wanted))
+                        await self._fetch(announcement.type_name + carrier, wanted_hash, nodes)
                     except TypeDescriptionError as error:
                         failures.append(str(error))
-            if one.type_name + part not in self._learned.individuals:
-                raise TypeDescriptionError("; ".join(failures) + self._advice(one, part))
+            if name not in self._fetched.individuals:
+                raise TypeDescriptionError("; ".join(failures) + self._hint(name))
 
-    def _advice(self, one: TypeAnnouncement, part: str) -> str:
-        if self._subject.kind == "topic":
-            return f"; {_WHAT_TO_DO}"
+    def _hint(self, name: str) -> str:
+        if self._query.kind == "topic":
+            return f"; {_CURE}"
         return (
-            f"; so nobody tells what {printable(one.type_name + part)} is (nodes of ROS 2 describe "
-            f"{_KINDS[self._request.base]} only by its own hash, which they do not announce): {_WHAT_TO_DO}, "
-            "or give that hash as type_hash"
+            f"; so no node describes {printable(name)} (nodes of ROS 2 describe {_KINDS[self._request.base]} only by "
+            f"its own hash, which they do not announce): {_CURE}, or pass that hash as type_hash"
         )
 
-    def _announcing_nodes(self, one: TypeAnnouncement, wanted: str) -> set[str]:
-        """The nodes that announce a hash; all of them when it is that of something which is not announced."""
-        told = {node for by_hash in one.hashes.values() for node in by_hash.get(wanted, ())} - {""}
-        return told or one.nodes()
-
-    async def _fetch_sources(self, name: str, wanted: str, nodes: Collection[str]) -> None:
-        """The whole of what is known in parts, for its sources; nobody has to have it."""
-        try:
-            await self._fetch(name, wanted, nodes)
-        except TypeDescriptionError as error:
-            self._scope.logger.debug(f"no sources of {name}: {error}")
-
-    async def _fetch(self, name: str, wanted: str, nodes: Collection[str]) -> None:
-        """Have a type described: from the disk, or by one of the nodes, of which several may be asked."""
-        kept = await asyncio.to_thread(load_description, wanted)
-        if kept is not None:
+    async def _fetch(self, name: str, wanted_hash: str, nodes: Collection[str]) -> None:
+        """Load a description from the disk, or request it from the nodes, one after the other."""
+        cached = await asyncio.to_thread(load_description, wanted_hash)
+        if cached is not None:
             try:
-                await asyncio.to_thread(self._accept_answer, "the cache", name, wanted, kept)
+                await asyncio.to_thread(self._accept, "the cache", name, wanted_hash, cached)
             except RosidlError as error:
-                self._scope.logger.warning(f"{error}; it is asked for again")
+                self._scope.logger.warning(f"{error}; requesting it again")
             else:
                 return
         failures = []
-        told = await self._named_nodes(nodes)
-        asked = self._in_order(told)
+        known_nodes = await self._wait_for_names(nodes)
+        others = sorted(set(known_nodes) - {self._scope.node_name})  # a request to itself would never return
+        asked = sorted(others, key=lambda node: not self._serves(node))[:_MAX_ASKED_NODES]
         for index, node in enumerate(asked):
             try:
-                answer = await self._ask(node, name, wanted, len(asked) - index)
-                await asyncio.to_thread(self._accept_answer, node, name, wanted, answer)
+                data = await self._request_from(node, name, wanted_hash, len(asked) - index)
+                await asyncio.to_thread(self._accept, node, name, wanted_hash, data)
             except ClosedError:
                 raise
             except RosidlError as error:
                 failures.append(str(error))
                 continue
-            await asyncio.to_thread(store_description, wanted, answer)
+            await asyncio.to_thread(store_description, wanted_hash, data)
             return
-        raise TypeDescriptionError(
-            "; ".join(failures) or f"{name} {wanted} is announced, but {self._nobody_asked(told)}"
-        )
-
-    def _nobody_asked(self, told: Collection[str]) -> str:
-        """Why there is nobody to ask among those who announce a type."""
         own = self._scope.node_name
-        if own in told:
-            return f"only by nodes called {own} as this one is, which would ask itself: give one of them another name"
-        return "not by a node that has a name"
+        reason = (
+            f"only by nodes with the name of this one, {own}, which cannot ask itself; rename one of them"
+            if own in known_nodes
+            else "not by a node that has a name"
+        )
+        raise TypeDescriptionError("; ".join(failures) or f"{name} {wanted_hash} is announced, but {reason}")
 
-    async def _named_nodes(self, nodes: Collection[str]) -> Collection[str]:
-        """The nodes, or those whose names come a moment later, when there is none but this one."""
+    async def _wait_for_names(self, nodes: Collection[str]) -> Collection[str]:
+        """Return the nodes; if none but this one is among them, wait for the names of other announcing nodes."""
         scope = self._scope
         if set(nodes) - {scope.node_name}:
             return nodes
 
-        def late() -> set[str]:
-            return set().union(*(one.nodes() for one in self._candidates()))
+        def all_nodes() -> set[str]:
+            return set().union(*(announcement.nodes() for announcement in self._candidates()))
 
-        def is_told() -> bool:
-            return bool(late() - {scope.node_name}) or not any(one.has_unnamed() for one in self._candidates())
+        def is_over() -> bool:
+            return bool(all_nodes() - {scope.node_name}) or not any(
+                announcement.has_unnamed() for announcement in self._candidates()
+            )
 
-        await scope.wait_until(is_told, self._deadline.remaining_s(_NODE_NAME_TIMEOUT_S), lambda: scope.closed)
-        return late()
-
-    def _in_order(self, nodes: Collection[str]) -> list[str]:
-        """Whom to ask, those first that are known to have the service; never this node, which waits for an answer."""
-        others = sorted(set(nodes) - {self._scope.node_name})
-        return sorted(others, key=lambda node: not self._serves(node))[:_MAX_ASKED]
+        await scope.wait_until(is_over, self._deadline.remaining_s(_NODE_NAME_TIMEOUT_S), lambda: scope.closed)
+        return all_nodes()
 
     def _serves(self, node: str) -> bool:
         return bool(self._scope.graph.endpoints_on(TopicKey("reply", f"{node}/get_type_description"), writers=True))
 
-    async def _ask(self, node: str, name: str, wanted: str, remaining: int) -> bytes:
+    async def _request_from(self, node: str, name: str, wanted_hash: str, remaining_nodes: int) -> bytes:
         scope, service = self._scope, self._names.resolve_service(f"{node}/get_type_description")
 
-        def limit_s(at_most_s: float) -> float:
+        def timeout_s(max_s: float) -> float:
             left_s = self._deadline.remaining_s()
-            return at_most_s if left_s is None else min(at_most_s, left_s / remaining)
+            return max_s if left_s is None else min(max_s, left_s / remaining_nodes)
 
-        patience_s = limit_s(_SERVICE_TIMEOUT_S)
-        if not await scope.wait_until(lambda: self._serves(node), patience_s, lambda: scope.closed):
-            raise CallTimeoutError(f"no server of {service} ({SERVICE}) appeared in {patience_s:.3g} s")
-        return await request_type_description(scope, service, name, wanted, True, limit_s(_ANSWER_TIMEOUT_S))
+        service_timeout_s = timeout_s(_SERVICE_TIMEOUT_S)
+        if not await scope.wait_until(lambda: self._serves(node), service_timeout_s, lambda: scope.closed):
+            raise CallTimeoutError(f"no server of {service} ({SERVICE}) appeared in {service_timeout_s:.3g} s")
+        return await request_type_description(scope, service, name, wanted_hash, True, timeout_s(_ANSWER_TIMEOUT_S))
 
-    def _accept_answer(self, who: str, name: str, wanted: str, answer: bytes) -> None:
-        """Use an answer; raises `TypeDescriptionError` for one that is about something else. Runs in a thread."""
+    def _accept(self, sender: str, name: str, wanted_hash: str, data: bytes) -> None:
+        """Store a description; raises `TypeDescriptionError` if it describes another type. Thread: any."""
         from rosidl_py_gen import to_dict
 
-        if len(answer) > MAX_BYTES:
-            raise TypeDescriptionError(f"{who} describes {name} in {len(answer)} bytes; expected at most {MAX_BYTES}")
-        response = decode_description(who, answer)
+        if len(data) > MAX_BYTES:
+            raise TypeDescriptionError(f"{sender} describes {name} in {len(data)} bytes; expected at most {MAX_BYTES}")
+        response = decode_description(sender, data)
         description = to_dict(response.type_description)
-        told, found = description["type_description"]["type_name"], rihs01(description)
-        if (told, found) != (name, wanted):
+        described, found_hash = description["type_description"]["type_name"], rihs01(description)
+        if (described, found_hash) != (name, wanted_hash):
             raise TypeDescriptionError(
-                f"{who} describes {printable(told)} with the hash {found}, but {name} with the hash {wanted} was "
-                "announced: the answer is refused"
+                f"{sender} describes {printable(described)} with the hash {found_hash}, but {name} with the hash "
+                f"{wanted_hash} was announced: the description is refused"
             )
-        self._learned.who[who] = None
-        everything = [description["type_description"], *description["referenced_type_descriptions"]]
-        self._learned.individuals |= {one["type_name"]: one for one in everything}
+        self._fetched.senders[sender] = None
+        individuals = [description["type_description"], *description["referenced_type_descriptions"]]
+        self._fetched.individuals |= {individual["type_name"]: individual for individual in individuals}
         for source in response.type_sources:
-            self._learned.sources.setdefault(source.type_name, (source.encoding, source.raw_file_contents))
+            self._fetched.sources.setdefault(source.type_name, (source.encoding, source.raw_file_contents))
+
+
+def _announcing_nodes(announcement: TypeAnnouncement, wanted_hash: str) -> set[str]:
+    """Return the nodes that announce a hash; all of them if the hash itself is not announced."""
+    nodes = {node for by_hash in announcement.hashes.values() for node in by_hash.get(wanted_hash, ())} - {""}
+    return nodes or announcement.nodes()

@@ -163,7 +163,7 @@ def test_namespace_substitution_brings_its_slash() -> None:
 
 
 def test_unknown_substitution_is_an_error_that_lists_the_known_ones() -> None:
-    with pytest.raises(InvalidNameError, match=r"unknown substitution \{foo\}; known are \{node\}"):
+    with pytest.raises(InvalidNameError, match=r"unknown substitution \{foo\}; expected one of \{node\}"):
         expand_name("{foo}", "n", "/")
 
 

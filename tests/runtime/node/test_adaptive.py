@@ -97,7 +97,7 @@ async def test_a_wait_for_a_message_ends_with_the_reason_or_the_node(memory: Wor
         await near.wait_for_message(String, "u", 0.1, qos=1)
     far.create_publisher(String, "map", presets.DEFAULT.transient_local()).publish(String(data="retained"))
     far.create_publisher(String, "map")
-    with pytest.raises(WaitTimeoutError, match=r"2 publishers .*; some, but not all, .* nothing of before now"):
+    with pytest.raises(WaitTimeoutError, match=r"2 publishers .*; some, but not all, .* without earlier messages"):
         await near.wait_for_message(String, "map", 0.1)
     with pytest.raises(WouldDeadlockError, match="wait_for_message_sync"):
         near.wait_for_message_sync(String, "t", 0.1)

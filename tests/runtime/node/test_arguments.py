@@ -112,10 +112,10 @@ def test_something_outside_that_only_looks_like_a_rule_stays() -> None:
         ("--params-file bad.yaml", "bad.yaml:2:1"),
         (
             "--log-file-name a/b",
-            "ROS argument --log-file-name 'a/b': expected the beginning of a file name, without folder",
+            "ROS argument --log-file-name 'a/b': expected the prefix of a file name, without folder",
         ),
         ("--log-file-name ..\\b", "without folder"),
-        ("--log-config-file c.conf", "ROS argument --log-config-file 'c.conf': log configuration files are not read"),
+        ("--log-config-file c.conf", "argument --log-config-file 'c.conf': log configuration files are not supported"),
         ("--log-config-file c.conf", "use --log-level [logger:=]LEVEL, or configure Python's logging in the program"),
         ("--enable-nothing", "unknown ROS arguments: '--enable-nothing'"),
     ],

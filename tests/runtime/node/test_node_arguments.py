@@ -48,9 +48,9 @@ def test_a_node_may_be_without_the_arguments_of_the_context(memory: World) -> No
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--ros-args", "--log-level", "debug"], r"cli_args concern one node: .* Context\(args=\[\.\.\.\]\)"),
-        (["--ros-args", "--disable-rosout-logs"], "cli_args concern one node"),
-        (["--ros-args", "-e", "/enclave"], "cli_args concern one node"),
+        (["--ros-args", "--log-level", "debug"], r"cli_args of a node .* Context\(args=\[\.\.\.\]\)"),
+        (["--ros-args", "--disable-rosout-logs"], "cli_args of a node"),
+        (["--ros-args", "-e", "/enclave"], "cli_args of a node"),
         (["--ros-args", "--no-such-flag"], "unknown ROS arguments: '--no-such-flag'"),
         (["--ros-args", "-r", "a"], "there is no ':='"),
     ],

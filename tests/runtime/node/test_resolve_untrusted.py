@@ -66,7 +66,7 @@ async def test_a_description_that_no_definition_leads_to_is_refused(memory: Worl
     answer = GetTypeDescription_Response(successful=True, type_description=from_dict(TypeDescription, description))
     robot = teller(memory, "robot", lambda request: answer)
     honest.announce(robot, "rt/t", announced=rihs01(description))
-    with pytest.raises(TypeDescriptionError, match=f"^what /robot said of {honest.name} cannot be used"):
+    with pytest.raises(TypeDescriptionError, match=f"^the description of {honest.name} by /robot cannot be used"):
         await memory.node("asker").resolve_type("t", timeout_s=20)
 
 
@@ -97,6 +97,6 @@ async def test_names_that_are_none_are_errors_of_ours(memory: World) -> None:
     robot = teller(memory, "robot", lambda request: GetTypeDescription_Response())
     raw_endpoints.announce(robot, "rt/t", "no::such \x1bdds_::Name_", "x")
     with pytest.raises(
-        TypeDescriptionError, match=r"^the type of the topic /t is none of ROS: no/such \ufffdName without a hash"
+        TypeDescriptionError, match=r"^the type of the topic /t is not a ROS type: no/such \ufffdName without a hash"
     ):
         await memory.node("asker").resolve_type("t", timeout_s=5)

@@ -126,7 +126,7 @@ async def test_a_node_name_is_not_remapped_like_a_topic(world: World) -> None:
 
 @pytest.mark.every_transport
 async def test_a_node_that_comes_later_is_waited_for(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(description_client, "_ENDPOINTS_PATIENCE_S", 10.0)  # its endpoint comes later still
+    monkeypatch.setattr(description_client, "_ENDPOINTS_TIMEOUT_S", 10.0)  # its endpoint comes later still
     asker = world.node("asker")
     asking = asyncio.ensure_future(asker.get_type_description("/n", "my_pkg/msg/Foo", timeout_s=10))
     await asyncio.sleep(0)  # it waits by now
@@ -144,7 +144,7 @@ async def test_several_announced_hashes_are_an_error_that_lists_them(world: Worl
     asker = world.node("asker")
     await until(lambda: asker.count_publishers("odd") == asker.count_publishers("plain") == 1)
     listed = sorted([f"{type_hash(string)} (/plain)", f"{type_hash(OddString)} (/odd)"])
-    words = f"/n announces 2 type hashes for std_msgs/msg/String: {', '.join(listed)}; say which by type_hash"
+    words = f"/n announces 2 type hashes for std_msgs/msg/String: {', '.join(listed)}; pass type_hash"
     await until(lambda: len(asker.get_publisher_names_and_types_by_node("n")) == 4)
     with pytest.raises(TypeDescriptionError, match=f"^{re.escape(words)}$"):
         await asker.get_type_description("/n", "std_msgs/msg/String", timeout_s=5)
@@ -158,7 +158,7 @@ async def test_several_announced_hashes_are_an_error_that_lists_them(world: Worl
         ("my_pkg/msg/Bar", "/n announces no endpoint of my_pkg/msg/Bar"),
         ("my_pkg/srv/Ask", "/n announces no endpoint of my_pkg/srv/Ask; a service is announced as its messages: .*_Re"),
         ("my_pkg/action/Walk", "/n announces no endpoint of my_pkg/action/Walk; an action is .* _SendGoal_Request"),
-        ("my_pkg/msg/Old", r"/n announces no type hash for my_pkg/msg/Old \(/old\), as nodes of ROS 2 Humble do; give"),
+        ("my_pkg/msg/Old", r"/n announces no type hash for my_pkg/msg/Old \(/old\), as nodes of ROS 2 Humble do; pass"),
         ("my_pkg/msg/Bad", r"/n announces no type hash for my_pkg/msg/Bad \(/bad\)"),
     ],
 )
@@ -189,7 +189,7 @@ def announce_writer(node: Any, dds_type: str, topic: str, announced: str) -> Non
 @pytest.mark.parametrize(
     ("broken", "reason"),
     [
-        ("_described", "Failed to populate TypeDescription to response."),
+        ("type_description", "Failed to populate TypeDescription to response."),
         ("_sources", "Failed to populate TypeSource_Sequence to response."),
     ],
 )

@@ -201,7 +201,7 @@ BAD_CALLS: list[tuple[Callable[[Any], object], type[Exception], str]] = [
     (lambda n: n.get_parameters([5]), TypeError, "parameter must be a str, got 5"),
     (lambda n: n.get_parameter(5), TypeError, "parameter must be a str, got 5"),
     (lambda n: n.get_parameter(["a"]), TypeError, r"parameter must be a str, got \['a'\]"),
-    (lambda n: n.get_parameter("tags", ["x"]), TypeError, "is no parameter type"),
+    (lambda n: n.get_parameter("tags", ["x"]), TypeError, "is not a parameter type"),
     (lambda n: n.has_parameter(["a"]), TypeError, "parameter must be a str"),
     (lambda n: n.describe_parameter(5), TypeError, "parameter must be a str, got 5"),
     (lambda n: n.undeclare_parameter([]), TypeError, "parameter must be a str"),

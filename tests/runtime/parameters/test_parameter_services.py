@@ -282,7 +282,7 @@ def test_plain_api(world: World) -> None:
         node.get_parameter("nope", float)
     with pytest.raises(InvalidParameterValueError, match="Wrong parameter type"):
         node.set_parameter("given", "text")
-    with pytest.raises(TypeError, match="is no parameter type"):
+    with pytest.raises(TypeError, match="is not a parameter type"):
         node.get_parameter("given", dict)
     node.declare_parameter("unset", None, ParameterDescriptor(type=ParameterType.DOUBLE))
     assert node.get_parameter("unset", float) is None and node.get_parameter("unset", float, 2.5) == 2.5
