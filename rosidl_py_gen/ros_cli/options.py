@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib import import_module
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, TypeVar
 
 import click
@@ -85,6 +86,9 @@ def count(kind: str) -> Callable[[F], F]:
     return click.option("-c", f"--count-{kind}", "count", is_flag=True, help=f"Print only the number of {kind}.")
 
 
+_TEXT_FORMATS = {".mmd": "mermaid", ".mermaid": "mermaid", ".md": "markdown", ".json": "json", ".txt": "text"}
+
+
 def output_format_options(picture: str) -> Callable[[F], F]:
     """Add ``--format`` (text, Mermaid, JSON, or a `picture` of this format), ``--json`` and ``--output``."""
 
@@ -109,6 +113,18 @@ def output_format_options(picture: str) -> Callable[[F], F]:
         return command
 
     return add
+
+
+def output_format(picture: str, kind: str | None, as_json: bool, output: str | None) -> str:
+    """Return the format that the options of `output_format_options` select; raises `ToolError` for another suffix."""
+    from rosidl_py_gen.ros_cli import ToolError
+
+    if as_json or kind is not None or output is None:
+        return "json" if as_json else kind or "text"
+    formats = {f".{picture}": picture, **_TEXT_FORMATS}
+    if (suffix := PurePath(output).suffix.lower()) not in formats:
+        raise ToolError(f"{output}: the suffix selects the format; expected one of {', '.join(formats)}, or --format")
+    return formats[suffix]
 
 
 def node_options(command: F) -> F:

@@ -244,8 +244,8 @@ async def test_what_cannot_be_published_is_told(node: Node, watching: Any) -> No
         (STRING, CDR, b"", "was not published"),
         (STRING, "json", b'{"dat": "x"}', 'unknown field "dat"; did you mean "data"?'),
         (STRING, "json", b"[" * 100_000, "expected JSON"),
-        ("std_msgs/msg/Bool", CDR, b"\0\1\0\0\1", "its type is std_msgs/msg/String, not std_msgs/msg/Bool"),
-        (STRING, "protobuf", b"x", 'its encoding is "protobuf", not cdr or json'),
+        ("std_msgs/msg/Bool", CDR, b"\0\1\0\0\1", "its type is std_msgs/msg/String; expected std_msgs/msg/Bool"),
+        (STRING, "protobuf", b"x", 'its encoding is "protobuf"; expected cdr or json'),
         ("../../etc/passwd", CDR, b"x", "../../etc/passwd"),
     ]
     heard = [node.create_subscription(String, f"topic{number}") for number in range(len(wrong))]
@@ -304,7 +304,7 @@ async def test_parameters_are_read_set_and_followed(node: Node, dds: World, watc
         await seen.until(told)
         refused = [{"name": "/robot.gain", "value": "text"}, {"name": "/nobody.x", "value": 1}]
         assert await seen.parameters("setParameters", parameters=refused) == {"/robot.gain": 4.5}
-        await seen.until(lambda: "/robot refuses gain: Wrong parameter type" in seen.warnings())
+        await seen.until(lambda: "/robot rejected gain: Wrong parameter type" in seen.warnings())
         await seen.until(lambda: "parameters of /nobody are not set" in seen.warnings())
         dds.node("late").declare_parameter("x", 1)
         await known_with(seen, "/late.x")
@@ -473,7 +473,7 @@ async def test_an_address_that_cannot_be_used_is_named(tool: Any) -> None:
         port = taken.getsockname()[1]
         ended = await tool("foxglove", "--port", str(port))
     assert (ended.code, ended.out) == (1, "")
-    assert f"cannot listen on 127.0.0.1:{port}: " in ended.err and "--port takes another one" in ended.err
+    assert f"cannot listen on 127.0.0.1:{port}: " in ended.err and "pass another --port" in ended.err
     ended = await tool("foxglove", "--host", "no.such.host.invalid")
     assert ended.code == 1 and "cannot listen on no.such.host.invalid:8765" in ended.err
 
@@ -494,7 +494,7 @@ def test_without_the_extra_it_says_what_to_install(run_here: Any, monkeypatch: p
 async def test_ipv6_works_and_the_address_is_printed(node: Node, tool: Any) -> None:
     process = await tool.start("foxglove", "--port", "0", "--host", "::1")
     address, _, rest = (await asyncio.wait_for(process.stdout.readline(), 25)).decode().partition(" ")
-    assert (address[:11], rest) == ("ws://[::1]:", "for Foxglove and Lichtblick; Ctrl-C ends it\n")
+    assert (address[:11], rest) == ("ws://[::1]:", "for Foxglove and Lichtblick; Ctrl-C ends the server\n")
     assert b"ds=foxglove-websocket" in await process.stdout.readline()
     async with viewer(address) as seen:
         await seen.until(lambda: seen.of("serverInfo"))

@@ -75,7 +75,7 @@ async def test_pages_of_this_machine_known_apps_and_what_is_no_page_may_connect(
 async def test_other_pages_may_not_connect() -> None:
     async with front() as address:
         for origin in HOSTILE:
-            assert (await visit(address, origin)).startswith(f"403 pages of {origin} may not connect"), origin
+            assert (await visit(address, origin)).startswith(f"403 pages of {origin} must not connect"), origin
         twice = [("Origin", "http://localhost"), ("Origin", "https://evil.example")]
         assert (await visit(address, None, additional_headers=twice)).startswith("403")
 
@@ -100,7 +100,7 @@ async def test_with_a_token_nobody_connects_without_it() -> None:
 
 
 async def test_a_message_that_is_too_large_ends_its_viewer_only() -> None:
-    async with front(most_bytes=100_000) as address, viewer(address) as good:
+    async with front(max_message_bytes=100_000) as address, viewer(address) as good:
         for sent in (b"\1" * 100_001, [b"\1" * 60_000, b"\1" * 60_000]):
             async with viewer(address) as bad:
                 await bad.connection.send(sent)

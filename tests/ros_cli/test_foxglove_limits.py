@@ -67,8 +67,8 @@ async def _statuses(*messages: dict[str, Any], shown: ServerState | None = None)
     connection: Any = _Messages()
     one = _viewer(connection, shown)
     for message in messages:
-        await one._take(json.dumps(message), _NoPace())  # type: ignore[arg-type]
-    told = [json.loads(text) for text in one._told if isinstance(text, str)]
+        await one._handle(json.dumps(message), _NoPace())  # type: ignore[arg-type]
+    told = [json.loads(text) for text in one._control if isinstance(text, str)]
     return one, "\n".join(said["message"] for said in told if said["op"] == "status")
 
 
@@ -143,15 +143,15 @@ async def test_definitions_of_a_viewer_have_limits_each_and_in_total() -> None:
     one, said = await _statuses({"op": "advertise", "channels": channels}, shown=shown)
     refused = f"/q{full} cannot be published: with its definition there are {total + most} bytes"
     assert refused in said and len(shown.offers) == full
-    await one._take('{"op": "unadvertise", "channelIds": [0, 0, 99]}', _NoPace())  # type: ignore[arg-type]
+    await one._handle('{"op": "unadvertise", "channelIds": [0, 0, 99]}', _NoPace())  # type: ignore[arg-type]
     assert len(shown.offers) == full - 1
     many = [channel(number, 0) for number in range(100)]
     _, said = await _statuses({"op": "advertise", "channels": many})
-    assert said.count("64 topics are already") == 8 and "28 further entries" in said
+    assert said.count("64 topics are published already") == 8 and "28 further entries" in said
 
 
 async def test_definitions_of_all_viewers_have_a_limit_and_equal_ones_count_once(memory: World) -> None:
-    told: Any = SimpleNamespace(offers={}, tell=lambda *_: None)
+    told: Any = SimpleNamespace(offers={}, send_control=lambda *_: None)
     publisher = ClientPublishing(SimpleNamespace(node=memory.node()), told, paths=())  # type: ignore[arg-type]
     comments = "#" * 500_000
     one, same = [await publisher._compile("own_msgs/msg/One", f"int8 x\n{comments}".encode()) for _ in range(2)]
@@ -165,13 +165,13 @@ async def test_definitions_of_all_viewers_have_a_limit_and_equal_ones_count_once
 async def test_messages_that_wait_for_their_type_have_a_limit_for_all_topics(memory: World) -> None:
     warnings: list[str] = []
     offers = {(1, n): ClientAdvertisement(f"/q{n}", "cdr", "nobody/msg/Knows", "", b"") for n in range(4)}
-    told: Any = SimpleNamespace(offers=offers, tell=lambda _, text: warnings.append(text))
+    told: Any = SimpleNamespace(offers=offers, send_control=lambda _, text: warnings.append(text))
     session: Any = SimpleNamespace(node=memory.node())
     publisher = ClientPublishing(session, told, paths=())
     for key in offers:
         await publisher.take(key, bytes(400_000))
-    waiting = [len(one.waiting) for one in publisher._offered.values()]
-    assert waiting == [1, 1, 0, 0] and "messages for /q2 are left out" in "".join(warnings)
+    waiting = [len(one.waiting) for one in publisher._publishers.values()]
+    assert waiting == [1, 1, 0, 0] and "messages for /q2 are dropped" in "".join(warnings)
     await publisher.close()
 
 
@@ -193,7 +193,7 @@ async def test_pending_calls_have_a_limit_of_size(monkeypatch: pytest.MonkeyPatc
 
 
 async def test_what_waits_for_a_viewer_has_a_limit_of_size(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(limits, "MAX_TOLD_BYTES", 1000)
+    monkeypatch.setattr(limits, "MAX_CONTROL_BYTES", 1000)
     connection: Any = _Messages()
     one = _viewer(connection)
     channel = AdvertisedChannel({"id": 5})

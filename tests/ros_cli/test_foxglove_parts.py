@@ -64,7 +64,7 @@ class Told:
     def publish_graph(self, *graph: Any) -> None:
         self.graph = graph
 
-    def tell(self, about: str, text: str) -> None:
+    def send_control(self, about: str, text: str) -> None:
         self.warnings.append(text)
 
 
@@ -158,7 +158,7 @@ async def test_a_call_of_a_service_that_has_gone_makes_no_client(memory: World, 
     service.close()
     await until(lambda: ours.count_services("/trigger") == 0)
     services.refresh()
-    with pytest.raises(ToolError, match=r"^service /trigger has gone$"):
+    with pytest.raises(ToolError, match=r"^service /trigger has disappeared$"):
         await told.calls["/trigger"](Trigger.Request().encode())
     assert ours.count_clients("/trigger") == 0
     await services.close()

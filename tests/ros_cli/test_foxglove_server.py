@@ -19,7 +19,7 @@ from rosidl_py_gen.runtime import CallTimeoutError
 
 @pytest.mark.parametrize(
     ("error", "said"),
-    [(CallTimeoutError("no response from /x in 10 s"), "no response from /x"), (asyncio.CancelledError(), "ends")],
+    [(CallTimeoutError("no response from /x in 10 s"), "no response from /x"), (asyncio.CancelledError(), "is closed")],
 )
 async def test_why_a_call_failed_is_told(error: BaseException, said: str) -> None:
     async def fail(_: bytes) -> bytes:
@@ -48,11 +48,11 @@ async def test_who_has_too_many_questions_is_told() -> None:
         known = await seen.until(lambda: seen.services.get("/x"))
         for number in range(65):
             await seen.connection.send(struct.pack("<BIII", 2, known["id"], number, 3) + b"cdr")
-        await seen.until(lambda: "64 calls and questions are under way already" in seen.warnings())
+        await seen.until(lambda: "64 calls and parameter requests are in flight already" in seen.warnings())
 
 
 async def test_who_takes_nothing_of_what_it_is_told_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(limits, "MAX_TOLD", 100)
+    monkeypatch.setattr(limits, "MAX_CONTROL_MESSAGES", 100)
     protocols: Any = ["foxglove.sdk.v1"]
     async with (
         served() as (server, address),
@@ -108,9 +108,9 @@ WRONG = [
     ('{"op": "subscribe"}', "there is no 'subscriptions'"),
     ('{"op": "subscribe", "subscriptions": [{"id": true, "channelId": 1}]}', "expected a number"),
     ('{"op": "unsubscribe", "subscriptionIds": [4294967296]}', "from 0 to 4294967295"),
-    ('{"op": "setParameters", "parameters": [{"name": "x", "value": NaN}]}', "NaN is no number of JSON"),
+    ('{"op": "setParameters", "parameters": [{"name": "x", "value": NaN}]}', "NaN is not a number of JSON"),
     ('{"op": "setParameters", "parameters": [{"name": "x", "value": {"a": 1}}]}', "not {'a': 1}"),
-    ('{"op": "setParameters", "parameters": [{"name": "x", "value": "!", "type": "byte_array"}]}', "is no base64"),
+    ('{"op": "setParameters", "parameters": [{"name": "x", "value": "!", "type": "byte_array"}]}', "is not base64"),
     ("[" * 100_000, "Invalid message"),
     (b"", "Invalid message"),
     (b"\x07", "no opcode 7"),

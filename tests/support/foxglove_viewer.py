@@ -161,7 +161,7 @@ async def served(access: Access | None = None, **limits: int) -> AsyncIterator[t
         pass
 
     server = Server(access or Access())
-    usual: dict[str, Any] = {"queue": 256, "most_bytes": 1 << 20, "per_s": 1000, **limits}
+    usual: dict[str, Any] = {"queue": 256, "max_message_bytes": 1 << 20, "per_s": 1000, **limits}
     handlers = Handlers(lambda: None, publish, nothing, nothing)
     port = await server.start(Listening("127.0.0.1", 0, has_time=False, is_read_only=False, **usual), handlers)
     try:

@@ -39,7 +39,6 @@ def message_converter(plans: Plans, old: type[Message], new: type[Message]) -> C
         return None if step.kind is ConversionKind.MESSAGE and is_same(step) else _field_converter(step, path, maker)
 
     def is_same(step: FieldConversion) -> bool:
-        """Return True if messages are equal in all nested types."""
         pair = step.old_type.base, step.new_type.base
         nested = (field for field in plans[pair].steps if field.kind is ConversionKind.MESSAGE)
         same_class = old_classes[pair[0]] is new_classes[pair[1]]

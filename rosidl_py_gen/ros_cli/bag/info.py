@@ -164,7 +164,6 @@ def _show_double(reader: BagReader) -> None:
 
 
 def _qos_text(topic: BagTopic) -> str:
-    """Return the reliability and durability of all publishers as text."""
     from rosidl_py_gen.bags.metadata import qos_profiles
 
     table_rows = {

@@ -136,7 +136,7 @@ class _NewDefinitions:
         self._search = scan_search_path(self._paths)
         self._library = InterfaceRegistry(self._search)
 
-    def planned(self, name: str) -> tuple[type[Message], str] | str:
+    def find(self, name: str) -> tuple[type[Message], str] | str:
         """Return class and text of a type, or the reason for copying its messages.
 
         Raises:
@@ -189,7 +189,7 @@ def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, r
         name = rules.type_name(str(split_ros_name(channel.type_name, "msg")))
     except InvalidNameError as error:
         return _Topic(channel, channel, note=str(error))
-    new_definition = definitions.planned(name)
+    new_definition = definitions.find(name)
     if isinstance(new_definition, str):
         if name != channel.type_name and channel.type_name in rules.types:
             raise ToolError(f"{rules.types[channel.type_name].place}: {name} is {new_definition}")

@@ -64,7 +64,6 @@ def _expected() -> str:
 
 
 def _policy(key: YamlScalar, value: YamlNode, name: str) -> tuple[str, Any]:
-    """Return a field of a profile and its value."""
     policy: str = key.value
     if policy in POLICIES:
         members = {one.name.lower(): one for one in POLICIES[policy] if one.name != "UNKNOWN"}
@@ -86,7 +85,6 @@ def _policy(key: YamlScalar, value: YamlNode, name: str) -> tuple[str, Any]:
 
 
 def _period(policy: str, node: YamlNode, name: str) -> int:
-    """Return nanoseconds; null is 0."""
     expected = f"{policy}: expected sec: and nsec:"
     values = {}
     for key, value in entries(node, name, expected):

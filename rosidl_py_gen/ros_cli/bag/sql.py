@@ -106,7 +106,6 @@ def _open_reader(stack: ExitStack, path: str, paths: Sequence[str], skips: bool)
 
 
 def _query_and_bags(words: Sequence[str]) -> tuple[str, Sequence[str]]:
-    """Return the query, which is the first or the last argument, and the bags."""
     if len(words) < 2:
         raise click.UsageError("expected a query and a bag, as 'select * from \"/imu\"' my_bag")
     if not _is_query(words[0]) and _is_query(words[-1]):
@@ -121,7 +120,6 @@ def _is_query(word: str) -> bool:
 
 
 def _expanded(bags: Iterable[str]) -> Iterator[str]:
-    """Yield the bags, with ``*`` in paths and URLs expanded."""
     from rosidl_py_gen.bags import BagError
     from rosidl_py_gen.bags.remote import is_url
     from rosidl_py_gen.tables.multi_bag.bag_sources import find_bags

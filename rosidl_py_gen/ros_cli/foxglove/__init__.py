@@ -1,7 +1,8 @@
-"""``foxglove``: what runs on ROS 2, for viewers that speak the Foxglove WebSocket protocol.
+"""``foxglove``: a server of the Foxglove WebSocket protocol, for viewers of the ROS graph.
 
-`serve` puts it together; `server` is what viewers connect to, and looks with `access` at who they are; `viewer` is one
-of them; `protocol` reads and writes what is said. The others each follow one thing of the graph: `topics`, `services`,
-`parameters`, `connections`, `clock`; `publishing` is the way back. All of it runs on the event loop, except that large
-messages are decoded, and definitions compiled, in threads of `decoding`. `limits` has the numbers.
+`serve` combines the parts: `server` accepts viewers that `access` permits, `viewer` is one of them, `protocol` reads
+    and
+writes messages. `topics`, `services`, `parameters`, `connections` and `clock` follow the graph; `publishing` is for
+messages of viewers. Everything runs on the event loop, except that `decoding` has threads for large messages and
+definitions. `limits` has the numbers.
 """

@@ -1,7 +1,7 @@
-"""Who may connect to the live view, and how much viewers may send.
+"""Access control and rate limit of the live view.
 
-Decides by what a browser says of itself: it names the page that connects, the Origin, and a page cannot change that.
-What is no browser names none, and may say what it likes: a token is what keeps that out.
+A browser states the page that connects in the Origin header, which a page cannot change. Other programs may omit or
+forge it; a token keeps them out.
 """
 
 from __future__ import annotations
@@ -16,36 +16,35 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 KNOWN_ORIGINS = ("https://app.foxglove.dev", "https://lichtblick-suite.github.io", "file://")
-"""Where Foxglove and Lichtblick are served, and what desktop apps may say. Pages opened as a file say
-``null``, as do those that hide where they come from."""
+"""Origins of Foxglove, Lichtblick and desktop apps. Pages from files, or that hide their origin, send ``null``."""
 _LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 ANY = "*"
 
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """Who may connect.
+    """Access rules.
 
     Attributes:
-        origins: pages that may beside the known ones, such as ``https://example.org``; `ANY` stands for all.
-        token: what the address has to carry as ``?token=...``; empty: nothing.
+        origins: permitted pages in addition to the known ones, such as ``https://example.org``; `ANY` permits all.
+        token: required value of ``?token=...`` in the address; empty for none.
     """
 
     origins: Sequence[str] = ()
     token: str = ""
 
     def refusal(self, origins: Sequence[str], path: str) -> tuple[int, str] | None:
-        """Why a connection is refused, as a status of HTTP and a sentence; None when it is not.
+        """Return status and text of an HTTP response that refuses a connection; None if it is permitted.
 
         Args:
             origins: all Origin headers of the request.
-            path: what is asked for, with the query.
+            path: requested path with the query.
         """
         if len(origins) > 1 or not all(map(self._is_allowed, origins)):
             shown = ", ".join(origins)[:100]
-            return 403, f"pages of {shown} may not connect; rosidl-py foxglove --allow-origin lets them"
+            return 403, f"pages of {shown} must not connect; permit them with rosidl-py foxglove --allow-origin"
         if self.token and not self._has_token(path):
-            return 401, "the address needs ?token=... as rosidl-py foxglove was started with"
+            return 401, "the address requires ?token=... of rosidl-py foxglove"
         return None
 
     def _is_allowed(self, origin: str) -> bool:
@@ -60,16 +59,16 @@ class Access:
 
     def _has_token(self, path: str) -> bool:
         try:
-            given = parse_qs(urlsplit(path).query, max_num_fields=20).get("token", [])
+            tokens = parse_qs(urlsplit(path).query, max_num_fields=20).get("token", [])
         except ValueError:
             return False
-        return len(given) == 1 and hmac.compare_digest(given[0].encode(errors="replace"), self.token.encode())
+        return len(tokens) == 1 and hmac.compare_digest(tokens[0].encode(errors="replace"), self.token.encode())
 
 
 class RateLimit:
-    """How fast one viewer may send: `per_s` messages in the long run, as many at once.
+    """Rate limit of a viewer: `per_s` messages per second, with bursts of as many.
 
-    A viewer that is faster is read more slowly, which makes it wait: nothing it sends is lost.
+    A faster viewer is read more slowly, so that it has to wait; no message is lost.
     """
 
     def __init__(self, per_s: int) -> None:
@@ -78,7 +77,7 @@ class RateLimit:
         self._at = monotonic()
 
     def wait_s(self) -> float:
-        """Count a message; how long to wait before the next one is read, in seconds."""
+        """Count a message; return the time to wait before reading the next one, in seconds."""
         now = monotonic()
         self._left = min(self._per_s, self._left + (now - self._at) * self._per_s) - 1
         self._at = now

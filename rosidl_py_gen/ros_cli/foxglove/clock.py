@@ -1,4 +1,4 @@
-"""What time it is for viewers: simulated time where somebody publishes ``/clock``, else the system's."""
+"""Clock of viewers: simulated time if ``/clock`` is published, else system time."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node
 
 TOPIC = "/clock"
-_TELL_S = 1 / 30
-"""Viewers draw no faster; what they are told about time is never dropped, so that it should not be much."""
+_MIN_INTERVAL_S = 1 / 30
+"""Minimum interval of time updates. Viewers draw at most 30 times a second, and time updates are never dropped."""
 
 
 class ViewerClock:
-    """The time of messages; with `follow` simulated time."""
+    """Time of messages; simulated time after `follow`."""
 
     def __init__(self) -> None:
         self._sim_ns: int | None = None
-        self._told_at = 0.0
+        self._sent_at = 0.0
 
     def now_ns(self) -> int:
-        """Nanoseconds; 0 before the first word of ``/clock``."""
+        """Return the time in nanoseconds; 0 before the first message of ``/clock``."""
         return time.time_ns() if self._sim_ns is None else self._sim_ns
 
     def follow(self, node: Node, server: Server) -> None:
-        """Take the time from ``/clock`` from now on, and tell viewers."""
+        """Use the time of ``/clock`` from now on, and send it to viewers."""
         self._sim_ns = 0
         clock: Any = get_message("rosgraph_msgs/msg/Clock")
 
-        def arrived(message: Any) -> None:
+        def on_message(message: Any) -> None:
             self._sim_ns = max(0, stamp_ns(message.clock))
             now = time.monotonic()
-            if now >= self._told_at + _TELL_S:
-                self._told_at = now
-                server.tell_time(self._sim_ns)
+            if now >= self._sent_at + _MIN_INTERVAL_S:
+                self._sent_at = now
+                server.send_time(self._sim_ns)
 
-        node.create_subscription(clock, TOPIC, arrived, CLOCK)
+        node.create_subscription(clock, TOPIC, on_message, CLOCK)

@@ -1,4 +1,4 @@
-"""``rosidl-py foxglove``: its options, with which `serve` is called."""
+"""``rosidl-py foxglove``: its options."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class FoxgloveOptions:
-    """What was asked of ``foxglove``."""
+    """Options of ``foxglove``."""
 
     host: str
     port: int
     is_read_only: bool
     origins: Sequence[str]
     token: str
-    most_mib: int
+    max_mib: int
     per_s: int
     use_sim_time: bool
     queue: int
@@ -34,34 +34,44 @@ class FoxgloveOptions:
 
 @click.command("foxglove")
 @click.option(
-    "--host", default="127.0.0.1", show_default=True, help="Where to listen; 0.0.0.0 lets other machines connect."
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address to listen on; 0.0.0.0 permits other machines to connect.",
 )
 @click.option(
-    "--port", type=click.IntRange(0, 65535), metavar="PORT", default=8765, show_default=True, help="0 takes a free one."
+    "--port",
+    type=click.IntRange(0, 65535),
+    metavar="PORT",
+    default=8765,
+    show_default=True,
+    help="Port to listen on; 0 selects a free one.",
 )
-@click.option("--read-only", "is_read_only", is_flag=True, help="No publishing, calling and setting by viewers.")
+@click.option(
+    "--read-only", "is_read_only", is_flag=True, help="Do not let viewers publish, call services and set parameters."
+)
 @click.option(
     "--allow-origin",
     "origins",
     multiple=True,
     metavar="ORIGIN",
-    help="Also let web pages of ORIGIN connect, such as https://example.org; * lets every page. May be repeated.",
+    help="Permit web pages of ORIGIN, such as https://example.org; * permits all. May be repeated.",
 )
 @click.option(
     "--token",
     default="",
     envvar="ROSIDL_PY_FOXGLOVE_TOKEN",
     show_envvar=True,
-    help="Viewers have to give ?token=TOKEN.",
+    help="Require ?token=TOKEN of viewers.",
 )
 @click.option(
     "--max-message",
-    "most_mib",
+    "max_mib",
     type=click.IntRange(1, 64),
     default=16,
     show_default=True,
     metavar="MIB",
-    help="The largest message of a viewer.",
+    help="Maximum size of a message of a viewer.",
 )
 @click.option(
     "--max-rate",
@@ -70,18 +80,20 @@ class FoxgloveOptions:
     default=1000,
     show_default=True,
     metavar="PER_SECOND",
-    help="Messages of a viewer; one that sends more is read more slowly.",
+    help="Maximum rate of messages of a viewer; a faster viewer is read more slowly.",
 )
-@click.option("--use-sim-time", is_flag=True, help="Tell viewers the time of /clock, also if it appears later.")
+@click.option("--use-sim-time", is_flag=True, help="Send viewers the time of /clock, also if it appears later.")
 @click.option(
     "--queue",
     type=click.IntRange(16, 1 << 16),
     default=256,
     show_default=True,
     metavar="MESSAGES",
-    help="How many may wait for a slow viewer; then the oldest are left out.",
+    help="Maximum number of messages that wait for a slow viewer; the oldest are dropped.",
 )
-@click.option("--include-hidden-topics", "hidden", is_flag=True, help="Also topics and services that begin with _.")
+@click.option(
+    "--include-hidden-topics", "hidden", is_flag=True, help="Also show topics and services that begin with _."
+)
 @options.paths
 @options.as_json
 @options.node_options
@@ -89,7 +101,7 @@ class FoxgloveOptions:
 def foxglove(network: NetworkOptions, **arguments: Any) -> AsyncCommand:
     """Show topics, parameters, services and the graph live in Foxglove or Lichtblick.
 
-    Prints the address and serves it until Ctrl-C. A topic is subscribed to while somebody watches it.
+    Prints the address and serves it until Ctrl-C. A topic is subscribed to while a viewer watches it.
 
     \b
     rosidl-py foxglove

@@ -1,4 +1,4 @@
-"""Which nodes publish, subscribe and serve what, as viewers draw it."""
+"""Connection graph of viewers: which nodes publish, subscribe and serve."""
 
 from __future__ import annotations
 
@@ -15,37 +15,36 @@ if TYPE_CHECKING:
 
 
 class ConnectionGraph:
-    """Tells viewers of the graph: `refresh` after its changes."""
+    """Sends the graph to viewers; `refresh` is called after changes."""
 
     def __init__(self, node: Node, server: Server, *, hidden: bool) -> None:
         self._node = node
         self._server = server
         self._hidden = hidden
-        self._told: Graph = NO_GRAPH
+        self._sent_graph: Graph = NO_GRAPH
 
     def refresh(self) -> None:
-        """Follow the graph."""
+        """Send changes of the graph."""
         published: Names = {}
         subscribed: Names = {}
-        served: Names = {}
+        served_names: Names = {}
         for info in {(one.name, one.namespace): one for one in self._node.get_nodes()}.values():
             if not self._is_shown(info):
                 continue
-            whole = info.fully_qualified_name
-            for found, names in (
+            node_name = info.fully_qualified_name
+            for nodes_by_name, names in (
                 (published, self._node.get_publisher_names_and_types_by_node(info.name, info.namespace)),
                 (subscribed, self._node.get_subscriber_names_and_types_by_node(info.name, info.namespace)),
-                (served, self._node.get_service_names_and_types_by_node(info.name, info.namespace)),
+                (served_names, self._node.get_service_names_and_types_by_node(info.name, info.namespace)),
             ):
                 for name, _ in names:
                     if self._hidden or not is_hidden(name):
-                        found.setdefault(name, []).append(whole)
-        if (published, subscribed, served) != self._told:
-            self._told = published, subscribed, served
-            self._server.publish_graph(published, subscribed, served)
+                        nodes_by_name.setdefault(name, []).append(node_name)
+        if (published, subscribed, served_names) != self._sent_graph:
+            self._sent_graph = published, subscribed, served_names
+            self._server.publish_graph(published, subscribed, served_names)
 
     def _is_shown(self, info: NodeInfo) -> bool:
-        """Not with a namespace that ROS refuses: participants may tell anything."""
         try:
             validate_full_name(info.fully_qualified_name)
         except InvalidNameError:

@@ -1,6 +1,6 @@
-"""Messages and requests of viewers, decoded: small ones on the event loop, large ones in a thread.
+"""Decoding of messages and requests of viewers: small ones on the event loop, large ones in a thread.
 
-The thread is a daemon: asyncio and the interpreter would wait for a pool's thread before the process can end.
+The thread is a daemon, because asyncio and the interpreter would wait for a thread of a pool at exit.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ _Job = tuple["Future[Any]", "Callable[[], Any]"]
 
 
 class Worker(Executor):
-    """One daemon thread that runs functions in order; a cancelled function is skipped.
+    """Daemon thread that runs functions in order; a cancelled function is skipped.
 
-    It pauses after each function for as long as that took: much of the work holds the interpreter.
+    It pauses after each function for as long as the function took, because much of the work holds the GIL.
     """
 
     def __init__(self) -> None:
@@ -70,7 +70,7 @@ class Worker(Executor):
 
 
 class Decoder:
-    """Decodes messages of one class, and refuses those that would take memory out of proportion."""
+    """Decoder of a class, which refuses messages that would take memory out of proportion."""
 
     def __init__(self, cls: type[Message], encoding: str = "cdr") -> None:
         self._cls = cls
@@ -99,7 +99,7 @@ class Decoder:
         return self._cls()  # viewers do not always encode a message without fields as ROS 2 does
 
     def _require_small(self, data: bytes) -> int:
-        """Return the number of values that the message may have."""
+        """Return the number of values that the message may have; raises `ToolError`."""
         if not self._is_json:
             if self._has_nested and len(data) > limits.MAX_NESTED_BYTES:
                 most = f"expected at most {limits.MAX_NESTED_BYTES}"

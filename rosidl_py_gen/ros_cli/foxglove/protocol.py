@@ -1,8 +1,7 @@
-"""The Foxglove WebSocket protocol without I/O: what viewers say is read, what they are told is written.
+"""Foxglove WebSocket protocol without I/O: parses messages of viewers, and formats those to viewers.
 
-Decides what is no message of the protocol, and nothing about what is answered. Both names of it stand for the same
-messages: texts are JSON with an ``op``, bytes begin with a number that says what they are, all little-endian. Source:
-the specification that is published for `foxglove.websocket.v1`; `foxglove.sdk.v1` is what the SDK calls it since.
+Text messages are JSON with an ``op``; binary ones begin with an opcode, and are little-endian. Source: the published
+specification of `foxglove.websocket.v1`; `foxglove.sdk.v1` is the newer name in the SDK.
 """
 
 from __future__ import annotations
@@ -19,25 +18,25 @@ from rosidl_py_gen.errors import RosidlError, printable
 from rosidl_py_gen.ros_cli.foxglove.limits import MAX_ENTRIES, MAX_NAME, MAX_STATUS_LENGTH, MAX_TEXT, MAX_VALUES
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Mapping
 
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
-WARNING, ERROR = 1, 2
-"""Levels of a status."""
+WARNING = 1
+ERROR = 2
 _MESSAGE, _TIME, _RESPONSE = struct.Struct("<BIQ"), struct.Struct("<BQ"), struct.Struct("<BIII")
 _PUBLISHED, _CALL = struct.Struct("<I"), struct.Struct("<III")
 _CDR, _SCHEMA = "cdr", "ros2msg"
 
 
 class ProtocolError(RosidlError):
-    """The viewer said what is no message of the protocol, or what it may not say now."""
+    """Raised for a message that is invalid, or not permitted in the current state."""
 
 
 # ----------------------------------------------------------------------------------------------------- what viewers say
 
 
 class ClientAdvertisement(NamedTuple):
-    """A topic that a viewer wants to publish on."""
+    """Topic that a viewer wants to publish on."""
 
     topic: str
     encoding: str
@@ -47,7 +46,7 @@ class ClientAdvertisement(NamedTuple):
 
 
 class ServiceCallRequest(NamedTuple):
-    """A request to a service."""
+    """Request to a service."""
 
     service: int
     number: int
@@ -56,14 +55,14 @@ class ServiceCallRequest(NamedTuple):
 
 
 class ClientMessage(NamedTuple):
-    """One message of a viewer.
+    """Message of a viewer.
 
     Attributes:
-        op: as in JSON; `publish` and `call` for what is bytes.
-        what: to `subscribe`, numbers of subscriptions and their channels; to `advertise`, numbers of channels and their
-            `ClientAdvertisement`; to end something, numbers of it; to `publish`, number of a channel and data; to
-            `call`, a `ServiceCallRequest`; names of parameters, or names and values to set.
-        id: of a question about parameters that wants an answer.
+        op: as in JSON; `publish` and `call` for binary messages.
+        what: for `subscribe`, ids of subscriptions and channels; for `advertise`, ids of channels and their
+            `ClientAdvertisement`; to end something, ids; for `publish`, id of a channel and data; for `call`, a
+            `ServiceCallRequest`; names of parameters, or names and values to set.
+        id: of a parameter request that expects a reply.
     """
 
     op: str
@@ -72,18 +71,18 @@ class ClientMessage(NamedTuple):
 
 
 def read(message: str | bytes) -> ClientMessage:
-    """What a viewer says; raises `ProtocolError`."""
+    """Parse a message of a viewer; raises `ProtocolError`."""
     try:
         if isinstance(message, bytes):
             return _read_bytes(message)
         if len(message) > MAX_TEXT:
             raise ValueError(f"got a text of {len(message)} characters, expected at most {MAX_TEXT}")
-        said = json.loads(message, parse_constant=_no_number, parse_int=_integer)
-        key, read_one = _READ[said["op"]]
-        what = [read_one(one) for one in _entries(key, said[key])] if key else None
-        if said["op"] == "setParameters":
+        fields = json.loads(message, parse_constant=_no_number, parse_int=_integer)
+        key, read_one = _READ[fields["op"]]
+        what = [read_one(one) for one in _entries(key, fields[key])] if key else None
+        if fields["op"] == "setParameters":
             _require_few_values(what or [])
-        return ClientMessage(said["op"], what, None if said.get("id") is None else _name(said["id"]))
+        return ClientMessage(fields["op"], what, None if fields.get("id") is None else _name(fields["id"]))
     except KeyError as missing:
         raise ProtocolError(f"Invalid message: there is no {_short(missing.args[0])}") from None
     except (TypeError, ValueError, IndexError, RecursionError, struct.error) as error:
@@ -104,18 +103,18 @@ def _read_bytes(message: bytes) -> ClientMessage:
 
 
 def _no_number(text: str) -> float:
-    raise ValueError(f"{text} is no number of JSON")
+    raise ValueError(f"{text} is not a number of JSON")
 
 
 def _integer(text: str) -> int:
-    """Return an integer that fits into 64 bits; Python's own take quadratic time."""
+    """Return an integer that fits into 64 bits; parsing longer ones takes quadratic time."""
     if len(text) > 20 or not -(1 << 63) <= (value := int(text)) < 1 << 63:
         raise ValueError(f"got the number {text:.30} of {len(text)} digits, expected -2^63 to 2^63 - 1")
     return value
 
 
 def _short(value: Any) -> str:
-    """Return a representation of bounded length; of a large list the time is bounded, too."""
+    """Return a representation of bounded length, in bounded time also for a large list."""
     return f"{reprlib.repr(value):.50}"
 
 
@@ -145,25 +144,25 @@ def _entries(key: str, value: Any) -> list[Any]:
     return value
 
 
-def _require_few_values(wanted: list[tuple[str, Any]]) -> None:
-    count = sum(len(value) for _, value in wanted if isinstance(value, list))
+def _require_few_values(values: list[tuple[str, Any]]) -> None:
+    count = sum(len(value) for _, value in values if isinstance(value, list))
     if count > MAX_VALUES:
         raise ValueError(f"got {count} values in lists, expected at most {MAX_VALUES} in a message")
 
 
-def _offer(one: Mapping[str, Any]) -> tuple[int, ClientAdvertisement]:
+def _advertisement(one: Mapping[str, Any]) -> tuple[int, ClientAdvertisement]:
     topic, encoding, name = (_name(one[key]) for key in ("topic", "encoding", "schemaName"))
     schema_encoding, schema = _name(one.get("schemaEncoding") or ""), _text(one.get("schema") or "")
     return _number(one["id"]), ClientAdvertisement(topic, encoding, name, schema_encoding, schema.encode())
 
 
-def _wanted(one: Mapping[str, Any]) -> tuple[str, Any]:
+def _parameter(one: Mapping[str, Any]) -> tuple[str, Any]:
     name, value = _name(one["name"]), one.get("value")
     if one.get("type") == "byte_array":
         try:
             value = base64.b64decode(_text(value), validate=True)
         except binascii.Error as error:
-            raise ValueError(f"{_short(name)} is no base64: {error}") from None
+            raise ValueError(f"{_short(name)} is not base64: {error}") from None
     for item in value if isinstance(value, list) else (value,):
         if isinstance(item, list | dict) or (item is None and value is not None):
             raise ValueError(f"a parameter has a value, or a list of values, not {_short(value)}")
@@ -175,54 +174,40 @@ def _wanted(one: Mapping[str, Any]) -> tuple[str, Any]:
 _READ: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "subscribe": ("subscriptions", lambda one: (_number(one["id"]), _number(one["channelId"]))),
     "unsubscribe": ("subscriptionIds", _number),
-    "advertise": ("channels", _offer),
+    "advertise": ("channels", _advertisement),
     "unadvertise": ("channelIds", _number),
     "getParameters": ("parameterNames", _name),
-    "setParameters": ("parameters", _wanted),
+    "setParameters": ("parameters", _parameter),
     "subscribeParameterUpdates": ("parameterNames", _name),
     "unsubscribeParameterUpdates": ("parameterNames", _name),
     "subscribeConnectionGraph": ("", _text),
     "unsubscribeConnectionGraph": ("", _text),
     "fetchAsset": ("", _text),
 }
-"""Key of a list, and what reads one of it."""
+"""Key of a list, and parser of an element."""
 
 
 # ------------------------------------------------------------------------------------------------ what viewers are told
 
 
-def _say(op: str, **fields: Any) -> str:
+def control(op: str, **fields: Any) -> str:
+    """Return a text message."""
     return json.dumps({"op": op, **fields}, separators=(",", ":"), allow_nan=False)
 
 
-def server_info(name: str, capabilities: list[str], encodings: list[str], session: str) -> str:
-    """What comes first."""
-    return _say("serverInfo", name=name, capabilities=capabilities, supportedEncodings=encodings, sessionId=session)
-
-
 def status(text: str, level: int = WARNING) -> str:
-    """What is wrong."""
-    return _say("status", level=level, message=printable(text, MAX_STATUS_LENGTH))
+    """Return a status message."""
+    return control("status", level=level, message=printable(text, MAX_STATUS_LENGTH))
 
 
 def channel(number: int, topic: str, type_name: str, definition: str) -> dict[str, Any]:
-    """A topic of CDR, for `advertise`."""
+    """Return a topic of CDR messages, for `advertise`."""
     named = {"id": number, "topic": topic, "encoding": _CDR, "schemaName": type_name}
     return {**named, "schema": definition, "schemaEncoding": _SCHEMA}
 
 
-def advertise(channels: Iterable[dict[str, Any]]) -> str:
-    """New topics."""
-    return _say("advertise", channels=list(channels))
-
-
-def unadvertise(channels: list[int]) -> str:
-    """Topics that are gone."""
-    return _say("unadvertise", channelIds=channels)
-
-
 def service(number: int, name: str, type_name: str, texts: tuple[str, str]) -> dict[str, Any]:
-    """A service with CDR, for `advertise_services`; `texts` define request and response."""
+    """Return a service with CDR, for `advertiseServices`; `texts` define request and response."""
     halves = {
         half.lower(): {"encoding": _CDR, "schemaName": f"{type_name}_{half}", "schemaEncoding": _SCHEMA, "schema": text}
         for half, text in zip(("Request", "Response"), texts, strict=True)
@@ -230,47 +215,37 @@ def service(number: int, name: str, type_name: str, texts: tuple[str, str]) -> d
     return {"id": number, "name": name, "type": type_name, **halves}
 
 
-def advertise_services(services: Iterable[dict[str, Any]]) -> str:
-    """New services."""
-    return _say("advertiseServices", services=list(services))
-
-
-def unadvertise_services(services: list[int]) -> str:
-    """Services that are gone."""
-    return _say("unadvertiseServices", serviceIds=services)
-
-
 def message_data(subscription: int, time_ns: int, data: bytes) -> bytes:
-    """A message of a topic."""
+    """Return a message of a topic."""
     return _MESSAGE.pack(1, subscription, time_ns) + data
 
 
 def time(time_ns: int) -> bytes:
-    """The time of the server."""
+    """Return a message with the time of the server."""
     return _TIME.pack(2, time_ns)
 
 
 def response(call: ServiceCallRequest, data: bytes) -> bytes:
-    """The answer of a service, in the encoding of the request."""
+    """Return the response of a service, in the encoding of the request."""
     encoding = call.encoding.encode()
     return _RESPONSE.pack(3, call.service, call.number, len(encoding)) + encoding + data
 
 
 def failure(call: ServiceCallRequest, text: str) -> str:
-    """Why there is no answer of a service."""
-    return _say(
+    """Return a message with the reason for a failed call."""
+    return control(
         "serviceCallFailure", serviceId=call.service, callId=call.number, message=printable(text, MAX_STATUS_LENGTH)
     )
 
 
 def parameter_values(values: Mapping[str, Any], id: str | None = None) -> str:
-    """Parameters by name, those that are unset left out; `id` is that of the request."""
-    told = [{"name": name, **_value(value)} for name, value in values.items() if value is not None]
-    return _say("parameterValues", parameters=told, **({} if id is None else {"id": id}))
+    """Return parameters by name without unset ones; `id` is that of the request."""
+    parameters = [{"name": name, **_value(value)} for name, value in values.items() if value is not None]
+    return control("parameterValues", parameters=parameters, **({} if id is None else {"id": id}))
 
 
 def _value(value: Any) -> dict[str, Any]:
-    """The value, with its type where JSON does not tell; JSON has no infinity, and no NaN."""
+    """Return a value, with its type if JSON does not state it; JSON has neither infinity nor NaN."""
     if isinstance(value, bytes):
         return {"type": "byte_array", "value": base64.b64encode(value).decode()}
     if isinstance(value, float):
@@ -287,12 +262,12 @@ NO_GRAPH: Graph = ({}, {}, {})
 
 
 def graph_update(before: Graph, now: Graph) -> str:
-    """What has changed from one graph to another."""
+    """Return the difference of two graphs."""
     changed = [
         [{"name": name, key: new.get(name, [])} for name in old | new if old.get(name) != new.get(name)]
         for old, new, key in zip(before, now, ("publisherIds", "subscriberIds", "providerIds"), strict=True)
     ]
-    return _say(
+    return control(
         "connectionGraphUpdate",
         **dict(zip(("publishedTopics", "subscribedTopics", "advertisedServices"), changed, strict=True)),
         removedTopics=[name for name in before[0] | before[1] if name not in now[0] and name not in now[1]],

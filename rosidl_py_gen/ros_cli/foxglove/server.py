@@ -1,4 +1,4 @@
-"""What viewers connect to: it looks at who they are, and tells them what there is, all on the event loop."""
+"""WebSocket server: accepts viewers, and sends them channels, services, parameters and the graph. Thread: loop."""
 
 from __future__ import annotations
 
@@ -28,29 +28,29 @@ if TYPE_CHECKING:
     from websockets.http11 import Request, Response
 
 _NAME = "rosidl-py"
-_PATIENCE_S = 10.0
-"""For a viewer to say what it wants."""
-_CLOSE_S = 0.2
-"""For a viewer to confirm the end; then its connection is aborted."""
-_STATUS_S = 1.0
-"""The same trouble is reported so often at most."""
+_HANDSHAKE_TIMEOUT_S = 10.0
+"""Time limit for the handshake of a viewer."""
+_CLOSE_GRACE_S = 0.2
+"""Time for a viewer to confirm the end; then its connection is aborted."""
+_WARNING_INTERVAL_S = 1.0
+"""Minimum interval of equal warnings."""
 _READ_QUEUE = 1
-"""Messages that wait for being read; each may be as large as one may be."""
-_SILENT = logging.Logger("rosidl-py foxglove")
-"""What is wrong with viewers is told them."""
-_SILENT.addHandler(logging.NullHandler())
+"""Messages that wait to be handled; each may have the maximum size."""
+_SILENT_LOGGER = logging.Logger("rosidl-py foxglove")
+"""Logger without output: errors of viewers are sent to them."""
+_SILENT_LOGGER.addHandler(logging.NullHandler())
 
 
 @dataclass(frozen=True, slots=True)
 class Listening:
-    """How a server is started.
+    """Settings of a server.
 
     Attributes:
-        queue: messages that may wait for a slow viewer.
-        most_bytes: of a message of a viewer; one that sends more is disconnected.
-        per_s: messages of a viewer; one that sends more is read more slowly.
-        has_time: viewers are told the time, instead of using their own.
-        is_read_only: viewers can neither publish nor call services, and setting parameters is refused.
+        queue: maximum number of messages that wait for a slow viewer.
+        max_message_bytes: maximum size of a message of a viewer; a larger one disconnects it.
+        per_s: maximum rate of messages of a viewer; a faster one is read more slowly.
+        has_time: viewers are sent the time, instead of using their own.
+        is_read_only: viewers cannot publish, call services and set parameters.
     """
 
     host: str
@@ -63,16 +63,14 @@ class Listening:
 
 
 class _Connection(ServerConnection):
-    """Connection of which little is read at once, and which ends when nobody takes the answers to its pings."""
+    """Connection that reads small blocks, and is closed if the peer does not read replies to its pings."""
 
     def connection_made(self, transport: Any) -> None:
-        """Begin to read."""
         transport.max_size = limits.READ_BYTES
         self._answers = 0
         super().connection_made(transport)
 
     def data_received(self, data: bytes) -> None:
-        """Handle what was read; `websockets` answers pings without waiting for the peer to read."""
         if self.transport.is_closing():
             return
         before = self.transport.get_write_buffer_size()
@@ -84,7 +82,7 @@ class _Connection(ServerConnection):
 
 
 class Server:
-    """Listens from `start` to `stop`."""
+    """Server between `start` and `stop`."""
 
     def __init__(self, access: Access) -> None:
         self._access = access
@@ -94,13 +92,13 @@ class Server:
         self._viewers: dict[int, Viewer] = {}
         self._shown = ServerState()
         self.offers = self._shown.offers
-        """Topics that viewers want to publish on."""
-        self._said: dict[str, float] = {}
+        """Topics that viewers publish on."""
+        self._warned_at: dict[str, float] = {}
 
     # -------------------------------------------------------------------------------------------------- who connects
 
     async def start(self, listening: Listening, handlers: Handlers) -> int:
-        """Listen; gives the port.
+        """Listen, and return the port.
 
         Raises:
             ToolError: the address cannot be used.
@@ -111,38 +109,38 @@ class Server:
         except (OSError, OverflowError) as error:
             shown = f"[{host}]" if ":" in host else host
             reason = getattr(error, "strerror", None) or error
-            raise ToolError(f"cannot listen on {shown}:{port}: {reason}; --port takes another one") from None
+            raise ToolError(f"cannot listen on {shown}:{port}: {reason}; pass another --port") from None
         names: Any = protocol.SUBPROTOCOLS
         session = secrets.token_hex(8)
         self._server = await serve(
             lambda connection: self._serve(connection, listening, handlers, session),
             sock=bound,
             subprotocols=names,
-            process_request=self._look_at,
+            process_request=self._check_request,
             create_connection=_Connection,
             compression=None,
             max_size=listening.max_message_bytes,
             max_queue=_READ_QUEUE,
-            open_timeout=_PATIENCE_S,
-            close_timeout=_CLOSE_S,
+            open_timeout=_HANDSHAKE_TIMEOUT_S,
+            close_timeout=_CLOSE_GRACE_S,
             ping_interval=None,
-            logger=_SILENT,
+            logger=_SILENT_LOGGER,
         )
-        found: int = bound.getsockname()[1]
-        return found
+        bound_port: int = bound.getsockname()[1]
+        return bound_port
 
     async def stop(self) -> None:
-        """Let all viewers go; may be called twice."""
+        """Disconnect all viewers; may be called repeatedly."""
         for viewer in self._viewers.values():
             viewer.cancel()
         if self._server is not None:
             self._server.close()
             with suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(self._server.wait_closed(), _CLOSE_S)
+                await asyncio.wait_for(self._server.wait_closed(), _CLOSE_GRACE_S)
             for viewer in self._viewers.values():
                 viewer.abort()
 
-    def _look_at(self, connection: ServerConnection, request: Request) -> Response | None:
+    def _check_request(self, connection: ServerConnection, request: Request) -> Response | None:
         refusal = self._access.refusal(request.headers.get_all("Origin"), request.path)
         if refusal is None and len(self._viewers) >= limits.MAX_VIEWERS:
             refusal = 503, f"there are {limits.MAX_VIEWERS} viewers already"
@@ -154,64 +152,73 @@ class Server:
     async def _serve(
         self, connection: ServerConnection, listening: Listening, handlers: Handlers, session: str
     ) -> None:
-        acts = not listening.is_read_only
-        viewer = Viewer(connection, next(self._numbers), self._shown, handlers, listening.queue, may_publish=acts)
+        may_act = not listening.is_read_only
+        viewer = Viewer(connection, next(self._numbers), self._shown, handlers, listening.queue, may_publish=may_act)
         self._viewers[viewer.number] = viewer
         can = ["parameters", "parametersSubscribe", "connectionGraph", *["time"] * listening.has_time]
-        can += ["clientPublish", "services"] * acts
-        viewer.send_control(protocol.server_info(_NAME, can, ["cdr", "json"] * acts, session))
-        viewer.send_control(protocol.advertise(one.advertisement for one in self._shown.channels.values()))
-        viewer.send_control(protocol.advertise_services(one.advertisement for one in self._shown.services.values()))
+        can += ["clientPublish", "services"] * may_act
+        encodings = ["cdr", "json"] * may_act
+        viewer.send_control(
+            protocol.control(
+                "serverInfo", name=_NAME, capabilities=can, supportedEncodings=encodings, sessionId=session
+            )
+        )
+        channels = [channel.advertisement for channel in self._shown.channels.values()]
+        viewer.send_control(protocol.control("advertise", channels=channels))
+        services = [service.advertisement for service in self._shown.services.values()]
+        viewer.send_control(protocol.control("advertiseServices", services=services))
         try:
             await viewer.run(RateLimit(listening.per_s))
-        except Exception:  # the library would say nothing, as of all that is wrong with viewers
-            terminal_output.note(f"a viewer is let go: {traceback.format_exc()}")
+        except Exception:  # the library logs nothing, as its logger is silent
+            terminal_output.note(f"disconnected a viewer: {traceback.format_exc()}")
             raise
         finally:
             del self._viewers[viewer.number]
 
     # ------------------------------------------------------------------------------------------ what there is to see
 
-    def _tell(self, text: str | bytes) -> None:
+    def _broadcast(self, text: str | bytes) -> None:
         for viewer in self._viewers.values():
             viewer.send_control(text)
 
     def open_channel(self, topic: str, type_name: str, definition: str) -> AdvertisedChannel:
-        """Show viewers a topic whose messages are CDR; an empty definition says that nobody knows it."""
+        """Advertise a topic of CDR messages; an empty definition means that it is unknown."""
         number = next(self._numbers)
-        made = self._shown.channels[number] = AdvertisedChannel(protocol.channel(number, topic, type_name, definition))
-        self._tell(protocol.advertise([made.advertisement]))
-        return made
+        advertised = self._shown.channels[number] = AdvertisedChannel(
+            protocol.channel(number, topic, type_name, definition)
+        )
+        self._broadcast(protocol.control("advertise", channels=[advertised.advertisement]))
+        return advertised
 
     def close_channel(self, channel: AdvertisedChannel) -> None:
-        """Take a topic away from viewers."""
+        """Withdraw a topic."""
         del self._shown.channels[channel.advertisement["id"]]
         channel.close()
-        self._tell(protocol.unadvertise([channel.advertisement["id"]]))
+        self._broadcast(protocol.control("unadvertise", channelIds=[channel.advertisement["id"]]))
 
     def add_service(
         self, name: str, type_name: str, texts: tuple[str, str], call: Callable[[bytes], Awaitable[bytes]]
     ) -> None:
-        """Show viewers a service.
+        """Advertise a service.
 
         Args:
             texts: definitions of request and response.
-            call: gets the request and gives the response, both CDR; what it raises is told the viewer.
+            call: takes the request and returns the response, both CDR; the viewer is sent the text of an exception.
         """
         number = next(self._numbers)
-        told = protocol.service(number, name, type_name, texts)
-        self._shown.services[number] = AdvertisedService(told, call)
-        self._tell(protocol.advertise_services([told]))
+        advertisement = protocol.service(number, name, type_name, texts)
+        self._shown.services[number] = AdvertisedService(advertisement, call)
+        self._broadcast(protocol.control("advertiseServices", services=[advertisement]))
 
     def remove_services(self, names: list[str]) -> None:
-        """Take services away from viewers."""
-        gone = [number for number, one in self._shown.services.items() if one.advertisement["name"] in names]
-        for number in gone:
+        """Withdraw services."""
+        withdrawn = [number for number, one in self._shown.services.items() if one.advertisement["name"] in names]
+        for number in withdrawn:
             del self._shown.services[number]
-        self._tell(protocol.unadvertise_services(gone))
+        self._broadcast(protocol.control("unadvertiseServices", serviceIds=withdrawn))
 
     def publish_graph(self, published: protocol.Names, subscribed: protocol.Names, served: protocol.Names) -> None:
-        """Tell which nodes publish and subscribe to topics, and serve services."""
+        """Send the nodes that publish and subscribe to topics, and serve services."""
         before, self._shown.graph = self._shown.graph, (published, subscribed, served)
         update = protocol.graph_update(before, self._shown.graph)
         for viewer in self._viewers.values():
@@ -219,28 +226,28 @@ class Server:
                 viewer.send_control(update)
 
     def publish_parameters(self, values: Mapping[str, Any]) -> None:
-        """Tell new values to those who follow them."""
+        """Send new values to the viewers that follow them."""
         for viewer in self._viewers.values():
             followed = viewer.followed
             if some := {name: value for name, value in values.items() if followed is None or name in followed}:
                 viewer.send_control(protocol.parameter_values(some))
 
-    def tell_time(self, time_ns: int) -> None:
-        """Tell viewers what time it is, if they were promised that."""
+    def send_time(self, time_ns: int) -> None:
+        """Send the time to viewers, if they do not use their own."""
         if self._listening is not None and self._listening.has_time:
-            self._tell(protocol.time(time_ns))
+            self._broadcast(protocol.time(time_ns))
 
-    def send_control(self, about: str, text: str) -> None:
-        """Warn viewers; at most once a second `about` a thing."""
+    def send_control(self, subject: str, text: str) -> None:
+        """Send a warning to viewers, at most once a second for a subject."""
         now = monotonic()
-        if now < self._said.get(about, 0.0) + _STATUS_S:
+        if now < self._warned_at.get(subject, 0.0) + _WARNING_INTERVAL_S:
             return
-        self._said = {key: at for key, at in self._said.items() if now < at + _STATUS_S}
-        count = len(self._said)
+        self._warned_at = {key: at for key, at in self._warned_at.items() if now < at + _WARNING_INTERVAL_S}
+        count = len(self._warned_at)
         if count > limits.MAX_WARNINGS:
             return
-        self._said[about] = now
-        self._tell(protocol.status(text if count < limits.MAX_WARNINGS else "further warnings of now are left out"))
+        self._warned_at[subject] = now
+        self._broadcast(protocol.status(text if count < limits.MAX_WARNINGS else "further warnings are dropped"))
 
 
 def _bind(host: str, port: int) -> socket.socket:

@@ -1,7 +1,6 @@
-"""Services as viewers see them, and calls from there.
+"""Services as viewers see them, and their calls.
 
-Decides that requests and responses are decoded on their way: a wrong request never reaches a robot, and the viewer is
-told which field is wrong.
+Requests and responses are decoded: an invalid request never reaches a server, and the viewer is sent the wrong field.
 """
 
 from __future__ import annotations
@@ -25,15 +24,15 @@ if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.foxglove.server import Server
     from rosidl_py_gen.runtime import Client
 
-_CALL_S = 10.0
-_AT_A_TIME = 8
+_CALL_TIMEOUT_S = 10.0
+_MAX_CONCURRENT = 8
 _LINE = "=" * 80 + "\n"
-_PART = re.compile(rf"^{_LINE}", re.MULTILINE)
+_SECTION = re.compile(rf"^{_LINE}", re.MULTILINE)
 _RESPONSE = re.compile(r"^---[ \t\r]*\n", re.MULTILINE)
 
 
 class _AdvertisedService:
-    """A service that viewers see, or soon will."""
+    """Service that is shown to viewers once its definition is known."""
 
     def __init__(self, type_name: str) -> None:
         self.type_name = type_name
@@ -49,80 +48,83 @@ class _AdvertisedService:
 
 
 class ServiceBridge:
-    """Keeps what viewers see like what there is: `refresh` after changes of the graph."""
+    """Advertises the services of the graph: `refresh` is called after changes."""
 
     def __init__(self, session: CommandNode, server: Server, *, paths: Sequence[str], hidden: bool) -> None:
         self._session = session
         self._server = server
         self._paths = paths
         self._hidden = hidden
-        self._shown: dict[str, _AdvertisedService] = {}
-        self._turns = asyncio.Semaphore(_AT_A_TIME)
+        self._services: dict[str, _AdvertisedService] = {}
+        self._limiter = asyncio.Semaphore(_MAX_CONCURRENT)
         self._decoding = Worker()
 
     def refresh(self) -> None:
-        """Follow the graph."""
+        """Advertise new services, and withdraw those that have disappeared."""
         node = self._session.node
-        there = {
+        current = {
             name: kinds[0]
             for name, kinds in node.get_service_names_and_types()
             if (self._hidden or not is_hidden(name)) and has_server(node, name)
         }
-        gone = {name: shown for name, shown in self._shown.items() if there.get(name) != shown.type_name}
-        for name in gone:
-            self._shown.pop(name).close()
-        if opened := [name for name, shown in gone.items() if shown.is_open]:
+        withdrawn = {
+            name: service for name, service in self._services.items() if current.get(name) != service.type_name
+        }
+        for name in withdrawn:
+            self._services.pop(name).close()
+        if opened := [name for name, service in withdrawn.items() if service.is_open]:
             self._server.remove_services(opened)
-        for name, type_name in there.items():
-            if name not in self._shown:
-                shown = self._shown[name] = _AdvertisedService(type_name)
-                shown.opening = asyncio.ensure_future(self._open(name, shown))
+        for name, type_name in current.items():
+            if name not in self._services:
+                service = self._services[name] = _AdvertisedService(type_name)
+                service.opening = asyncio.ensure_future(self._open(name, service))
 
-    async def _open(self, name: str, shown: _AdvertisedService) -> None:
+    async def _open(self, name: str, service: _AdvertisedService) -> None:
         try:
-            split_ros_name(shown.type_name, "srv")
-            async with self._turns:
-                cls: Any = await types.service_class(self._session, name, shown.type_name, self._paths)
+            split_ros_name(service.type_name, "srv")
+            async with self._limiter:
+                cls: Any = await types.service_class(self._session, name, service.type_name, self._paths)
                 texts = await asyncio.to_thread(_definitions, cls)
         except InvalidNameError:
-            return  # a part of an action
+            return  # belongs to an action
         except RosidlError as error:
             terminal_output.note(
-                f"{name}: viewers cannot call it, as there is no definition of {shown.type_name}: {error}"
+                f"{name}: viewers cannot call it, because the definition of {service.type_name} is unknown: {error}"
             )
             return
 
         decoder = Decoder(cls.Request)
 
         async def call(data: bytes) -> bytes:
-            return await self._call(name, shown, cls, await decoder.run(data, self._decoding, lambda request: request))
+            return await self._call(
+                name, service, cls, await decoder.run(data, self._decoding, lambda request: request)
+            )
 
-        self._server.add_service(name, shown.type_name, texts, call)
-        shown.is_open = True
+        self._server.add_service(name, service.type_name, texts, call)
+        service.is_open = True
 
-    async def _call(self, name: str, shown: _AdvertisedService, cls: Any, request: Any) -> bytes:
-        """Raises `RosidlError`, which the viewer is told."""
-        if self._shown.get(name) is not shown:  # nobody would close a client made now
-            raise ToolError(f"service {name} has gone")
-        if shown.client is None:
-            shown.client = self._session.node.create_client(cls, name)
-        response = await shown.client.call(request, _CALL_S)
+    async def _call(self, name: str, service: _AdvertisedService, cls: Any, request: Any) -> bytes:
+        if self._services.get(name) is not service:  # a client that is created now would never be closed
+            raise ToolError(f"service {name} has disappeared")
+        if service.client is None:
+            service.client = self._session.node.create_client(cls, name)
+        response = await service.client.call(request, _CALL_TIMEOUT_S)
         encoded: bytes = response.encode()
         return encoded
 
     async def close(self) -> None:
-        """Let go of everything."""
-        opening = [shown.opening for shown in self._shown.values() if shown.opening is not None]
-        for shown in self._shown.values():
-            shown.close()
-        self._shown.clear()
+        """Close all clients."""
+        opening = [service.opening for service in self._services.values() if service.opening is not None]
+        for service in self._services.values():
+            service.close()
+        self._services.clear()
         self._decoding.close()
         await asyncio.gather(*opening, return_exceptions=True)
 
 
 def _definitions(cls: Any) -> tuple[str, str]:
-    """The definitions of request and response, each with the types it uses."""
-    parts = _PART.split(definition_text(cls))
+    """Return the definitions of request and response, each with the types it uses."""
+    parts = _SECTION.split(definition_text(cls))
     texts = [*_RESPONSE.split(parts[0], maxsplit=1), ""]
     for index, half in enumerate((cls.Request, cls.Response)):
         used = {name.replace("/msg/", "/") for name in referenced_classes(half)}

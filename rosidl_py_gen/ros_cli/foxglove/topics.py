@@ -1,8 +1,7 @@
-"""Topics as viewers see them: one channel for each topic and type, with the bytes that come from ROS.
+"""Topics as viewers see them: a channel for each topic and type, with the bytes received from ROS.
 
-Decides which topics are shown, and that one is subscribed to only while somebody watches, with what all its publishers
-offer. A subscription is made again when a publisher appears that offers less, and, where publishers keep messages for
-those who come late, when a further viewer comes.
+A topic is subscribed to only while a viewer watches it, with the QoS that all publishers offer. The subscription is
+recreated when a publisher appears that offers less, and, for transient local publishers, for each further viewer.
 """
 
 from __future__ import annotations
@@ -25,8 +24,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.foxglove.viewer import AdvertisedChannel
     from rosidl_py_gen.runtime import TopicEndpointInfo
 
-_AT_A_TIME = 8
-"""Definitions that are looked for."""
+_MAX_CONCURRENT = 8
+"""Number of definitions that are requested at a time."""
 
 
 class _Key(NamedTuple):
@@ -35,20 +34,20 @@ class _Key(NamedTuple):
 
 
 class _AdvertisedTopic:
-    """A topic that viewers see, or soon will."""
+    """Topic that is shown to viewers once its definition is known."""
 
     def __init__(self) -> None:
         self.opening: asyncio.Task[None] | None = None
         self.channel: AdvertisedChannel | None = None
-        self.followed: AdaptiveSubscription[bytes] | None = None
+        self.subscription: AdaptiveSubscription[bytes] | None = None
         self.viewers: frozenset[int] = frozenset()
         self.has_failed = False
-        """To subscribe; tried again for the next viewer."""
+        """True if subscribing failed; it is retried for the next viewer."""
 
     def unsubscribe(self) -> None:
-        if self.followed is not None:
-            self.followed.close()
-            self.followed = None
+        if self.subscription is not None:
+            self.subscription.close()
+            self.subscription = None
 
     def end(self) -> None:
         if self.opening is not None:
@@ -57,9 +56,7 @@ class _AdvertisedTopic:
 
 
 class TopicBridge:
-    """Keeps what viewers see like what there is: `refresh` after changes of the graph, `serve` after those of
-    viewers.
-    """
+    """Advertises the topics of the graph: `refresh` is called after its changes, `serve` after those of viewers."""
 
     def __init__(
         self, session: CommandNode, server: Server, clock: ViewerClock, *, paths: Sequence[str], hidden: bool
@@ -70,23 +67,23 @@ class TopicBridge:
         self._clock = clock
         self._paths = paths
         self._hidden = hidden
-        self._shown: dict[_Key, _AdvertisedTopic] = {}
-        self._turns = asyncio.Semaphore(_AT_A_TIME)
+        self._topics: dict[_Key, _AdvertisedTopic] = {}
+        self._limiter = asyncio.Semaphore(_MAX_CONCURRENT)
 
     def refresh(self) -> None:
-        """Follow the graph."""
-        there = self._there()
-        for key in [*self._shown]:
-            if key not in there:
-                self._close(self._shown.pop(key))
-        for key in there:
-            if key not in self._shown:
-                shown = self._shown[key] = _AdvertisedTopic()
-                shown.opening = asyncio.ensure_future(self._open(key, shown))
+        """Advertise new topics, and withdraw those that have disappeared."""
+        current = self._current()
+        for key in [*self._topics]:
+            if key not in current:
+                self._close(self._topics.pop(key))
+        for key in current:
+            if key not in self._topics:
+                entry = self._topics[key] = _AdvertisedTopic()
+                entry.opening = asyncio.ensure_future(self._open(key, entry))
         self.serve()
 
-    def _there(self) -> set[_Key]:
-        """What others than we have."""
+    def _current(self) -> set[_Key]:
+        """Return the topics and types of other participants."""
         return {
             _Key(topic, one.topic_type)
             for topic, _ in self._node.get_topic_names_and_types()
@@ -95,67 +92,67 @@ class TopicBridge:
         }
 
     def _others(self, topic: str) -> list[TopicEndpointInfo]:
-        """By participant: names of nodes come later than endpoints, and others may have ours."""
+        """Return the endpoints of other participants, as node names arrive later than endpoints."""
         node = self._node
         infos = [*node.get_publishers_info_by_topic(topic), *node.get_subscriptions_info_by_topic(topic)]
         own = {one.guid for one in node.context.participants() if one.is_own}
         return [one for one in infos if one.participant_guid not in own]
 
-    async def _open(self, key: _Key, shown: _AdvertisedTopic) -> None:
-        async with self._turns:
+    async def _open(self, key: _Key, entry: _AdvertisedTopic) -> None:
+        async with self._limiter:
             text = await self._definition(key)
-        shown.channel = self._server.open_channel(key.topic, key.type_name, text)
+        entry.channel = self._server.open_channel(key.topic, key.type_name, text)
 
-    def _close(self, shown: _AdvertisedTopic) -> None:
-        shown.end()
-        if shown.channel is not None:
-            self._server.close_channel(shown.channel)
+    def _close(self, entry: _AdvertisedTopic) -> None:
+        entry.end()
+        if entry.channel is not None:
+            self._server.close_channel(entry.channel)
 
     async def _definition(self, key: _Key) -> str:
-        """Empty when it cannot be found: the topic is seen, but not what is in it."""
+        """Return the definition; empty if it is unknown."""
         try:
             cls = await types.message_class(self._session, key.topic, key.type_name, self._paths)
             return await asyncio.to_thread(definition_text, cls)
         except RosidlError as error:
             terminal_output.note(
-                f"{key.topic}: viewers cannot read it, as there is no definition of {key.type_name}: {error}"
+                f"{key.topic}: viewers cannot decode it, because the definition of {key.type_name} is unknown: {error}"
             )
             return ""
 
     def serve(self) -> None:
-        """Subscribe to what is watched, with what its publishers offer now, and to nothing else."""
-        for key, shown in self._shown.items():
-            before, shown.viewers = shown.viewers, shown.channel.viewers if shown.channel else frozenset()
-            has_newcomer = bool(shown.viewers - before)
-            if not shown.viewers:
-                shown.unsubscribe()
-            elif has_newcomer or not shown.has_failed:
-                self._follow(key, shown, has_newcomer)
+        """Update the subscriptions of watched topics, and close those of others."""
+        for key, entry in self._topics.items():
+            before, entry.viewers = entry.viewers, entry.channel.viewers if entry.channel else frozenset()
+            has_newcomer = bool(entry.viewers - before)
+            if not entry.viewers:
+                entry.unsubscribe()
+            elif has_newcomer or not entry.has_failed:
+                self._update_subscription(key, entry, has_newcomer)
 
-    def _follow(self, key: _Key, shown: _AdvertisedTopic, has_newcomer: bool) -> None:
-        shown.has_failed = False
+    def _update_subscription(self, key: _Key, entry: _AdvertisedTopic, has_newcomer: bool) -> None:
+        entry.has_failed = False
         try:
-            if shown.followed is None:
-                shown.followed = self._subscribed(key, shown)
-            elif has_newcomer and shown.followed.qos.durability is Durability.TRANSIENT_LOCAL:
-                shown.followed.resubscribe()
+            if entry.subscription is None:
+                entry.subscription = self._subscribe(key, entry)
+            elif has_newcomer and entry.subscription.qos.durability is Durability.TRANSIENT_LOCAL:
+                entry.subscription.resubscribe()
             else:
-                shown.followed.refresh()
-        except RosidlError as error:  # a name or type that is none of ROS
-            shown.has_failed = True
-            shown.unsubscribe()
+                entry.subscription.refresh()
+        except RosidlError as error:  # the name or type is invalid in ROS
+            entry.has_failed = True
+            entry.unsubscribe()
             self._server.send_control(key.topic, f"{key.topic} cannot be read: {error}")
 
-    def _subscribed(self, key: _Key, shown: _AdvertisedTopic) -> AdaptiveSubscription[bytes]:
-        assert shown.channel is not None
-        send, now_ns = shown.channel.send, self._clock.now_ns
+    def _subscribe(self, key: _Key, entry: _AdvertisedTopic) -> AdaptiveSubscription[bytes]:
+        assert entry.channel is not None
+        send, now_ns = entry.channel.send, self._clock.now_ns
         cls = types.opaque_class(self._session, key.topic, key.type_name)
         return AdaptiveSubscription(self._node, key.topic, cls, lambda data: send(data, now_ns()), raw=True)
 
     async def close(self) -> None:
-        """Let go of everything."""
-        tasks = [shown.opening for shown in self._shown.values() if shown.opening is not None]
-        for shown in self._shown.values():
-            shown.end()
-        self._shown.clear()
+        """Close all subscriptions."""
+        tasks = [entry.opening for entry in self._topics.values() if entry.opening is not None]
+        for entry in self._topics.values():
+            entry.end()
+        self._topics.clear()
         await asyncio.gather(*tasks, return_exceptions=True)

@@ -1,9 +1,8 @@
-"""One viewer of ``foxglove``: what waits for it, and what it asks for.
+"""A viewer of ``foxglove``: its queues, subscriptions and requests.
 
-Decides what a viewer may cost. Messages of topics wait for it up to a number, and the oldest are left out then. What
-else it is told is never left out: a viewer that takes so little of it that too much waits is let go. What it sends is
-read at its pace, which depends on the time that its messages take; what the server retains for it is limited by number
-and size.
+The costs of a viewer are limited. Of waiting messages of topics, the oldest are dropped. Other messages to a viewer are
+never dropped: a viewer that does not read them is disconnected. Its messages are handled at a pace that depends on the
+time they take, and what the server retains for it is limited by number and size.
 """
 
 from __future__ import annotations
@@ -34,18 +33,18 @@ if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.foxglove.access import RateLimit
 
 ClientChannelKey = tuple[int, int]
-"""Viewer, and the number it gave its channel."""
+"""Id of a viewer, and its id of a channel."""
 
 
 @dataclass(slots=True)
 class Handlers:
-    """What is called for viewers.
+    """Functions that viewers call.
 
     Attributes:
-        look: who watches what, or what is offered, has changed.
-        publish: a viewer sent a message for a topic that it offers.
-        get: values of the parameters with these names, all when there are none.
-        set: wanted values; gives all of these parameters as they are then.
+        refresh: subscriptions or advertised topics of a viewer have changed.
+        publish: a viewer sent a message for a topic that it advertised.
+        get: returns values of parameters by name, all if there are no names.
+        set: sets values; returns the values of these parameters afterwards.
     """
 
     refresh: Callable[[], None]
@@ -55,32 +54,32 @@ class Handlers:
 
 
 class AdvertisedChannel:
-    """A topic as viewers see it; `advertisement` is what they were told of it."""
+    """Topic as viewers see it, with the `advertisement` that was sent to them."""
 
-    def __init__(self, told: dict[str, Any]) -> None:
-        self.advertisement = told
+    def __init__(self, advertisement: dict[str, Any]) -> None:
+        self.advertisement = advertisement
         self.watchers: dict[Viewer, int] = {}
-        """Viewer -> how it calls its subscription."""
+        """Viewer -> its subscription id."""
 
     @property
     def viewers(self) -> frozenset[int]:
-        """Numbers of those that watch it."""
+        """Ids of the viewers that watch the topic."""
         return frozenset(viewer.number for viewer in self.watchers)
 
     def send(self, data: bytes, time_ns: int) -> None:
-        """Queue a message for every viewer that watches; never waits, and drops a viewer's oldest when it is slow."""
+        """Queue a message for every viewer that watches the topic; a slow viewer loses its oldest message."""
         for viewer, subscription in self.watchers.items():
             viewer.send(subscription, time_ns, data)
 
     def close(self) -> None:
-        """End all subscriptions to it."""
+        """End all subscriptions."""
         for viewer, subscription in self.watchers.items():
             del viewer.watched[subscription]
         self.watchers.clear()
 
 
 class AdvertisedService(NamedTuple):
-    """A service as viewers see it, and what answers a request; both are CDR."""
+    """Service as viewers see it, with the function that handles CDR requests."""
 
     advertisement: dict[str, Any]
     call: Callable[[bytes], Awaitable[bytes]]
@@ -88,7 +87,7 @@ class AdvertisedService(NamedTuple):
 
 @dataclass(slots=True)
 class ServerState:
-    """State that all viewers share: channels and services by number, and a lock for one heavy message at a time."""
+    """State that all viewers share: channels and services by id, and a lock for one heavy message at a time."""
 
     channels: dict[int, AdvertisedChannel] = field(default_factory=dict)
     services: dict[int, AdvertisedService] = field(default_factory=dict)
@@ -98,11 +97,11 @@ class ServerState:
 
 
 class Viewer:
-    """One connection.
+    """Connection to a viewer.
 
     Args:
-        queue: messages that may wait.
-        may_publish: True if it may publish.
+        queue: maximum number of waiting messages of topics.
+        may_publish: True if the viewer may publish.
     """
 
     def __init__(
@@ -118,36 +117,36 @@ class Viewer:
         self._connection = connection
         self._shown = shown
         self._handlers = handlers
-        self._acts = may_publish
+        self._may_publish = may_publish
         self.number = number
-        self._told: deque[str | bytes] = deque()
-        self._told_bytes = 0
+        self._control: deque[str | bytes] = deque()
+        self._control_bytes = 0
         self._messages: deque[tuple[int, int, bytes]] = deque()
         """Subscription, time and data; the data is shared by all viewers."""
         self._message_bytes = 0
         self._queue = queue
         self._news = asyncio.Event()
         self._jobs: dict[asyncio.Task[None], int] = {}
-        """With the size of what each retains, in bytes."""
-        self._turn = asyncio.Lock()
+        """Size in bytes that each job retains."""
+        self._parameter_lock = asyncio.Lock()
         self._publishing: asyncio.Future[None] | None = None
-        self._refused = 0
-        """Entries of the message that is handled now."""
-        self._offered: dict[int, ClientAdvertisement] = {}
+        self._rejected = 0
+        """Number of refused entries in the current message."""
+        self._advertised: dict[int, ClientAdvertisement] = {}
         self.watched: dict[int, AdvertisedChannel] = {}
-        """Channels by its numbers for subscriptions."""
+        """Channels by subscription id."""
         self.follows_graph = False
         self.followed: set[str] | None = set()
-        """Names of parameters whose changes it is told; None stands for all."""
+        """Names of parameters whose changes are sent to the viewer; None stands for all."""
 
     # ----------------------------------------------------------------------------------------------------- to and fro
 
     def send(self, subscription: int, time_ns: int, data: bytes) -> None:
-        """Queue a message of a topic; the oldest ones are left out when there is no room."""
+        """Queue a message of a topic; the oldest is dropped if the queue is full."""
         self._messages.append((subscription, time_ns, data))
         self._message_bytes += len(data)
         while len(self._messages) > self._queue or (
-            self._message_bytes > limits.MAX_TOLD_BYTES and len(self._messages) > 1
+            self._message_bytes > limits.MAX_CONTROL_BYTES and len(self._messages) > 1
         ):
             self._next_message()
         self._news.set()
@@ -158,36 +157,36 @@ class Viewer:
         return message
 
     def send_control(self, text: str | bytes) -> None:
-        """Queue what must not be left out."""
-        is_full = len(self._told) >= limits.MAX_TOLD or self._told_bytes > limits.MAX_TOLD_BYTES
+        """Queue a message that must not be dropped."""
+        is_full = len(self._control) >= limits.MAX_CONTROL_MESSAGES or self._control_bytes > limits.MAX_CONTROL_BYTES
         if is_full:
             self.abort()
             return
-        self._told.append(text)
-        self._told_bytes += len(text)
+        self._control.append(text)
+        self._control_bytes += len(text)
         self._news.set()
 
     def abort(self) -> None:
-        """Disconnect at once, without waiting for what is queued."""
+        """Disconnect at once, without sending queued messages."""
         self._connection.transport.abort()
 
     async def run(self, pace: RateLimit) -> None:
-        """Until the connection is closed."""
+        """Handle messages until the connection is closed."""
         sending = asyncio.ensure_future(self._send())
         try:
             with suppress(ConnectionClosed):
                 async for message in self._connection:
                     if isinstance(message, str) and len(message) > limits.HEAVY_TEXT:
                         async with self._shown.heavy:
-                            await self._take(message, pace)
+                            await self._handle(message, pace)
                     else:
-                        await self._take(message, pace)
+                        await self._handle(message, pace)
         finally:
             sending.cancel()
             self.cancel()
             for channel in self.watched.values():
                 channel.watchers.pop(self, None)
-            for number in self._offered:
+            for number in self._advertised:
                 del self._shown.offers[self.number, number]
             self._handlers.refresh()
             await asyncio.gather(sending, *self._jobs, return_exceptions=True)
@@ -196,16 +195,16 @@ class Viewer:
         with suppress(ConnectionClosed):
             while await self._news.wait():
                 self._news.clear()
-                while self._told or self._messages:
-                    if self._told:
-                        text = self._told.popleft()
-                        self._told_bytes -= len(text)
+                while self._control or self._messages:
+                    if self._control:
+                        text = self._control.popleft()
+                        self._control_bytes -= len(text)
                         await self._connection.send(text)
                     else:
                         await self._connection.send(protocol.message_data(*self._next_message()))
 
     def cancel(self) -> None:
-        """Wait for no answers any more, and for no message that is being published."""
+        """Cancel calls, and the message that is being published."""
         for job in self._jobs:
             job.cancel()
         if self._publishing is not None:
@@ -213,17 +212,17 @@ class Viewer:
 
     # -------------------------------------------------------------------------------------------------- what it wants
 
-    async def _take(self, message: str | bytes, pace: RateLimit) -> None:
-        """Handle a message, and pause for as long as it took, so that other viewers have half of the time."""
+    async def _handle(self, message: str | bytes, pace: RateLimit) -> None:
+        """Handle a message, then pause for as long as it took, which leaves half of the time to other viewers."""
         began = monotonic()
-        self._refused = 0
+        self._rejected = 0
         publishing = None
         try:
-            publishing = self._do(protocol.read(message), len(message))
+            publishing = self._dispatch(protocol.read(message), len(message))
         except ProtocolError as error:
-            self._refuse(str(error))
-        if self._refused > limits.MAX_STATUSES:
-            count = self._refused - limits.MAX_STATUSES
+            self._reject(str(error))
+        if self._rejected > limits.MAX_STATUSES:
+            count = self._rejected - limits.MAX_STATUSES
             self.send_control(protocol.status(f"{count} further entries of the message are refused", protocol.ERROR))
         took_s = monotonic() - began
         if publishing is not None:
@@ -231,46 +230,46 @@ class Viewer:
             await asyncio.wait([self._publishing])
         await asyncio.sleep(max(pace.wait_s(), took_s if took_s > limits.PAUSE_FROM_S else 0))
 
-    def _refuse(self, why: str) -> None:
-        self._refused += 1
-        if self._refused <= limits.MAX_STATUSES:
+    def _reject(self, why: str) -> None:
+        self._rejected += 1
+        if self._rejected <= limits.MAX_STATUSES:
             self.send_control(protocol.status(why, protocol.ERROR))
 
-    def _do(self, said: ClientMessage, size: int) -> Awaitable[None] | None:
-        """Do what a message of `size` bytes wants; returns what the next one has to wait for."""
-        match said.op:
+    def _dispatch(self, message: ClientMessage, size: int) -> Awaitable[None] | None:
+        """Handle a message of `size` bytes; return what must complete before the next one."""
+        match message.op:
             case "subscribe":
-                for subscription, number in said.what:
+                for subscription, number in message.what:
                     self._subscribe(subscription, number)
                 self._handlers.refresh()
             case "unsubscribe":
-                for subscription in said.what:
+                for subscription in message.what:
                     if channel := self.watched.pop(subscription, None):
                         del channel.watchers[self]
                 self._handlers.refresh()
-            case "advertise" | "unadvertise" | "publish" if not self._acts:
+            case "advertise" | "unadvertise" | "publish" if not self._may_publish:
                 raise ProtocolError("Server does not support clientPublish capability")
             case "advertise":
-                for number, offer in said.what:
-                    self._offer(number, offer)
+                for number, offer in message.what:
+                    self._advertise(number, offer)
                 self._handlers.refresh()
             case "unadvertise":
-                for number in said.what:
+                for number in message.what:
                     self._withdraw(number)
                 self._handlers.refresh()
             case "publish":
-                number, data = said.what
-                if number not in self._offered:
+                number, data = message.what
+                if number not in self._advertised:
                     raise ProtocolError(f"Channel ID {number} is not advertised")
                 return self._handlers.publish((self.number, number), data)
             case "call":
-                self._begin_call(said.what, size)
+                self._start_call(message.what, size)
             case "getParameters" | "setParameters":
-                self._begin(self._answer(said), size)
+                self._start_job(self._reply(message), size)
             case "subscribeParameterUpdates":
-                self._follow_parameters({*said.what})
+                self._follow_parameters({*message.what})
             case "unsubscribeParameterUpdates":
-                self.followed = (self.followed and self.followed - {*said.what}) if said.what else set()
+                self.followed = (self.followed and self.followed - {*message.what}) if message.what else set()
             case "subscribeConnectionGraph":
                 self.follows_graph = True
                 self.send_control(protocol.graph_update(protocol.NO_GRAPH, self._shown.graph))
@@ -283,31 +282,33 @@ class Viewer:
     def _subscribe(self, subscription: int, number: int) -> None:
         channel = self._shown.channels.get(number)
         if channel is None:
-            self._refuse(f"Unknown channel ID: {number}; ignoring subscription")
+            self._reject(f"Unknown channel ID: {number}; ignoring subscription")
         elif self in channel.watchers:
-            self._refuse(f"Client is already subscribed to channel: {number}; ignoring subscription")
+            self._reject(f"Client is already subscribed to channel: {number}; ignoring subscription")
         elif subscription in self.watched:
-            self._refuse(f"Subscription ID was already used: {subscription}; ignoring subscription")
+            self._reject(f"Subscription ID was already used: {subscription}; ignoring subscription")
         else:
             channel.watchers[self] = subscription
             self.watched[subscription] = channel
 
-    def _offer(self, number: int, offer: ClientAdvertisement) -> None:
-        others = [one for key, one in self._offered.items() if key != number]
+    def _advertise(self, number: int, offer: ClientAdvertisement) -> None:
+        others = [one for key, one in self._advertised.items() if key != number]
         size = sum(len(one.schema) for one in others) + len(offer.schema)
-        if len(others) >= limits.MAX_OFFERS:
-            self._refuse(f"{offer.topic} cannot be published: {limits.MAX_OFFERS} topics are already")
+        if len(others) >= limits.MAX_CLIENT_CHANNELS:
+            self._reject(
+                f"{offer.topic} cannot be published: {limits.MAX_CLIENT_CHANNELS} topics are published already"
+            )
         elif len(offer.schema) > limits.MAX_SCHEMA_BYTES:
-            most = f"expected at most {limits.MAX_SCHEMA_BYTES}; without a definition the types known here can be used"
-            self._refuse(f"{offer.topic} cannot be published: its definition has {len(offer.schema)} bytes, {most}")
+            limit = f"expected at most {limits.MAX_SCHEMA_BYTES}; without a definition the types known here can be used"
+            self._reject(f"{offer.topic} cannot be published: its definition has {len(offer.schema)} bytes, {limit}")
         elif size > limits.MAX_VIEWER_SCHEMA_BYTES:
-            most = f"expected at most {limits.MAX_VIEWER_SCHEMA_BYTES} for all topics of a viewer"
-            self._refuse(f"{offer.topic} cannot be published: with its definition there are {size} bytes, {most}")
+            limit = f"expected at most {limits.MAX_VIEWER_SCHEMA_BYTES} for all topics of a viewer"
+            self._reject(f"{offer.topic} cannot be published: with its definition there are {size} bytes, {limit}")
         else:
-            self._offered[number] = self._shown.offers[self.number, number] = offer
+            self._advertised[number] = self._shown.offers[self.number, number] = offer
 
     def _withdraw(self, number: int) -> None:
-        if self._offered.pop(number, None):
+        if self._advertised.pop(number, None):
             del self._shown.offers[self.number, number]
 
     def _follow_parameters(self, names: set[str]) -> None:
@@ -317,19 +318,19 @@ class Viewer:
         followed = self.followed | names
         length = sum(map(len, followed))
         if len(followed) > limits.MAX_FOLLOWED or length > limits.MAX_FOLLOWED_LENGTH:
-            most = f"{limits.MAX_FOLLOWED} names with {limits.MAX_FOLLOWED_LENGTH} characters"
-            found = f"there would be {len(followed)} names with {length} characters, expected at most {most}"
+            limit = f"{limits.MAX_FOLLOWED} names with {limits.MAX_FOLLOWED_LENGTH} characters"
+            found = f"there would be {len(followed)} names with {length} characters, expected at most {limit}"
             raise ProtocolError(f"parameters are not followed: {found}; an empty list follows all")
         self.followed = followed
 
-    def _begin(self, job: Coroutine[Any, Any, None], size: int) -> None:
+    def _start_job(self, job: Coroutine[Any, Any, None], size: int) -> None:
         try:
             if len(self._jobs) >= limits.MAX_JOBS:
-                raise ProtocolError(f"{limits.MAX_JOBS} calls and questions are under way already")
+                raise ProtocolError(f"{limits.MAX_JOBS} calls and parameter requests are in flight already")
             total = sum(self._jobs.values()) + size
             if self._jobs and total > limits.MAX_JOB_BYTES:
-                most = f"expected at most {limits.MAX_JOB_BYTES} at a time"
-                raise ProtocolError(f"calls and questions of {total} bytes would be under way, {most}")
+                limit = f"expected at most {limits.MAX_JOB_BYTES} at a time"
+                raise ProtocolError(f"calls and parameter requests of {total} bytes would be in flight, {limit}")
         except ProtocolError:
             job.close()
             raise
@@ -337,9 +338,9 @@ class Viewer:
         self._jobs[task] = size
         task.add_done_callback(lambda done: self._jobs.pop(done, None))
 
-    def _begin_call(self, call: ServiceCallRequest, size: int) -> None:
+    def _start_call(self, call: ServiceCallRequest, size: int) -> None:
         try:
-            self._begin(self._call(call), size)
+            self._start_job(self._call(call), size)
         except ProtocolError as error:
             self.send_control(protocol.failure(call, str(error)))
             raise
@@ -350,20 +351,20 @@ class Viewer:
             if service is None:
                 raise ProtocolError(f"Unknown service ID: {call.service}")
             if call.encoding != "cdr":
-                raise ProtocolError(f'requests are CDR, not "{call.encoding[:40]}"')
+                raise ProtocolError(f'the encoding is "{call.encoding[:40]}"; expected cdr')
             self.send_control(protocol.response(call, await service.call(call.data)))
         except RosidlError as error:
             self.send_control(protocol.failure(call, str(error)))
         except asyncio.CancelledError:
-            self.send_control(protocol.failure(call, "the server ends"))
+            self.send_control(protocol.failure(call, "the server is closed"))
 
-    async def _answer(self, said: ClientMessage) -> None:
-        async with self._turn:  # in the order of the questions
-            is_set = said.op == "setParameters"
+    async def _reply(self, message: ClientMessage) -> None:
+        async with self._parameter_lock:  # in the order of the requests
+            is_set = message.op == "setParameters"
             try:
-                values = await (self._handlers.set(dict(said.what)) if is_set else self._handlers.get(said.what))
+                values = await (self._handlers.set(dict(message.what)) if is_set else self._handlers.get(message.what))
             except RosidlError as error:
-                self.send_control(protocol.status(f"{said.op}: {error}", protocol.ERROR))
+                self.send_control(protocol.status(f"{message.op}: {error}", protocol.ERROR))
                 values = {}
-        if said.id is not None:
-            self.send_control(protocol.parameter_values(values, said.id))
+        if message.id is not None:
+            self.send_control(protocol.parameter_values(values, message.id))

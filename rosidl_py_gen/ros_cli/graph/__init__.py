@@ -1,1 +1,1 @@
-"""What ``rosidl-py graph`` shows: who is connected with whom, in four forms."""
+"""``rosidl-py graph``: connections of nodes as text, Mermaid, SVG or JSON."""

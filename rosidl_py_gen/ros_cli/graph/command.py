@@ -1,7 +1,7 @@
-"""``graph``: which nodes are connected through which topics, services and actions.
+"""``graph``: connections of nodes through topics, services and actions.
 
-Decides what belongs into the picture: an action is one thing, not two topics and three services; what every node has
-is left out. How it is drawn is in `graph/text.py` and `graph/svg.py`.
+An action is one item, instead of its two topics and three services. What every node has is omitted. `graph/text.py` and
+`graph/svg.py` draw.
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import NamesAndTypes, Node
 
 
-_ENDINGS = {".svg": "svg", ".mmd": "mermaid", ".mermaid": "mermaid", ".md": "markdown", ".json": "json", ".txt": "text"}
 _ACTION, _GOAL = "/_action/", "/_action/send_goal"
 _EVERY_TOPIC = ("/rosout", "/parameter_events")
 _EVERY_PACKAGE = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
@@ -40,7 +39,7 @@ _EVERY_PACKAGE = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
     multiple=True,
     metavar="NAME",
     shell_complete=options.completion("nodes"),
-    help="Only these nodes and what they are connected with; * stands for anything, may be given several times.",
+    help="Show only these nodes and their connections; * matches any text. May be repeated.",
 )
 @click.option(
     "--topic",
@@ -48,9 +47,9 @@ _EVERY_PACKAGE = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
     multiple=True,
     metavar="NAME",
     shell_complete=options.completion("topics"),
-    help="Only these topics, services or actions; as --node.",
+    help="Show only these topics, services or actions; as --node.",
 )
-@click.option("-a", "--all", "everything", is_flag=True, help="Show hidden names and what every node has, too.")
+@click.option("-a", "--all", "everything", is_flag=True, help="Also show hidden names, and what every node has.")
 @options.node_options
 @verb
 async def graph(
@@ -64,7 +63,7 @@ async def graph(
 ) -> int:
     """Show which nodes are connected through which topics, services and actions.
 
-    Parameter services, /rosout and /parameter_events, which every node has, are left out.
+    Parameter services, /rosout and /parameter_events, which every node has, are omitted.
 
     \b
     rosidl-py graph
@@ -75,7 +74,7 @@ async def graph(
 
     from rosidl_py_gen.ros_cli.command_node import CommandNode
 
-    kind = "json" if as_json else kind or _kind_of(output)
+    kind = options.output_format("svg", kind, as_json, output)
     async with CommandNode(network) as session:
         await session.wait_for_node_names()
         picture = _filtered(_picture(session, everything), nodes, topics)
@@ -84,7 +83,7 @@ async def graph(
 
         print_text(picture)
         return 0
-    text = _drawn(picture, kind)
+    text = _render(picture, kind)
     if output is None:
         terminal_output.block(text.rstrip("\n"))
     else:
@@ -93,17 +92,7 @@ async def graph(
     return 0
 
 
-def _kind_of(output: str | None) -> str:
-    """What the ending of a file says; text without a file."""
-    if output is None:
-        return "text"
-    ending = Path(output).suffix.lower()
-    if ending not in _ENDINGS:
-        raise ToolError(f"{output}: the ending says how to draw; expected one of {', '.join(_ENDINGS)}, or --format")
-    return _ENDINGS[ending]
-
-
-def _drawn(picture: Picture, kind: str) -> str:
+def _render(picture: Picture, kind: str) -> str:
     from rosidl_py_gen.ros_cli.graph import svg as graph_svg
     from rosidl_py_gen.ros_cli.graph import text as graph_text
 
@@ -121,30 +110,30 @@ def _picture(session: CommandNode, everything: bool) -> Picture:
     from rosidl_py_gen.ros_cli.graph.picture import Picture
 
     node = session.node
-    found: set[Edge] = set()
+    edges: set[Edge] = set()
     names = []
     for info in node.get_nodes():
         full = info.fully_qualified_name
         if full != node.fully_qualified_name and (everything or not info.name.startswith("_")):
             names.append(full)
-            found.update(_edges_of(node, info.name, info.namespace, full, everything))
-    found.update(_edges_without_node(node, everything))
-    strangers = {edge.node for edge in found} - set(names)
-    return Picture(session.context.domain_id, sorted({*names, *strangers}), sorted(found), _apart(node, found))
+            edges.update(_edges_of(node, info.name, info.namespace, full, everything))
+    edges.update(_edges_without_node(node, everything))
+    unlisted = {edge.node for edge in edges} - set(names)
+    return Picture(session.context.domain_id, sorted({*names, *unlisted}), sorted(edges), _unmatched_nodes(node, edges))
 
 
-def _apart(node: Node, edges: Iterable[Edge]) -> frozenset[tuple[str, str, str]]:
-    """Publisher's node, topic and subscriber's node of those whose endpoints all do not match."""
+def _unmatched_nodes(node: Node, edges: Iterable[Edge]) -> frozenset[tuple[str, str, str]]:
+    """Return publisher's node, topic and subscriber's node of pairs without any matched endpoints."""
     match: dict[tuple[str, str, str], bool] = {}
     for topic in {edge.name for edge in edges if edge.kind == "topic"}:
-        apart = {
+        incompatible = {
             (one.writer.endpoint_gid, one.reader.endpoint_gid) for one in node.incompatible_endpoints_of_topic(topic)
         }
         for writer, reader in product(
             node.get_publishers_info_by_topic(topic), node.get_subscriptions_info_by_topic(topic)
         ):
             pair = writer.node_text, topic, reader.node_text
-            match[pair] = match.get(pair, False) or (writer.endpoint_gid, reader.endpoint_gid) not in apart
+            match[pair] = match.get(pair, False) or (writer.endpoint_gid, reader.endpoint_gid) not in incompatible
     return frozenset(pair for pair, are_connected in match.items() if not are_connected)
 
 
@@ -159,12 +148,12 @@ def _edges_of(node: Node, name: str, namespace: str, full: str, everything: bool
         "serves": node.get_service_names_and_types_by_node,
         "calls": node.get_client_names_and_types_by_node,
     }
-    for role, ask in topics.items():
-        for topic, types in ask(name, namespace):
+    for role, names_of in topics.items():
+        for topic, types in names_of(name, namespace):
             if _is_topic(topic, everything):
                 yield Edge(full, role, "topic", topic, tuple(types))
-    for role, ask in services.items():
-        for service, types in ask(name, namespace):
+    for role, names_of in services.items():
+        for service, types in names_of(name, namespace):
             if service.endswith(_GOAL):
                 actions = tuple(one.removesuffix("_SendGoal") for one in types)
                 yield Edge(full, role, "action", service.removesuffix(_GOAL), actions)
@@ -173,7 +162,7 @@ def _edges_of(node: Node, name: str, namespace: str, full: str, everything: bool
 
 
 def _edges_without_node(node: Node, everything: bool) -> Iterator[Edge]:
-    """Endpoints that belong to no node, or to one whose name did not arrive."""
+    """Yield endpoints without a node, or whose node name did not arrive."""
     from rosidl_py_gen.ros_cli.graph.picture import Edge
 
     for topic, _ in node.get_topic_names_and_types():
@@ -192,32 +181,31 @@ def _is_topic(topic: str, everything: bool) -> bool:
 
 
 def _is_own(service: str, types: Iterable[str]) -> bool:
-    """Whether the node has it for a purpose of its own."""
     return "/_" not in service and not any(one.startswith(_EVERY_PACKAGE) for one in types)
 
 
 def _filtered(picture: Picture, nodes: tuple[str, ...], topics: tuple[str, ...]) -> Picture:
     if not nodes and not topics:
         return picture
-    chosen_nodes = _matching(nodes, picture.nodes, "node")
-    chosen_names = _matching(topics, sorted({edge.name for edge in picture.edges}), "topic, service or action")
+    selected_nodes = _matching(nodes, picture.nodes, "node")
+    selected_names = _matching(topics, sorted({edge.name for edge in picture.edges}), "topic, service or action")
     names = {
         (edge.kind, edge.name)
         for edge in picture.edges
-        if (not nodes or edge.node in chosen_nodes) and (not topics or edge.name in chosen_names)
+        if (not nodes or edge.node in selected_nodes) and (not topics or edge.name in selected_names)
     }
     edges = [edge for edge in picture.edges if (edge.kind, edge.name) in names]
-    shown = chosen_nodes if nodes else {edge.node for edge in edges}
+    shown = selected_nodes if nodes else {edge.node for edge in edges}
     return replace(picture, nodes=sorted(shown), edges=edges)
 
 
-def _matching(patterns: tuple[str, ...], known: list[str], what: str) -> set[str]:
-    found: set[str] = set()
+def _matching(patterns: tuple[str, ...], names: list[str], subject: str) -> set[str]:
+    edges: set[str] = set()
     for text in patterns:
         pattern = text if text.startswith(("/", "*", "(")) else f"/{text}"
-        matches = [name for name in known if fnmatchcase(name, pattern)]
+        matches = [name for name in names if fnmatchcase(name, pattern)]
         if not matches:
-            hint = did_you_mean(pattern, known) or f"; there are {len(known)}"
-            raise ToolError(f"no {what} {pattern}{hint}")
-        found.update(matches)
-    return found
+            hint = did_you_mean(pattern, names) or f"; {len(names)} are known"
+            raise ToolError(f"no {subject} {pattern}{hint}")
+        edges.update(matches)
+    return edges

@@ -1,4 +1,4 @@
-"""What a picture of the graph consists of, before it is drawn."""
+"""Nodes and edges of a graph, before it is drawn."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ COUNTERPARTS = {"publishes": "subscribes", "subscribes": "publishes", "serves": 
 
 @dataclass(frozen=True, order=True)
 class Edge:
-    """One node has something to do with a topic, service or action.
+    """Relation of a node to a topic, service or action.
 
     Attributes:
         role: a key of `COUNTERPARTS`.
@@ -25,12 +25,12 @@ class Edge:
 
 @dataclass(frozen=True)
 class Picture:
-    """What is shown.
+    """Graph to draw.
 
     Attributes:
-        nodes: those with something to show, and in an unfiltered picture also those without.
-        edges: of these nodes and of their counterparts.
-        apart: publisher's node, topic and subscriber's node, where nothing passes between the two.
+        nodes: nodes with edges; without filters also those without.
+        edges: edges of these nodes and of their counterparts.
+        incompatible: publisher's node, topic and subscriber's node of pairs that do not match.
     """
 
     domain_id: int
@@ -39,11 +39,11 @@ class Picture:
     incompatible: frozenset[tuple[str, str, str]] = frozenset()
 
     def of(self, node: str) -> list[Edge]:
-        """What a node has."""
+        """Return the edges of a node."""
         return [edge for edge in self.edges if edge.node == node]
 
     def counterparts(self, edge: Edge) -> list[str]:
-        """The nodes on the other side that it is connected with."""
+        """Return the nodes at the other side of an edge."""
         wanted = (COUNTERPARTS[edge.role], edge.kind, edge.name)
         return [
             other.node

@@ -1,8 +1,8 @@
-"""The graph as an SVG picture: publishers, topics and subscribers in columns; below clients, services and servers.
+"""SVG picture of a graph: columns of publishers, topics and subscribers; below, clients, services and servers.
 
-Decides the layout: three columns whose order is changed until few lines cross. A node that publishes and subscribes
-stands on both sides. Libraries that lay out graphs need the programs of graphviz, or are not maintained, and lines
-between three columns need none. Text is monospaced, so that boxes fit without measuring.
+The order within columns is changed until few lines cross. A node that publishes and subscribes is in both outer
+columns. Layout libraries require graphviz or are not maintained, and three columns need none. Text is monospaced, so
+that box widths need no measuring.
 """
 
 from __future__ import annotations
@@ -18,9 +18,14 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.ros_cli.graph.picture import Edge, Picture
 
-_CHAR, _SMALL = 7.25, 6.05
-"""Width of a character of 12 and of 10 pixels."""
-_ROW, _GAP, _PAD, _MARGIN, _BETWEEN, _HEAD = 40, 12, 10, 24, 110, 26
+_CHAR_WIDTH = 7.25
+_SMALL_CHAR_WIDTH = 6.05
+_ROW_HEIGHT = 40
+_ROW_GAP = 12
+_PADDING = 10
+_MARGIN = 24
+_COLUMN_GAP = 110
+_HEADING_HEIGHT = 26
 _MAX_CHARS = 60
 _SWEEPS = 6
 _STYLE = (
@@ -37,7 +42,7 @@ _ARROW = (
 
 @dataclass
 class _Box:
-    """Something with a place; `y` is its middle."""
+    """Box with its position; `y` is its middle."""
 
     name: str
     kind: str
@@ -48,8 +53,8 @@ class _Box:
 
 
 def svg(picture: Picture) -> str:
-    """A complete SVG file."""
-    parts = [
+    """Return an SVG file."""
+    layouts = [
         _ColumnLayout(
             [edge for edge in picture.edges if edge.kind == "topic"], ("publishers", "topics", "subscribers")
         ),
@@ -58,34 +63,34 @@ def svg(picture: Picture) -> str:
         ),
     ]
     connected = {edge.node for edge in picture.edges}
-    alone = [name for name in picture.nodes if name not in connected]
-    drawn: list[str] = []
+    unconnected = [name for name in picture.nodes if name not in connected]
+    elements: list[str] = []
     y = float(_MARGIN)
     width = 300.0
-    for part in parts:
-        if part.edges:
-            part.place(y)
-            drawn += part.draw()
-            y, width = part.bottom + _MARGIN, max(width, part.right)
-    for text in [f"no connections: {', '.join(alone)}"] if alone else [] if connected else ["no nodes"]:
-        drawn.append(f'<text x="{_MARGIN}" y="{y + 12:.0f}" class="head">{_shown(text, 400)}</text>')
-        y, width = y + _MARGIN, max(width, min(len(text), 400) * _CHAR)
+    for layout in layouts:
+        if layout.edges:
+            layout.place(y)
+            elements += layout.draw()
+            y, width = layout.bottom + _MARGIN, max(width, layout.right)
+    for text in [f"no connections: {', '.join(unconnected)}"] if unconnected else [] if connected else ["no nodes"]:
+        elements.append(f'<text x="{_MARGIN}" y="{y + 12:.0f}" class="head">{_escaped(text, 400)}</text>')
+        y, width = y + _MARGIN, max(width, min(len(text), 400) * _CHAR_WIDTH)
     size = f"{width + 2 * _MARGIN:.0f}", f"{y + _MARGIN:.0f}"
     head = (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{size[0]}" height="{size[1]}" '
         f'viewBox="0 0 {size[0]} {size[1]}"><style>{_STYLE}</style>{_ARROW}'
         f'<rect width="100%" height="100%" fill="#fff"/>'
     )
-    return "\n".join([head, *drawn, "</svg>"]) + "\n"
+    return "\n".join([head, *elements, "</svg>"]) + "\n"
 
 
 class _ColumnLayout:
     """Three columns and the lines between them."""
 
-    def __init__(self, edges: list[Edge], heads: tuple[str, str, str]) -> None:
+    def __init__(self, edges: list[Edge], headings: tuple[str, str, str]) -> None:
         self.edges = edges
         self.bottom = self.right = 0.0
-        self._heads = heads
+        self._headings = headings
         into = ("publishes", "calls")
         middle: dict[tuple[str, str], _Box] = {}
         sides: tuple[dict[str, _Box], dict[str, _Box]] = ({}, {})
@@ -98,37 +103,37 @@ class _ColumnLayout:
         self._columns = [list(sides[0].values()), list(middle.values()), list(sides[1].values())]
 
     def place(self, top: float) -> None:
-        """Find the order and the places of all boxes."""
-        self._order()
-        tallest = max(map(len, self._columns)) * (_ROW + _GAP)
+        """Determine order and positions of all boxes."""
+        self._reduce_crossings()
+        tallest = max(map(len, self._columns)) * (_ROW_HEIGHT + _ROW_GAP)
         x = float(_MARGIN)
         for column in self._columns:
-            width = max([len(self._heads[0]) * _CHAR, *(_width(box) for box in column)])
-            y = top + _HEAD + (tallest - len(column) * (_ROW + _GAP)) / 2
+            width = max([len(self._headings[0]) * _CHAR_WIDTH, *(_width(box) for box in column)])
+            y = top + _HEADING_HEIGHT + (tallest - len(column) * (_ROW_HEIGHT + _ROW_GAP)) / 2
             for number, box in enumerate(column):
-                box.x, box.y, box.width = x, y + number * (_ROW + _GAP) + _ROW / 2, width
-            x += width + _BETWEEN
-        self._top, self.bottom, self.right = top, top + _HEAD + tallest, x - _BETWEEN
+                box.x, box.y, box.width = x, y + number * (_ROW_HEIGHT + _ROW_GAP) + _ROW_HEIGHT / 2, width
+            x += width + _COLUMN_GAP
+        self._top, self.bottom, self.right = top, top + _HEADING_HEIGHT + tallest, x - _COLUMN_GAP
 
-    def _order(self) -> None:
-        """Put each box at the mean place of those it is connected with, column by column, to and fro."""
+    def _reduce_crossings(self) -> None:
+        """Move each box to the mean position of its neighbours, sweeping over the columns in both directions."""
         neighbours: dict[int, list[_Box]] = {}
         for left, right in self._lines:
             neighbours.setdefault(id(left), []).append(right)
             neighbours.setdefault(id(right), []).append(left)
-        self._number()
+        self._spread()
         for sweep in range(_SWEEPS):
             for column in self._columns if sweep % 2 else reversed(self._columns):
                 column.sort(key=lambda box: _mean([other.y for other in neighbours[id(box)]]))
-                self._number()
+                self._spread()
 
-    def _number(self) -> None:
+    def _spread(self) -> None:
         for column in self._columns:
             for number, box in enumerate(column):
                 box.y = (number + 0.5) / len(column)
 
     def draw(self) -> Iterator[str]:
-        """The elements, lines first."""
+        """Yield the elements, lines first."""
         for left, right in self._lines:
             start, end = left.x + left.width, right.x
             bend = (end - start) / 2
@@ -136,7 +141,7 @@ class _ColumnLayout:
                 f'<path d="M{start:.1f} {left.y:.1f}C{start + bend:.1f} {left.y:.1f} {end - bend:.1f} {right.y:.1f} '
                 f'{end:.1f} {right.y:.1f}" marker-end="url(#arrow)"/>'
             )
-        for head, column in zip(self._heads, self._columns, strict=True):
+        for head, column in zip(self._headings, self._columns, strict=True):
             if column:
                 yield f'<text x="{column[0].x:.1f}" y="{self._top + 12:.1f}" class="head">{head}</text>'
             for box in column:
@@ -145,7 +150,7 @@ class _ColumnLayout:
 
 def _width(box: _Box) -> float:
     name, types = min(len(box.name), _MAX_CHARS), min(len(box.types), _MAX_CHARS)
-    return max(name * _CHAR, types * _SMALL) + 2 * _PAD
+    return max(name * _CHAR_WIDTH, types * _SMALL_CHAR_WIDTH) + 2 * _PADDING
 
 
 def _mean(places: Sequence[float]) -> float:
@@ -153,21 +158,21 @@ def _mean(places: Sequence[float]) -> float:
 
 
 def _draw(box: _Box) -> Iterator[str]:
-    round_ = _ROW / 2 if box.kind == "topic" else 4
+    round_ = _ROW_HEIGHT / 2 if box.kind == "topic" else 4
     text_y = box.y - 3 if box.types else box.y + 4
     full = f"{box.name} {box.types}".rstrip()
-    yield f"<g><title>{_shown(full, 1000)}</title>"
+    yield f"<g><title>{_escaped(full, 1000)}</title>"
     yield (
-        f'<rect class="{box.kind}" x="{box.x:.1f}" y="{box.y - _ROW / 2:.1f}" width="{box.width:.1f}" '
-        f'height="{_ROW}" rx="{round_:.0f}"/>'
+        f'<rect class="{box.kind}" x="{box.x:.1f}" y="{box.y - _ROW_HEIGHT / 2:.1f}" width="{box.width:.1f}" '
+        f'height="{_ROW_HEIGHT}" rx="{round_:.0f}"/>'
     )
     middle = box.x + box.width / 2
-    yield f'<text x="{middle:.1f}" y="{text_y:.1f}" text-anchor="middle">{_shown(box.name)}</text>'
+    yield f'<text x="{middle:.1f}" y="{text_y:.1f}" text-anchor="middle">{_escaped(box.name)}</text>'
     if box.types:
         y = box.y + 13
-        yield f'<text class="type" x="{middle:.1f}" y="{y:.1f}" text-anchor="middle">{_shown(box.types)}</text>'
+        yield f'<text class="type" x="{middle:.1f}" y="{y:.1f}" text-anchor="middle">{_escaped(box.types)}</text>'
     yield "</g>"
 
 
-def _shown(text: str, most: int = _MAX_CHARS) -> str:
-    return escape(printable(text if len(text) <= most else f"{text[: most - 3]}..."))
+def _escaped(text: str, max_chars: int = _MAX_CHARS) -> str:
+    return escape(printable(text if len(text) <= max_chars else f"{text[: max_chars - 3]}..."))

@@ -1,4 +1,4 @@
-"""The graph as text for people, as Mermaid and as JSON. Names of peers are not trusted: what these read is escaped."""
+"""Graph as text, Mermaid and JSON. Names of peers are not trusted, so they are escaped."""
 
 from __future__ import annotations
 
@@ -18,37 +18,37 @@ _SHAPES = {"topic": ('(["', '"])'), "service": ('{{"', '"}}'), "action": ('[["',
 
 
 def print_text(picture: Picture) -> None:
-    """Print what `lines` gives."""
+    """Print the graph as text."""
     for text, style in lines(picture):
         terminal_output.line(text, style)
 
 
 def lines(picture: Picture) -> Iterator[tuple[str, str]]:
-    """The nodes, below them what they have, and below that who is on the other side; each with a style of rich."""
+    """Yield nodes, their topics, services and actions, and the counterparts; each with a style of rich."""
     if not picture.nodes:
         yield f"no nodes in domain {picture.domain_id}", ""
     for node in picture.nodes:
         yield node, "bold"
-        mine = picture.of(node)
+        edges = picture.of(node)
         for role in COUNTERPARTS:
             for kind in _SHAPES:
-                these = [edge for edge in mine if (edge.role, edge.kind) == (role, kind)]
-                if these:
+                selected = [edge for edge in edges if (edge.role, edge.kind) == (role, kind)]
+                if selected:
                     yield f"  {role}{'' if kind == 'topic' else f' {kind}'}", "cyan"
-                for edge in these:
+                for edge in selected:
                     yield f"    {edge.name} [{', '.join(edge.types)}]", ""
                     others = ", ".join(picture.counterparts(edge)) or "nobody"
                     yield f"      {_ARROWS[role]} {others}", "dim"
 
 
 def as_json(picture: Picture) -> str:
-    """One object: the domain, and for each node its topics, services and actions."""
+    """Return a JSON object with the domain, and the topics, services and actions of each node."""
     nodes = []
     for node in picture.nodes:
-        one: dict[str, Any] = {"name": node}
+        entry: dict[str, Any] = {"name": node}
         for role in COUNTERPARTS:
-            one[role] = [_row(picture, edge) for edge in picture.of(node) if edge.role == role]
-        nodes.append(one)
+            entry[role] = [_row(picture, edge) for edge in picture.of(node) if edge.role == role]
+        nodes.append(entry)
     return json_text({"domain": picture.domain_id, "nodes": nodes}, indent=2) + "\n"
 
 
@@ -60,14 +60,16 @@ def _row(picture: Picture, edge: Edge) -> dict[str, Any]:
 
 
 def mermaid(picture: Picture) -> str:
-    """A flowchart from left to right: nodes are boxes, topics round, services hexagons, actions have double sides."""
-    nodes = {name: f"n{number}" for number, name in enumerate(sorted({*picture.nodes, *_having(picture)}))}
+    """Return a flowchart: nodes are boxes, topics round, services hexagons, actions boxes with double sides."""
+    nodes = {name: f"n{number}" for number, name in enumerate(sorted({*picture.nodes, *_connected_nodes(picture)}))}
     things = sorted({(edge.kind, edge.name) for edge in picture.edges})
     ids = {thing: f"t{number}" for number, thing in enumerate(things)}
     out = ["flowchart LR"]
     out += [f'  {mark}["{terminal_output.mermaid_label(name)}"]' for name, mark in nodes.items()]
     for (kind, name), mark in ids.items():
-        types = sorted({one for edge in picture.edges if (edge.kind, edge.name) == (kind, name) for one in edge.types})
+        types = sorted(
+            {entry for edge in picture.edges if (edge.kind, edge.name) == (kind, name) for entry in edge.types}
+        )
         left, right = _SHAPES[kind]
         out.append(f"  {mark}{left}{'<br/>'.join(map(terminal_output.mermaid_label, (name, *types)))}{right}")
     for edge in picture.edges:
@@ -77,5 +79,5 @@ def mermaid(picture: Picture) -> str:
     return "\n".join(out) + "\n"
 
 
-def _having(picture: Picture) -> set[str]:
+def _connected_nodes(picture: Picture) -> set[str]:
     return {edge.node for edge in picture.edges}

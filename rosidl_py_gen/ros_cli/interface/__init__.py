@@ -1,4 +1,4 @@
-"""``rosidl-py interface``: a module for each command, or for several that do nearly the same."""
+"""Command group ``rosidl-py interface``; its verbs are imported when called."""
 
 import click
 
@@ -9,11 +9,11 @@ from rosidl_py_gen.ros_cli.groups import LazyGroup
     cls=LazyGroup,
     package=__name__,
     verbs={
-        "hash": ("hash", "Print the RIHS01 hash by which ROS nodes know whether they mean the same type."),
-        "list": ("list", "Print the interfaces there are, all or those of a package."),
-        "package": ("list", "Print the interfaces of a package, one a line."),
+        "hash": ("hash", "Print the RIHS01 hash, which nodes compare to know if they use the same definition."),
+        "list": ("list", "Print the available interfaces, all or those of a package."),
+        "package": ("list", "Print the interfaces of a package, one per line."),
         "packages": ("list", "Print the packages that have interfaces."),
-        "proto": ("proto", "Print a message with all its fields as YAML, to be filled in."),
+        "proto": ("proto", "Print a message with all its fields as YAML."),
         "show": ("show", "Print a definition, and below its fields the definitions of their types."),
     },
 )

@@ -1,4 +1,4 @@
-"""``interface hash``."""
+"""``interface hash``: type hashes."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 @click.command("hash")
 @options.interface_argument("names", metavar="TYPE...", nargs=-1, required=True)
-@click.option("--parts", is_flag=True, help="Also of the parts of services and actions.")
+@click.option("--parts", is_flag=True, help="Also print the hashes of the messages of services and actions.")
 @options.paths
 @options.as_json
 @verb
 def hash_(names: tuple[str, ...], parts: bool, paths: tuple[str, ...], as_json: bool) -> int:
-    """Print the RIHS01 hash by which ROS nodes know whether they mean the same type.
+    """Print the RIHS01 hash, which nodes compare to know if they use the same definition.
 
     \b
     rosidl-py interface hash std_msgs/msg/String
@@ -30,15 +30,15 @@ def hash_(names: tuple[str, ...], parts: bool, paths: tuple[str, ...], as_json: 
     from rosidl_py_gen.ros_cli.definitions import read_definition
 
     search = scan_search_path(paths)
-    found: dict[str, str] = {}
+    hashes: dict[str, str] = {}
     for text in names:
         library, top = read_definition(search, text)
         for name in [str(top), *(_parts(library, top) if parts else ())]:
-            found[name] = library.type_hash(name)
+            hashes[name] = library.type_hash(name)
     if as_json:
-        terminal_output.document(found)
+        terminal_output.document(hashes)
     else:
-        terminal_output.lines([f"{value}  {name}" for name, value in found.items()])
+        terminal_output.lines([f"{value}  {name}" for name, value in hashes.items()])
     return 0
 
 

@@ -16,10 +16,9 @@ def _kind_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
-def _chosen(msgs: bool, srvs: bool, actions: bool) -> list[str]:
-    """Return the kinds of interfaces that are shown: those of the options, or all."""
-    wanted = {"msg": msgs, "srv": srvs, "action": actions}
-    return [kind for kind, is_wanted in wanted.items() if is_wanted] or list(wanted)
+def _selected_kinds(msgs: bool, srvs: bool, actions: bool) -> list[str]:
+    selected = {"msg": msgs, "srv": srvs, "action": actions}
+    return [kind for kind, is_wanted in selected.items() if is_wanted] or list(selected)
 
 
 @click.command("list")
@@ -29,7 +28,7 @@ def _chosen(msgs: bool, srvs: bool, actions: bool) -> list[str]:
 @options.as_json
 @verb
 def list_(package: str | None, paths: tuple[str, ...], as_json: bool, msgs: bool, srvs: bool, actions: bool) -> int:
-    """Print the interfaces there are, all or those of a package.
+    """Print the available interfaces, all or those of a package.
 
     \b
     rosidl-py interface list -s
@@ -38,12 +37,12 @@ def list_(package: str | None, paths: tuple[str, ...], as_json: bool, msgs: bool
     from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
     from rosidl_py_gen.ros_cli.definitions import KINDS, names_of
 
-    chosen = _chosen(msgs, srvs, actions)
-    names = names_of(scan_search_path(paths), package or "", chosen)
+    kinds = _selected_kinds(msgs, srvs, actions)
+    names = names_of(scan_search_path(paths), package or "", kinds)
     if as_json:
         terminal_output.document([str(name) for name in names])
         return 0
-    for kind in chosen:
+    for kind in kinds:
         terminal_output.line(f"{KINDS[kind]}:", "bold")
         terminal_output.lines([f"    {name}" for name in names if name.kind == kind])
     return 0
@@ -56,7 +55,7 @@ def list_(package: str | None, paths: tuple[str, ...], as_json: bool, msgs: bool
 @options.as_json
 @verb
 def package(package: str, paths: tuple[str, ...], as_json: bool, msgs: bool, srvs: bool, actions: bool) -> int:
-    """Print the interfaces of a package, one a line.
+    """Print the interfaces of a package, one per line.
 
     \b
     rosidl-py interface package std_srvs
@@ -64,7 +63,7 @@ def package(package: str, paths: tuple[str, ...], as_json: bool, msgs: bool, srv
     from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
     from rosidl_py_gen.ros_cli.definitions import names_of
 
-    names = [str(name) for name in names_of(scan_search_path(paths), package, _chosen(msgs, srvs, actions))]
+    names = [str(name) for name in names_of(scan_search_path(paths), package, _selected_kinds(msgs, srvs, actions))]
     if as_json:
         terminal_output.document(names)
     else:
@@ -87,7 +86,7 @@ def packages(paths: tuple[str, ...], as_json: bool, msgs: bool, srvs: bool, acti
     from rosidl_py_gen.ros_cli.definitions import names_of
 
     search = scan_search_path(paths)
-    found = sorted({name.package for name in names_of(search, "", _chosen(msgs, srvs, actions))})
+    found = sorted({name.package for name in names_of(search, "", _selected_kinds(msgs, srvs, actions))})
     if as_json:
         origins = {name: package.origin for name, package in search.packages.items()}
         terminal_output.document([{"name": name, "origin": origins.get(name, "generated")} for name in found])

@@ -1,7 +1,4 @@
-"""``interface proto``.
-
-Decides how a prototype is quoted: as one word of a shell, which `topic pub` takes as it is.
-"""
+"""``interface proto``: messages with default values, quoted as one word of a shell for `topic pub`."""
 
 from __future__ import annotations
 
@@ -20,12 +17,12 @@ if TYPE_CHECKING:
 
 @click.command("proto")
 @options.interface_argument("name", metavar="TYPE")
-@click.option("--no-quotes", is_flag=True, help="Print YAML that is no single word of a shell.")
+@click.option("--no-quotes", is_flag=True, help="Print YAML without shell quotes.")
 @options.paths
 @options.as_json
 @verb
 def proto(name: str, no_quotes: bool, paths: tuple[str, ...], as_json: bool) -> int:
-    """Print a message with all its fields as YAML, to be filled in; of a service its request, of an action its goal.
+    """Print a message with all its fields as YAML: for a service its request, for an action its goal.
 
     \b
     rosidl-py interface proto geometry_msgs/msg/Twist
@@ -46,33 +43,33 @@ def proto(name: str, no_quotes: bool, paths: tuple[str, ...], as_json: bool) -> 
 
 
 def _example(text: str, paths: tuple[str, ...]) -> Message:
-    """A message with its default values: of a service the request, of an action the goal."""
+    """Return a message with default values: the request of a service, the goal of an action."""
     from rosidl_py_gen import get_message
     from rosidl_py_gen.compiler.frontend.definition_text import full_name
     from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 
     name = full_name(scan_search_path(paths), text)
     try:
-        half = _half(name)
-        return get_message(f"{name}_{half}" if half else str(name), path=paths)()
+        suffix = _message_suffix(name)
+        return get_message(f"{name}_{suffix}" if suffix else str(name), path=paths)()
     except TypeNotFoundError:
         from rosidl_py_gen.ros_cli.cached_definitions import cached_registry
         from rosidl_py_gen.type_loading.class_lookup import class_of_registry
 
-        kept = cached_registry(text)
-        if kept is None:
+        cached = cached_registry(text)
+        if cached is None:
             raise
-        library, name = kept
+        library, name = cached
         cls: Any = class_of_registry(library, name, path=paths)
-        made: Message = (getattr(cls, _half(name)) if _half(name) else cls)()
-        return made
+        message: Message = (getattr(cls, _message_suffix(name)) if _message_suffix(name) else cls)()
+        return message
 
 
-def _half(name: RosName) -> str:
-    """Which part of an interface is filled in; empty for a message."""
+def _message_suffix(name: RosName) -> str:
+    """Return the suffix of the message to fill in; empty for a message."""
     return "" if "_" in name.name else {"msg": "", "srv": "Request", "action": "Goal"}[name.kind]
 
 
 def _quoted(text: str) -> str:
-    """One word of a shell. Double quotes are nearer to the eye; what a shell would look into needs single ones."""
+    """Return one word of a shell, in double quotes unless the text contains characters that a shell expands."""
     return shlex.quote(text) if any(char in text for char in '"\\$`!') else f'"{text}"'

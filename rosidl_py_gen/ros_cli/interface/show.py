@@ -1,4 +1,4 @@
-"""``interface show``."""
+"""``interface show``: definitions with those of nested types."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from rosidl_py_gen.ros_cli import options, terminal_output, verb
 
 @click.command("show")
 @options.interface_argument("name", metavar="TYPE")
-@click.option("--no-comments", is_flag=True, help="Leave comments and empty lines out.")
-@click.option("--all-comments", is_flag=True, help="Show the comments of nested types, too.")
+@click.option("--no-comments", is_flag=True, help="Omit comments and empty lines.")
+@click.option("--all-comments", is_flag=True, help="Also show the comments of nested types.")
 @options.paths
 @options.as_json
 @verb
 def show(name: str, no_comments: bool, all_comments: bool, paths: tuple[str, ...], as_json: bool) -> int:
     """Print a definition, and below its fields the definitions of their types.
 
-    TYPE is package/msg/Name, package/Name, a name that is in one package only, or - for standard input.
+    TYPE is package/msg/Name, package/Name, a name that is unique among packages, or - for standard input.
 
     \b
     rosidl-py interface show geometry_msgs/msg/PoseStamped

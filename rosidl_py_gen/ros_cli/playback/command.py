@@ -99,8 +99,6 @@ def _several(*names: str, of: str = "", **settings: Any) -> Callable[[F], F]:
 
 
 class _Play(options.MultiValueCommand):
-    """Command that rejects incompatible options."""
-
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         rest = super().parse_args(ctx, args)
         if not ctx.resilient_parsing:

@@ -139,7 +139,6 @@ class Player:
         return item.publish_time if self._options.order == "sent" else item.log_time
 
     def _begin(self, at_ns: int) -> None:
-        """Continue with the messages from a time on."""
         topics, _, end_ns = self._part
         if self._options.order == "sent":
             found = self._recording.messages(topics, self._part.start_ns, self._recording.end_ns + 1)
@@ -216,7 +215,6 @@ class Player:
 
 
 def _check_clock_topics(clock_topics: set[str], topics: Sequence[str]) -> None:
-    """Raise `ToolError` for topics of --clock-topics that are not played."""
     for name in sorted(clock_topics.difference(topics)):
         raise ToolError(f"--clock-topics {name}: topic is not played; topics are {', '.join(topics)[:300]}")
 
@@ -224,7 +222,6 @@ def _check_clock_topics(clock_topics: set[str], topics: Sequence[str]) -> None:
 def _remapped_names(
     session: CommandNode, recording: Recording, topics: Sequence[str], remaps: Sequence[str]
 ) -> dict[str, str]:
-    """Return new names by topic or service of the bag. Raises `ToolError`."""
     known = {*topics, *filter(None, (recording.owners[topic].service for topic in topics))}
     names = {}
     for remap in remaps:

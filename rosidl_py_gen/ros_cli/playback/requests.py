@@ -77,7 +77,6 @@ class Requests:
         return send
 
     def _classes(self, reader: BagReader, channel: BagTopic) -> tuple[type[Any], type[Any]]:
-        """Return the service, and its event as recorded."""
         name = channel.type_name.removesuffix("_Event")
         advice = "pass the folder of its definition with --path"
         try:

@@ -151,7 +151,6 @@ class Recorder:
                     task.result()  # raises its error
 
     def _subscribe_to_new(self) -> None:
-        """Subscribe to new topics."""
         if self._has_searched and self._options.no_discovery:
             return
         self._has_searched = True
@@ -171,7 +170,6 @@ class Recorder:
             self._tasks.append(asyncio.ensure_future(self._record(name, kinds[0])))
 
     def _is_valid(self, topic: str, kind: str) -> bool:
-        """Return True if ROS allows the names; a program without ROS may have others, which are noted once."""
         if topic in self._refused:
             return False
         try:

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
 
 _TYPE = "tf2_msgs/msg/TFMessage"
-_FORMATS = {".png": "png", ".mmd": "mermaid", ".mermaid": "mermaid", ".md": "markdown", ".json": "json", ".txt": "text"}
 
 
 @click.command("tree")
@@ -42,7 +41,11 @@ def tree(
     rosidl-py tf tree -o frames.png
     rosidl-py tf tree --bag drive.mcap --format mermaid
     """
-    kind = _output_format(kind, as_json, output)
+    kind = options.output_format("png", kind, as_json, output)
+    if kind == "png":
+        if output is None:
+            raise ToolError("a PNG picture cannot be printed; write it to a file: -o frames.png")
+        from rosidl_py_gen.ros_cli.tf import png  # noqa: F401 - a missing Pillow is reported before the wait
     if bag is not None:
         return _show_recorded(bag, kind, output)
     return AsyncCommand(_show_live(network, kind, output, wait_s))
@@ -77,21 +80,6 @@ def _show_recorded(path: str, kind: str, output: str | None) -> int:
             frames.add_message(one.message, one.log_time, one.topic, static=one.topic.endswith("/tf_static"))
         _show(frames, {name: name for name in topics}, kind, output)
     return 0
-
-
-def _output_format(kind: str | None, as_json: bool, output: str | None) -> str:
-    """Return the format; raises `ToolError` if it cannot be determined."""
-    if as_json or kind is not None or output is None:
-        kind = "json" if as_json else kind or "text"
-    elif (suffix := Path(output).suffix.lower()) in _FORMATS:
-        kind = _FORMATS[suffix]
-    else:
-        raise ToolError(f"{output}: the suffix selects the format; expected one of {', '.join(_FORMATS)}, or --format")
-    if kind == "png":
-        if output is None:
-            raise ToolError("a PNG picture cannot be printed; write it to a file: -o frames.png")
-        from rosidl_py_gen.ros_cli.tf import png  # noqa: F401 - a missing Pillow is reported before the wait
-    return kind
 
 
 def _show(frames: FrameStatistics, names: dict[Any, str], kind: str, output: str | None) -> None:
