@@ -1,7 +1,6 @@
-"""The command line. The only package that imports click.
+"""The command line `rosidl-py-gen`: its commands and options, and the exit codes of errors.
 
-This file knows the commands and how errors end a run; each command's body is in a file of its own and loaded when it
-runs, so that ``--help`` is quick.
+Each command is implemented in a module of its own, which is imported when the command runs.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ import io
 import os
 import sys
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,15 @@ from rosidl_py_gen import __version__
 from rosidl_py_gen.base.interrupts import command_interrupts
 from rosidl_py_gen.base.project import importable_current_folder, with_project_path
 from rosidl_py_gen.errors import DefinitionError, RosidlError
-from rosidl_py_gen.generator_cli import diagnostics_output
+from rosidl_py_gen.generator_cli.diagnostics_output import (
+    count,
+    echo,
+    print_json,
+    print_line,
+    print_notes,
+    print_problems,
+    rows,
+)
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -27,14 +35,14 @@ if TYPE_CHECKING:
 _Complete = Callable[[click.Context, click.Parameter, str], "list[CompletionItem]"]
 
 
-def _completion(what: str) -> _Complete:
-    """Complete by a function of `cli.completers`, which is loaded when a shell completes."""
+def _completion(function: str) -> _Complete:
+    """Return a function that completes by one of `completers`, which is imported on demand."""
 
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         from rosidl_py_gen.generator_cli import completers
 
-        found: list[CompletionItem] = getattr(completers, what)(ctx, param, incomplete)
-        return found
+        items: list[CompletionItem] = getattr(completers, function)(ctx, param, incomplete)
+        return items
 
     return complete
 
@@ -45,73 +53,81 @@ _PATH = click.option(
     multiple=True,
     metavar="DIR",
     shell_complete=_completion("complete_directories"),
-    help="A package folder, a folder of packages or a workspace's src; may be given several times. "
-    "Looked through before those of pyproject.toml, AMENT_PREFIX_PATH and the bundled interfaces.",
+    help="Folder of a package, of packages, or src of a workspace. May be repeated. "
+    "Searched before those of pyproject.toml, AMENT_PREFIX_PATH and the bundled interfaces.",
 )
-_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
+_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+_FILTER = partial(
+    click.option,
+    "--filter",
+    "selection",
+    default="",
+    metavar="NAMES",
+    shell_complete=_completion("complete_selection"),
+)
+_OUT = partial(
+    click.option,
+    "--out",
+    metavar="DIR",
+    show_default=True,
+    shell_complete=_completion("complete_directories"),
+)
 
 
 def _run(module: str, **arguments: Any) -> None:
-    above: dict[str, Any] = click.get_current_context().obj or {}
-    arguments["paths"] = with_project_path(above.get("paths", ()) + arguments["paths"])
-    arguments["as_json"] = arguments["as_json"] or above.get("as_json", False)
+    group_options: dict[str, Any] = click.get_current_context().obj or {}
+    arguments["paths"] = with_project_path(group_options.get("paths", ()) + arguments["paths"])
+    arguments["as_json"] = arguments["as_json"] or group_options.get("as_json", False)
     code = import_module(f"rosidl_py_gen.generator_cli.{module}").run(**arguments)
     if code:
         raise click.exceptions.Exit(code)
 
 
 class _Group(click.Group):
-    """Knows what people mean who give package names where a command is expected."""
+    """Group that explains a package name in the place of a command."""
 
     def resolve_command(self, context: click.Context, args: list[str]) -> tuple[Any, Any, list[str]]:
         if args and self.get_command(context, args[0]) is None:
-            context.fail(f'no command "{args[0]}"; packages and interfaces are chosen with --filter {args[0]}')
+            context.fail(f'no command "{args[0]}"; select packages and interfaces with --filter {args[0]}')
         return super().resolve_command(context, args)
 
 
 @click.group(cls=_Group, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="rosidl-py-gen")
 @_PATH
-@click.option(
-    "--filter",
-    "selection",
+@_FILTER(
     envvar="IDL_PACKAGE_FILTER",
-    default="",
-    metavar="NAMES",
-    shell_complete=_completion("complete_selection"),
-    help="Packages, or single interfaces as package/msg/Name, separated by : or ; (default: IDL_PACKAGE_FILTER, else "
-    "everything found). What they depend on is added.",
+    help="Packages, or interfaces as package/msg/Name, separated by : or ;. Dependencies are added. "
+    "[default: IDL_PACKAGE_FILTER, else all packages]",
 )
-@click.option(
-    "--out",
-    default=".",
-    metavar="DIR",
-    show_default=True,
-    shell_complete=_completion("complete_directories"),
-    help="Receives the generated packages.",
-)
-@click.option("--check", is_flag=True, help="Write nothing; exit with 1 if anything would change.")
-@click.option("--keep-going", is_flag=True, help="Generate what is right even if some definitions are wrong.")
+@_OUT(default=".", help="Folder that receives the generated packages.")
+@click.option("--check", is_flag=True, help="Write nothing; exit with 1 if a file would change.")
+@click.option("--keep-going", is_flag=True, help="Generate the valid interfaces even if others have problems.")
 @click.option(
     "--install",
     "action",
     flag_value="install",
-    help="Install the packages into this Python's environment, by pip; nothing is generated anywhere else.",
+    help="Install the packages into this Python environment by pip; generate no other files.",
 )
 @click.option(
     "--uninstall",
     "action",
     flag_value="uninstall",
-    help="Take back what --install and wheels brought: all, or those of --filter.",
+    help="Uninstall message packages of --install and of wheels: all, or those of --filter.",
 )
-@click.option("--force", is_flag=True, help="With these two: beside ROS, over packages of others, and changed ones.")
-@click.option("--list", "listing", is_flag=True, help="Print the packages found, and from where.")
+@click.option(
+    "--force",
+    is_flag=True,
+    help="With --install: install although rclpy is importable, and replace packages of other tools. "
+    "With --uninstall: also remove modified packages.",
+)
+@click.option("--list", "listing", is_flag=True, help="Print the packages of the search path with their origin.")
 @_JSON
 @click.pass_context
 def _cli(context: click.Context, /, **arguments: Any) -> None:
     """Generate typed Python packages from ROS 2 interface definitions.
 
-    At least one of --filter, --path and --out says what is wanted; --out . generates everything into this folder.
+    At least one of --filter, --path and --out is required; --out . generates all packages into the current folder.
 
     \b
     rosidl-py-gen --filter std_msgs:geometry_msgs
@@ -122,10 +138,10 @@ def _cli(context: click.Context, /, **arguments: Any) -> None:
         context.color = False
     if context.invoked_subcommand is None:
         if not _has_selection(context, arguments):
-            diagnostics_output.echo(context.get_help(), err=True)
+            echo(context.get_help(), err=True)
             raise click.exceptions.Exit(2)  # as click does for commands that take no_args_is_help
         if arguments["selection"] and not arguments["selection"].strip(":;, "):
-            context.fail(f"--filter {arguments['selection']!r} names nothing")
+            context.fail(f"--filter {arguments['selection']!r} has no names")
         action, force = arguments.pop("action"), arguments.pop("force")
         if action is None:
             if force:
@@ -150,13 +166,9 @@ def _cli(context: click.Context, /, **arguments: Any) -> None:
 
 
 def _has_selection(context: click.Context, arguments: dict[str, Any]) -> bool:
-    """Whether the main job shall run: nobody wants all packages in the current folder by accident."""
-    writes_nothing = arguments["check"] or arguments["listing"]
-    if arguments["action"]:
-        return True
-    return bool(writes_nothing or arguments["paths"] or arguments["selection"]) or any(
-        _is_typed(context, name) for name in ("selection", "out")
-    )
+    """Return True if the options select something, so that all packages are not generated by accident."""
+    options = ("check", "listing", "action", "paths", "selection")
+    return any(arguments[name] for name in options) or any(_is_typed(context, name) for name in ("selection", "out"))
 
 
 def _is_typed(context: click.Context, name: str) -> bool:
@@ -168,9 +180,9 @@ def _is_typed(context: click.Context, name: str) -> bool:
 @_PATH
 @_JSON
 def check(**arguments: Any) -> None:
-    """Read definitions and report their problems, generating nothing.
+    """Read definitions and report their problems.
 
-    NAMES are packages or interfaces; without any, those of IDL_PACKAGE_FILTER, else everything found.
+    NAMES are packages or interfaces. [default: IDL_PACKAGE_FILTER, else all packages]
     """
     selection = (click.get_current_context().obj or {}).get("selection", "")
     arguments["names"] = arguments["names"] or tuple(part for part in selection.replace(";", ":").split(":") if part)
@@ -180,7 +192,7 @@ def check(**arguments: Any) -> None:
 @_cli.command()
 @click.argument("name", shell_complete=_completion("complete_interfaces"))
 @_PATH
-@click.option("--full", is_flag=True, help="The text bags carry: the definition and every one it uses.")
+@click.option("--full", is_flag=True, help="Print the text for bags: the definition and all that it uses.")
 @_JSON
 def interface(**arguments: Any) -> None:
     """Print a definition and its type hash.
@@ -194,20 +206,13 @@ def interface(**arguments: Any) -> None:
 @click.argument("old", shell_complete=_completion("complete_files"))
 @click.argument("new", shell_complete=_completion("complete_files"))
 @_PATH
-@click.option(
-    "--filter",
-    "selection",
-    default="",
-    metavar="NAMES",
-    shell_complete=_completion("complete_selection"),
-    help="Only these packages or interfaces, separated by : or ;.",
-)
+@_FILTER(help="Packages or interfaces to compare, separated by : or ;.")
 @click.option(
     "--fail-on",
     "fail_on",
     multiple=True,
     type=click.Choice(["data", "code", "hash", "default", "unit", "addition", "any", "nothing"]),
-    help="Exit with 1 on changes of this sort; may be given several times.  [default: data, code]",
+    help="Exit with 1 on changes of this kind. May be repeated. [default: data, code]",
 )
 @click.option(
     "--timeout",
@@ -216,14 +221,14 @@ def interface(**arguments: Any) -> None:
     default=5.0,
     show_default=True,
     metavar="SECONDS",
-    help="How long a node may take to appear.",
+    help="Maximum time to wait for a node, in seconds.",
 )
 @_JSON
 def diff(**arguments: Any) -> None:
-    """Compare definitions: what was added, removed and changed, and whether old data are still read.
+    """Compare definitions: additions, removals and changes, and whether old data can be read.
 
     OLD and NEW are each a folder of packages, a git revision (main, or v1.2:src/my_msgs), a bag, or a running node by
-    its full name (/robot). With folder:, git:, bag: or node: in front, nothing is guessed. Exits with 1 on a breaking
+    its full name (/robot). The prefixes folder:, git:, bag: and node: state the kind. Exits with 1 on a breaking
     change.
 
     
@@ -238,20 +243,13 @@ def diff(**arguments: Any) -> None:
 @_cli.command()
 @click.argument("names", nargs=-1, shell_complete=_completion("complete_packages"))
 @_PATH
-@click.option(
-    "--out",
-    default="dist",
-    metavar="DIR",
-    show_default=True,
-    shell_complete=_completion("complete_directories"),
-    help="Receives the wheels.",
-)
-@click.option("--no-dependencies", is_flag=True, help="No wheels of the packages that these use.")
+@_OUT(default="dist", help="Folder that receives the wheels.")
+@click.option("--no-dependencies", is_flag=True, help="Make no wheels of packages that NAMES depend on.")
 @_JSON
 def wheel(**arguments: Any) -> None:
-    """Make a pip wheel of each message package, and of those they use that are not installed.
+    """Make a pip wheel of each message package, and of its dependencies that are not installed.
 
-    NAMES are packages; without any, all in the folders of --path. Name, version and so on come from package.xml.
+    NAMES are packages. [default: all in the folders of --path] Name, version and other metadata are from package.xml.
 
     \b
     rosidl-py-gen wheel --path ~/robot_ws/src/my_msgs --out dist
@@ -271,11 +269,11 @@ def completion(shell: str) -> None:
     """
     from rosidl_py_gen.generator_cli import shells
 
-    diagnostics_output.echo(shells.script(shell, _cli, "rosidl-py-gen"))
+    echo(shells.script(shell, _cli, "rosidl-py-gen"))
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The console script: exit code 0 when all is well, 1 for problems found, 2 for a wrong command line."""
+    """Run the console script; exit code 0 for success, 1 for problems, 2 for a wrong command line."""
     with command_interrupts.handling(arguments is None):
         _main(arguments)
 
@@ -299,27 +297,25 @@ def _main(arguments: list[str] | None) -> None:
     except click.ClickException as wrong:
         shown = io.StringIO()
         wrong.show(shown)
-        diagnostics_output.echo(shown.getvalue().rstrip("\n"), err=True)
+        echo(shown.getvalue().rstrip("\n"), err=True)
         sys.exit(wrong.exit_code)
     except (click.Abort, KeyboardInterrupt):
-        diagnostics_output.echo("interrupted; every file written is whole", err=True)
+        echo("interrupted; all written files are complete", err=True)
         sys.exit(130)
 
 
 def _report(error: RosidlError, as_json: bool) -> None:
     if not isinstance(error, DefinitionError):
         if as_json:
-            diagnostics_output.print_json({"errors": [{"path": "", "line": 0, "column": 0, "text": str(error)}]})
+            print_json({"errors": [{"path": "", "line": 0, "column": 0, "text": str(error)}]})
         else:
-            diagnostics_output.print_line(f"error: {error}", "red")
+            print_line(f"error: {error}", "red")
         return
     if as_json:
-        diagnostics_output.print_json(
-            {"errors": diagnostics_output.rows(error.diagnostics), "notes": diagnostics_output.rows(error.notes)}
-        )
+        print_json({"errors": rows(error.diagnostics), "notes": rows(error.notes)})
         return
-    diagnostics_output.print_notes(error.notes)
-    diagnostics_output.print_problems(error.diagnostics)
+    print_notes(error.notes)
+    print_problems(error.diagnostics)
     if len(error.diagnostics) > 1 or error.partial:
-        option = " (--keep-going generates what is right)" if error.partial else ""
-        diagnostics_output.print_line(f"{diagnostics_output.count(error.diagnostics)}; nothing was written{option}")
+        option = " (--keep-going generates the valid interfaces)" if error.partial else ""
+        print_line(f"{count(error.diagnostics)}; nothing was written{option}")

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.generator_cli.shells import complete_directories, complete_files, items
+from rosidl_py_gen.generator_cli.shells import complete_directories as complete_directories
+from rosidl_py_gen.generator_cli.shells import complete_files as complete_files
+from rosidl_py_gen.generator_cli.shells import items
 
 if TYPE_CHECKING:
     import click
     from click.shell_completion import CompletionItem
 
     from rosidl_py_gen.compiler.frontend.search_path import Package
-
-__all__ = ["complete_directories", "complete_files"]
 
 
 def complete_packages(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -25,7 +25,7 @@ def complete_packages(ctx: click.Context, param: click.Parameter, incomplete: st
 
 def complete_interfaces(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Complete the name of a message, service or action."""
-    return items(_interfaces(ctx), incomplete)
+    return items((str(name) for package in _packages(ctx) for name in package.files), incomplete)
 
 
 def complete_packages_and_interfaces(
@@ -50,7 +50,3 @@ def _packages(ctx: click.Context) -> list[Package]:
         return list(scan_search_path((*(above or ()), *(ctx.params.get("paths") or ()))).packages.values())
     except (RosidlError, OSError):
         return []
-
-
-def _interfaces(ctx: click.Context) -> list[str]:
-    return [str(name) for package in _packages(ctx) for name in package.files]

@@ -1,6 +1,6 @@
-"""The output of this command line: text, problems and notes, on a terminal and as JSON.
+"""Output of `rosidl-py-gen`: text, diagnostics and notes, on a terminal and as JSON.
 
-The other modules print only by these functions, because names and texts of definitions are not trusted.
+All modules of the command line print by these functions, because names and texts of definitions are not trusted.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from rosidl_py_gen.errors import Diagnostic, printable
 
 
 def rows(problems: Iterable[Diagnostic]) -> list[dict[str, str | int]]:
-    """Problems or notes for JSON."""
+    """Return diagnostics as JSON values."""
     return [{"path": one.path, "line": one.line, "column": one.column, "text": one.text} for one in problems]
 
 
 def print_json(data: Any) -> None:
-    """JSON for programs, on standard output."""
+    """Print JSON on standard output."""
     echo(json_text(data, indent=2))
 
 
@@ -29,11 +29,11 @@ def echo(*parts: str | tuple[str, str], err: bool = False) -> None:
     """Print one or more lines.
 
     Args:
-        parts: texts; those with a style, ``"bold"`` or a colour, are pairs of the text and the style.
+        parts: texts, or pairs of a text and its style: ``"bold"`` or a colour.
         err: print to standard error.
     """
-    shown = (part if isinstance(part, tuple) else (part, "") for part in parts)
-    text = "".join(_styled(printable_lines(text), style) for text, style in shown)
+    pairs = (part if isinstance(part, tuple) else (part, "") for part in parts)
+    text = "".join(_styled(printable_lines(text), style) for text, style in pairs)
     click.echo(text, err=err, color=False if os.environ.get("NO_COLOR") else None)
 
 
@@ -44,7 +44,7 @@ def _styled(text: str, style: str) -> str:
 
 
 def print_problems(problems: Iterable[Diagnostic]) -> None:
-    """Each with its place, its line and a caret, on standard error."""
+    """Print diagnostics with location, source line and caret on standard error."""
     for problem in problems:
         first, *rest = problem.with_caret().split("\n")
         where = first.removesuffix(printable(problem.text))
@@ -54,16 +54,16 @@ def print_problems(problems: Iterable[Diagnostic]) -> None:
 
 
 def print_notes(notes: Iterable[Diagnostic]) -> None:
-    """What was assumed, a line each, on standard error."""
+    """Print notes on standard error."""
     for note in notes:
         print_line(f"note: {note}", "yellow")
 
 
 def print_line(text: str, colour: str = "") -> None:
-    """A line on standard error."""
+    """Print a line on standard error."""
     echo((text, colour), err=True)
 
 
 def count(problems: Sequence[Diagnostic]) -> str:
-    """How many there are, in words."""
+    """Return the number of diagnostics as text."""
     return "1 problem" if len(problems) == 1 else f"{len(problems)} problems"

@@ -1,4 +1,4 @@
-"""How a comparison looks, as text and as JSON."""
+"""Display of a comparison as text and as JSON."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.compiler.compatibility.wire_compatibility import ReadResult
 from rosidl_py_gen.errors import printable
-from rosidl_py_gen.generator_cli import diagnostics_output
+from rosidl_py_gen.generator_cli.diagnostics_output import echo
 
 if TYPE_CHECKING:
     from rosidl_py_gen.compiler.compatibility.compare import (
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _READ = {
     ReadResult.SAME: "read as before",
-    ReadResult.TRUNCATED: "read without what is gone",
+    ReadResult.TRUNCATED: "read without removed fields",
     ReadResult.RENAMED: "read under new names",
     ReadResult.DEPENDS_ON_VALUES: "read as before only for some values",
     ReadResult.FAILS: "not read",
@@ -42,7 +42,7 @@ def show(found: Comparison, breaking: Sequence[str]) -> None:
             _line(f"    {text}", colour)
     if found.not_compared:
         names = ", ".join(found.not_compared)
-        _line(f"not compared, as one side does not have them: {names}")
+        _line(f"not compared, as only one side has them: {names}")
     counts = (
         f"{len(found.changed)} changed, {len(found.added)} added, {len(found.removed)} removed, "
         f"{len(found.same)} unchanged"
@@ -53,7 +53,7 @@ def show(found: Comparison, breaking: Sequence[str]) -> None:
 
 
 def _line(text: str, colour: str = "") -> None:
-    diagnostics_output.echo((printable(text), colour))
+    echo((printable(text), colour))
 
 
 def _details(change: TypeChange) -> Iterator[tuple[str, str]]:
@@ -64,7 +64,7 @@ def _details(change: TypeChange) -> Iterator[tuple[str, str]]:
         indent = "" if is_one else "  "
         if not is_one:
             yield message.name.removeprefix(f"{change.name}_"), "yellow"
-        for text, colour in _of_message(message):
+        for text, colour in _message_lines(message):
             yield indent + text, colour
     if change.used_by:
         yield f"changes with it: {', '.join(change.used_by)}", ""
@@ -78,11 +78,11 @@ def _hashes(change: TypeChange | MessageChange) -> Iterator[tuple[str, str]]:
         yield f"       -> {change.new_hash}", ""
 
 
-def _of_message(change: MessageChange) -> Iterator[tuple[str, str]]:
+def _message_lines(change: MessageChange) -> Iterator[tuple[str, str]]:
     yield from _hashes(change)
     for kind, changes in (("field   ", change.fields), ("constant", change.constants)):
         for one in changes:
-            sign, text = _told(one)
+            sign, text = _sign_and_text(one)
             yield f"{kind}  {sign} {text}{f'  ({one.place})' if one.place else ''}", _COLOURS[sign]
     if change.through:
         yield f"contains  ~ {', '.join(change.through)}", ""
@@ -91,13 +91,12 @@ def _of_message(change: MessageChange) -> Iterator[tuple[str, str]]:
         yield f"          {reason}", ""
 
 
-def _told(one: FieldChange | ConstantChange) -> tuple[str, str]:
-    """Sign and words."""
+def _sign_and_text(one: FieldChange | ConstantChange) -> tuple[str, str]:
     match one.what:
         case "added" | "removed":
             return _SIGNS[one.what], f"{one.name}: {one.after or one.before}"
         case "renamed":
-            return "~", f"{one.after}: was {one.before}, as far as one can tell"
+            return "~", f"{one.after}: was {one.before}, probably"
         case "moved":
             return "~", f"{one.name}: moved from place {one.before} to {one.after}"
         case "type" | "changed":
@@ -107,7 +106,7 @@ def _told(one: FieldChange | ConstantChange) -> tuple[str, str]:
 
 
 def document(old: str, new: str, found: Comparison, breaking: Sequence[str], notes: Sequence[str]) -> dict[str, Any]:
-    """A comparison for programs."""
+    """Return a comparison as JSON values."""
     return {
         "old": old,
         "new": new,
@@ -145,11 +144,4 @@ def _message(change: MessageChange) -> dict[str, Any]:
 
 
 def _entry(one: FieldChange | ConstantChange) -> dict[str, Any]:
-    return {
-        "what": one.what,
-        "name": one.name,
-        "before": one.before,
-        "after": one.after,
-        "place": one.place,
-        "sort": one.sort.value,
-    }
+    return {**one._asdict(), "sort": one.sort.value}

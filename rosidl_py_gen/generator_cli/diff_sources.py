@@ -1,14 +1,14 @@
-"""Where `diff` takes definitions from: a folder, a git revision, a bag, or a running node.
+"""Sources of definitions for `diff`: a folder, a git revision, a bag, or a running node.
 
-Decides what a text stands for: what `folder:`, `git:`, `bag:` or `node:` in front of it says; else a file or folder
-that is there, then a node when it begins with ``/``, then a revision. A folder and a revision are all the definitions
-there are; a bag and a node show some.
+The kind of a source is stated by the prefix `folder:`, `git:`, `bag:` or `node:`. Without one, a source is an existing
+file or folder, else a node if it starts with ``/``, else a revision. Folders and revisions are complete: a type that
+they lack does not exist. Bags and nodes have only some definitions.
 """
 
 from __future__ import annotations
 
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -38,34 +38,34 @@ _METADATA = "metadata.yaml"
 
 
 class SourceError(RosidlError):
-    """What was given to compare is not there, or cannot be read; the text says why."""
+    """A source to compare does not exist or cannot be read."""
 
 
 class DiffSource(NamedTuple):
-    """What is compared: one of `KINDS`, and a path, revision or node name."""
+    """A source to compare: one of `KINDS`, and a path, revision or node name."""
 
     kind: str
     text: str
 
     @property
     def is_whole(self) -> bool:
-        """Whether a type that it does not have does not exist."""
+        """True if a type that the source lacks does not exist."""
         return self.kind in ("folder", "git")
 
 
 @dataclass(slots=True)
 class LoadedDefinitions:
-    """The definitions of a source, with what has to be said of them."""
+    """Definitions of a source, with notes for the user."""
 
     facts: DefinitionSet
     search: SearchPath | None = None
     notes: list[str] = field(default_factory=list)
 
     def with_types(self, names: Iterable[str]) -> LoadedDefinitions:
-        """Those of the names that the search path has beside its own: a bag may use any of them.
+        """Return the definitions with more types of the search path, as far as it has them.
 
         Raises:
-            DefinitionError: one of them has problems.
+            DefinitionError: one of these types has problems.
         """
         if self.search is None:
             return self
@@ -78,22 +78,18 @@ class LoadedDefinitions:
             except TypeNotFoundError:
                 continue
             found = collect(registry, [owner])
-            # Recordings of X_Event and the like may have no more than this message of X.
+            # Recordings of a derived message, such as X_Event, may lack the rest of X.
             interfaces = found.interfaces if str(owner) == name else {name: (name,)}
             parts.append(("", DefinitionSet(interfaces, found.messages, found.hashes)))
         return LoadedDefinitions(merge(parts), self.search, self.notes)
 
 
 def parse_source(text: str) -> DiffSource:
-    """What a text stands for.
-
-    Raises:
-        SourceError: nothing.
-    """
+    """Return the source that a text names; raises `SourceError` if there is none."""
     kind, colon, rest = text.partition(":")
     if colon and kind in KINDS:
         if not rest:
-            raise SourceError(f'"{text}": expected something behind {kind}:')
+            raise SourceError(f'"{text}": expected a source after {kind}:')
         return DiffSource(kind, rest)
     path = Path(text)
     if path.is_dir():
@@ -101,7 +97,7 @@ def parse_source(text: str) -> DiffSource:
     if path.exists():
         if text.endswith(_BAG_FILES):
             return DiffSource("bag", text)
-        raise SourceError(f"{text}: a file that is no bag; expected a folder of packages, {', '.join(_BAG_FILES)}")
+        raise SourceError(f"{text}: a file that is not a bag; expected a folder of packages, {', '.join(_BAG_FILES)}")
     if text.startswith("/"):
         return DiffSource("node", text)
     if text.endswith(_BAG_FILES) or text.startswith((".", "~")):
@@ -116,90 +112,79 @@ def _is_bag(folder: Path) -> bool:
 
 
 @contextmanager
-def opened(
+def load_sources(
     old: DiffSource, new: DiffSource, paths: Sequence[str], timeout_s: float
 ) -> Iterator[tuple[LoadedDefinitions, LoadedDefinitions]]:
-    """The definitions of both; a revision without a path means the folder of the other side, or the current one.
+    """Load the definitions of two sources; files of a revision exist inside the block.
+
+    A revision without a path means the folder of the other source, or the current folder.
 
     Raises:
-        SourceError: one is not there. DefinitionError: it has problems. Others as bags and nodes raise them.
+        SourceError: a source does not exist.
+        DefinitionError: definitions have problems.
     """
-    folders = [one.text for one in (old, new) if one.kind == "folder"]
-    with _opened(old, paths, folders, timeout_s) as one, _opened(new, paths, folders, timeout_s) as other:
-        yield one, other
+    folder = next((source.text for source in (old, new) if source.kind == "folder"), ".")
+    with ExitStack() as stack:
+
+        def load_source(source: DiffSource) -> LoadedDefinitions:
+            match source.kind:
+                case "folder":
+                    return _from_folder(source.text, paths)
+                case "git":
+                    revision = stack.enter_context(git_revision.checked_out(source.text, folder))
+                    return _from_revision(*revision, paths)
+                case "bag":
+                    return _from_bag(source.text, paths)
+                case _:
+                    from rosidl_py_gen.generator_cli.node_definitions import types_of_node
+
+                    facts, notes = types_of_node(source.text, timeout_s)
+                    return LoadedDefinitions(facts, None, notes)
+
+        yield load_source(old), load_source(new)
 
 
-@contextmanager
-def _opened(
-    source: DiffSource, paths: Sequence[str], folders: Sequence[str], timeout_s: float
-) -> Iterator[LoadedDefinitions]:
-    match source.kind:
-        case "folder":
-            yield _of_folder(source.text, paths)
-        case "git":
-            with git_revision.checked_out(source.text, folders[0] if folders else ".") as (folder, shown, notes):
-                yield _of_revision(folder, shown, notes, paths)
-        case "bag":
-            yield _of_bag(source.text, paths)
-        case _:
-            from rosidl_py_gen.generator_cli.node_definitions import types_of_node
-
-            facts, notes = types_of_node(source.text, timeout_s)
-            yield LoadedDefinitions(facts, None, notes)
-
-
-def _of_folder(folder: str, paths: Sequence[str]) -> LoadedDefinitions:
+def _from_folder(folder: str, paths: Sequence[str]) -> LoadedDefinitions:
     search = scan_search_path([folder, *paths])
     own = sorted(name for name, package in search.packages.items() if package.origin == folder)
     registry, names = load(search, own) if own else (InterfaceRegistry(search), [])
-    facts = collect(registry, [name for name in names if name.package in own])
-    return LoadedDefinitions(
-        facts, search, [str(note) for note in notes_of(search, [name for name in names if name.package in own])]
-    )
+    names = [name for name in names if name.package in own]
+    return LoadedDefinitions(collect(registry, names), search, [*map(str, notes_of(search, names))])
 
 
-def _of_revision(folder: Path | None, shown: str, notes: list[str], paths: Sequence[str]) -> LoadedDefinitions:
-    """Places in errors are told as git does: ``main:src/my_msgs/msg/Wheel.msg:3:1``."""
+def _from_revision(folder: Path | None, display: str, notes: list[str], paths: Sequence[str]) -> LoadedDefinitions:
+    """Return the definitions with locations as in git: ``main:src/my_msgs/msg/Wheel.msg:3:1``."""
     if folder is None:
         search = scan_search_path([*paths])
         return LoadedDefinitions(DefinitionSet(), search, notes)
     prefixes = sorted({str(folder), display_path(folder)}, key=len, reverse=True)
 
-    def told(problem: Diagnostic) -> Diagnostic:
-        for prefix in prefixes:
-            if problem.path.startswith(prefix):
-                return Diagnostic(shown + problem.path[len(prefix) :], *_rest(problem))
-        return problem
+    def in_revision(place: str) -> str:
+        prefix = next((one for one in prefixes if place.startswith(one)), None)
+        return place if prefix is None else display + place[len(prefix) :]
+
+    def diagnostics_in_revision(diagnostics: Iterable[Diagnostic]) -> list[Diagnostic]:
+        return [replace(one, path=in_revision(one.path)) for one in diagnostics]
 
     try:
-        found = _of_folder(str(folder), paths)
+        loaded = _from_folder(str(folder), paths)
     except DefinitionError as error:
-        raise DefinitionError([*map(told, error.diagnostics)], [*map(told, error.notes)]) from None
-    for prefix in prefixes:
-        found.notes = [note.replace(prefix, shown) for note in found.notes]
-    return LoadedDefinitions(_with_places(found.facts, prefixes, shown), found.search, [*notes, *found.notes])
-
-
-def _rest(problem: Diagnostic) -> tuple[int, int, str, str]:
-    return problem.line, problem.column, problem.text, problem.source
-
-
-def _with_places(facts: DefinitionSet, prefixes: Sequence[str], shown: str) -> DefinitionSet:
-    def told(place: str) -> str:
-        prefix = next((one for one in prefixes if place.startswith(one)), None)
-        return place if prefix is None else shown + place[len(prefix) :]
-
+        raise DefinitionError(
+            diagnostics_in_revision(error.diagnostics), diagnostics_in_revision(error.notes)
+        ) from None
     messages = {
         name: one._replace(
-            fields=tuple(field._replace(place=told(field.place)) for field in one.fields),
-            constants=one.constants and tuple(item._replace(place=told(item.place)) for item in one.constants),
+            fields=tuple(field._replace(place=in_revision(field.place)) for field in one.fields),
+            constants=one.constants and tuple(item._replace(place=in_revision(item.place)) for item in one.constants),
         )
-        for name, one in facts.messages.items()
+        for name, one in loaded.facts.messages.items()
     }
-    return DefinitionSet(facts.interfaces, messages, facts.hashes)
+    return LoadedDefinitions(
+        replace(loaded.facts, messages=messages), loaded.search, [*notes, *map(in_revision, loaded.notes)]
+    )
 
 
-def _of_bag(path: str, paths: Sequence[str]) -> LoadedDefinitions:
+def _from_bag(path: str, paths: Sequence[str]) -> LoadedDefinitions:
     from rosidl_py_gen.bags import BagReader
     from rosidl_py_gen.type_loading.class_lookup import registry_of_text
     from rosidl_py_gen.type_loading.from_description import definition_text
@@ -214,10 +199,10 @@ def _of_bag(path: str, paths: Sequence[str]) -> LoadedDefinitions:
                 name = split_ros_name(channel.type_name, "msg")
                 registry = registry_of_text(str(name), text)
             except RosidlError as error:
-                notes.append(f"{path}: left out {channel.name} [{channel.type_name}]: {error}")
+                notes.append(f"{path}: skipped {channel.name} [{channel.type_name}]: {error}")
                 continue
             if not found.is_recorded:
-                notes.append(f"{path}: {channel.type_name} is taken from {found.origin}, by its name alone")
+                notes.append(f"{path}: {channel.type_name} is defined by {found.origin}, selected only by its name")
             parts.append((channel.name, as_recorded(collect_with_dependencies(registry, registry.owner(name) or name))))
     try:
         return LoadedDefinitions(merge(parts), None, notes)

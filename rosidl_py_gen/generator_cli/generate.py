@@ -1,4 +1,4 @@
-"""The main job: generate packages, or list what could be generated."""
+"""The command without a name: generate packages, or list those of the search path."""
 
 from __future__ import annotations
 
@@ -12,20 +12,29 @@ import click
 from rosidl_py_gen.compiler.frontend.registry import split_filter
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import generate
-from rosidl_py_gen.generator_cli import diagnostics_output
+from rosidl_py_gen.generator_cli.diagnostics_output import (
+    count,
+    echo,
+    print_json,
+    print_line,
+    print_notes,
+    print_problems,
+    rows,
+)
 
 if TYPE_CHECKING:
     from rosidl_py_gen.base.names import RosName
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
     from rosidl_py_gen.compiler.generate import GenerationResult
 
-_SILENT_S = 1.0  # a progress bar appears when a run takes longer than this
+_PROGRESS_DELAY_S = 1.0
+"""Time after which a progress bar appears."""
 
 
 def run(
     paths: tuple[str, ...], selection: str, out: str, check: bool, keep_going: bool, listing: bool, as_json: bool
 ) -> int:
-    """Returns the exit code."""
+    """Run the command and return its exit code."""
     search = scan_search_path(paths)
     if listing:
         _list(search, split_filter(selection), as_json)
@@ -42,7 +51,7 @@ def run(
 
 
 class _Progress:
-    """A bar on the terminal once a run has taken a second; silent otherwise."""
+    """A progress bar on the terminal for long runs."""
 
     def __init__(self) -> None:
         self._start = time.monotonic()
@@ -50,7 +59,7 @@ class _Progress:
         self._terminal = sys.stderr.isatty()
 
     def __call__(self, name: RosName, done: int, total: int) -> None:
-        if not self._terminal or time.monotonic() - self._start < _SILENT_S:
+        if not self._terminal or time.monotonic() - self._start < _PROGRESS_DELAY_S:
             return
         if self._bar is None:
             self._bar = click.progressbar(length=total, label="generating", file=sys.stderr)
@@ -66,33 +75,33 @@ class _Progress:
 def _print(result: GenerationResult, out: str, check: bool, as_json: bool) -> None:
     changes = result.changes
     if as_json:
-        diagnostics_output.print_json(
+        print_json(
             {
                 "out": out,
                 "interfaces": [str(name) for name in result.names],
                 "written": list(changes.written),
                 "removed": list(changes.removed),
                 "unchanged": changes.unchanged,
-                "errors": diagnostics_output.rows(result.problems),
-                "notes": diagnostics_output.rows(result.notes),
+                "errors": rows(result.problems),
+                "notes": rows(result.notes),
             }
         )
         return
-    diagnostics_output.print_notes(result.notes)
-    diagnostics_output.print_problems(result.problems)
+    print_notes(result.notes)
+    print_problems(result.problems)
     if check:
         for name in changes.written:
-            diagnostics_output.echo(f"would write {Path(out) / name}")
+            echo(f"would write {Path(out) / name}")
         for name in changes.removed:
-            diagnostics_output.echo(f"would remove {Path(out) / name}")
+            echo(f"would remove {Path(out) / name}")
     packages = len({name.package for name in result.names})
     verb = "would be written" if check else "written"
-    diagnostics_output.echo(
+    echo(
         f"{len(result.names)} interfaces in {packages} packages: {len(changes.written)} files {verb}, "
         f"{len(changes.removed)} removed, {changes.unchanged} unchanged"
     )
     if result.problems:
-        diagnostics_output.print_line(f"{diagnostics_output.count(result.problems)}; what has them was left out")
+        print_line(f"{count(result.problems)}; interfaces with problems were skipped")
 
 
 def _list(search: SearchPath, wanted: list[str], as_json: bool) -> None:
@@ -101,7 +110,7 @@ def _list(search: SearchPath, wanted: list[str], as_json: bool) -> None:
     rows = [row for row in every if row[0].name in chosen]
     rows.sort(key=lambda row: (row[0].name, not row[1]))
     if as_json:
-        diagnostics_output.print_json(
+        print_json(
             [
                 {
                     "package": package.name,
@@ -118,6 +127,4 @@ def _list(search: SearchPath, wanted: list[str], as_json: bool) -> None:
     for package, used in rows:
         note = "" if used else "  (hidden by the one above)"
         place = package.origin if package.origin == "bundled" else str(package.folder)
-        diagnostics_output.echo(
-            (package.name.ljust(width), "bold" if used else ""), f"  {len(package.files):3}  {place}{note}"
-        )
+        echo((package.name.ljust(width), "bold" if used else ""), f"  {len(package.files):3}  {place}{note}")

@@ -1,8 +1,7 @@
-"""The definitions of a git revision, in a folder of their own while they are read.
+"""The definitions of a git revision in a temporary folder.
 
-Decides what is taken: interface files and what says which of them belong to a package, by their objects, so that
-nothing is checked out, no filter or hook of the repository runs, and nothing is fetched. What the user typed never
-reaches git but behind a check: a revision becomes the hash of a commit first.
+Interface files and files that define packages are read as git objects: nothing is checked out or fetched, and no filter
+or hook of the repository runs. A revision is converted to the hash of a commit before it is used in other git commands.
 """
 
 from __future__ import annotations
@@ -24,15 +23,17 @@ _SUFFIXES = (".msg", ".srv", ".action", ".idl")
 _NAMES = ("package.xml", "CMakeLists.txt", "COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE", "pyvenv.cfg")
 _MAX_FILES = 50_000
 _MAX_BYTES = 64 << 20
-"""Of all definitions of a revision; those of all packages of ROS 2 together have some 10 MB."""
+"""Maximum bytes of the definitions of a revision; those of all packages of ROS 2 have 10 MB."""
 _HASH = re.compile(r"[0-9a-f]{40,64}\Z")
-_FILE, _LINK, _SUBMODULE = ("100644", "100755", "100664"), "120000", "160000"
-_OF_HOOKS = ("GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE", "GIT_PREFIX")
-"""What git tells its hooks, relative to folders of theirs."""
+_FILE_MODES = ("100644", "100755", "100664")
+_LINK_MODE = "120000"
+_SUBMODULE_MODE = "160000"
+_HOOK_VARIABLES = ("GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE", "GIT_PREFIX")
+"""Environment variables of hooks; they would redirect git to the repository of the hook."""
 
 
 class RevisionError(RosidlError):
-    """A git revision is not there or cannot be read; the text says why."""
+    """A git revision does not exist or cannot be read."""
 
 
 class _GitTreeEntry(NamedTuple):
@@ -44,16 +45,17 @@ class _GitTreeEntry(NamedTuple):
 
 @contextmanager
 def checked_out(text: str, beside: str) -> Iterator[tuple[Path | None, str, list[str]]]:
-    """The definitions of ``REVISION`` or ``REVISION:PATH`` in a temporary folder.
+    """Write the definitions of ``REVISION`` or ``REVISION:PATH`` to a temporary folder.
 
     Args:
-        beside: a folder in the repository; without PATH, it is the one that is meant.
+        text: the revision.
+        beside: a folder in the repository; without PATH, its definitions are written.
 
     Yields:
-        The folder, None when the revision does not have it; what stands for it in texts; what has to be said.
+        The folder, or None if the revision lacks it; its display name; notes for the user.
 
     Raises:
-        RevisionError: no repository, revision or such path; too large.
+        RevisionError: the repository, revision or path does not exist, or the definitions are too large.
     """
     revision, path = _split(text)
     place = Path(beside)
@@ -63,7 +65,7 @@ def checked_out(text: str, beside: str) -> Iterator[tuple[Path | None, str, list
     if revision.startswith("-") or not revision:
         raise RevisionError(f'"{text}": expected a git revision, such as main, v1.2 or HEAD~1:src/my_msgs')
     if revision == "HEAD" and path is None and _is_unborn(top):
-        yield None, "HEAD:", ["there is no commit yet: everything is new"]
+        yield None, "HEAD:", ["there is no commit yet: all definitions are new"]
         return
     commit = _git(
         ["rev-parse", "--verify", "--quiet", f"{revision}^{{commit}}"], top, f'no revision "{revision}" in {top}'
@@ -71,28 +73,28 @@ def checked_out(text: str, beside: str) -> Iterator[tuple[Path | None, str, list
     if not _HASH.match(commit):
         raise RevisionError(f'"{revision}" is not one revision')
     inside = _inside(path, place, top)
-    shown = f"{revision}:{inside}" if inside else f"{revision}:"
-    entries = _entries(commit, inside, top, shown)
+    display = f"{revision}:{inside}" if inside else f"{revision}:"
+    entries = _entries(commit, inside, top, display)
     if entries is None:
         if path is not None:
-            raise RevisionError(f"{printable(shown)}: there is no such folder in this revision")
-        yield None, shown, [f"{printable(shown)} is not there: everything is new"]
+            raise RevisionError(f"{printable(display)}: there is no such folder in this revision")
+        yield None, display, [f"{printable(display)} does not exist: all definitions are new"]
         return
-    wanted, notes = _wanted(entries, shown)
+    wanted, notes = _wanted(entries, display)
     if not wanted:
         if path is not None:
-            raise RevisionError(f"{printable(shown)}: there are no definitions in this folder")
-        yield None, shown, [*notes, f"{printable(shown)} has no definitions: everything is new"]
+            raise RevisionError(f"{printable(display)}: there are no definitions in this folder")
+        yield None, display, [*notes, f"{printable(display)} has no definitions: all definitions are new"]
         return
     with TemporaryDirectory(prefix="rosidl-py-gen-diff-") as folder:
-        # A package without package.xml is called as its folder.
+        # A package without package.xml has the name of its folder.
         root = Path(folder) / (PurePosixPath(inside).name or top.name or "root")
-        _write(root, wanted, _contents(wanted, top, shown))
-        yield root, shown if not inside else f"{revision}:{inside}", notes
+        _write(root, wanted, _contents(wanted, top, display))
+        yield root, display, notes
 
 
 def _is_unborn(top: Path) -> bool:
-    """Whether nothing was ever committed here: hooks run before the first commit, too."""
+    """Return True if the repository has no commit: hooks also run before the first one."""
     if _run(["rev-parse", "--verify", "--quiet", "HEAD"], top).returncode == 0:
         return False
     listed = _run(["rev-list", "--max-count=1", "--all"], top)
@@ -100,7 +102,7 @@ def _is_unborn(top: Path) -> bool:
 
 
 def _split(text: str) -> tuple[str, str | None]:
-    """``HEAD@{1 day ago}:src`` -> revision and path, None when there is none."""
+    """Split ``HEAD@{1 day ago}:src`` into revision and path, which may be None."""
     depth = 0
     for number, char in enumerate(text):
         depth += (char == "{") - (char == "}")
@@ -110,7 +112,7 @@ def _split(text: str) -> tuple[str, str | None]:
 
 
 def _inside(path: str | None, place: Path, top: Path) -> str:
-    """The folder that is meant, from the top of the repository, with slashes; empty for all of it."""
+    """Return a folder relative to the top of the repository, with slashes; empty for all of it."""
     if path is None or path.startswith(("./", "../")) or path == ".":
         wanted = os.path.realpath(place if path is None else path)
         relative = os.path.relpath(wanted, os.path.realpath(top))
@@ -123,61 +125,61 @@ def _inside(path: str | None, place: Path, top: Path) -> str:
     return "/".join(parts)
 
 
-def _entries(commit: str, inside: str, top: Path, shown: str) -> list[_GitTreeEntry] | None:
-    """All files below a folder of a revision; None when there is no such folder."""
+def _entries(commit: str, inside: str, top: Path, display: str) -> list[_GitTreeEntry] | None:
+    """Return the files below a folder of a revision; None if there is no such folder."""
     if inside:
         kind = _run(["cat-file", "-t", f"{commit}:{inside}"], top)
         if kind.returncode or kind.stdout.strip() != b"tree":
             return None
     listed = _run(["ls-tree", "-r", "-z", "-l", f"{commit}:{inside}"], top)
     if listed.returncode:
-        raise RevisionError(f"{printable(shown)}: {_reason(listed)}")
+        raise RevisionError(f"{printable(display)}: {_reason(listed)}")
     found = []
     for line in listed.stdout.split(b"\0"):
-        told, _, name = line.partition(b"\t")
-        parts = told.decode("ascii", "replace").split()
+        columns, _, name = line.partition(b"\t")
+        parts = columns.decode("ascii", "replace").split()
         if len(parts) == 4:
             size = int(parts[3]) if parts[3].isdigit() else 0
             found.append(_GitTreeEntry(parts[0], parts[2], size, os.fsdecode(name)))
     return found
 
 
-def _wanted(entries: Sequence[_GitTreeEntry], shown: str) -> tuple[list[_GitTreeEntry], list[str]]:
+def _wanted(entries: Sequence[_GitTreeEntry], display: str) -> tuple[list[_GitTreeEntry], list[str]]:
     relevant = [one for one in entries if one.path.endswith(_SUFFIXES) or PurePosixPath(one.path).name in _NAMES]
-    wanted = [one for one in relevant if one.mode in _FILE]
+    wanted = [one for one in relevant if one.mode in _FILE_MODES]
     size = sum(one.size for one in wanted)
     if len(wanted) > _MAX_FILES or size > _MAX_BYTES:
         raise RevisionError(
-            f"{printable(shown)}: has {len(wanted)} files of definitions with {size} bytes; expected at most "
+            f"{printable(display)}: has {len(wanted)} files of definitions with {size} bytes; expected at most "
             f"{_MAX_FILES} with {_MAX_BYTES}: name the folder of the packages, as REVISION:PATH"
         )
     for one in wanted:
         parts = one.path.split("/")
         if any(part in ("", ".", "..") or "\\" in part or (os.name == "nt" and ":" in part) for part in parts):
-            raise RevisionError(f"{printable(shown)}: {printable(one.path)!r} is no path of a file")
+            raise RevisionError(f"{printable(display)}: {printable(one.path)!r} is not a valid path")
     notes = []
     skipped = {
-        "submodules are not looked into": [one.path for one in entries if one.mode == _SUBMODULE],
-        "links are not followed": [one.path for one in entries if one.mode == _LINK],
+        "submodules are skipped": [one.path for one in entries if one.mode == _SUBMODULE_MODE],
+        "links are skipped": [one.path for one in entries if one.mode == _LINK_MODE],
     }
     for what, paths in skipped.items():
         if paths:
             more = f" and {len(paths) - 3} more" if len(paths) > 3 else ""
-            notes.append(printable(f"{shown}: {what}: {', '.join(paths[:3])}{more}"))
+            notes.append(printable(f"{display}: {what}: {', '.join(paths[:3])}{more}"))
     has_definitions = any(one.path.endswith(_SUFFIXES) for one in wanted)
     return wanted if has_definitions else [], notes
 
 
-def _contents(wanted: Sequence[_GitTreeEntry], top: Path, shown: str) -> list[bytes]:
-    asked = "".join(f"{one.object}\n" for one in wanted).encode()
-    done = _run(["cat-file", "--batch"], top, asked)
+def _contents(wanted: Sequence[_GitTreeEntry], top: Path, display: str) -> list[bytes]:
+    objects = "".join(f"{one.object}\n" for one in wanted).encode()
+    done = _run(["cat-file", "--batch"], top, objects)
     found, at = [], 0
     for one in wanted:
         end = done.stdout.find(b"\n", at)
         head = done.stdout[at:end].split() if end >= 0 else []
         if len(head) != 3 or head[1] != b"blob":
             raise RevisionError(
-                f"{printable(shown)}: {printable(one.path)} is not in this clone, which is a partial one"
+                f"{printable(display)}: {printable(one.path)} is not in this clone, which is a partial one"
             )
         start, size = end + 1, int(head[2])
         found.append(done.stdout[start : start + size])
@@ -200,15 +202,15 @@ def _git(arguments: list[str], folder: Path, otherwise: str) -> str:
     return os.fsdecode(done.stdout).rstrip("\n")
 
 
-def _run(arguments: list[str], folder: Path, given: bytes = b"") -> subprocess.CompletedProcess[bytes]:
-    environment = {name: value for name, value in os.environ.items() if name not in _OF_HOOKS}
+def _run(arguments: list[str], folder: Path, stdin: bytes = b"") -> subprocess.CompletedProcess[bytes]:
+    environment = {name: value for name, value in os.environ.items() if name not in _HOOK_VARIABLES}
     environment |= {"LC_ALL": "C", "GIT_OPTIONAL_LOCKS": "0", "GIT_NO_LAZY_FETCH": "1", "GIT_TERMINAL_PROMPT": "0"}
     try:
-        return subprocess.run(["git", *arguments], cwd=folder, env=environment, input=given, capture_output=True)
+        return subprocess.run(["git", *arguments], cwd=folder, env=environment, input=stdin, capture_output=True)
     except FileNotFoundError:
-        raise RevisionError("there is no git here, which reads revisions") from None
+        raise RevisionError("git is not installed, which is needed to read revisions") from None
     except ValueError:  # a NUL in an argument
-        raise RevisionError("a revision has no NUL in it") from None
+        raise RevisionError("a revision must not contain NUL") from None
 
 
 def _reason(done: subprocess.CompletedProcess[bytes]) -> str:

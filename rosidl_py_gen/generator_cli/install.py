@@ -1,15 +1,15 @@
-"""Install message packages into this environment, and take them back."""
+"""The options --install and --uninstall: message packages of this environment."""
 
 from __future__ import annotations
 
 from rosidl_py_gen.compiler.frontend.registry import split_filter
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
-from rosidl_py_gen.generator_cli import diagnostics_output
+from rosidl_py_gen.generator_cli.diagnostics_output import echo, print_json
 from rosidl_py_gen.wheels.environment import install, uninstall
 
 
 def run(action: str, paths: tuple[str, ...], selection: str, force: bool, as_json: bool) -> int:
-    """Returns the exit code."""
+    """Run the command and return its exit code."""
     wanted = sorted({name.partition("/")[0] for name in split_filter(selection)})
     if action == "uninstall":
         changed = uninstall(wanted, force=force)
@@ -17,7 +17,7 @@ def run(action: str, paths: tuple[str, ...], selection: str, force: bool, as_jso
         search = scan_search_path(paths)
         changed = install(search, wanted or [*search.packages], force=force)
     if as_json:
-        diagnostics_output.print_json({action: changed})
+        print_json({action: changed})
     else:
-        diagnostics_output.echo(f"{action}ed {', '.join(changed) or 'nothing'}")
+        echo(f"{action}ed {', '.join(changed) or 'nothing'}")
     return 0

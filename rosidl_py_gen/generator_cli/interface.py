@@ -1,4 +1,4 @@
-"""Print a definition: its text, its type hash, its description, or everything it uses."""
+"""The command `interface`: print a definition with its type hash."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from rosidl_py_gen.compiler.frontend.definition_text import full_text, read_chec
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.errors import TypeNotFoundError
-from rosidl_py_gen.generator_cli import diagnostics_output
+from rosidl_py_gen.generator_cli.diagnostics_output import echo, print_json, print_line
 from rosidl_py_gen.type_loading.generated import registry_of_generated_class
 
 
 def run(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> int:
-    """Returns the exit code."""
+    """Run the command and return its exit code."""
     top = split_ros_name(name, "msg")
     registry, generated = InterfaceRegistry(scan_search_path(paths)), None
     try:
@@ -23,16 +23,14 @@ def run(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> int:
         if generated is None:
             raise
         registry, owner, note = generated
-        diagnostics_output.print_line(f"note: {note}")
+        print_line(f"note: {note}")
     if as_json:
-        diagnostics_output.print_json(
-            {"hash": registry.type_hash(str(top)), **build_type_description(str(top), registry.field_rows)}
-        )
+        print_json({"hash": registry.type_hash(str(top)), **build_type_description(str(top), registry.field_rows)})
         return 0
     if full:
-        diagnostics_output.echo(full_text(registry, owner).removesuffix("\n"))
+        echo(full_text(registry, owner).removesuffix("\n"))
         return 0
-    diagnostics_output.echo((f"# {top}  {registry.type_hash(str(top))}", "bold"))
+    echo((f"# {top}  {registry.type_hash(str(top))}", "bold"))
     text = source_text(registry, owner) if generated is None else full_text(registry, owner)
-    diagnostics_output.echo(text.removesuffix("\n"))
+    echo(text.removesuffix("\n"))
     return 0

@@ -1,6 +1,4 @@
-"""``python -m rosidl_py_gen.generator_cli.regenerate [--check]``: the committed `rosidl_py_gen/msgs`, for
-maintainers.
-"""
+"""``python -m rosidl_py_gen.generator_cli.regenerate [--check]``: generate the committed `rosidl_py_gen/msgs`."""
 
 from __future__ import annotations
 
@@ -12,7 +10,7 @@ from rosidl_py_gen.compiler.generate import regenerate_msgs
 
 
 def main() -> None:
-    """Exit code 1 when `--check` finds a difference."""
+    """Generate the files; with `--check`, exit with 1 if one would change."""
     dry = "--check" in sys.argv[1:]
     folder = Path(rosidl_py_gen.__file__).parent / "msgs"
     changes = regenerate_msgs(folder, dry=dry)

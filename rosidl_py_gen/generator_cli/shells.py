@@ -1,7 +1,8 @@
-"""Completion scripts of bash, zsh and fish for both command lines; click's own insert values without quoting them.
+"""Completion scripts of bash, zsh and fish for both command lines.
 
-Values may come from other nodes or from files, so a shell must never expand them: bash and zsh get them quoted, fish
-quotes them itself. A value with a character that cannot be printed is not offered.
+The scripts of click insert values without quotes. Values may be from other nodes or from files, so a shell must not
+expand
+them: they are quoted for bash and zsh, fish quotes them itself. A value that is not printable is not offered.
 """
 
 from __future__ import annotations
@@ -66,12 +67,12 @@ else
 fi
 """
 _BREAKS = "\"'@><=;|&(:"
-"""Characters at which bash begins a new word unless COMP_WORDBREAKS says otherwise."""
+"""Default of COMP_WORDBREAKS: characters at which bash starts a new word."""
 _UNSAFE = re.compile(r"[^\w@%+=:,./-]", re.ASCII)
 
 
 def install() -> None:
-    """Make click use the classes of this module."""
+    """Register the classes of this module in click."""
     for cls in (_Bash, _Zsh, _Fish):
         add_completion_class(cls)
 

@@ -193,7 +193,7 @@ def test_errors_have_place_line_and_caret_and_nothing_is_written(shell: Shell, t
         'src/a_msgs/msg/Worse.msg:1:1: unknown type "std_msgs/Heder"; did you mean "std_msgs/Header"?',
         "    std_msgs/Heder header",
         "    ^",
-        "2 problems; nothing was written (--keep-going generates what is right)",
+        "2 problems; nothing was written (--keep-going generates the valid interfaces)",
     ]
 
 

@@ -106,7 +106,7 @@ def test_every_change_of_a_type_is_told_with_its_place(shell: Shell) -> None:
         "field     ~ speed: float64 -> float32  (new/my_msgs/msg/Wheel.msg:2:9)",
         "field     ~ speed: default 0.5 -> 0.7  (new/my_msgs/msg/Wheel.msg:2:9)",
         "field     ~ speed: unit m/s -> rpm  (new/my_msgs/msg/Wheel.msg:2:9)",
-        "field     ~ label: was name, as far as one can tell  (new/my_msgs/msg/Wheel.msg:3:11)",
+        "field     ~ label: was name, probably  (new/my_msgs/msg/Wheel.msg:3:11)",
         "field     + more: int8  (new/my_msgs/msg/Wheel.msg:4:6)",
         "constant  ~ MAX: uint8 3 -> uint8 4  (new/my_msgs/msg/Wheel.msg:1:7)",
         "old data  read wrongly, or not at all",
@@ -216,7 +216,7 @@ def test_a_package_that_a_revision_does_not_have_is_new(shell: Shell) -> None:
     repository(shell.folder, {"README": ""})
     write(shell.folder / "src", BEFORE)
     answer = shell("diff", "HEAD", "src")
-    assert answer.code == 0 and "note: HEAD:src is not there: everything is new" in answer.err
+    assert answer.code == 0 and "note: HEAD:src does not exist: all definitions are new" in answer.err
     assert answer.out.startswith("+ my_msgs/action/Drive\n")
     answer = shell("diff", "HEAD:src", "src")
     assert answer.code == 1 and answer.err == "error: HEAD:src: there is no such folder in this revision\n"
@@ -239,9 +239,9 @@ def test_problems_in_a_revision_are_told_with_it(shell: Shell) -> None:
         ("HEAD:no/where", "error: HEAD:no/where: there is no such folder in this revision"),
         ("HEAD:docs", "error: HEAD:docs: there are no definitions in this folder"),
         ("HEAD..main", 'error: no revision "HEAD..main" in '),
-        ("git:", "expected something behind git:"),
+        ("git:", "expected a source after git:"),
         ("x.mcap", "error: x.mcap: there is no such file or folder"),
-        ("README", "error: README: a file that is no bag"),
+        ("README", "error: README: a file that is not a bag"),
         ("a\nb", 'error: no revision "a�b" in '),
     ],
 )
@@ -275,7 +275,7 @@ def test_hostile_trees_write_nothing_elsewhere(shell: Shell) -> None:
     (folder / "src/a_msgs/msg/Link.msg").symlink_to("/etc/passwd")
     repository(folder, {}, "link")
     answer = shell("diff", "HEAD", "HEAD~1")
-    assert answer.code == 0 and "note: HEAD:: links are not followed: src/a_msgs/msg/Link.msg" in answer.err
+    assert answer.code == 0 and "note: HEAD:: links are skipped: src/a_msgs/msg/Link.msg" in answer.err
     assert not list(folder.rglob("evil.msg"))
 
 
@@ -355,7 +355,7 @@ def test_of_two_bags_what_only_one_has_is_not_compared(shell: Shell) -> None:
     other = bag(shell.folder / "other.mcap", "int8 a", "my_msgs/msg/Other")
     answer = shell("diff", one, other)
     assert answer.code == 0
-    assert answer.out.startswith("not compared, as one side does not have them: my_msgs/msg/Other, my_msgs/msg/Wheel\n")
+    assert answer.out.startswith("not compared, as only one side has them: my_msgs/msg/Other, my_msgs/msg/Wheel\n")
 
 
 def test_a_bag_with_two_definitions_of_a_type_has_to_be_divided_first(shell: Shell) -> None:

@@ -36,7 +36,7 @@ async def test_a_node_tells_the_types_of_its_topics_services_and_actions(memory:
     assert [(one.name, str(one.type), one.default) for one in battery.fields] == [("volts", "float32", "24.0")]
     assert battery.constants is None  # the node has no text of it that it could tell them from
     assert facts.interfaces["robot_msgs/srv/Dock"] == ("robot_msgs/srv/Dock_Request", "robot_msgs/srv/Dock_Response")
-    assert [note for note in notes if "left out" in note] == []
+    assert [note for note in notes if "skipped" in note] == []
 
 
 async def test_a_node_that_is_not_there_is_an_error(memory: World) -> None:
@@ -50,7 +50,7 @@ async def test_types_that_a_node_does_not_describe_are_left_out_with_a_word(memo
     robot.create_publisher(compile_definition(BATTERY, "int8 a\n"), "battery")
     facts, notes = await definitions_of_node(memory.node("asking"), "/silent", 5)
     assert BATTERY not in facts.interfaces
-    assert [note for note in notes if note.startswith(f"/silent: left out {BATTERY} of /battery: ")]
+    assert [note for note in notes if note.startswith(f"/silent: skipped {BATTERY} of /battery: ")]
 
 
 async def test_a_robot_is_compared_with_a_workspace(dds: World, tmp_path: Path) -> None:
@@ -61,5 +61,5 @@ async def test_a_robot_is_compared_with_a_workspace(dds: World, tmp_path: Path) 
     process = await start_process(*command, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE)
     out, err = await asyncio.wait_for(process.communicate(), 60)
     assert process.returncode == 1, err
-    assert b"field     - cells: uint8" in out and b"old data  read without what is gone" in out
+    assert b"field     - cells: uint8" in out and b"old data  read without removed fields" in out
     assert out.endswith(b" unchanged; changes of code, data, hash; breaking: code, data\n")

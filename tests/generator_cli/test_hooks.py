@@ -60,7 +60,7 @@ def test_hooks_say_all_that_pre_commit_needs() -> None:
 
 def test_the_hooks_pass_before_the_first_commit_and_fail_for_what_is_wrong(repository: Path, capsys: Any) -> None:
     assert [run(one) for one in HOOKS] == [0, 0]
-    assert "there is no commit yet: everything is new" in capsys.readouterr().err
+    assert "there is no commit yet: all definitions are new" in capsys.readouterr().err
     git("add", "-A")
     git("commit", "-q", "-m", "one")
     file = repository / "src/team_msgs/msg/Wheel.msg"

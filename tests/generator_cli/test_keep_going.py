@@ -75,14 +75,14 @@ def test_without_it_nothing_is_written_and_the_option_is_named(shell: Shell) -> 
     assert (answer.code, answer.out, Path("out").exists()) == (1, "", False)
     assert answer.err.splitlines() == [
         *TOLD[3:6],
-        "1 problem; nothing was written (--keep-going generates what is right)",
+        "1 problem; nothing was written (--keep-going generates the valid interfaces)",
     ]
 
 
 def test_what_is_right_is_written_and_the_rest_is_told(shell: Shell) -> None:
     answer = shell(*WANTED, "--keep-going")
     assert answer.code == 1
-    assert answer.err.splitlines() == [*TOLD, "3 problems; what has them was left out"]
+    assert answer.err.splitlines() == [*TOLD, "3 problems; interfaces with problems were skipped"]
     assert " interfaces in " in answer.out
     made = {path.name for path in Path("out").rglob("*.py")}
     assert {"_right0.py", "_right37.py", "_do.py"} <= made

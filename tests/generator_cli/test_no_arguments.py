@@ -27,7 +27,7 @@ def test_nothing_wanted_is_answered_with_the_help(arguments: tuple[str, ...], tm
     found = command(*arguments, cwd=tmp_path)
     assert (found.returncode, found.stdout, list(tmp_path.iterdir())) == (2, "", [])
     assert found.stderr == command("--help", cwd=tmp_path).stdout
-    assert "--out . generates everything" in " ".join(found.stderr.split())
+    assert "--out . generates all packages" in " ".join(found.stderr.split())
 
 
 @pytest.mark.parametrize("arguments", [("--out", "."), ("--filter", "")])

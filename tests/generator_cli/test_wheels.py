@@ -178,7 +178,7 @@ def test_wheels_are_installed_used_typed_and_found_by_the_next_package(
         made = said(clean, *GENERATOR, "wheel", "--path", tmp_path / "other", "--out", tmp_path / "next")
         wheel, note = made.splitlines()
         assert Path(wheel).name == "wheel_fleet_msgs-2.0.0-py3-none-any.whl"
-        assert note.startswith("needed, and not made, because they are installed here: ")
+        assert note.startswith("required, but not made, because they are installed: ")
         assert "wheel-robot-msgs==1.2.3; name packages" in note
         listed = said(clean, *GENERATOR, "--list")
         assert "site-packages" in next(line for line in listed.splitlines() if line.startswith("wheel_robot_msgs"))

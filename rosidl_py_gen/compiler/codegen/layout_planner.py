@@ -65,8 +65,9 @@ class LayoutPlanner(Weights):
     """Layout plans by message name.
 
     Args:
-        lookup, max_leaves: as for `Weights`.
+        lookup: as for `Weights`.
         rclpy: plan for classes in which `byte` is bytes of length 1.
+        max_leaves: as for `Weights`.
     """
 
     def __init__(

@@ -166,7 +166,6 @@ def compare(
     """Compare two sets of definitions.
 
     Args:
-        old, new: the sets.
         old_is_whole: the old set is complete: a type that only the new one has was added.
         new_is_whole: the new set is complete: a type that only the old one has was removed.
     """

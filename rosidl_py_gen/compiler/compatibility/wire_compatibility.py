@@ -54,7 +54,8 @@ class WireCompatibility:
     """Compares the messages of two sets of definitions.
 
     Args:
-        old, new: messages by name, with all messages that they refer to.
+        old: old messages by name, with all messages that they refer to.
+        new: new messages.
     """
 
     def __init__(self, old: Mapping[str, MessageDefinition], new: Mapping[str, MessageDefinition]) -> None:
