@@ -27,8 +27,8 @@ from support.example_counts import examples
 from rosidl_py_gen.runtime.transport.cyclone import library
 
 NOT_QUICK = re.compile(
-    r"interop|oracle|test_code_blocks|test_site|test_stress|test_wheel|test_environments|test_two_processes|test_examples"
-    r"|test_notebooks|test_scale|test_packages|test_seeds|_typing|test_plugin|process|test_runner|transport/|test_foxglove"
+    r"interop|oracle|test_code_blocks|test_site|test_stress|test_wheel|test_two_processes|test_examples"
+    r"|test_notebooks|test_scale|test_packages|_typing|test_plugin|process|test_runner|transport/|test_foxglove"
     r"|tests/ros_compat/|test_zenoh|test_stdin|test_command_line|test_install_hints|test_completion|tests/generator_cli/|cmake_agrees|type_checkers|importing"
     r"|forked_child|broken_cyclonedds_uri|cyclonedds_itself|ctrl_c|prototypes_survive|comes_from_standard_input"
     r"|needs_neither_lark|foreign_package_of_the_same_name|clean_code|formatted_and_clean|left_alone_by_the_formatter"
@@ -43,7 +43,7 @@ NOT_QUICK = re.compile(
 )
 """Tests and files of tests that start processes, or take long by themselves."""
 MOST_CASES = 40
-"""Of one test in a quick run, or a tenth of them: evenly spread, the same ones every time."""
+"""Maximum number of cases of a test in a quick run, or a tenth of them; evenly spread."""
 OF_PROCESSES = {
     "dds",
     "network",
@@ -62,7 +62,7 @@ NOT_EVERYWHERE = {
     "fcntl": "fcntl|private_network",
     "resource": "resource",
 }
-"""What some machines do not have, and the imports that need it."""
+"""Modules that some machines do not have, and regular expressions for imports that need them."""
 ONLY_IN_TEST_ALL = {
     "IPython", "botocore", "dask", "distributed", "duckdb", "flask", "fsspec", "griffe", "hatchling", "ipykernel",
     "jupyter_client", "matplotlib", "mcap_ros2", "moto", "mypy", "pandas", "polars", "pyarrow", "pycdr2", "rosbags",
@@ -72,19 +72,17 @@ ONLY_IN_TEST_ALL = {
 
 
 _SHRINKING_S = 900
-"""Of a random test: Hypothesis takes up to 300 s to make a failing example small, and has told nothing before."""
+"""Timeout of a random test: Hypothesis takes up to 300 s to shrink a failing example, and reports it afterwards."""
 _MEMORY = Path("/dev/shm")
 _ENOUGH_BYTES = 4 << 30
 
 
 def is_there(name: str) -> bool:
-    """Whether this machine has that."""
     return library.is_found() if name == "libddsc" else find_spec(name) is not None
 
 
 @pytest.hookimpl(tryfirst=True)  # before hypothesis looks at --hypothesis-profile
 def pytest_configure(config: pytest.Config) -> None:
-    """Let SIGINT interrupt. A shell starts background jobs with SIGINT ignored, and every child inherits that."""
     if _is_quick(config):
         os.environ.setdefault("ROSIDL_TEST_EXAMPLES", "0.1")
         config.pluginmanager.register(WithoutSlowFiles())
@@ -122,7 +120,6 @@ class _WithoutAssertions:
 
 
 def pytest_collection_finish() -> None:
-    """What is there by now stays; no garbage collection of a test has to look through it."""
     gc.collect()
     gc.freeze()
 

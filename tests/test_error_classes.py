@@ -9,7 +9,7 @@ from pathlib import Path
 PACKAGE = Path(__file__).resolve().parent.parent / "rosidl_py_gen"
 BUILTIN = {name for name, kind in vars(builtins).items() if isinstance(kind, type) and issubclass(kind, BaseException)}
 WARNINGS = {name for name in BUILTIN if name.endswith("Warning")}
-"""What is warned of is not raised, and is called so."""
+"""Warnings, which do not derive from our errors."""
 # What readers of definitions raise and the compiler makes a `Problem` of, with its place; users never see them.
 BECOME_PROBLEMS = {"LiteralProblem", "SyntaxProblem", "UnreadableError"}
 

@@ -1,4 +1,4 @@
-"""What is said where an extra is missing: a command that works, because it installs as this package was installed."""
+"""Hints for missing extras: a command that installs from the source of this package."""
 
 from __future__ import annotations
 
@@ -33,7 +33,6 @@ NO_LIBRARY = "import rosidl_py_gen.runtime.transport.cyclone.library as m; m.can
 
 @pytest.fixture
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Any], None]:
-    """Let the package have come as this `direct_url.json` says; None: from an index."""
 
     def install(told: Any) -> None:
         folder = tmp_path / "rosidl_py_gen-0.1.0.dist-info"
@@ -132,16 +131,6 @@ def test_other_modules_are_no_business_of_extras() -> None:
     assert missing_extra_message(ModuleNotFoundError("No module named 'nope'", name="nope")) is None
 
 
-def test_no_hint_is_written_by_hand() -> None:
-    by_hand = [
-        str(path.relative_to(ROOT))
-        for folder, pattern in (("rosidl_py_gen", "*.py"), ("docs", "*.md"), ("examples", "*.py"))
-        for path in sorted((ROOT / folder).rglob(pattern))
-        if path.name != "resources.py" and "rosidl-py-gen[" in path.read_text(encoding="utf-8")
-    ]
-    assert by_hand == []
-
-
 @pytest.mark.parametrize(
     ("arguments", "extra"),
     [
@@ -152,7 +141,6 @@ def test_no_hint_is_written_by_hand() -> None:
     ],
 )
 def test_of_several_extras_the_one_is_asked_for_that_brings_the_others(arguments: tuple[str, ...], extra: str) -> None:
-    """In a process that finds none of what extras bring."""
     code = f"""
 import importlib.util, sys
 real = importlib.util.find_spec

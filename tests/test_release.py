@@ -31,7 +31,6 @@ def steps() -> list[tuple[str, dict[str, Any]]]:
 
 
 def requirements(extra: str) -> set[str]:
-    """What an extra asks for, with that of the other extras it names."""
     (listed,) = re.findall(rf"^{extra} = \[(.*?)\]$", PROJECT, re.MULTILINE | re.DOTALL)
     found = set()
     for one in re.findall(r'"([^"]+)"', listed):
@@ -65,7 +64,6 @@ def test_the_supported_cpythons_are_those_that_are_tried() -> None:
 
 @in_a_checkout
 def test_workflows_run_what_readme_and_ci_run() -> None:
-    """Lines of theirs; what is left is what only a workflow has to do."""
     known = (ROOT / "README.md").read_text(encoding="utf-8") + (ROOT / ".ci/run").read_text(encoding="utf-8")
     known += prose(ROOT / "CONTRIBUTING.md").replace("\n", " ")
     known += (ROOT / "packaging/libddsc/README.md").read_text(encoding="utf-8")

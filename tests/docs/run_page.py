@@ -63,7 +63,6 @@ class Page:
         runtime.spin = lambda *nodes: None
 
     def run(self, main: Callable[[], Coroutine[Any, Any, Any]]) -> None:
-        """What `rosidl_py_gen.runtime.run` is to the blocks."""
         self.programs.append(asyncio.ensure_future(main()))
 
     async def run_all(self) -> None:
@@ -199,7 +198,7 @@ class Page:
 
 
 class Tee(io.TextIOBase):
-    """Where programs that go on print to: the output of the block at hand."""
+    """Output of the current block, also for programs that continue."""
 
     def __init__(self, page: Page) -> None:
         self.page = page

@@ -55,7 +55,6 @@ def items(docstring: str) -> Iterator[tuple[str, str]]:
 
 
 def parameters(node: Documented) -> set[str]:
-    """What `Args` may name: of a class, the constructor's, or the fields of a dataclass."""
     if isinstance(node, ast.ClassDef):
         made = [one for one in node.body if isinstance(one, ast.FunctionDef) and one.name == "__init__"]
         fields = {

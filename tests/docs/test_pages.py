@@ -1,8 +1,9 @@
-"""README.md and docs/ agree with the repository: links, named tests, public names, and what a newcomer has to read."""
+"""README.md and docs/ agree with the repository: links, tests, public names, and the length of the README."""
 
 from __future__ import annotations
 
 import ast
+import inspect
 import re
 from fnmatch import fnmatchcase
 from importlib import import_module
@@ -16,20 +17,21 @@ from support.node_fixtures import ON_ZENOH
 LINKING = [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", ROOT / "SECURITY.md"]
 API = "\n".join(prose(page) for page in PAGES if page.parent.name == "api")
 
+
 PARTS = ("runtime", "numpy", "message_filters", "tf", "bags")
+SUBMODULES = ("runtime.qos", "runtime.pytest_plugin")
+NAME = re.compile(r"`(?:await |async for |async with )?([A-Za-z_][\w.]*)")
+# Names of Python and asyncio, and placeholders.
+OTHERS = {"async", "asyncio", "loop", "with", "f", "def", "T", "m", "Lock", "Event", "call_soon_threadsafe"}
 
 
-def name_of(page: Path) -> str:
-    return str(page.relative_to(ROOT))
-
-
-@pytest.mark.parametrize("page", LINKING, ids=name_of)
-def test_links_lead_somewhere(page: Path) -> None:
-    for link in links(page):
-        target, _, anchor = link.partition("#")
-        path = (page.parent / target).resolve() if target else page
-        assert path.exists(), f"{link}: no such file"
-        assert not anchor or anchor in anchors(path), f"{link}: no such heading"
+def test_links_lead_somewhere() -> None:
+    for page in LINKING:
+        for link in links(page):
+            target, _, anchor = link.partition("#")
+            path = (page.parent / target).resolve() if target else page
+            assert path.exists(), f"{page.name}: {link}: no such file"
+            assert not anchor or anchor in anchors(path), f"{page.name}: {link}: no such heading"
 
 
 @pytest.mark.parametrize(("page", "folder", "least"), [("r2r.md", "runtime", 90), ("interop.md", "interop_rclpy", 15)])
@@ -43,7 +45,6 @@ def test_tests_that_a_page_names_exist(page: str, folder: str, least: int) -> No
 
 
 def runs_on_zenoh(file: Path, name: str) -> bool:
-    """Whether that test of a file does, or any of them; `name` may end in "…"."""
     if file.parent.name == "zenoh":
         return True
     wanted = (name or "test_…").replace("…", "*")
@@ -67,10 +68,10 @@ def test_what_works_on_zenoh_is_tested_there() -> None:
         assert not zenoh.startswith("yes") or any(runs_on_zenoh(*test) for test in named), what
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_other_pages_name_no_tests(page: Path) -> None:
-    is_for_developers = page.name in ("r2r.md", "interop.md", "rclpy.md") or page.parent.name == "internals"
-    assert is_for_developers or named_tests(prose(page)) == []
+def test_other_pages_name_no_tests() -> None:
+    for page in PAGES:
+        is_for_developers = page.name in ("r2r.md", "interop.md", "rclpy.md") or page.parent.name == "internals"
+        assert is_for_developers or named_tests(prose(page)) == [], page
 
 
 @pytest.mark.parametrize("package", ["rosidl_py_gen", *(f"rosidl_py_gen.{name}" for name in PARTS)])
@@ -110,3 +111,35 @@ def test_the_figures_of_the_readme_are_those_of_the_speed_page() -> None:
 def test_the_readme_counts_the_bundled_packages() -> None:
     packages = [path for path in (ROOT / "interfaces").iterdir() if path.is_dir()]
     assert f"{len(packages)} packages of ROS 2 Jazzy" in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def known_names() -> set[str]:
+    """Return public names, members of public classes, and the parameters of these."""
+    known: set[str] = set()
+    for module in map(import_module, ["rosidl_py_gen", *(f"rosidl_py_gen.{part}" for part in (*PARTS, *SUBMODULES))]):
+        for name in dir(module):
+            value = getattr(module, name)
+            known.add(name)
+            if inspect.isclass(value):
+                known |= set(dir(value))
+                for member in vars(value).values():
+                    if inspect.isfunction(member):
+                        known |= set(inspect.signature(member).parameters)
+    return known
+
+
+def test_what_the_migration_table_names_exists() -> None:
+    known, table = known_names(), [row for row in rows(ROOT / "docs/migration.md") if len(row) == 4][2:]
+    assert len(table) > 35
+    named = {(row[0], name) for row in table for name in NAME.findall(row[2])}
+    parts = {(what, part) for what, name in named for part in name.split(".") if not name.startswith("rosidl_py_gen")}
+    assert len(parts) > 50
+    assert {(what, part) for what, part in parts if part not in known | OTHERS} == set()
+    for module in {name for _, name in named if name.startswith("rosidl_py_gen")}:
+        import_module(module)
+
+
+def test_the_first_page_leads_to_every_guide_and_api_page() -> None:
+    index = set(links(ROOT / "docs/index.md"))
+    pages = {f"{page.parent.name}/{page.name}" for page in PAGES if page.parent.name in ("guide", "api")}
+    assert pages - index == set()

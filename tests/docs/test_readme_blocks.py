@@ -28,7 +28,6 @@ ENVIRONMENT = {
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where the README's own command has generated packages."""
     made = tmp_path_factory.mktemp("newcomer")
     (line,) = [line for block in SHOWN for line in block.text.splitlines() if line.startswith("rosidl-py-gen ")]
     command = [sys.executable, "-m", "rosidl_py_gen.generator_cli", *shlex.split(line)[1:]]

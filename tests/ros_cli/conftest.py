@@ -41,7 +41,7 @@ PATIENCE_S = 25
 
 @dataclass(frozen=True)
 class Ended:
-    """How a command ended."""
+    """Exit code and output of a command."""
 
     code: int
     out: str
@@ -77,7 +77,6 @@ class Tool:
         return await self.end(await self.start(*arguments, stdin=stdin, **environment), stdin)
 
     async def end(self, process: Any, stdin: str = "") -> Ended:
-        """What a command that was begun said until its end; it is killed when that takes too long."""
         try:
             out, err = await asyncio.wait_for(process.communicate(stdin.encode()), PATIENCE_S)
         except asyncio.TimeoutError:
@@ -90,7 +89,6 @@ class Tool:
 
 @pytest.fixture
 def tool(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Tool:
-    """See `Tool`."""
     return Tool(request.getfixturevalue("memory") if "memory" in request.fixturenames else None, monkeypatch)
 
 

@@ -11,7 +11,7 @@ import pytest
 from example_interfaces.action import Fibonacci
 from support.node_fixtures import until
 
-from rosidl_py_gen import get_message, get_service, ros_cli
+from rosidl_py_gen import get_message, get_service
 from rosidl_py_gen.runtime.qos import ACTION_STATUS
 
 if TYPE_CHECKING:
@@ -168,9 +168,3 @@ async def test_list_type_find_and_info_know_actions(memory: World, tool: Tool) -
         f"Action: /count\nAction clients: 1\n    /asker [{TYPE}]\nAction servers: 1\n    /counter [{TYPE}]\n"
     )
     assert json.loads(as_json.out)["servers"] == [{"node": counter.node.fully_qualified_name, "types": [TYPE]}]
-
-
-@pytest.mark.parametrize("word", ["list", "find", "type", "info", "send_goal"])
-def test_each_command_has_help_with_an_example(word: str, capsys: pytest.CaptureFixture[str]) -> None:
-    ros_cli.main(["action", word, "-h"])
-    assert f"rosidl-py action {word}" in capsys.readouterr().out

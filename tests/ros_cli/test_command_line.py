@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
+import re
 import subprocess
 import sys
 from typing import TYPE_CHECKING
@@ -108,10 +109,12 @@ CONTEXT = click.Context(ROOT, **ROOT.context_settings)
 COMMANDS = [*_commands(ROOT, CONTEXT)]
 
 
-def test_help_names_what_options_take_and_every_command_that_asks_the_graph_accepts_no_daemon() -> None:
+def test_help_has_an_example_and_names_of_values_and_commands_with_a_node_accept_no_daemon() -> None:
     for command in COMMANDS:
         context = click.Context(command, CONTEXT, command.name, max_content_width=200)
-        assert "RANGE" not in command.get_help(context).replace("DISCOVERY_RANGE", ""), command.name
+        text = command.get_help(context)
+        assert "RANGE" not in text.replace("DISCOVERY_RANGE", ""), command.name
+        assert re.search(rf"rosidl-py (\w+ )?{command.name}\b", text), command.name
         names = {name for parameter in command.params for name in parameter.opts}
         assert ("--domain" in names) == ("--no-daemon" in names), command.name
         shows_itself = {"completion", "play", "zenoh-router"} | {"sql"}  # which has --format json

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 
 async def complete(tool: Tool, line: str, **environment: str) -> list[str]:
-    """What is offered for the last word of a command line."""
     words = line.split(" ")
     done: Ended = await tool(
         _ROSIDL_PY_COMPLETE="bash_complete", COMP_WORDS=line, COMP_CWORD=str(len(words) - 1), **environment
@@ -39,7 +38,6 @@ async def complete(tool: Tool, line: str, **environment: str) -> list[str]:
 
 
 async def offered(what: str, incomplete: str, **params: Any) -> list[str]:
-    """What is offered behind these parameters, asked in a thread as a loop runs here."""
     context = click.Context(click.Command("x"))
     context.params.update(params, network={"spin_time_s": 5})
     items = await asyncio.to_thread(complete_names, what, context, incomplete)

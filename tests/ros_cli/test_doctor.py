@@ -195,7 +195,6 @@ def test_socket_buffers_that_are_too_small_are_told(text: str | None, level: str
 
 
 def interface(name: str, address: str | None = "10.0.0.1", **facts: Any) -> Interface:
-    """One that leads to others, with multicast."""
     given = {"is_up": True, "is_loopback": False, "multicast_flag": True, "multicast_works": True, **facts}
     return Interface(name, address, **given)
 

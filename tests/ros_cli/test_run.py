@@ -177,7 +177,6 @@ def test_path_may_name_packages_without_definitions(tmp_path: Path) -> None:
 
 
 def test_what_is_around_a_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Variables of a ROS setup; a package of `--path` beside a folder of its name; an option behind the program."""
     program = """
         import os, sys
         from greeter.hello import NAME

@@ -1,4 +1,4 @@
-"""What ``rosidl-py run`` prints of exceptions that help a program's author: Ctrl-C, and messages that are not there."""
+"""Tracebacks of ``rosidl-py run``: Ctrl-C, and missing message packages."""
 
 from __future__ import annotations
 

@@ -14,7 +14,6 @@ from geometry_msgs.msg import Polygon, TransformStamped
 from std_msgs.msg import UInt8MultiArray
 from support.node_fixtures import until
 
-from rosidl_py_gen import ros_cli
 from rosidl_py_gen.ros_cli.message_text import rclpy_repr
 from rosidl_py_gen.runtime import IntrospectionState
 from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
@@ -173,9 +172,3 @@ def test_messages_are_shown_as_rclpy_shows_them() -> None:
     assert rclpy_repr(UInt8MultiArray(data=np.zeros(200, np.uint8)), 2).endswith("data=[0, 0, ...])")
     assert rclpy_repr(TransformStamped(child_frame_id="a" * 5), 3).count("child_frame_id='aaa'...") == 1
     assert rclpy_repr(Polygon(), 3) == "geometry_msgs.msg.Polygon(points=[])"
-
-
-@pytest.mark.parametrize("words", [["list"], ["call"], ["echo"], ["info"], ["type"], ["find"]])
-def test_each_command_has_help_with_an_example(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    ros_cli.main(["service", *words, "-h"])
-    assert f"rosidl-py service {words[0]}" in capsys.readouterr().out

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 
 def test_a_thread_that_reads_on_reads_no_other_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not even one that has got the number of ours meanwhile, which is the lowest that is free."""
     (tmp_path / "first").write_text('{"data": "a"}\n')
     (tmp_path / "second").write_bytes(b"of somebody else")
     read, go_on = os.read, threading.Event()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 import json
 import math
 import re
@@ -236,24 +235,6 @@ def test_very_deep_and_very_wide_trees_stay_small(tmp_path: Path) -> None:
     wide = taken([moved("map", f"child{number}") for number in range(3000)])
     with pytest.raises(ToolError, match=r"3001 frames need a picture of .* pixels; --format mermaid"):
         png.write(wide, {}, tmp_path / "wide.png")
-
-
-def test_boxes_of_a_picture_do_not_overlap() -> None:
-    from PIL import ImageFont
-
-    frames = taken(
-        [moved("map" if not number else f"f{(number - 1) // 3}", f"f{number}") for number in range(40)]
-        + [moved("bench", "tool")]
-    )
-    big, small = ImageFont.load_default(16), ImageFont.load_default(12)
-    places = png._boxes(frames, {"peer": "/a_node_with_a_name"}, big, small)
-    assert len(places) == 43
-    by_level: dict[int, list[Any]] = {}
-    for one in places:
-        by_level.setdefault(one.level, []).append(one)
-    for row in by_level.values():
-        row.sort(key=lambda one: one.x)
-        assert all(a.x + a.width / 2 < b.x - b.width / 2 for a, b in itertools.pairwise(row))
 
 
 async def test_everything_works_between_processes_on_dds(dds: World, tool: Tool) -> None:

@@ -1,4 +1,4 @@
-"""Where the classes of commands come from."""
+"""Classes of the topics that commands use."""
 
 from __future__ import annotations
 

@@ -20,9 +20,7 @@ if TYPE_CHECKING:
 LOOPBACK = "tcp/127.0.0.1:0"
 _FRAMES = r"(?:(?:called|stack| ).*\n?)*"
 PANIC = rf"(?:\nthread 'rx-\d+' \(\d+\) panicked at \S+/zenoh/src/net/routing/dispatcher/resource\.rs.*\n?{_FRAMES})*"
-"""What a router of Zenoh 1.10 may say when one that it is connected with ends: `unregister_router_entities` meets a
-resource whose context is gone, as in eclipse-zenoh/zenoh issue 2624. It ends well all the same.
-"""
+"""Output of a router of Zenoh 1.10 that may follow the end of a connected router (eclipse-zenoh/zenoh issue 2624)."""
 
 
 @asynccontextmanager

@@ -32,7 +32,7 @@ _numbers = itertools.count()
 
 
 class Told:
-    """What a definition text means, without a class for it: names, hashes, and answers."""
+    """Names, hashes and descriptions of a definition, without a class."""
 
     def __init__(self, name: str, text: str, **others: str) -> None:
         self.name, self.text = name, text

@@ -94,7 +94,6 @@ def found(path: Path, count: int, *, skip_damaged: bool) -> tuple[int, int] | No
 
 
 def mutated(data: bytes, dice: random.Random) -> bytes:
-    """One to eight damages: bytes, bits, numbers, stretches that are zero, removed, repeated or moved; a cut."""
     made = bytearray(data)
     for _ in range(dice.choice([1, 1, 1, 2, 3, 8])):
         at = dice.randrange(len(made))

@@ -28,7 +28,7 @@ _direct = urllib.request.build_opener(urllib.request.ProxyHandler({}))
 
 
 class Browser:
-    """One window; `driver` is the address of a chromedriver."""
+    """Window of a browser; `driver` is the address of a chromedriver."""
 
     def __init__(self, driver: str, profile: Path) -> None:
         options = {"args": [*_OPTIONS, f"--user-data-dir={profile}"], "binary": shutil.which("chromium")}
@@ -47,7 +47,6 @@ class Browser:
         self._ask("POST", "/url", {"url": url})
 
     def run(self, script: str) -> Any:
-        """What the JavaScript function body returns."""
         return self._ask("POST", "/execute/sync", {"script": script, "args": []})
 
     def wait_for(self, script: str, timeout_s: float = 20) -> Any:
@@ -59,7 +58,6 @@ class Browser:
         return result
 
     def screenshot(self) -> bytes:
-        """What is seen, as PNG."""
         return base64.b64decode(self._ask("GET", "/screenshot"))
 
     def close(self) -> None:

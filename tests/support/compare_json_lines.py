@@ -1,4 +1,4 @@
-"""What two programs answered, line by line in JSON: the same but for the last digits of floats."""
+"""Comparison of lines of JSON, except for the last digits of floats."""
 
 from __future__ import annotations
 

@@ -103,7 +103,6 @@ def _make(folder: Path, name: str, requirements: Sequence[str], wanted: str) -> 
 
 
 def cache_folder() -> Path:
-    """Where all that is kept between runs lies."""
     if chosen := os.environ.get("ROSIDL_TEST_CACHE"):
         return Path(chosen).expanduser().absolute()
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rosidl-py-gen-tests"

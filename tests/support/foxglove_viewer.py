@@ -25,12 +25,12 @@ PATIENCE_S = 12
 
 
 class Viewer:
-    """One connection, and what came over it."""
+    """Connection of a viewer, and the messages that it received."""
 
     def __init__(self, connection: ClientConnection) -> None:
         self.connection = connection
         self.channels: dict[str, dict[str, Any]] = {}
-        """What is advertised, by topic."""
+        """Advertised channels by topic."""
         self.services: dict[str, dict[str, Any]] = {}
         self.said: list[dict[str, Any]] = []
         """All JSON messages."""
@@ -83,7 +83,6 @@ class Viewer:
         return condition()
 
     def of(self, op: str) -> list[dict[str, Any]]:
-        """What was said of one kind."""
         return [said for said in self.said if said["op"] == op]
 
     def warnings(self) -> str:

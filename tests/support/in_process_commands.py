@@ -25,7 +25,7 @@ _HERE: contextvars.ContextVar[dict[str, Pipe]] = contextvars.ContextVar("streams
 
 
 class Pipe:
-    """What a command writes, read as from `asyncio.subprocess`."""
+    """Output of a command, which is read as from `asyncio.subprocess`."""
 
     def __init__(self) -> None:
         self.text = ""
@@ -130,7 +130,6 @@ class Command:
         self.stderr.end()
 
     def send_signal(self, number: int) -> None:
-        """As a shell does; all signals but SIGKILL let the command end in order."""
         assert number in (signal.SIGINT, signal.SIGTERM)
         if self._task is not None:
             self._task.cancel()

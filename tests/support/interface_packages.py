@@ -90,7 +90,6 @@ def source_of(definitions: Mapping[str, str], name: str = "") -> str:
 
 
 def problems_of(folder: Path, wanted: list[str] | None = None) -> list[str]:
-    """What a run over a folder of packages finds wrong, as ``path:line:column: text``; nothing may be written."""
     out = folder.parent / (folder.name + "_out")
     try:
         run(folder, out, wanted)

@@ -32,7 +32,6 @@ def lock(name: str, *, wait: bool) -> int | None:
 
 
 def holds(descriptor: int, name: str) -> bool:
-    """Whether the descriptor that `lock` returned is still that of the lock."""
     try:
         return os.path.samestat(os.fstat(descriptor), os.stat(_path(name)))
     except OSError:

@@ -23,7 +23,7 @@ _NAMED_TEST = re.compile(r"`((?:…|[\w/]*test_\w+\.py)(?:::test_\w+…?)?)`")
 
 @dataclass(frozen=True)
 class Block:
-    """One fenced block; `line` is the 1-based line of its first line of code."""
+    """Fenced block; `line` is the 1-based number of its first line of code."""
 
     language: str
     title: str
@@ -68,7 +68,6 @@ def prose(page: Path) -> str:
 
 
 def anchors(page: Path) -> set[str]:
-    """What a link may name behind ``#``: headings as GitHub and mkdocs spell them."""
     headings = re.findall(r"^#+ (.*)$", prose(page), re.MULTILINE)
     return {re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower()) for heading in headings}
 

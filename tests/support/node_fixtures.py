@@ -57,7 +57,7 @@ WAITS = re.compile(
     r"topic \S+ does not appear to be published yet; waiting for it\n|"
     r"Waiting for at least \d+ matching subscription\(s\) on \S+\.\.\.\n"
 )
-"""What commands say while something takes long, which a busy machine makes it."""
+"""Notes that commands print on a busy machine while they wait."""
 FIRST_DOMAIN, DOMAINS = 10, 45
 """Twice as many as `DOMAINS`, and none above 100: no other socket is given their ports (docs/guide/network.md)."""
 _LOCAL_ENDPOINTS = ("tcp/127.0.0.1:", "tls/127.0.0.1:", "tcp/localhost:", "tls/localhost:", "tcp/[::1]:")
@@ -122,7 +122,6 @@ def second_domain_id() -> int:
 
 @functools.cache
 def zenoh_router() -> str:
-    """Where the router of this test process listens, until the process ends."""
     from rosidl_py_gen.runtime.transport.zenoh.router import ZenohRouter
 
     router = ZenohRouter({}, print, listen=["tcp/127.0.0.1:0"])
@@ -131,13 +130,11 @@ def zenoh_router() -> str:
 
 
 def zenoh_environment() -> dict[str, str]:
-    """What makes processes use Zenoh on this machine only."""
     endpoints = f'connect/endpoints=["{zenoh_router()}"];listen/endpoints=["tcp/127.0.0.1:0"]'
     return {"RMW_IMPLEMENTATION": "rmw_zenoh_cpp", "ZENOH_CONFIG_OVERRIDE": endpoints}
 
 
 def world_on_zenoh(monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
-    """What a fixture yields that is a world on Zenoh; for processes that the test starts, too."""
     for name, value in zenoh_environment().items():
         monkeypatch.setenv(name, value)
     made = World("zenoh")
@@ -259,7 +256,6 @@ def _params(item: Any) -> dict[str, Any]:
 
 @pytest.fixture
 def world(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
-    """See `World`."""
     for name, value in zenoh_environment().items() if request.param == "zenoh" else ():
         monkeypatch.setenv(name, value)
     made = World(request.param, _clocks(request.node))
@@ -268,7 +264,7 @@ def world(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> It
 
 
 network = world
-"""As `world`, for tests with processes of their own: on DDS and on Zenoh, which new processes of the test use, too."""
+"""Yield a `world` for tests with processes: on DDS and on Zenoh, which new processes of the test use, too."""
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -329,7 +325,6 @@ def run(main: Callable[[], Coroutine[Any, Any, None]], timeout_s: float = 20) ->
 
 
 async def until(condition: Callable[[], object], timeout_s: float = 20) -> None:
-    """Let the loop run until `condition` holds; what does not by then never would."""
     deadline = asyncio.get_running_loop().time() + timeout_s
     while not condition():
         assert asyncio.get_running_loop().time() < deadline, "never happened"
@@ -357,7 +352,7 @@ def while_the_loop_sleeps(act: Callable[[], object]) -> threading.Thread:
 
 
 async def rests(for_s: float, cpu_s: float) -> bool:
-    """Whether this process takes less CPU time than `cpu_s` while the loop sleeps for `for_s`, in one of three looks.
+    """Return True if this process takes less than `cpu_s` of CPU time while the loop sleeps, in one of three attempts.
 
     What a virtual machine is deprived of counts as its own.
     """
@@ -370,7 +365,6 @@ async def rests(for_s: float, cpu_s: float) -> bool:
 
 
 def held_up(cpu_s: float = 0.05) -> float:
-    """How many times as long as on an idle machine work takes here just now; 1 or a little more where it is idle."""
     began, cpu = time.perf_counter(), time.thread_time()
     while time.thread_time() - cpu < cpu_s:
         pass

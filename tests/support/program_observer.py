@@ -27,7 +27,7 @@ _GOAL = "/_action/send_goal"
 
 @dataclass
 class Seen:
-    """What was seen of a program; lists are sorted."""
+    """Observations of a program; lists are sorted."""
 
     nodes: list[str] = field(default_factory=list)
     endpoints: list[Any] = field(default_factory=list)

@@ -45,7 +45,6 @@ def spec(topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "", **m
 
 
 def reader(node: Any, topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "") -> Reader:
-    """One that nobody tells of as the node's; see `announce`."""
     participant = node._scope.participant
     made: Reader
     if isinstance(participant, MemoryParticipant):
@@ -56,7 +55,6 @@ def reader(node: Any, topic: str, type: str, qos: QoSProfile = DEEP, type_hash: 
 
 
 def writer(node: Any, topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "") -> Writer:
-    """See `reader`."""
     participant = node._scope.participant
     made: Writer
     if isinstance(participant, MemoryParticipant):
@@ -74,7 +72,6 @@ def announce(node: Any, topic: str, type: str, type_hash: str = "", *, is_writer
 
 
 def found(guid: bytes, participant: bytes, topic: str, type: str, qos: QoSProfile, **more: Any) -> DiscoveredEndpoint:
-    """What discovery says of an endpoint; the last byte of its GUID tells whether it writes."""
     is_writer = not guid[15] & 4
     names = {"wire_name": topic, "wire_type": type}
     return DiscoveredEndpoint(guid, participant, is_writer, channel_of(topic), ros_type(type), qos, **names, **more)

@@ -54,6 +54,5 @@ def rclpy_class(name: str) -> Any:
 
 @contextmanager
 def rclpy_flavour() -> Iterator[None]:
-    """What `rclpy_class` needs."""
     with hooked(message_api="rclpy", path=str(INTERFACES), override_installed=True):
         yield

@@ -129,7 +129,6 @@ def plain(value: Any) -> Any:
 
 
 def record(python: Path) -> str:
-    """What is recorded of the rclpy that this Python has."""
     code = "import json; from support.record_rclpy_names import describe; print(json.dumps(describe('rclpy')))"
     run = subprocess.run(
         [str(python), "-W", "ignore", "-c", code],

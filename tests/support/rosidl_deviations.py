@@ -17,7 +17,7 @@ from support.rosidl_oracle import OTHERS, Definition, Reply, Rosidl, accepted, d
 
 @dataclass(frozen=True)
 class Deviation:
-    """One difference.
+    """Intended difference.
 
     Attributes:
         who: which side accepts; "both": they read different things.
@@ -257,7 +257,6 @@ def compare_or_explain(rosidl: Rosidl, definition: Definition) -> None:
 
 
 def explained(text: str, format: str, mine: Reply, theirs: Reply) -> bool:
-    """Whether a row explains that our reply is another than the oracle's."""
     # Both may read a definition, differently, and then miss a type that it refers to.
     who = "both" if ("types" in mine) == accepted(theirs) else "they" if accepted(theirs) else "we"
     rows = [row for row in DEVIATIONS if (row.format == "idl") == (format == "idl") and row.who == who]

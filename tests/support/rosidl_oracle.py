@@ -71,7 +71,7 @@ def _quiet() -> dict[str, str]:
 
 
 class _Release:
-    """One release: a process that is started when the first question comes that was not answered in an earlier run.
+    """Reference compiler of a release: a process that starts with the first question that is not in the cache.
 
     Answers are kept by release, server and question. Not those to examples at random: no other run asks for them.
     """
@@ -256,7 +256,6 @@ def _constant(item: ConstantDef) -> list[Any]:
 
 
 def _floaty(value: Any) -> Any:
-    """What the reference makes of infinities and NaN: text without the sign (docs/internals/protocol.md 1.4)."""
     if isinstance(value, float) and not math.isfinite(value):
         return "nan" if math.isnan(value) else "inf"
     return value
@@ -266,7 +265,6 @@ def _floaty(value: Any) -> Any:
 
 
 def compare(rosidl: Rosidl, text: str, name: str = "a_msgs/msg/Sample", format: str = "") -> None:
-    """One definition, which may refer to `OTHERS` and the bundled packages."""
     compare_world(rosidl, [(name, text, format or split_ros_name(name).kind)])
 
 
@@ -307,7 +305,6 @@ def different(mine: Reply, theirs: Reply, loose: bool = False) -> str:
 
 
 def accepted(theirs: Reply) -> bool:
-    """Whether the oracle read a definition and found all that it refers to."""
     return "refused" not in theirs and all(type_hash for _, type_hash in theirs["types"].values())
 
 

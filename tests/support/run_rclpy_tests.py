@@ -103,7 +103,6 @@ def _grouped(reasons: dict[str, str]) -> str:
 
 
 def _definitions(sources: Path | None, made: Path) -> list[str]:
-    """Where test_msgs is: its definitions, and its Python module, copied beside the tests."""
     if sources is None:
         found = sorted(cache_folder().glob("rclpy-jazzy-*/share/test_msgs"))
         if not found:
@@ -126,7 +125,6 @@ def _definitions(sources: Path | None, made: Path) -> list[str]:
 
 
 def _run(folder: Path, name: str, timeout_s: float) -> tuple[int, dict[str, str]]:
-    """How many tests there are, and what those say that did not pass."""
     report = folder / "report.xml"
     report.unlink(missing_ok=True)
     settings = {

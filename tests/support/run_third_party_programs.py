@@ -113,7 +113,7 @@ def listed(text: str) -> list[Program]:
 
 @dataclass
 class Result:
-    """What came of a program: `problem` is empty when it runs."""
+    """Result of a program; `problem` is empty if it runs."""
 
     program: Program
     mine: Seen
@@ -123,7 +123,7 @@ class Result:
     problem: str = ""
     differs: list[str] = field(default_factory=list)
     ends: list[str] = field(default_factory=list)
-    """What differs in how it ends after SIGINT."""
+    """Difference in its end after SIGINT."""
 
 
 async def _try(program: Program, checkouts: Path, python: str | None, domains: Iterator[int]) -> Result:
