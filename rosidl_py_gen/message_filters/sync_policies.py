@@ -68,17 +68,17 @@ class ApproximateMatcher(SyncPolicy):
         rows = [sorted(near) for near in nearby]
         if not self._can_complete(rows, stamp, stamp):
             return None
-        chosen: list[int] = []
+        stamps: list[int] = []
         lowest = highest = stamp
         for number, near in enumerate(nearby):
             for one in near:
                 low, high = min(lowest, one), max(highest, one)
                 if self._can_complete(rows[number + 1 :], low, high):
                     lowest, highest = low, high
-                    chosen.append(one)
+                    stamps.append(one)
                     break
-        chosen.insert(index, stamp)
-        return chosen
+        stamps.insert(index, stamp)
+        return stamps
 
     def _can_complete(self, rows: list[list[int]], low: int, high: int) -> bool:
         """Return True if one time of each sorted row fits with the others and with `low` and `high`.

@@ -177,11 +177,11 @@ def _as_kind(values: np.ndarray[Any, Any], kind: np.dtype[Any]) -> np.ndarray[An
     if kind.kind not in "iuf" or values.dtype.kind not in "biuf":
         raise ConversionError(f"array: {values.dtype} as {kind}: expected numbers; point fields are {_known_types()}")
     with np.errstate(all="ignore"):
-        made = values.astype(kind)
-        lost = (np.isfinite(values) & ~np.isfinite(made)) if kind.kind == "f" else made != values
+        result = values.astype(kind)
+        lost = (np.isfinite(values) & ~np.isfinite(result)) if kind.kind == "f" else result != values
     if lost.any():
         raise ConversionError(f"array: {values[lost].flat[0]!r} is out of the range of {kind}")
-    return made
+    return result
 
 
 def _writable(points: np.ndarray[Any, Any]) -> tuple[np.ndarray[Any, Any], bool]:

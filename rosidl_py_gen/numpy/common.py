@@ -41,8 +41,8 @@ def reads_message(expected: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
             try:
                 return function(*args, **kwargs)
             except AttributeError as error:
-                found = [*args, *kwargs.values()][0]
-                raise ConversionError(f"expected {expected}, got {type(found).__name__}: {error!s:.200}") from error
+                message = [*args, *kwargs.values()][0]
+                raise ConversionError(f"expected {expected}, got {type(message).__name__}: {error!s:.200}") from error
 
         return read
 

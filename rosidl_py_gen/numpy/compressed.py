@@ -66,7 +66,7 @@ def compressedimage_to_array(
         array, encoding = _decompress(data, max_pixels)
         if encoding == "mono16" and before.strip() == "16UC1":
             encoding = "16UC1"
-        if "compressed rgb" in how and array.ndim == 3:  # OpenCV, which takes blue first, was given red first
+        if "compressed rgb" in how and array.ndim == 3:  # OpenCV expects blue first, but red was first
             array = np.ascontiguousarray(array[..., [2, 1, 0, *range(3, array.shape[2])]])
     return array if to is None else converted(array, encoding, to)
 

@@ -68,8 +68,8 @@ def matrix_to_quaternion(matrix: Any) -> Array:
     for axis, (one, two) in enumerate(((2, 1), (0, 2), (1, 0))):
         products[..., axis, 3] = products[..., 3, axis] = rotation[..., one, two] - rotation[..., two, one]
     largest = np.argmax(squares, axis=-1)[..., None, None]
-    chosen = np.take_along_axis(products, largest, axis=-2)[..., 0, :]
-    unit: Array = chosen / np.linalg.norm(chosen, axis=-1, keepdims=True)
+    rows = np.take_along_axis(products, largest, axis=-2)[..., 0, :]
+    unit: Array = rows / np.linalg.norm(rows, axis=-1, keepdims=True)
     return np.where(unit[..., 3:] < 0, -unit, unit)
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[Any]
 
-Built: TypeAlias = "dict[ColumnNode, Any]"
+ColumnArrays: TypeAlias = "dict[ColumnNode, Any]"
 """Arrow arrays by column; those of structs are assembled of their children by `assembled`."""
 _MAX_OFFSET = (1 << 31) - 1
 

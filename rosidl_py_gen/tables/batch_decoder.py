@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from rosidl_py_gen.tables.arrow_builders import Built
+    from rosidl_py_gen.tables.arrow_builders import ColumnArrays
     from rosidl_py_gen.tables.columns import ColumnNode
     from rosidl_py_gen.tables.read_program import RunLayout
 
@@ -126,30 +126,30 @@ def cursor_at(data: bytes | memoryview, start: Ints, sizes: Ints) -> BatchCursor
     return cursor
 
 
-def run(cursor: BatchCursor, program: Program, wanted: Collection[ColumnNode]) -> Built:
-    """Run all steps of a program; returns the columns of the wanted nodes.
+def run(cursor: BatchCursor, program: Program, selected: Collection[ColumnNode]) -> ColumnArrays:
+    """Run all steps of a program; returns the columns of the selected nodes.
 
     Raises `BatchUnsupportedError` if the data is invalid or unusual, `BagError` if a column is too large for Arrow.
     """
-    columns: Built = {}
+    columns: ColumnArrays = {}
     for step in program:
         if isinstance(step, FixedRun):
-            _decode_run(cursor, step, wanted, columns)
+            _decode_run(cursor, step, selected, columns)
         elif isinstance(step, StringField):
-            _decode_string(cursor, step, wanted, columns)
+            _decode_string(cursor, step, selected, columns)
         elif isinstance(step, NumberSequence):
-            _decode_numbers(cursor, step, wanted, columns)
+            _decode_numbers(cursor, step, selected, columns)
         elif isinstance(step, FixedMessageSequence):
-            _decode_records(cursor, step, wanted, columns)
+            _decode_records(cursor, step, selected, columns)
         else:
-            _decode_elements(cursor, step, wanted, columns)
+            _decode_elements(cursor, step, selected, columns)
     return columns
 
 
 # --------------------------------------------------------------------------------------------------------- fixed size
 
 
-def _decode_run(cursor: BatchCursor, step: FixedRun, wanted: Collection[ColumnNode], columns: Built) -> None:
+def _decode_run(cursor: BatchCursor, step: FixedRun, selected: Collection[ColumnNode], columns: ColumnArrays) -> None:
     start = cursor.take(0, step.fields[0].align)
     phases = start - HEADER_BYTES & MAX_ALIGN - 1
     phase = int(phases[0]) if len(phases) else 0
@@ -163,7 +163,7 @@ def _decode_run(cursor: BatchCursor, step: FixedRun, wanted: Collection[ColumnNo
         for rows, layout in groups:
             size[rows] = layout.size
         cursor.take(size, 1)
-    fields = [(f"f{number}", field) for number, field in enumerate(step.fields) if field.node in wanted]
+    fields = [(f"f{number}", field) for number, field in enumerate(step.fields) if field.node in selected]
     if not fields:
         return
     records = [gather_fixed(cursor, start[rows], layout.size).view(layout.dtype) for rows, layout in groups]
@@ -185,25 +185,25 @@ def gather_fixed(cursor: BatchCursor, start: Ints, size: int) -> NDArray[np.void
 
 
 def _decode_records(
-    cursor: BatchCursor, step: FixedMessageSequence, wanted: Collection[ColumnNode], columns: Built
+    cursor: BatchCursor, step: FixedMessageSequence, selected: Collection[ColumnNode], columns: ColumnArrays
 ) -> None:
     node, codec, data = step.node, step.codec, cursor.data
     counts = _element_counts(cursor, node)
     pos, ends, pieces = cursor.pos.tolist(), cursor.limit.tolist(), []
-    is_wanted = node in wanted
+    is_selected = node in selected
     try:
         for row, count in enumerate(counts.tolist()):
             if count:
                 begin, end = codec.element_range(pos[row], count)
                 if end > ends[row]:
                     raise BatchUnsupportedError
-                if is_wanted:
+                if is_selected:
                     pieces.append(codec.read_elements(data, begin, count, "<"))
                 pos[row] = end
     except (FieldValueError, MemoryError):
         raise BatchUnsupportedError from None
     cursor.pos = np.array(pos, np.int64)
-    if is_wanted:
+    if is_selected:
         if len(pieces) == 1:
             records = pieces[0]
         else:
@@ -228,22 +228,26 @@ def _element_counts(cursor: BatchCursor, node: ColumnNode) -> Ints:
     return counts
 
 
-def _decode_numbers(cursor: BatchCursor, step: NumberSequence, wanted: Collection[ColumnNode], columns: Built) -> None:
+def _decode_numbers(
+    cursor: BatchCursor, step: NumberSequence, selected: Collection[ColumnNode], columns: ColumnArrays
+) -> None:
     counts = _element_counts(cursor, step.node)
     size = counts * step.dtype.itemsize
     if step.align > COUNT_BYTES:  # padding precedes the first element; an empty sequence has none
         cursor.pos = np.where(counts > 0, align_offset(cursor.pos, step.align), cursor.pos)
     start = cursor.take(size, 1)
-    if step.node in wanted:
+    if step.node in selected:
         octets = gather_ranges(cursor, start, size)
         columns[step.node] = arrow_builders.sequences(step.node, counts, octets.view(step.dtype))
 
 
-def _decode_string(cursor: BatchCursor, step: StringField, wanted: Collection[ColumnNode], columns: Built) -> None:
+def _decode_string(
+    cursor: BatchCursor, step: StringField, selected: Collection[ColumnNode], columns: ColumnArrays
+) -> None:
     node, counts = step.node, cursor.counts()
     if node.field.type.base == "wstring":
         start = cursor.take(WSTRING_UNIT_BYTES * counts, 1)
-        if node in wanted:
+        if node in selected:
             ranges = zip(start.tolist(), counts.tolist(), strict=True)
             texts = [_utf16_to_utf8(cursor, begin, count) for begin, count in ranges]
             octets = np.frombuffer(b"".join(texts), np.uint8)
@@ -253,7 +257,7 @@ def _decode_string(cursor: BatchCursor, step: StringField, wanted: Collection[Co
     last = cursor.octets[cursor.pos - 1]
     if last[counts > 0].any():  # no NUL
         raise BatchUnsupportedError
-    if node in wanted:
+    if node in selected:
         size = np.maximum(counts - 1, 0)
         try:
             columns[node] = arrow_builders.texts(node, size, gather_ranges(cursor, start, size))
@@ -291,13 +295,13 @@ def gather_ranges(cursor: BatchCursor, start: Ints, size: Ints) -> NDArray[np.ui
 
 
 def _decode_elements(
-    cursor: BatchCursor, step: VariableSequence, wanted: Collection[ColumnNode], columns: Built
+    cursor: BatchCursor, step: VariableSequence, selected: Collection[ColumnNode], columns: ColumnArrays
 ) -> None:
     node = step.node
     counts = _element_counts(cursor, node)
     starts = _element_starts(cursor, step.steps, counts)
-    if node in wanted:
-        elements = run(cursor.at(starts, np.repeat(cursor.limit, counts)), step.steps, wanted)
+    if node in selected:
+        elements = run(cursor.at(starts, np.repeat(cursor.limit, counts)), step.steps, selected)
         columns[node] = arrow_builders.lists(node, counts, arrow_builders.assembled(node, elements, len(starts)))
 
 

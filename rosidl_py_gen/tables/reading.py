@@ -66,7 +66,7 @@ class BatchBuilder:
         except BagError as error:
             raise BagError(f"{self._where}: {error}") from None
         self._program = read_program_for(self.cls)
-        self._wanted = {node for column in self._columns for node in _with_descendants(column.node)}
+        self._selected_nodes = {node for column in self._columns for node in _with_descendants(column.node)}
 
     def batches(self, messages: MessageList | MessageBlocks) -> Iterator[Any]:
         """Yield the messages as one record batch, or as several small ones if they must be decoded one by one."""
@@ -86,7 +86,7 @@ class BatchBuilder:
         cursor = messages.cursor()
         log_times, publish_times = messages.times()
         try:
-            arrays = run(cursor, self._program, self._wanted)
+            arrays = run(cursor, self._program, self._selected_nodes)
             if not self._is_certain:
                 _require_ends(cursor)
             columns = [arrow_builders.assembled(one.node, arrays, len(messages)) for one in self._columns]

@@ -1,4 +1,4 @@
-"""What may be assigned to a numeric array field, what may not, and who owns the memory afterwards."""
+"""Values of numeric array fields: accepted and refused ones, and ownership of the memory."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from each_case import each_case
 
-from rosidl_py_gen import EncodeError, compile_definition, decode, encode, validate
+from rosidl_py_gen import DecodeError, EncodeError, compile_definition, decode, encode, validate
 
 KINDS = {
     "bool": "?", "byte": "B", "char": "B", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i",
@@ -22,12 +22,12 @@ MANY = "[200]"  # too large to be packed in a run
 
 
 def box(kind: str) -> type[Any]:
-    """A message with one field `v` between two others."""
+    """Return a class with the field `v` between two others."""
     return compile_definition(f"arrays/msg/Box{kind.encode().hex()}", f"uint8 before\n{kind} v\nuint16 behind\n")
 
 
 def wire(code: str, items: list[Any], *, counted: bool) -> bytes:
-    """What `box` must encode to."""
+    """Return the encoded `box`, independent of the codec."""
     size = struct.calcsize(code)
     out = b"\7"
     if counted:
@@ -248,8 +248,6 @@ def test_bool_bytes_above_one_are_true_and_never_seen_by_numpy() -> None:
 
 
 def test_a_buffer_that_is_not_contiguous_is_refused_never_misread() -> None:
-    from rosidl_py_gen import DecodeError
-
     cls = box("uint8[]")
     data = encode(cls(7, [1, 2, 3], 0))
     twice = bytes(byte for byte in data for _ in range(2))
@@ -262,8 +260,6 @@ def test_a_buffer_that_is_not_contiguous_is_refused_never_misread() -> None:
 
 @pytest.mark.parametrize("data", [None, 5, "text", [0, 1, 0, 0], object()])
 def test_what_is_not_bytes_is_refused_by_name(data: Any) -> None:
-    from rosidl_py_gen import DecodeError
-
     with pytest.raises(DecodeError, match="expected contiguous bytes to decode, found"):
         decode(box("uint8[]"), data)
 

@@ -1,4 +1,4 @@
-"""Classes from the text that bags and MCAP files carry, in the ros2msg and in the IDL form."""
+"""Classes from the definitions in bags and MCAP files, in the ros2msg and in the IDL format."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages as dicts and as JSON: partial input, hints, numbers JSON does not have."""
+"""Messages as dicts and JSON: partial input, hints, numbers that JSON does not have."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rosidl_py_gen import EncodeError, compile_definition, encode, from_dict, from_json, get_message, to_dict, to_json
+from rosidl_py_gen import EncodeError, compile_definition, encode, from_dict, from_json, to_dict, to_json
 
 LINE = "=" * 80
 Sample: Any = compile_definition(
@@ -40,24 +40,8 @@ NAME = "convert/msg/Sample"
 
 def test_dicts_have_ros_names_and_plain_values() -> None:
     found = to_dict(Sample())
-    assert list(found) == [
-        *(
-            "f64",
-            "f32",
-            "many",
-            "pair",
-            "flags",
-            "data",
-            "text",
-            "words",
-            "class",
-            "inner",
-            "list",
-            "big",
-            "huge",
-            "wide",
-        )
-    ]
+    first = ["f64", "f32", "many", "pair", "flags", "data", "text", "words"]
+    assert list(found) == [*first, "class", "inner", "list", "big", "huge", "wide"]
     assert found["class"] == 7
     assert found["inner"] == {"x": -1.0, "from": 0.0}
     assert type(found["pair"]) is list
@@ -184,18 +168,6 @@ def test_values_given_as_other_types_come_back_as_the_fields_type() -> None:
     assert message.data.flags.writeable
     odd = Sample(data=b"ab", many=(1, 2.5), class_=np.uint8(5), flags=[np.True_], f64=np.float32(0.5))
     found = to_dict(odd)
-    assert (found["data"], found["many"], found["class"], found["flags"], found["f64"]) == (
-        [97, 98],
-        [1, 2.5],
-        5,
-        [True],
-        0.5,
-    )
+    assert (found["data"], found["many"], found["class"]) == ([97, 98], [1, 2.5], 5)
+    assert (found["flags"], found["f64"]) == ([True], 0.5)
     assert from_json(Sample, to_json(odd)) == odd
-
-
-def test_services_and_empty_messages_convert_too() -> None:
-    assert to_dict(get_message("std_msgs/msg/Empty")()) == {}
-    assert to_json(get_message("std_msgs/msg/Empty")()) == "{}"
-    request = get_message("std_srvs/srv/SetBool_Request")
-    assert from_json(request, '{"data": true}') == request(data=True)

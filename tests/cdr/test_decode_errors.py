@@ -1,4 +1,4 @@
-"""Wrong bytes are a DecodeError that names field and offset, whatever the shape of the message around them."""
+"""Errors of invalid bytes: field and offset, for every kind of field."""
 
 from __future__ import annotations
 

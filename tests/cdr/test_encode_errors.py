@@ -1,4 +1,4 @@
-"""A wrong value is an EncodeError that names its path; `validate` and `encode` agree on what is wrong."""
+"""Errors of invalid values: the path, from `encode` as from `validate`."""
 
 from __future__ import annotations
 
@@ -58,21 +58,15 @@ float64 x
 int16[2] pair
 """,
 )
-Part = get_message("wrong/msg/Part") if False else Everything._TYPE.fields[21].cls
+Part = Everything._TYPE.fields[21].cls
 assert Part is not None
 Fixed = Part._TYPE.fields[2].cls
 assert Fixed is not None
 TOP = "wrong/msg/Everything"
 
 
-def part(**changes: Any) -> Any:
-    return Part(**changes)
-
-
-def fixed(**changes: Any) -> Any:
-    return Fixed(**changes)
-
-
+part: Any = Part
+fixed: Any = Fixed
 INT_TEXT = "expected int, found"
 WRONG: list[tuple[str, Any, str, str]] = [
     # field, value, path behind it, text
@@ -163,16 +157,6 @@ def test_a_wrong_value_is_named_with_its_path(field: str, value: Any, where: str
         again = pickle.loads(pickle.dumps(caught.value))
         assert (type(again), again.path, again.reason) == (EncodeError, caught.value.path, caught.value.reason)
     assert getattr(message, field) is value
-
-
-def test_the_example_of_the_manual() -> None:
-    cls = get_message("geometry_msgs/msg/PoseArray")
-    pose = get_message("geometry_msgs/msg/Pose")
-    message: Any = cls(poses=[pose() for _ in range(5)])
-    message.poses[3].position.x = "a"
-    with pytest.raises(EncodeError) as caught:
-        encode(message)
-    assert str(caught.value) == "geometry_msgs/msg/PoseArray.poses[3].position.x: expected float, found 'a'"
 
 
 def test_a_class_of_the_same_shape_is_still_the_wrong_class() -> None:
@@ -300,21 +284,8 @@ def test_validate_and_encode_refuse_the_same_messages_for_the_same_reason(world:
 
 STRANGE: list[Any] = [
     *(None, True, 0, 1, -1, 255, 256, 2**31, 2**64, 10**400, 0.5, 1e300, float("nan"), 1j, "", "a", "abcdef", "\ud800"),
-    *(
-        b"",
-        b"abc",
-        bytearray(b"abc"),
-        [],
-        [1],
-        [1, 2, 3],
-        [None],
-        ["a"],
-        ["\udc80"],
-        ["abcdefgh"],
-        [0.5] * 3,
-        (),
-        ("a",),
-    ),
+    *(b"", b"abc", bytearray(b"abc"), [], [1], [1, 2, 3], [None], ["a"], ["\udc80"], ["abcdefgh"], [0.5] * 3),
+    *((), ("a",)),
     *({}, {"a": 1}, set(), deque(), deque([1]), range(3), [[]], [b"a"], UserList(["a"]), np.True_, np.int8(3)),
     *(np.zeros(0), np.zeros(3), np.zeros(3, bool), np.zeros(3, "i1"), np.zeros((3, 1)), np.float64(1), np.array(1)),
     *(np.zeros(0, object), np.array(["a"]), np.array(["a"], object), np.array([True, None]), np.zeros(3, ">u8")),

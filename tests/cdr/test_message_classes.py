@@ -1,4 +1,4 @@
-"""A message is an ordinary dataclass: construct, compare, copy, replace, pickle, print."""
+"""Generated messages as dataclasses: construction, comparison, copies, pickle, repr."""
 
 from __future__ import annotations
 
@@ -116,13 +116,6 @@ def test_messages_are_not_hashable() -> None:
         hash(Sample())
 
 
-def test_replace_makes_a_changed_copy() -> None:
-    first = Sample()
-    second = dataclasses.replace(first, name="other")
-    assert (first.name, second.name) == ("it's", "other")
-    assert second.inner is first.inner
-
-
 def test_shallow_and_deep_copies() -> None:
     first = Sample(many=[Inner(1)])
     shallow, deep = copy.copy(first), copy.deepcopy(first)
@@ -194,7 +187,7 @@ NAMES = (
 )
 
 
-@each_case("name", [*NAMES, "from", "class", "lambda", "none", "true", "type", "print", "dataclass", "len"])
+@each_case("name", NAMES)
 @each_case("kind", ["int32", "string", "float64[]", "Inner", "Inner[]", "bool[2]", "string[]"])
 def test_any_legal_field_name_works(name: str, kind: str) -> None:
     cls = compile_definition(

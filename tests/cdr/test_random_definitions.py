@@ -1,4 +1,4 @@
-"""Random definitions, random values: our bytes are the reference's bytes, and every reading gives the value back."""
+"""Random definitions and values, against the reference implementation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Structured arrays in the place of lists of fixed-size messages: dtypes, views, conversions, and every error."""
+"""Structured arrays in place of lists of fixed-size messages: dtypes, views, conversions, errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random fixed-size definitions: arrays read what the reference wrote, and are written as the reference writes."""
+"""Structured arrays of random fixed-size definitions, against the reference implementation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What rclpy on rmw_cyclonedds wrote is what we write, and we read it back, whole or not at all."""
+"""Bytes recorded from rclpy on rmw_cyclonedds: encoded equally, decoded completely or not at all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages of so many fields that their classes are made of a table: values, bytes and errors as of any other."""
+"""Messages with very many fields, whose classes are made of a table."""
 
 from __future__ import annotations
 
@@ -39,15 +39,8 @@ PARTS = {"Point": "float64 x\nfloat32 y\n", "Named": "string name\n", "Nothing":
 NESTED = "".join(f"{LINE}\nMSG: wide_msgs/{name}\n{body}" for name, body in PARTS.items())
 FIELDS = (
     *("bool a{}", "string b{} 'it is'", "int64 c{} -3", "wstring<=5 d{}", "float32[3] e{} [1, 2, 3]", "Point f{}"),
-    *(
-        "Point[] g{}",
-        "Named[<=2] h{}",
-        "string<=4[] i{} ['a']",
-        "int16[] j{}",
-        "Nothing k{}",
-        "byte l{}",
-        "Named[2] m{}",
-    ),
+    *("Point[] g{}", "Named[<=2] h{}", "string<=4[] i{} ['a']", "int16[] j{}"),
+    *("Nothing k{}", "byte l{}", "Named[2] m{}"),
 )
 CONSTANTS = "byte A{0}=7\nstring B{0}=x\nfloat64 C{0}=1.5\n"
 TEXT = (

@@ -1,7 +1,7 @@
-"""eProsima Fast-CDR, the library below rmw_fastrtps, reads what we write, and we read what it writes.
+"""Exchange of encoded messages with eProsima Fast-CDR, the library of rmw_fastrtps.
 
-Needs g++ and Debian's libfastcdr-dev (Fast-CDR 1, the encoding of Humble; its wstring is also what Jazzy's type support
-writes, docs/internals/protocol.md 2.2). With ROSIDL_TEST_REQUIRE_PEERS=1 a missing compiler or library is a failure,
+Needs g++ and Debian's libfastcdr-dev (Fast-CDR 1, the encoding of Humble; its wstring is also that of Jazzy's type
+support, docs/internals/protocol.md 2.2). With ROSIDL_TEST_REQUIRE_PEERS=1 a missing compiler or library is a failure,
 else a skip.
 """
 

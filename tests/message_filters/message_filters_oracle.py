@@ -1,6 +1,7 @@
-"""message_filters itself, of Debian's python3-message-filters, asked line by line in JSON. Run by the system's Python.
+"""Server of results of message_filters, of Debian's python3-message-filters: one JSON request per line.
 
-That is the package of ROS 1; its classes are those of ROS 2 but for clearing what waits when simulated time jumps back.
+The package is that of ROS 1. Its classes differ from those of ROS 2 only in the handling of jumps of simulated time.
+Run by the system's Python.
 """
 
 import json
@@ -26,7 +27,7 @@ def time(nanoseconds):
 
 
 def sets(inputs, queue_size, slop_s, messages):
-    """The sets that come out behind each message."""
+    """Return the sets that are passed after each message."""
     filters = [message_filters.SimpleFilter() for _ in range(inputs)]
     if slop_s is None:
         made = message_filters.TimeSynchronizer(filters, queue_size)
@@ -41,7 +42,7 @@ def sets(inputs, queue_size, slop_s, messages):
 
 
 def cached(size, stamps, questions):
-    """What a cache answers, whose messages have rising stamps."""
+    """Return the answers of a cache of messages with rising stamps."""
     source = message_filters.SimpleFilter()
     cache = message_filters.Cache(source, size)
     for name, stamp in enumerate(stamps):

@@ -1,4 +1,4 @@
-"""Random streams: what comes out, and when, is what comes out of message_filters."""
+"""Random streams, compared with message_filters."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def message_filters() -> Iterator[Oracle]:
 
 
 def sets(inputs: int, queue_size: int, slop_s: float | None, messages: list[tuple[int, int]]) -> list[list[list[int]]]:
-    """What comes out of ours behind each message."""
+    """Return the sets that our synchronizer passes after each message."""
     found: list[list[list[int]]] = []
     filters = [MessageFilter() for _ in range(inputs)]
     made: Any = (
@@ -81,7 +81,6 @@ def test_approximate_sets_are_those_of_message_filters(message_filters: Any, str
 
 
 def test_sensors_with_jitter_make_the_sets_of_message_filters(message_filters: Any) -> None:
-    """Three cameras at 30, 20 and 10 Hz, of which some frames are lost and some overtaken."""
     rng = random.Random(5)
     arriving = []
     for index, period in enumerate((33 * MS, 50 * MS, 100 * MS)):

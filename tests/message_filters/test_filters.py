@@ -1,4 +1,4 @@
-"""Filters in a chain: who is called when, what waits for whom, and how it ends."""
+"""Chains of filters: order of callbacks, waiting, errors, closing."""
 
 from __future__ import annotations
 

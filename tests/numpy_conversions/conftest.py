@@ -1,6 +1,4 @@
-"""Generated packages are importable before the first class is made here: a process has one class of a type, and keeps
-those it compiled in memory.
-"""
+"""Import hook for generated packages, active before the first class is made: a process has one class for a type."""
 
 from support import node_fixtures
 

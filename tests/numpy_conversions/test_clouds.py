@@ -57,16 +57,6 @@ def test_an_organised_cloud_has_rows_and_columns() -> None:
     assert (pointcloud_to_array(again) == points).all()
 
 
-def test_big_endian_points_keep_their_values() -> None:
-    data = np.arange(30, dtype=">f4").view(np.uint8)
-    points = pointcloud_to_array(cloud(is_bigendian=True, data=data))
-    assert points["y"].tolist() == [1, 6, 11, 16, 21, 26]
-    packed = np.zeros(3, [("a", ">f4"), ("b", ">u2"), ("c", "u1")])
-    packed["b"] = (1, 2, 300)
-    again = array_to_pointcloud(packed)
-    assert again.is_bigendian and pointcloud_to_array(again)["b"].tolist() == [1, 2, 300]
-
-
 KINDS = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 
 

@@ -1,4 +1,4 @@
-"""What is given another message than it reads, or none, says what it found and what it expected."""
+"""Errors of conversions for other objects than the expected message."""
 
 from __future__ import annotations
 

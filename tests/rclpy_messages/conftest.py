@@ -1,4 +1,4 @@
-"""What the tests with nodes need."""
+"""Fixtures of tests with nodes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What programs do with messages, in the rows of the table that says how rclpy's differ from ours."""
+"""Programs that use messages, by row of the table of differences between rclpy's messages and ours."""
 
 from __future__ import annotations
 

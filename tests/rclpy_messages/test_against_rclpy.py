@@ -1,4 +1,4 @@
-"""The same statements, run with the messages of a real ROS installation and with ours of rclpy's flavour."""
+"""Statements run with the messages of a ROS installation and with ours of rclpy's kind."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "interop_rclpy"))
 from rclpy_peer import REQUIREMENTS
 from statements import PROGRAMS
 
-ASKED = Path(__file__).with_name("asked.py")
+PROGRAM = Path(__file__).with_name("describe_messages.py")
 PACKAGES = [
     *("action_msgs", "builtin_interfaces", "geometry_msgs", "lifecycle_msgs", "nav_msgs", "rcl_interfaces"),
     *("rosgraph_msgs", "sensor_msgs", "service_msgs", "std_msgs", "std_srvs", "test_msgs"),
@@ -37,7 +37,7 @@ def ask(python: Path | str, what: str, given: object, *arguments: str, checked: 
     settings = {**os.environ, "ROS_PYTHON_CHECK_FIELDS": "1" if checked else ""}
     for name in ("AMENT_PREFIX_PATH", "PYTHONPATH"):
         settings.pop(name, None)
-    command = [str(python), str(ASKED), what, *arguments]
+    command = [str(python), str(PROGRAM), what, *arguments]
     done = subprocess.run(command, input=json.dumps(given), capture_output=True, text=True, env=settings, timeout=120)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
@@ -67,7 +67,6 @@ def test_statements_do_what_they_do_under_rclpy(row: str, checked: bool, real: P
 
 
 def test_statements_tell_right_from_wrong(real: Path) -> None:
-    """Else two that fail alike would look the same."""
     wanted, _ = outcomes(real, False)
     errors = [text for row in wanted.values() for text in row if "Error" in text.split(" ")[0]]
     assert 20 < len(errors) < sum(map(len, wanted.values())) / 3

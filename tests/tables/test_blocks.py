@@ -1,4 +1,4 @@
-"""Topics read in blocks: the messages of chunks, with what lies between them, in the order that `messages` has."""
+"""Topics read in blocks of chunks, compared with `messages`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Many bags by processes and by Dask, with workers that are killed, and on an S3 that counts what is asked of it."""
+"""Datasets written by processes and by Dask, with workers that are killed, and from an S3 that counts requests."""
 
 from __future__ import annotations
 
@@ -192,16 +192,19 @@ class Counted:
         self.reads: list[tuple[str, str, str, int]] = []
 
     def __call__(self, environ: dict[str, Any], start_response: Any) -> Any:
-        told: list[int] = []
+        sizes: list[int] = []
 
         def start(status: str, headers: list[tuple[str, str]], *rest: Any) -> Any:
-            told.append(next((int(value) for key, value in headers if key.lower() == "content-length"), 0))
+            sizes.append(next((int(value) for key, value in headers if key.lower() == "content-length"), 0))
             return start_response(status, headers, *rest)
 
-        found = self._application(environ, start)
+        response = self._application(environ, start)
         key = environ["REQUEST_METHOD"], environ["PATH_INFO"], environ.get("HTTP_RANGE", "")
-        self.reads.append((*key, told[0] if told else 0))
-        return found
+        self.reads.append((*key, sizes[0] if sizes else 0))
+        return response
+
+    def gets(self, suffix: str | tuple[str, ...]) -> list[tuple[str, str, str, int]]:
+        return [one for one in self.reads if one[0] == "GET" and one[1].endswith(suffix)]
 
 
 @pytest.fixture
@@ -243,7 +246,7 @@ def test_bags_and_dataset_of_s3(bucket: Any, tmp_path: Path) -> None:
     assert rows("s3://fleet/out") == [("a", 1), ("a", 2), ("b", 3)]
     counted.reads.clear()
     assert said(write_datasets(["s3://fleet/in/[ab].mcap"], "s3://fleet/out")) == ([], ["a", "b"], [])
-    assert not [one for one in counted.reads if one[0] == "GET" and one[1].endswith((".mcap", ".parquet"))]
+    assert not counted.gets((".mcap", ".parquet"))
     assert not [one for one in counted.reads if one[0] in ("PUT", "DELETE")]
     system.put(str(bag_of(tmp_path / "b.mcap", 4)), "fleet/in/b.mcap")
     assert said(write_datasets(["s3://fleet/in/[ab].mcap"], "s3://fleet/out")) == (["b"], ["a"], [])
@@ -267,17 +270,17 @@ def test_of_a_large_file_only_what_is_needed_is_read_and_by_ranges(bucket: Any, 
     counted.reads.clear()
     report = write_datasets(["s3://fleet/large.mcap"], tmp_path / "out", topics=["/n"], workers=1)
     assert not report.failed and rows(tmp_path / "out") == [("large", number) for number in range(1001)]
-    reads = [one for one in counted.reads if one[0] == "GET" and one[1].endswith("large.mcap")]
+    reads = counted.gets("large.mcap")
     assert len(reads) > 2 and all(one[2].startswith("bytes=") for one in reads)
     assert sum(one[3] for one in reads) < size // 4, "chunks without the topic are left out"
     counted.reads.clear()
     with BagReader("s3://fleet/large.mcap") as bag:
         assert bag.table("/n", end_ns=500).num_rows == 500
-    reads = [one for one in counted.reads if one[0] == "GET" and one[1].endswith("large.mcap")]
+    reads = counted.gets("large.mcap")
     assert reads and all(one[2].startswith("bytes=") for one in reads) and sum(one[3] for one in reads) < size // 4
     counted.reads.clear()
     with BagReader("s3://fleet/large.mcap") as bag:
         assert sum(1 for _ in bag.messages("/noise")) == 30
-    reads = [one for one in counted.reads if one[0] == "GET" and one[1].endswith("large.mcap")]
+    reads = counted.gets("large.mcap")
     assert len(reads) < 60 and max(one[3] for one in reads) < 4 << 20, "of what is needed, little at a time"
     assert sum(one[3] for one in reads) < size * 1.2

@@ -1,4 +1,4 @@
-"""Many bags as one dataset, in this process: what is done, what is not done again, and what is said of what fails."""
+"""Datasets of many bags, written by this process: repeated runs, failures, file systems."""
 
 from __future__ import annotations
 
@@ -292,7 +292,6 @@ def test_a_file_system_that_does_not_answer_is_no_damage(tmp_path: Path, monkeyp
 
 
 def test_a_task_may_be_done_by_two(tmp_path: Path) -> None:
-    """As when a worker is given up that lives on: both write the same."""
     bag, out = bag_of(tmp_path / "a.mcap", 1, 2), tmp_path / "out"
     found: list[Any] = []
     job = many._DatasetJob(str(out), bag_tasks.TaskOptions(), False, lambda done, count: None)

@@ -1,4 +1,4 @@
-"""Random definitions, random values: what a table holds is what `messages` gives, and makes the same bag again."""
+"""Tables of random definitions and values, compared with `messages`, and written back."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Topics as Arrow tables: types, columns, who takes them, and what is said of what cannot be."""
+"""Topics as Arrow tables: types, columns, consumers, errors."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from support.table_values import imus, of_message, rows, write
 
 from rosidl_py_gen import DecodeError, ExtraMissingError, compile_definition, get_message, type_hash
 from rosidl_py_gen.bags import BagError, BagReader, BagTopic, BagWarning, BagWriter
-from rosidl_py_gen.tables import reading
 
 Imu: Any = get_message("sensor_msgs/msg/Imu")
 Odometry: Any = get_message("nav_msgs/msg/Odometry")
@@ -329,10 +328,3 @@ def test_what_is_missing_is_said_with_the_command(tmp_path: Path, monkeypatch: p
     said = r"needs pyarrow, which is not installed: pip install .*\[tables\]"
     with BagReader(write(tmp_path / "a.mcap", "/s", String())) as bag, pytest.raises(ExtraMissingError, match=said):
         bag.table("/s")
-
-
-def test_odometry_is_read_without_an_object_for_each_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reading, "column", None)
-    messages = [Odometry(child_frame_id="b" * number) for number in range(30)]
-    with BagReader(write(tmp_path / "a.mcap", "/odom", *messages)) as bag:
-        assert rows(bag.table("/odom")) == [of_message(one) for one in messages]

@@ -1,4 +1,4 @@
-"""Tables as bags: of whoever makes them, and what is said of those that cannot be."""
+"""Bags from tables of any origin, and errors of invalid tables."""
 
 from __future__ import annotations
 

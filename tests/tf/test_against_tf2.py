@@ -1,4 +1,4 @@
-"""Random frames, times and questions: every answer and every kind of error is that of tf2."""
+"""Random frames and lookups, compared with tf2."""
 
 from __future__ import annotations
 
@@ -45,8 +45,9 @@ ROTATIONS = st.tuples(NUMBERS, NUMBERS, NUMBERS, NUMBERS).filter(any).map(unit)
 
 @st.composite
 def histories(draw: st.DrawFn) -> list[Any]:
-    """Transforms between frames, without what ROS 2 decided anew: two transforms of one frame and time, and frames that
-    are static first and then move, or the other way round.
+    """Return transforms without the cases that ROS 2 decides differently.
+
+    These are two transforms of one frame and time, and frames that change between static and moving.
     """
     static = draw(st.sets(FRAMES, max_size=2))
     inserted = []

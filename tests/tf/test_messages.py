@@ -1,4 +1,4 @@
-"""Messages given in another frame, against homogeneous matrices."""
+"""Transformed messages, compared with homogeneous matrices."""
 
 from __future__ import annotations
 

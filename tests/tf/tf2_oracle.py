@@ -1,4 +1,4 @@
-"""tf2's own buffer, of Debian's python3-tf2, asked line by line in JSON. Run by the system's Python."""
+"""Server of results of tf2's buffer, of Debian's python3-tf2: one JSON request per line. Run by the system's Python."""
 
 import json
 import sys

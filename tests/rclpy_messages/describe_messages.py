@@ -1,7 +1,7 @@
-"""Says what messages do, as JSON: run by a real ROS installation's Python, and by ours with the import hook.
+"""Description of messages as JSON, run by the Python of a ROS installation and by ours with the import hook.
 
-``asked.py statements`` reads a list of programs from stdin, runs each, and prints what its last line gives or what it
-raises. ``asked.py types`` tells of every message, service and action of the packages on stdin.
+``describe_messages.py statements`` runs the programs on stdin, and prints the value of the last line or the error.
+``describe_messages.py types`` describes all messages, services and actions of the packages on stdin.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if len(sys.argv) > 2:  # the folders of definitions: ours
 
 
 def outcome(program: str) -> str:
-    """What the last line of a program gives, with its type; or the error."""
+    """Return type and value of the last line of a program, or the error."""
     *lines, last = program.strip().split("\n")
     scope: dict[str, object] = {}
     try:
