@@ -170,24 +170,11 @@ def test_repr_names_every_field_and_elides_long_arrays() -> None:
     assert "name=" in repr(unset)
 
 
-NAMES = (
-    "encode",
-    "decode",
-    "data",
-    "self",
-    "cls",
-    "copy",
-    "field",
-    "list",
-    "np",
-    "int",
-    "bytes",
-    "bool",
-    "classmethod",
-)
+NAMES = ["encode", "decode", "data", "self", "cls", "copy", "field", "list", "np", "int", "bytes", "bool"]
+KEYWORDS = ["classmethod", "from", "class", "lambda", "none", "true", "type", "print", "dataclass", "len"]
 
 
-@each_case("name", NAMES)
+@each_case("name", [*NAMES, *KEYWORDS])
 @each_case("kind", ["int32", "string", "float64[]", "Inner", "Inner[]", "bool[2]", "string[]"])
 def test_any_legal_field_name_works(name: str, kind: str) -> None:
     cls = compile_definition(
