@@ -1,7 +1,29 @@
-"""Generated packages are importable before the first class is made here: a process has one class of a type, and keeps
+"""Fixtures of tests of bags.
+
+Generated packages are importable before the first class is made here: a process has one class of a type, and keeps
 those it compiled in memory.
 """
 
+from __future__ import annotations
+
+import resource
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
 from support import node_fixtures
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
 __all__ = ["node_fixtures"]
+
+
+@pytest.fixture
+def little_memory() -> Iterator[None]:
+    """Limit the memory of the process to half a gigabyte more than now."""
+    limits = resource.getrlimit(resource.RLIMIT_AS)
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + (1 << 29), limits[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_AS, limits)

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import os
-import resource
 import sqlite3
 import struct
 import tracemalloc
 import warnings
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as RosbagsWriter
-from rosbags.typesys import Stores, get_typestore
 from zstandard import ZstdCompressor
 
 from rosidl_py_gen import get_message
@@ -25,61 +20,13 @@ from rosidl_py_gen.bags.common import BagTopic
 from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.bags.reindexing import reindex_folder
 from rosidl_py_gen.bags.storage.mcap_file import McapFile
-from rosidl_py_gen.errors import RosidlError
 
 pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")  # what is damaged is left out
 Bool: Any = get_message("std_msgs/msg/Bool")
 String: Any = get_message("std_msgs/msg/String")
 
 
-@pytest.fixture
-def little_memory() -> Iterator[None]:
-    """Half a gigabyte more than there is."""
-    limits = resource.getrlimit(resource.RLIMIT_AS)
-    pages = int(Path("/proc/self/statm").read_text().split()[0])
-    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + (1 << 29), limits[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_AS, limits)
-
-
 RIGHT = [("/a", Bool(data=True), number, number) for number in range(3)]
-
-
-def read(path: Path, is_checked: bool = True) -> int | None:
-    """Return the number of messages, which are checked if the file has checksums; None when it is refused."""
-    try:
-        with BagReader(path) as reader:
-            found = list(reader)
-            topics = reader.topics
-    except RosidlError as error:
-        assert str(error)
-        return None
-    if is_checked:
-        assert found == RIGHT[: len(found)]
-        assert all(topic.count == len(found) for topic in topics.values())
-    return len(found)
-
-
-def flipped(data: bytes, at: int) -> bytes:
-    """With one byte wrong: in all bits, or in one."""
-    return data[:at] + bytes([data[at] ^ (0xFF if at % 2 else 1 << at // 2 % 8)]) + data[at + 1 :]
-
-
-@pytest.mark.parametrize("compression", ["", "zstd", "lz4"])
-@pytest.mark.usefixtures("little_memory")
-def test_every_byte_of_an_mcap_file_may_be_wrong(tmp_path: Path, compression: str) -> None:
-    path = tmp_path / "a.mcap"
-    with BagWriter(path, compression=compression) as writer:
-        for number in range(3):
-            writer.write("/a", Bool(data=True), number)
-    data = path.read_bytes()
-    path.unlink()
-    damaged = tmp_path / "b.mcap"
-    answers = set()
-    for at in range(len(data)):
-        damaged.write_bytes(flipped(data, at))
-        answers.add(read(damaged))
-    assert {3, None} <= answers
 
 
 @pytest.mark.parametrize("has_index", [True, False])
@@ -130,20 +77,6 @@ def test_looking_for_an_index_takes_little_memory(tmp_path: Path, start: int, ch
     assert peak < 1 << 23
 
 
-def test_an_mcap_file_may_end_anywhere(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    with BagWriter(path, compression="") as writer:
-        for number in range(3):
-            writer.write("/a", Bool(data=True), number)
-    data = path.read_bytes()
-    cut = tmp_path / "b.mcap"
-    answers = set()
-    for end in range(0, len(data), 3):
-        cut.write_bytes(data[:end])
-        answers.add(read(cut))
-    assert answers == {0, 3}
-
-
 def test_what_breaks_off_says_how_much_is_lost(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with BagWriter(path) as writer:
@@ -169,27 +102,6 @@ def test_what_breaks_off_says_how_much_is_lost(tmp_path: Path) -> None:
 def count_of(path: Path) -> int:
     with BagReader(path) as reader:
         return sum(1 for _ in reader)
-
-
-@pytest.mark.usefixtures("little_memory")
-def test_bytes_of_a_database_may_be_wrong(tmp_path: Path) -> None:
-    store = get_typestore(Stores.ROS2_JAZZY)
-    with RosbagsWriter(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        connection = writer.add_connection("/s", "std_msgs/msg/Bool", typestore=store)
-        for number in range(3):
-            writer.write(connection, number, b"\0\1\0\0\1")
-    (file,) = (tmp_path / "bag").glob("*.db3")
-    data = file.read_bytes()
-    damaged = tmp_path / "b.db3"
-    answers = set()
-    for at in range(len(data)):
-        if data[at]:  # most of its pages is empty
-            damaged.write_bytes(flipped(data, at))
-            answers.add(read(damaged, is_checked=False))
-    for end in range(0, len(data), 500):
-        damaged.write_bytes(data[:end])
-        answers.add(read(damaged, is_checked=False))
-    assert {3, None} <= answers
 
 
 @pytest.mark.parametrize(
@@ -227,7 +139,7 @@ def test_a_database_that_computes_its_rows_is_refused(tmp_path: Path, script: st
         writer.add_topic("/s", BagTopic("/s", "std_msgs/msg/Bool"))
         writer.write("/s", b"\0\1\0\0\1", 1)
     path = tmp_path / "bag" / "bag_0.db3"
-    assert read(path, is_checked=False) == 1
+    assert count_of(path) == 1
     base = sqlite3.connect(path)
     base.executescript(script)
     base.close()

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from mcap.writer import CompressionType, IndexType, Writer
+from support.bag_samples import String, write_strings
 from zstandard import ZstdCompressor
 
 from rosidl_py_gen import get_message
@@ -19,7 +20,6 @@ from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, Sqlit
 from rosidl_py_gen.bags.common import BagTopic
 from rosidl_py_gen.errors import DecodeError
 
-String: Any = get_message("std_msgs/msg/String")
 Empty: Any = get_message("std_msgs/msg/Empty")
 STRING = BagTopic("/s", "std_msgs/msg/String", "string data")
 MB = 1 << 20
@@ -220,24 +220,20 @@ def test_empty_messages_are_read_with_and_without_the_byte_of_ros(tmp_path: Path
 
 
 def test_a_database_behind_a_link_has_its_log(tmp_path: Path) -> None:
-    with SqliteWriter(tmp_path / "bag") as writer:
-        writer.add_topic("/s", STRING)
-        writer.write("/s", String(data="a").encode(), 1)
+    write_strings(tmp_path / "bag", ["a"], storage="sqlite3")
     file = tmp_path / "bag" / "bag_0.db3"
     base = sqlite3.connect(file, isolation_level=None)
     try:
         base.execute("pragma journal_mode=wal")
         base.execute("insert into messages values (2, 1, 2, ?)", (String(data="b").encode(),))
         (tmp_path / "link.db3").symlink_to(file)
-        assert told(tmp_path / "link.db3") == [(1, "a", 1), (2, "b", 1)]
+        assert told(tmp_path / "link.db3") == [(0, "a", 1), (2, "b", 1)]
     finally:
         base.close()
 
 
 def test_a_journal_that_names_other_files_is_refused_and_deletes_none(tmp_path: Path) -> None:
-    with SqliteWriter(tmp_path / "bag") as writer:
-        writer.add_topic("/s", STRING)
-        writer.write("/s", String(data="a").encode(), 1)
+    write_strings(tmp_path / "bag", ["a"], storage="sqlite3")
     file, victim = tmp_path / "bag" / "bag_0.db3", tmp_path / "victim"
     victim.write_bytes(b"mine")
     name, magic = str(victim).encode(), bytes.fromhex("d9d505f920a163d7")
@@ -254,31 +250,23 @@ def test_one_file_of_a_bag_with_compressed_messages_is_read_alone(tmp_path: Path
     packed = ZstdCompressor().compress(String(data="a").encode())
     path = tmp_path / f"bag_0.{suffix}"
     if suffix == "mcap":
-        with BagWriter(path) as writer:
-            writer.add_topic("/s", String)
-            writer.write("/s", packed, 1)
+        write_strings(path, [packed])
     else:
-        with SqliteWriter(tmp_path / "bag") as base:
-            base.add_topic("/s", STRING)
-            base.write("/s", packed, 1)
-        path = tmp_path / "bag" / "bag_0.db3"
-    assert told(path) == [(1, "a", 1)]
+        path = write_strings(tmp_path / "bag", [packed], storage="sqlite3") / "bag_0.db3"
+    assert told(path) == [(0, "a", 1)]
 
 
 def test_messages_whose_topic_row_is_missing_are_counted_and_named(tmp_path: Path) -> None:
-    with SqliteWriter(tmp_path / "bag") as base:
-        base.add_topic("/s", STRING)
-        for time in (1, 2):
-            base.write("/s", String(data="a").encode(), time)
+    write_strings(tmp_path / "bag", ["a"] * 3, storage="sqlite3")
     file = tmp_path / "bag" / "bag_0.db3"
     with sqlite3.connect(file) as changed:
         changed.execute("update messages set topic_id = 7 where timestamp = 2")
     name = "(no topic has id 7)"
     with BagReader(file) as reader:
         with pytest.warns(BagWarning, match=r"skipped \(no topic has id 7\)"):
-            assert [item.log_time for item in reader] == [1]
+            assert [item.log_time for item in reader] == [0, 1]
         assert reader.skipped[name].count == 1
-        assert [item.log_time for item in reader.messages(raw=True)] == [1, 2]
+        assert [item.log_time for item in reader.messages(raw=True)] == [0, 1, 2]
         assert [item.log_time for item in reader.messages(name, raw=True)] == [2]
         with pytest.raises(BagError, match="no topic has id 7"):
             list(reader.messages(name))

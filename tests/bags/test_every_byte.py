@@ -13,10 +13,11 @@ from mcap.writer import CompressionType, IndexType, Writer
 from zstandard import ZstdCompressor
 
 from rosidl_py_gen import get_message
-from rosidl_py_gen.bags import BagReader, SqliteWriter
+from rosidl_py_gen.bags import BagReader, BagWriter, SqliteWriter
 from rosidl_py_gen.bags.common import BagTopic
 from rosidl_py_gen.errors import RosidlError
 
+pytestmark = pytest.mark.usefixtures("little_memory")
 Bool: Any = get_message("std_msgs/msg/Bool")
 TRUE = Bool(data=True).encode()
 COUNT = 3
@@ -34,6 +35,13 @@ def mcap(path: Path, data: bytes = TRUE, **options: Any) -> None:
         writer.finish()
 
 
+def write_bag(path: Path) -> None:
+    path.unlink(missing_ok=True)
+    with BagWriter(path, compression="zstd") as writer:
+        for topic, message, log_time in RIGHT:
+            writer.write(topic, message, log_time)
+
+
 NO_INDEX = {
     "index_types": IndexType.NONE,
     "use_statistics": False,
@@ -48,6 +56,7 @@ KINDS: dict[str, Callable[[Path], None]] = {
     "no index": lambda path: mcap(path, **NO_INDEX),
     "no chunks": lambda path: mcap(path, use_chunking=False, use_summary_offsets=False),
     "no chunks, no index": lambda path: mcap(path, use_chunking=False, **NO_INDEX),
+    "our writer": write_bag,
     "compressed messages": lambda path: mcap(path, ZstdCompressor().compress(TRUE)),
 }
 
@@ -73,7 +82,7 @@ def flips(data: bytes) -> list[bytes]:
     ]
 
 
-@pytest.mark.parametrize("kind", [*KINDS][1:])  # plain ones of our writer: test_damaged.py
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_wrong_byte_of_an_mcap_file_is_told_or_changes_nothing(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "a.mcap"
     KINDS[kind](path)

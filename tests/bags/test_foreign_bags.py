@@ -15,14 +15,14 @@ from typing import Any
 import pytest
 import yaml
 from mcap.writer import CompressionType, IndexType, Writer
+from support.bag_samples import String, write_strings
 from zstandard import ZstdCompressor
 
-from rosidl_py_gen import compile_definition, get_message
+from rosidl_py_gen import compile_definition
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, SkippedMessages, SqliteWriter
 from rosidl_py_gen.bags.common import BagTopic
 from rosidl_py_gen.bags.writer import topic_of
 
-String: Any = get_message("std_msgs/msg/String")
 COUNT = 20
 
 
@@ -174,11 +174,7 @@ def test_a_wrong_byte_in_messages_outside_of_chunks_is_told(tmp_path: Path) -> N
 
 def test_the_bag_of_a_killed_recorder_is_read_piece_by_piece(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    large = String(data="x" * 100_000).encode()
-    with BagWriter(path, compression="") as writer:
-        writer.add_topic("/s", String)
-        for number in range(300):
-            writer.write("/s", large, number)
+    write_strings(path, ["x" * 100_000] * 300, compression="")
     path.write_bytes(path.read_bytes()[:-100])
     tracemalloc.start()
     try:
@@ -191,11 +187,7 @@ def test_the_bag_of_a_killed_recorder_is_read_piece_by_piece(tmp_path: Path) -> 
 
 
 def test_many_chunks_that_become_large_take_the_memory_of_one(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    with BagWriter(path) as writer:
-        writer.add_topic("/s", String)
-        for number in range(60):
-            writer.write("/s", String(data="x" * 2_000_000).encode(), number)
+    path = write_strings(tmp_path / "a.mcap", ["x" * 2_000_000] * 60)
     assert path.stat().st_size < 100_000
     tracemalloc.start()
     try:
@@ -224,10 +216,7 @@ def test_chunks_that_overlap_without_end_are_refused_before_memory_is_full(tmp_p
 
 def test_what_the_writer_writes_the_reader_reads_however_well_it_compresses(tmp_path: Path) -> None:
     blank = bytes(4) + bytes(300_000_000)
-    with BagWriter(tmp_path / "a.mcap") as writer:
-        writer.add_topic("/s", String)
-        writer.write("/s", blank, 0)
-    with BagReader(tmp_path / "a.mcap", validate_crcs=False) as reader:
+    with BagReader(write_strings(tmp_path / "a.mcap", [blank]), validate_crcs=False) as reader:
         assert [len(item.message) for item in reader.messages(raw=True)] == [len(blank)]
 
 
@@ -282,11 +271,7 @@ def test_an_empty_definition_is_that_of_an_empty_message(tmp_path: Path) -> None
 
 
 def database(path: Path, count: int = COUNT) -> Path:
-    with SqliteWriter(path) as writer:
-        writer.add_topic("/s", topic_of("/s", String))
-        for number in range(count):
-            writer.write("/s", String(data=str(number)).encode(), number)
-    return path / f"{path.name}_0.db3"
+    return write_strings(path, map(str, range(count)), storage="sqlite3") / f"{path.name}_0.db3"
 
 
 @pytest.mark.parametrize("is_read_only", [False, True])
@@ -343,11 +328,8 @@ def test_another_thread_may_read(tmp_path: Path) -> None:
 def test_threads_that_unpack_at_once_do_not_mix_it_up(tmp_path: Path, mode: str) -> None:
     draw = random.Random(7)
     texts = [draw.randbytes(20_000).hex() for _ in range(60)]
-    with BagWriter(tmp_path / "bag", compression="zstd" if mode == "chunks" else "") as writer:
-        writer.add_topic("/s", topic_of("/s", String))
-        for number, text in enumerate(texts):
-            data = String(data=text).encode()
-            writer.write("/s", ZstdCompressor().compress(data) if mode == "MESSAGE" else data, number)
+    stored = texts if mode == "chunks" else [ZstdCompressor().compress(String(data=text).encode()) for text in texts]
+    write_strings(tmp_path / "bag", stored, compression="zstd" if mode == "chunks" else "")
     if mode == "MESSAGE":
         packed(tmp_path / "bag", mode)
     with BagReader(tmp_path / "bag") as reader, ThreadPoolExecutor(8) as threads:
@@ -391,16 +373,14 @@ def packed(folder: Path, mode: str) -> None:
     (folder / "metadata.yaml").write_text(yaml.safe_dump(told))
 
 
-@pytest.mark.parametrize("storage", ["sqlite", "mcap"])
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
 @pytest.mark.parametrize("mode", ["FILE", "MESSAGE"])
 @pytest.mark.parametrize("has_metadata", [True, False])
 def test_compressed_bags_of_rosbag2_are_read(tmp_path: Path, storage: str, mode: str, has_metadata: bool) -> None:
     folder = tmp_path / "bag"
-    with SqliteWriter(folder) if storage == "sqlite" else BagWriter(folder) as writer:
-        writer.add_topic("/s", topic_of("/s", String))
-        for number in range(COUNT):
-            data = String(data=str(number)).encode()
-            writer.write("/s", ZstdCompressor().compress(data) if mode == "MESSAGE" else data, number)
+    messages = [String(data=str(number)).encode() for number in range(COUNT)]
+    stored = [ZstdCompressor().compress(data) for data in messages] if mode == "MESSAGE" else messages
+    write_strings(folder, stored, storage=storage)
     packed(folder, mode)
     if not has_metadata:
         (folder / "metadata.yaml").unlink()
@@ -409,10 +389,9 @@ def test_compressed_bags_of_rosbag2_are_read(tmp_path: Path, storage: str, mode:
 
 def test_damaged_compression_is_told(tmp_path: Path) -> None:
     folder = tmp_path / "bag"
-    with SqliteWriter(folder) as writer:
-        writer.add_topic("/s", topic_of("/s", String))
-        writer.write("/s", ZstdCompressor().compress(String(data="a" * 1000).encode())[:-3], 0)
-        writer.write("/s", ZstdCompressor().compress(bytes(1_000_000)), 1)
+    compress = ZstdCompressor().compress
+    stored = [compress(String(data="a" * 1000).encode())[:-3], compress(bytes(1_000_000))]
+    write_strings(folder, stored, storage="sqlite3")
     packed(folder, "MESSAGE")
     with pytest.raises(BagError, match="/s at 0 ns: damaged"):
         words(folder)

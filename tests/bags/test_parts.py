@@ -10,23 +10,18 @@ import pytest
 import yaml
 from rosbags.rosbag2 import Reader as RosbagsReader
 from rosbags.typesys import Stores, get_typestore
+from support.bag_samples import STORAGES, String, file_size_limit, write_strings
 
-from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagWriter, SqliteWriter
 from rosidl_py_gen.bags.reindexing import reindex_folder
 from rosidl_py_gen.bags.writer import topic_of
 
-String: Any = get_message("std_msgs/msg/String")
 S = 1_000_000_000
-STORAGES = {"mcap": BagWriter, "sqlite3": SqliteWriter}
 
 
-def made(path: Path, storage: str, count: int = 10, **options: Any) -> dict[str, Any]:
-    """A bag of ten messages, one a second, of 500 bytes each; gives its metadata."""
-    with STORAGES[storage](path, **options) as bag:
-        bag.add_topic("/words", topic_of("/words", String))
-        for number in range(count):
-            bag.write("/words", String(data=f"{number:0500}").encode(), number * S)
+def made(path: Path, storage: str, **options: Any) -> dict[str, Any]:
+    """Write ten messages, one a second, of 500 bytes each; return the metadata."""
+    write_strings(path, [f"{number:0500}" for number in range(10)], "/words", storage, S, **options)
     told = yaml.safe_load((path / "metadata.yaml").read_text())
     return dict(told["rosbag2_bagfile_information"])
 
@@ -137,42 +132,24 @@ def test_one_file_is_not_split_or_packed(tmp_path: Path, options: Any, error: st
 
 @pytest.mark.parametrize("storage", STORAGES)
 def test_a_disk_that_is_full_at_the_end_leaves_no_metadata_that_end_in_the_middle(tmp_path: Path, storage: str) -> None:
-    import resource
-
     path = tmp_path / "bag"
     bag = STORAGES[storage](path)
     bag.add_topic("/words", topic_of("/words", String))
     bag.write("/words", String(data="w").encode(), S)
     bag.flush()
     begun = {one.name for one in path.iterdir()}
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
-    try:
-        with pytest.raises(OSError, match="File too large"):
-            bag.close()
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with file_size_limit(100), pytest.raises(OSError, match="File too large"):
+        bag.close()
     assert {one.name for one in path.iterdir()} == begun
-    assert words_of_file(next(path.glob("bag_0.*"))) == ["w"]
+    with BagReader(next(path.glob("bag_0.*"))) as reader:
+        assert [item.message.data for item in reader] == ["w"]
 
 
 def test_metadata_that_are_written_again_stay_what_they_were_on_a_full_disk(tmp_path: Path) -> None:
-    import resource
-
     path = tmp_path / "bag"
     made(path, "mcap")
     before = (path / "metadata.yaml").read_text()
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
-    try:
-        with pytest.raises(OSError, match="File too large"):
-            reindex_folder(path)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with file_size_limit(100), pytest.raises(OSError, match="File too large"):
+        reindex_folder(path)
     assert {one.name for one in path.iterdir()} == {"metadata.yaml", "bag_0.mcap"}
     assert (path / "metadata.yaml").read_text() == before
-
-
-def words_of_file(path: Path) -> list[str]:
-    with BagReader(path) as bag:
-        return [item.message.data for item in bag]

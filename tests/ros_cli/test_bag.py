@@ -17,11 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from mcap.reader import make_reader
-from mcap.records import Message
-from mcap.stream_reader import StreamReader
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import Reader as RosbagsReader
 from rosbags.typesys import Stores, get_typestore
+from support.bag_samples import count_of, wait_for_lines
 from support.node_fixtures import start_process, until
 
 from rosidl_py_gen import compile_definition, get_message
@@ -48,15 +47,6 @@ def node(dds: World) -> Node:
     return dds.node("robot", enable_rosout=False, parameter_events=False)
 
 
-async def said(process: asyncio.subprocess.Process, text: str) -> None:
-    """Read standard error until a line has `text`."""
-    assert process.stderr is not None
-    line = ""
-    while text not in line:
-        line = (await asyncio.wait_for(process.stderr.readline(), 25)).decode()
-        assert line, f"ended before it said {text!r}"
-
-
 def filled(path: Path, count: int = 20, step_ns: int = S // 20, **options: Any) -> Path:
     """A bag of strings on /words, and one latched on /map."""
     with BagWriter(path, **options) as bag:
@@ -66,11 +56,6 @@ def filled(path: Path, count: int = 20, step_ns: int = S // 20, **options: Any) 
         for number in range(count):
             bag.write("/words", String(data=f"w{number}"), 1000 * S + number * step_ns)
     return path
-
-
-def count_of(path: Path) -> int:
-    with BagReader(path) as reader:
-        return sum(topic.count or 0 for topic in reader.topics.values())
 
 
 # ------------------------------------------------------------------------------------------------------------- record
@@ -110,11 +95,8 @@ async def test_what_a_node_publishes_is_recorded_with_what_it_offers(network: Wo
     assert sorted(one.data for one in decoded)[0] == "late"  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize(
-    ("limit", "compression"), [(("--max-bag-size", "10000"), "lz4"), (("--max-bag-duration", "0.2"), "zstd")]
-)
 async def test_topics_with_a_pattern_are_recorded_into_several_files(
-    node: Node, tool: Any, tmp_path: Path, run_here: Any, limit: tuple[str, str], compression: str
+    node: Node, tool: Any, tmp_path: Path, run_here: Any
 ) -> None:
     left, depth, hidden, other = (
         node.create_publisher(String, name, QoSProfile(depth=100))
@@ -123,10 +105,10 @@ async def test_topics_with_a_pattern_are_recorded_into_several_files(
     path = tmp_path / "bag"
     process = await tool.start(
         *("bag", "record", "--regex", "^/camera", "--exclude", "depth$", "--include-hidden-topics"),
-        *("-o", str(path), "--compression", compression, *limit),
+        *("-o", str(path), "--compression", "lz4", "--max-bag-size", "10000"),
     )
     for _ in range(2):
-        await said(process, "recording /camera/")  # definitions are there, so nothing waits for them
+        await wait_for_lines(process, "recording /camera/")  # definitions are there, so nothing waits for them
     assert await left.wait_for_subscribers(20) and await hidden.wait_for_subscribers(20)
     sent = 0
     while len(list(path.glob("bag_*.mcap"))) < 3 and sent < 1000:
@@ -146,16 +128,11 @@ async def test_topics_with_a_pattern_are_recorded_into_several_files(
     for name in told["files"]:
         with BagReader(path / name) as reader, (path / name).open("rb") as stream:
             assert reader.has_index
-            if limit[0] == "--max-bag-duration":
-                written = [one.log_time for one in StreamReader(stream).records if isinstance(one, Message)]
-                assert max(written) < written[0] + 0.2 * S  # earlier ones of the other topic may follow
-                stream.seek(0)
-            else:
-                assert len(list(reader)) <= 20
+            assert len(list(reader)) <= 20
             summary = make_reader(stream).get_summary()
             assert summary is not None
             kinds |= {chunk.compression for chunk in summary.chunk_indexes}
-    assert kinds == {compression}
+    assert kinds == {"lz4"}
     with RosbagsReader(path) as theirs:
         assert theirs.message_count == 2 * sent
 
@@ -165,7 +142,7 @@ async def test_a_killed_recorder_leaves_a_file_that_info_and_convert_read(
 ) -> None:
     path = tmp_path / "a.mcap"
     process = await tool.start("bag", "record", "/words", "-o", str(path), "--compression", "lz4")
-    await said(process, "nobody publishes /words yet")
+    await wait_for_lines(process, "nobody publishes /words yet")
     words = node.create_publisher(String, "words", QoSProfile(depth=100))
     assert await words.wait_for_subscribers(20)
     for number in range(30):
@@ -188,7 +165,7 @@ async def test_a_type_nobody_installed_is_recorded_with_the_definition_of_its_no
     sample = cls(name="odd")
     node.create_publisher(cls, "odd", LATCHED).publish(sample)
     process = await tool.start("bag", "record", "/odd", "-o", str(tmp_path / "bag"), ROSIDL_PY_GEN_CACHE=str(tmp_path))
-    await said(process, "recording /odd [nobody_has/msg/Odd]")
+    await wait_for_lines(process, "recording /odd [nobody_has/msg/Odd]")
     await until(lambda: count_of(tmp_path / "bag") == 1, 20)
     process.send_signal(signal.SIGINT)
     ended = await tool.end(process)
@@ -207,7 +184,7 @@ async def test_a_type_nobody_installed_is_recorded_with_the_definition_of_its_no
 async def test_a_full_disk_ends_recording_with_a_file_that_can_be_read(node: Node, tool: Any, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     process = await tool.start("bag", "record", "/words", "-o", str(path), "--compression", "none")
-    await said(process, "nobody publishes /words yet")
+    await wait_for_lines(process, "nobody publishes /words yet")
     resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (12_000_000, 12_000_000))
     words = node.create_publisher(String, "words")
     assert await words.wait_for_subscribers(20)
@@ -252,18 +229,6 @@ async def test_a_disk_of_four_megabytes_is_filled_with_messages_that_can_be_read
     assert ".metadata.yaml" not in ended.out.split()
 
 
-def test_wrong_words_for_recording_are_told(run_here: Any, tmp_path: Path) -> None:
-    (tmp_path / "there").mkdir()
-    for words, code, text in (
-        ([], 2, "expected topics, --services"),
-        (["-e", "("], 1, '"(" is not a regular expression'),
-        (["-a", "-o", str(tmp_path / "there")], 1, "there exists already"),
-        (["/x", "--no-discovery", "--discovery", "off", "-o", str(tmp_path / "b")], 1, "nobody publishes /x"),
-    ):
-        found, _, err = run_here("bag", "record", *words)
-        assert (found, text in err) == (code, True), err
-
-
 # --------------------------------------------------------------------------------------------------------------- play
 
 
@@ -299,17 +264,6 @@ async def test_a_bag_is_played_at_its_rate_with_the_quality_of_then(network: Wor
     assert set(stamps) == {1000}
     ended = await tool.end(process)
     assert (ended.code, ended.err) == (0, "published 21 messages of 2 topics\n")
-
-
-async def test_a_part_is_played_again_and_again(node: Node, tool: Any, tmp_path: Path) -> None:
-    path = filled(tmp_path / "a.mcap")
-    words = node.create_subscription(String, "words", qos=QoSProfile(depth=100).best_effort())
-    options = ("--topics", "/words", "--start-offset", "0.5", "--duration", "0.1", "--loop")
-    process = await tool.start("bag", "play", str(path), *options)
-    heard = [(await words.receive(20)).data for _ in range(7)]
-    assert heard[-6:] in (["w10", "w11"] * 3, ["w11", "w10"] * 3)
-    process.send_signal(signal.SIGINT)
-    assert (await tool.end(process)).code == 0
 
 
 # ---------------------------------------------------------------------------------------------------- info and convert

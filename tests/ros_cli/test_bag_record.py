@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
-import os
-import pty
 import signal
-import sys
-import termios
 import tracemalloc
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any
@@ -15,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import yaml
 from rosbags.rosbag2 import Reader as RosbagsReader
+from support.bag_samples import count_of, wait_for_lines
 from support.node_fixtures import until
 
 from rosidl_py_gen import compile_definition, get_action, get_message, get_service, type_hash
@@ -50,24 +46,6 @@ RECORDER = "/rosbag2_recorder"
 @pytest.fixture
 def node(memory: World) -> Node:
     return memory.node("robot", enable_rosout=False, parameter_events=False)
-
-
-async def said(process: Any, *texts: str) -> None:
-    """Read standard error until lines have had all of `texts`, in any order."""
-    left = {*texts}
-    while left:
-        line = (await asyncio.wait_for(process.stderr.readline(), 25)).decode()
-        assert line, f"ended before it said {left}"
-        left = {text for text in left if text not in line}
-
-
-def count_of(path: Path) -> int:
-    """Messages that are in the bag, also while it is recorded."""
-    try:
-        with BagReader(path) as reader:
-            return sum(topic.count or 0 for topic in reader.topics.values())
-    except BagError:  # the file was just made, and has no tables yet
-        return 0
 
 
 def files_of(path: Path) -> list[Path]:
@@ -192,7 +170,7 @@ async def test_what_is_asked_for_is_in_the_bag(
     publish_all(node)
     path = tmp_path / "bag"
     async with recording(tool, path, *words) as process:
-        await said(process, *(f"recording {name} [" for name in expected))
+        await wait_for_lines(process, *(f"recording {name} [" for name in expected))
         await until(lambda: count_of(path) == len(expected))
         # What else it listened to might only be written later.
         await until(lambda: expected <= followed(node))
@@ -208,7 +186,7 @@ async def test_unpublished_topics_are_recorded_on_request(node: Node, tool: Any,
     publish_all(node)
     path = tmp_path / "bag"
     async with recording(tool, path, "--regex", "unpublished|count", "--include-unpublished-topics") as process:
-        await said(process, "recording /unpublished [std_msgs/msg/String]", "recording /count [")
+        await wait_for_lines(process, "recording /unpublished [std_msgs/msg/String]", "recording /count [")
     assert {
         one["topic_metadata"]["name"]: one["message_count"] for one in metadata_of(path)["topics_with_message_count"]
     } == {
@@ -227,11 +205,11 @@ async def test_a_topic_that_appears_is_found_when_it_is_looked_for(node: Node, t
     ):
         path = tmp_path / "_".join(words)
         async with recording(tool, path, "--all-topics", *words) as process:
-            await said(process, "recording /first")
+            await wait_for_lines(process, "recording /first")
             late = node.create_publisher(String, "late", LATCHED)
             late.publish(String(data="2"))
             if "/late" in expected:
-                await said(process, "recording /late")
+                await wait_for_lines(process, "recording /late")
             await taken(node)
             first.publish(String(data="3"))
             await until(lambda path=path, expected=expected: count_of(path) == 1 + len(expected))  # type: ignore[misc]
@@ -245,13 +223,13 @@ async def test_what_nobody_publishes_is_told(node: Node, tool: Any, tmp_path: Pa
     node.create_service(AddTwoInts, "silent", lambda one: AddTwoInts.Response())
     missing = ("--topics", "/no", "/count", "--services", "/silent", "/add", "--actions", "/act", "/fib")
     async with recording(tool, tmp_path / "bag", *missing) as process:
-        await said(
+        await wait_for_lines(
             process,
             "nobody publishes /no yet; waiting for it",
             "nobody publishes events of the service /silent, whose introspection may be off, yet; waiting for it",
             "nobody publishes anything of the action /act yet; waiting for it",
         )
-        await said(process, *(f"recording {name} [" for name in ("/count", ADD, *FIB)))
+        await wait_for_lines(process, *(f"recording {name} [" for name in ("/count", ADD, *FIB)))
     for kind, name in (("--services", "/silent"), ("--actions", "/act"), ("--topics", "/no")):
         ended = await tool("bag", "record", kind, name, "--no-discovery", "-o", str(tmp_path / name[1:]))
         assert (ended.code, f"{name}" in ended.err, "--no-discovery" in ended.err) == (1, True, True), ended.err
@@ -269,7 +247,7 @@ async def test_events_of_a_service_have_their_type_and_quality_of_service(
         end.configure_introspection(node.clock, EVENTS_QOS, IntrospectionState.CONTENTS)
     path = tmp_path / "bag"
     async with recording(tool, path, "--services", "/add") as process:
-        await said(process, f"recording {ADD} [example_interfaces/srv/AddTwoInts_Event]")
+        await wait_for_lines(process, f"recording {ADD} [example_interfaces/srv/AddTwoInts_Event]")
         assert (await client.call(AddTwoInts.Request(a=2, b=3), 10)).sum == 5
         await until(lambda: count_of(path) == 4)
     (told,) = metadata_of(path)["topics_with_message_count"]
@@ -313,7 +291,7 @@ async def test_an_action_is_recorded_while_it_runs(node: Node, tool: Any, tmp_pa
     client = node.create_action_client(Fibonacci, "fib")
     path = tmp_path / "bag"
     async with recording(tool, path, "--actions", "fib") as process:
-        await said(process, "recording /fib/_action/feedback [", "recording /fib/_action/status [")
+        await wait_for_lines(process, "recording /fib/_action/feedback [", "recording /fib/_action/status [")
         handle = await client.send_goal(Fibonacci.Goal(order=2))
         assert [*(await handle.result(10))[1].sequence] == [1, 2]
         await until(lambda: count_of(path) >= 3)
@@ -337,7 +315,7 @@ async def test_overrides_say_how_a_topic_is_received(node: Node, tool: Any, tmp_
     file.write_text("/words: {durability: volatile, reliability: best_effort, history: keep_last, depth: 3}\n")
     path = tmp_path / "bag"
     async with recording(tool, path, "/words", "/kept", "--qos-profile-overrides-path", str(file)) as process:
-        await said(process, "recording /words", "recording /kept")
+        await wait_for_lines(process, "recording /words", "recording /kept")
         (found,) = node.get_subscriptions_info_by_topic("/words")
         assert (found.qos_profile.durability, found.qos_profile.reliability) == (
             Durability.VOLATILE,
@@ -360,7 +338,7 @@ async def test_times_are_those_of_the_simulation(node: Node, tool: Any, tmp_path
     words = node.create_publisher(String, "words", QoSProfile(depth=100))
     path = tmp_path / "bag"
     async with recording(tool, path, "/words", "--use-sim-time") as process:
-        await said(process, "recording /words")
+        await wait_for_lines(process, "recording /words")
         words.publish(String(data="too early"))
         await taken(node)
         clock = node.create_publisher(Clock, "/clock", QoSProfile(depth=1))
@@ -400,7 +378,7 @@ async def test_bags_of_both_storages_are_split_and_compressed(
     path = tmp_path / "bag"
     options = ("-b", "1000", "--custom-data", "robot=r2", "run=a=b", "-f", "cdr", *words)
     async with recording(tool, path, "--topics", "/words", "-s", storage, *options) as process:
-        await said(process, "recording /words")
+        await wait_for_lines(process, "recording /words")
         for number in range(6):
             publisher.publish(String(data=f"{number:0600}"))
         await until(lambda: len([*path.glob("bag_2.*")]) == 1)
@@ -418,7 +396,7 @@ async def test_a_bag_is_split_by_time(node: Node, tool: Any, tmp_path: Path) -> 
     publisher = node.create_publisher(String, "words", QoSProfile(depth=100))
     path = tmp_path / "bag"
     async with recording(tool, path, "/words", "--max-bag-duration", "0.05", "--max-bag-size", "0") as process:
-        await said(process, "recording /words")
+        await wait_for_lines(process, "recording /words")
 
         def is_split() -> bool:
             publisher.publish(String(data="w"))
@@ -441,8 +419,8 @@ async def test_services_pause_and_split(node: Node, tool: Any, tmp_path: Path) -
         await until(lambda: count_of(path) == recorded)
 
     async with recording(tool, path, "/words", "--start-paused") as process:
-        await said(process, "paused from the start")
-        await said(process, "recording /words")
+        await wait_for_lines(process, "paused from the start")
+        await wait_for_lines(process, "recording /words")
         assert await taken(node)
         await publish("a", recorded=0)
         await call(node, "resume", "Resume")
@@ -461,9 +439,9 @@ async def test_one_file_is_not_split_by_a_service(node: Node, tool: Any, tmp_pat
     node.create_publisher(String, "words", LATCHED).publish(String(data="w"))
     path = tmp_path / "a.mcap"
     async with recording(tool, path, "/words") as process:
-        await said(process, "recording /words")
+        await wait_for_lines(process, "recording /words")
         await call(node, "split_bagfile", "SplitBagfile")
-        await said(process, f"{path} is one file; only a folder can be split")
+        await wait_for_lines(process, f"{path} is one file; only a folder can be split")
         await until(lambda: count_of(path) == 1)
 
 
@@ -473,7 +451,7 @@ async def test_a_snapshot_has_what_came_last(node: Node, tool: Any, tmp_path: Pa
     path = tmp_path / "bag"
     options = ("--snapshot-mode", "--max-cache-size", "4000", "--node-name", "box", "-s", storage)
     process = await tool.start("bag", "record", "/words", "-o", str(path), *options)
-    await said(process, "recording /words")
+    await wait_for_lines(process, "recording /words")
     for numbers, there in (((0, 10), 3), ((10, 12), 5), ((12, 12), 5)):
         for number in range(*numbers):
             publisher.publish(String(data=f"{number:01000}"))
@@ -571,7 +549,9 @@ def raising(error: Exception) -> Any:
 def test_wrong_words_are_told(run_here: Any, tmp_path: Path) -> None:
     out = str(tmp_path / "bag")
     for words, code, text in (
+        ([], 2, "expected topics, --services"),
         (["--exclude-topics", "/a"], 2, "expected topics, --services"),
+        (["-a", "-o", str(tmp_path)], 1, "exists already"),
         (["/a", "--compression-format", "zstd"], 2, "--compression-format requires --compression-mode"),
         (["/a", "--compression", "lz4", "-s", "sqlite3"], 2, "--compression applies to chunks of MCAP files"),
         (["/a", "--use-sim-time", "--no-discovery"], 2, "--use-sim-time waits for /clock"),
@@ -588,75 +568,6 @@ def test_wrong_words_are_told(run_here: Any, tmp_path: Path) -> None:
         found, _, err = run_here("bag", "record", *words)
         assert (found, text in err, "Traceback" in err) == (code, True, False), (words, err)
     assert [*tmp_path.iterdir()] == []
-
-
-# -------------------------------------------------------------------------------------------------------------- keys
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="a terminal of Unix")
-@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
-async def test_space_pauses_and_the_terminal_is_as_before(dds: World, tmp_path: Path, end: int) -> None:
-    node = dds.node("robot", enable_rosout=False, parameter_events=False)
-    publisher = node.create_publisher(String, "words", QoSProfile(depth=100))
-    path = tmp_path / "bag"
-    ours, theirs = pty.openpty()
-    before = termios.tcgetattr(theirs)
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "rosidl_py_gen.ros_cli", "bag", "record", "/words", "-o", str(path)),
-        *("--start-paused", "--max-cache-size", "0"),
-        stdin=theirs,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-        start_new_session=True,
-        preexec_fn=lambda: _take_terminal(theirs),
+    assert (
+        "nobody publishes /x" in run_here("bag", "record", "/x", "--no-discovery", "--discovery", "off", "-o", out)[2]
     )
-    try:
-        await said(process, "space pauses and resumes")
-        await said(process, "recording /words")
-        assert not termios.tcgetattr(theirs)[3] & (termios.ECHO | termios.ICANON)
-        await publisher.wait_for_subscribers(20)
-        os.write(ours, b"x ")
-        await said(process, "recording resumed")
-        publisher.publish(String(data="a"))
-        await until(lambda: count_of(path) == 1)
-        os.write(ours, b" ")
-        await said(process, "paused")
-        process.send_signal(end)
-        await asyncio.wait_for(process.wait(), 20)
-        assert process.returncode == (0 if end in (signal.SIGINT, signal.SIGTERM) else -end)
-        assert termios.tcgetattr(theirs) == before
-    finally:
-        if process.returncode is None:
-            process.kill()
-        os.close(ours)
-        os.close(theirs)
-
-
-def _take_terminal(terminal: int) -> None:
-    """Make it that of this session, as a shell's is."""
-    import fcntl
-
-    fcntl.ioctl(terminal, termios.TIOCSCTTY, 0)
-
-
-async def test_keys_are_left_alone_on_request(dds: World, tmp_path: Path) -> None:
-    node = dds.node("robot", enable_rosout=False, parameter_events=False)
-    node.create_publisher(String, "words", LATCHED).publish(String(data="w"))
-    ours, theirs = pty.openpty()
-    before = termios.tcgetattr(theirs)
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "rosidl_py_gen.ros_cli", "bag", "record", "/words", "-o", str(tmp_path / "bag")),
-        "--disable-keyboard-controls",
-        stdin=theirs,
-        stderr=asyncio.subprocess.PIPE,
-        start_new_session=True,
-        preexec_fn=lambda: _take_terminal(theirs),
-    )
-    await said(process, "recording /words")
-    assert termios.tcgetattr(theirs) == before
-    process.send_signal(signal.SIGINT)
-    assert process.stderr is not None
-    rest = (await process.stderr.read()).decode()
-    assert await process.wait() == 0 and "space" not in rest
-    os.close(ours)
-    os.close(theirs)

@@ -1,4 +1,4 @@
-"""Keys while ``rosidl-py bag play`` runs on a terminal, which is as before whatever ends it."""
+"""Keys while ``bag play`` and ``bag record`` run on a terminal, which is restored whatever ends them."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.bag_samples import count_of
 from support.node_fixtures import GENERATED, start_process, until
 
 from rosidl_py_gen import get_message
@@ -194,20 +195,49 @@ async def test_an_error_gives_the_terminal_back_too(terminal: Terminal, monkeypa
     assert terminal.state() == terminal.before
 
 
-async def test_keys_are_left_alone_where_that_is_asked_for(dds: World, terminal: Terminal, tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "bag") as writer:
-        writer.write("/words", String(), 1)
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
+async def test_space_pauses_a_recorder_and_the_terminal_is_as_before(
+    dds: World, terminal: Terminal, tmp_path: Path, end: int
+) -> None:
+    node = dds.node("robot", enable_rosout=False, parameter_events=False)
+    publisher = node.create_publisher(String, "words", QoSProfile(depth=100))
+    path = tmp_path / "bag"
+    await terminal.start("bag", "record", "/words", "-o", str(path), "--start-paused", "--max-cache-size", "0")
+    assert terminal.process is not None
+    await until(lambda: "recording /words" in terminal.seen, 25)
+    await publisher.wait_for_subscribers(20)
+    terminal.press(b"x ")
+    await until(lambda: "recording resumed" in terminal.seen, 25)
+    publisher.publish(String(data="a"))
+    await until(lambda: count_of(path) == 1, 20)
+    terminal.press(SPACE)
+    await until(lambda: "paused" in terminal.seen.rpartition("recording resumed")[2], 25)
+    os.kill(terminal.process.pid, end)
+    assert await terminal.ended() == (0 if end in (signal.SIGINT, signal.SIGTERM) else -end)
+    assert terminal.state() == terminal.before
+
+
+@pytest.mark.parametrize(
+    ("command", "line"),
+    [
+        (("play", "{bag}", "--start-paused"), b"paused, until the service /rosbag2_player/resume is called\n"),
+        (("record", "/words", "-o", "{out}"), b"nobody publishes /words yet; waiting for it\n"),
+    ],
+)
+async def test_keys_are_left_alone_where_that_is_asked_for(
+    dds: World, terminal: Terminal, bag: str, tmp_path: Path, command: tuple[str, ...], line: bytes
+) -> None:
+    arguments = [word.format(bag=bag, out=tmp_path / "out") for word in command]
     stream: Any = terminal._theirs
     process = await start_process(
-        *(sys.executable, "-c", RUN, "bag", "play", str(tmp_path / "bag"), "--disable-keyboard-controls"),
-        *("--start-paused", "--discovery", "off"),
+        *(sys.executable, "-c", RUN, "bag", *arguments, "--disable-keyboard-controls", "--discovery", "off"),
         stdin=stream,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
     )
     assert process.stderr is not None
-    line = await asyncio.wait_for(process.stderr.readline(), 25)
-    assert line == b"paused, until the service /rosbag2_player/resume is called\n"
+    assert await asyncio.wait_for(process.stderr.readline(), 25) == line
     assert terminal.state() == terminal.before
     process.terminate()
-    await asyncio.wait_for(process.wait(), 25)
+    _, rest = await asyncio.wait_for(process.communicate(), 25)
+    assert b"space" not in rest
