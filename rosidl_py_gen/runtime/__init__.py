@@ -1,7 +1,7 @@
-"""ROS 2 nodes in Python: topics, services, actions, parameters, graph, QoS, clocks and timers over Cyclone DDS.
+"""ROS 2 nodes in Python: topics, services, actions, parameters, graph, QoS, clocks and timers.
 
-The public names stand in `__init__.pyi`, for type checkers and for us. Each is imported when it is first used; Cyclone
-DDS itself only when a context without transport is opened.
+The public names are defined in `__init__.pyi`, and imported when they are first used. Cyclone DDS is loaded when the
+first context of that transport is opened.
 """
 
 from typing import TYPE_CHECKING

@@ -29,6 +29,7 @@ from rosidl_py_gen.runtime.actions.states import GoalTransitionError as GoalTran
 from rosidl_py_gen.runtime.actions.states import UnknownGoalError as UnknownGoalError
 from rosidl_py_gen.runtime.actions.states import next_goal_status as next_goal_status
 from rosidl_py_gen.runtime.entities.client import Client as Client
+from rosidl_py_gen.runtime.entities.introspection import IntrospectionState as IntrospectionState
 from rosidl_py_gen.runtime.entities.introspection import ServiceEventType as ServiceEventType
 from rosidl_py_gen.runtime.entities.pollable import CallbackInUseError as CallbackInUseError
 from rosidl_py_gen.runtime.entities.publisher import Publisher as Publisher
@@ -38,7 +39,6 @@ from rosidl_py_gen.runtime.entities.server import ServiceRequest as ServiceReque
 from rosidl_py_gen.runtime.entities.server import ServiceServer as ServiceServer
 from rosidl_py_gen.runtime.entities.service_common import CallTimeoutError as CallTimeoutError
 from rosidl_py_gen.runtime.entities.service_common import IncompatibleServiceError as IncompatibleServiceError
-from rosidl_py_gen.runtime.entities.service_common import IntrospectionState as IntrospectionState
 from rosidl_py_gen.runtime.entities.service_common import ServerLostError as ServerLostError
 from rosidl_py_gen.runtime.entities.subscription import MessageInfo as MessageInfo
 from rosidl_py_gen.runtime.entities.subscription import Subscription as Subscription

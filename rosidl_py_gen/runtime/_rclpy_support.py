@@ -1,8 +1,7 @@
-"""Rules of the runtime that its rclpy layer applies as well; for `rosidl_py_gen/ros_compat` only, not a public
-interface.
+"""Internal functions of the runtime that the rclpy layer (`rosidl_py_gen/ros_compat`) uses; not a public interface.
 
-The layer may import the public names of the package and this module. It has classes of its own for parameters,
-descriptors and profiles, so only functions of plain values are here.
+The layer may import public names and this module. It has its own classes for parameters, descriptors and profiles, so
+the functions have plain values as parameters.
 """
 
 from rosidl_py_gen.runtime.names.validation import NameFault as NameFault

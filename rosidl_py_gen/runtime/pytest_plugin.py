@@ -1,8 +1,8 @@
-"""Fixtures for tests of programs that use this package: nodes that meet in memory, without network.
+"""Fixtures for tests of programs that use this package: nodes that communicate in memory, without network.
 
-Loaded by pytest through the entry point ``rosidl_py_gen``; imports the runtime when a fixture is used. Decides that the
-nodes of a test share its event loop, whichever it is, and that a test fails whose callbacks fail or never run: with the
-callback's own exception, or, when it has failed already, with a section that shows the traceback.
+pytest loads the module through the entry point ``rosidl_py_gen``; the runtime is imported when a fixture is used. All
+nodes of a test share its event loop. A test fails if a callback fails or never runs: with the exception of the
+callback, or, if the test has failed already, with the traceback in a section of the report.
 """
 
 from __future__ import annotations
@@ -31,25 +31,22 @@ if TYPE_CHECKING:
 
 
 _PACKAGE = str(Path(__file__).parents[1])
-_LOOK_S = 0.005
+_ERROR_POLL_INTERVAL_S = 0.005
 
 
 class RosErrors:
-    """What callbacks, handlers and other functions of the program raised in this test.
-
-    The test fails with it, unless it said before its end that this was to be expected.
-    """
+    """Exceptions of callbacks in one test, which fails with them unless it expects them."""
 
     def __init__(self) -> None:
         self.found: list[BaseException] = []
         """All exceptions so far, oldest first."""
-        self._judged = 0
+        self._checked_count = 0
         self._expected: list[tuple[type[BaseException], str]] = []
 
     def expect(self, kind: type[BaseException], match: str = "") -> None:
-        """Expect callbacks to raise `kind`, with a text that `match` is found in (`re.search`), once or more.
+        """Expect at least one exception of a class, whose text contains `match` (`re.search`).
 
-        The test fails when none does.
+        The test fails if there is none.
         """
         if not (isinstance(kind, type) and issubclass(kind, BaseException)):
             raise TypeError(f"expect takes an exception class such as ValueError, got {kind!r:.100}")
@@ -57,7 +54,7 @@ class RosErrors:
         self._expected.append((kind, match))
 
     async def wait(self, count: int = 1, timeout_s: float = 5.0) -> list[BaseException]:
-        """Wait until so many exceptions were raised in all, and return them; `WaitTimeoutError` when they were not."""
+        """Wait until at least `count` exceptions were raised, and return all; raises `WaitTimeoutError`."""
         import asyncio
 
         from rosidl_py_gen.runtime.time.deadline import WaitTimeoutError
@@ -67,33 +64,33 @@ class RosErrors:
         while len(self.found) < count:
             if now_s() > end_s:
                 raise WaitTimeoutError(f"{len(self.found)} callbacks failed in {timeout_s} s, expected {count}")
-            await asyncio.sleep(_LOOK_S)
+            await asyncio.sleep(_ERROR_POLL_INTERVAL_S)
         return list(self.found)
 
-    def _judge(self, *, is_over: bool = True) -> list[BaseException]:
-        """What was not expected among the exceptions since the last call; when all `is_over`, what is missing, too."""
-        new, self._judged = self.found[self._judged :], len(self.found)
-        wrong = [_shortened(error) for error in new if not any(_is(error, *wanted) for wanted in self._expected)]
+    def _unexpected(self, *, is_over: bool = True) -> list[BaseException]:
+        """Return unexpected exceptions since the last call, and, if the test `is_over`, errors about missing ones."""
+        new, self._checked_count = self.found[self._checked_count :], len(self.found)
+        errors = [_shortened(error) for error in new if not any(_fits(error, *rule) for rule in self._expected)]
         for kind, match in self._expected if is_over else ():
-            if not any(_is(error, kind, match) for error in self.found):
-                what = f"{kind.__name__} with {match!r}" if match else kind.__name__
-                wrong.append(AssertionError(f"no callback raised {what}, which this test expects"))
-        return wrong
+            if not any(_fits(error, kind, match) for error in self.found):
+                text = f"{kind.__name__} with {match!r}" if match else kind.__name__
+                errors.append(AssertionError(f"no callback raised {text}, which this test expects"))
+        return errors
 
 
-def _is(error: BaseException, kind: type[BaseException], match: str) -> bool:
+def _fits(error: BaseException, kind: type[BaseException], match: str) -> bool:
     return isinstance(error, kind) and re.search(match, str(error)) is not None
 
 
 def _shortened(error: BaseException) -> BaseException:
-    """The error with a traceback that begins in the program, if it comes by there."""
+    """Remove the frames of this package from the beginning of the traceback, if others follow."""
     trace: TracebackType | None = error.__traceback__
     while trace is not None and trace.tb_frame.f_code.co_filename.startswith(_PACKAGE):
         trace = trace.tb_next
     return error if trace is None else error.with_traceback(trace)
 
 
-def _as_one(errors: list[BaseException]) -> BaseException:
+def _combined(errors: list[BaseException]) -> BaseException:
     from rosidl_py_gen.runtime.loop.callback_failures import CallbackFailedError
 
     return errors[0] if len(errors) == 1 else CallbackFailedError(errors)
@@ -106,7 +103,7 @@ _STARTS = pytest.StashKey["_LoopStarts"]()
 
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, Any, None]:
-    """Fail a test whose callbacks failed."""
+    """Fail a test if its callbacks have failed."""
     if (starts := item.stash.get(_STARTS, None)) is not None:
         starts.watch()
     outcome = yield
@@ -115,34 +112,34 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, Any, None]:
         for context in item.stash.get(_CONTEXTS, []):
             unserved = (context._core.unserved(scope) for scope in context._core.scopes)
             errors.found += [error for error in unserved if error is not None]
-    wrong = [] if errors is None else errors._judge(is_over=outcome.excinfo is None)
-    if wrong and outcome.excinfo is None:
-        outcome.force_exception(_as_one(wrong))
-    elif wrong:
-        shown = "\n".join("".join(traceback.format_exception(error)) for error in wrong)
-        item.add_report_section("call", "callbacks that failed", shown)
+    unexpected = [] if errors is None else errors._unexpected(is_over=outcome.excinfo is None)
+    if unexpected and outcome.excinfo is None:
+        outcome.force_exception(_combined(unexpected))
+    elif unexpected:
+        text = "\n".join("".join(traceback.format_exception(error)) for error in unexpected)
+        item.add_report_section("call", "callbacks that failed", text)
 
 
 @pytest.fixture
 def ros_errors(request: pytest.FixtureRequest) -> Iterator[RosErrors]:
-    """What callbacks raise in this test, of whatever node: the test fails with it unless it was expected.
+    """Exceptions that callbacks of all nodes raise in this test, which fails with them unless it expects them.
 
-    ``ros_errors.expect(ValueError, match="too fast")`` in the test, before or after it happened.
+    ``ros_errors.expect(ValueError, match="too fast")`` may be called before or after the exception.
     """
     from rosidl_py_gen.runtime.logs.loggers import failure_listeners
 
     request.node.stash[_ERRORS] = errors = RosErrors()
     with failure_listeners.add(lambda _, error: errors.found.append(error)):
         yield errors
-    if late := errors._judge(is_over=False):  # while nodes were closed
-        raise _as_one(late)
+    if late := errors._unexpected(is_over=False):  # raised while nodes were closed
+        raise _combined(late)
 
 
 @pytest.fixture
 def ros_loop() -> Iterator[VirtualTimeLoop]:
-    """An event loop on which waiting takes no time: ``ros_loop.run(main())`` instead of ``asyncio.run(main())``.
+    """Event loop on which waiting takes no time: ``ros_loop.run(main())`` instead of ``asyncio.run(main())``.
 
-    The clocks of `ros_domain` and of the nodes of `ros_node` go as it does in a test that has it.
+    In a test that uses it, the clocks of `ros_domain` and of the nodes of `ros_node` have the loop's time.
     """
     from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
 
@@ -153,7 +150,7 @@ def ros_loop() -> Iterator[VirtualTimeLoop]:
 
 @pytest.fixture
 def ros_domain(request: pytest.FixtureRequest, ros_errors: RosErrors) -> MemoryTransport:
-    """A fresh `MemoryTransport`; give it to every `Context` of the test. Callbacks that fail, fail the test."""
+    """New `MemoryTransport` for every `Context` of the test, which fails if a callback fails."""
     from rosidl_py_gen.runtime.transport.memory import MemoryTransport
 
     if "ros_loop" in request.fixturenames:
@@ -163,10 +160,10 @@ def ros_domain(request: pytest.FixtureRequest, ros_errors: RosErrors) -> MemoryT
 
 
 class _LoopStarts:
-    """Calls `start` in each event loop that begins to run in this thread, as its first callback, until `close`.
+    """Calls `start` as the first callback of each event loop that starts in this thread, until `close`.
 
-    Loops are watched when they are entered, and not when they are made: pytest-asyncio and anyio make theirs before our
-    fixtures, and enter them anew for each fixture and test.
+    Loops are detected when they start, not when they are created: pytest-asyncio and anyio create theirs before our
+    fixtures, and start them for each fixture and test.
     """
 
     def __init__(self, start: Callable[[asyncio.AbstractEventLoop], None]) -> None:
@@ -176,11 +173,11 @@ class _LoopStarts:
         self.watch()
 
     def watch(self) -> None:
-        """Watch all kinds of loops that are loaded by now."""
+        """Watch all classes of loops that are imported now."""
         import asyncio
 
         kinds: list[Any] = [asyncio.BaseEventLoop]
-        # anyio imports it between our last look and the test.
+        # anyio imports uvloop after the fixtures and before the test
         if "uvloop" in sys.modules or ("anyio" in sys.modules and find_spec("uvloop") is not None):
             kinds.append(import_module("uvloop").Loop)
         for kind in kinds:
@@ -197,18 +194,18 @@ class _LoopStarts:
         return run_forever
 
     def close(self) -> None:
-        """Leave loops alone."""
+        """Stop watching."""
         for kind, enter in self._entries.items():
             kind.run_forever = enter
 
 
 @pytest.fixture
 def ros_node(request: pytest.FixtureRequest, ros_domain: MemoryTransport) -> Iterator[Callable[..., Node]]:
-    """A function ``ros_node(name, namespace="", args=())`` that makes nodes of `ros_domain`, closed after the test.
+    """Function ``ros_node(name, namespace="", args=())`` that creates nodes in `ros_domain`, closed after the test.
 
-    Each node has a context of its own, as if it were another process; `args` is its command line. Nodes may be made
-    before the test's event loop runs: whichever it is, it serves all of them. Callbacks that fail, fail the test, and
-    so do those that no loop ran; see `ros_errors`.
+    Each node has its own context, as if it were another process; `args` is its command line. Nodes may be created
+    before the test's event loop runs, which serves all of them. The test fails if a callback fails or never runs; see
+    `ros_errors`.
     """
     from rosidl_py_gen.runtime.loop.loop_binding import WrongEventLoopError
     from rosidl_py_gen.runtime.node.context import Context
@@ -221,7 +218,7 @@ def ros_node(request: pytest.FixtureRequest, ros_domain: MemoryTransport) -> Ite
             context._core.bridge.adopt_running_loop()
 
     def serve(loop: asyncio.AbstractEventLoop) -> None:
-        if not any(context._core.bridge.is_shared(loop) for context in contexts):  # of a blocking call
+        if not any(context._core.bridge.is_shared(loop) for context in contexts):  # the loop of a blocking call
             with suppress(WrongEventLoopError):
                 attach_all()
 

@@ -1,6 +1,6 @@
-"""The profiles that ROS has names for, to be given as they are or changed: ``SENSOR_DATA.keep_last(1)``.
+"""Named QoS profiles of ROS, to be used as they are or modified: ``SENSOR_DATA.keep_last(1)``.
 
-The six that programs choose themselves can also be imported from `rosidl_py_gen.runtime`.
+Those for topics and services of programs can also be imported from `rosidl_py_gen.runtime`.
 """
 
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS as ACTION_STATUS

@@ -1,9 +1,9 @@
-"""Running a program: an async main function, or nodes that live from callbacks. Ctrl-C and SIGTERM end both cleanly.
+"""Functions that run a program: `run` for an async main function, `spin` for nodes with callbacks.
 
-Decides what "cleanly" means: tasks are cancelled and awaited, nodes are closed so that peers see them go at once, and
-there is no traceback. A second signal is for a program that does not end by itself: SIGINT then raises
-KeyboardInterrupt where the program is, unless it follows the first within `REPEAT_S`; SIGTERM ends the process.
-`asyncio.run` works just as well for async programs; it raises KeyboardInterrupt, as always.
+Ctrl-C and SIGTERM end both without traceback: tasks are cancelled and awaited, nodes are closed, so that peers notice
+at once. A second signal ends a program that does not react: SIGINT raises KeyboardInterrupt at the current line, unless
+it follows the first one within `REPEAT_S`; SIGTERM ends the process. Async programs may also use `asyncio.run`, which
+raises KeyboardInterrupt.
 """
 
 from __future__ import annotations
@@ -38,27 +38,27 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_PATIENCE_S = 1.0
-"""How long work of other threads may take after the end without a word about it."""
+_EXECUTOR_WARNING_DELAY_S = 1.0
+"""Time that the shutdown waits for executor threads before it logs a warning."""
 
 
 def run(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, T]) -> T | None:
-    """Run an async function to its end, on an event loop of its own that also serves the nodes made before.
+    """Run an async function on a new event loop, which also serves the nodes that were created before.
 
-    Work that `asyncio.to_thread` began is waited for, as a thread cannot be stopped; a second signal ends the process
-    without it.
+    At the end, the function waits for threads of `asyncio.to_thread`, because a thread cannot be stopped; a second
+    signal ends the process without waiting.
 
     Returns:
-        What it returned; None when a signal ended it.
+        The result of the function; None if a signal has ended it.
 
     Raises:
         WrongEventLoopError: an event loop runs already, as in Jupyter.
-        TypeError: no async function or coroutine.
-        KeyboardInterrupt: at the second SIGINT, 0.4 s or more after the first.
-        SystemExit: the ROS arguments of the process, or a parameter file, are wrong; the code is the message.
-        Exception: what `main` raised, or the first callback that failed of a node with ``on_error="raise"``.
+        TypeError: `main` is not an async function or coroutine.
+        KeyboardInterrupt: a second SIGINT arrived, 0.4 s or more after the first.
+        SystemExit: the ROS arguments of the process, or a parameter file, are invalid; the code is the message.
+        Exception: raised by `main`, or by the first callback that failed of a node with ``on_error="raise"``.
     """
-    coroutine = _coroutine(main)
+    coroutine = _as_coroutine(main)
     loop = new_event_loop()
     with _Signals(loop) as signals:
         try:
@@ -67,28 +67,30 @@ def run(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, T]) -> 
         except (RosArgumentError, ParameterError) as error:
             if isinstance(error, ParameterError) and not error.source:
                 raise
-            raise SystemExit(f"error: {printable(str(error))}") from None  # the mistake of a user of the program
+            raise SystemExit(f"error: {printable(str(error))}") from None  # a mistake of the program's user
         finally:
-            signals.start_shutdown()
-            if signals.interrupted_shutdown:  # the callback that had to be interrupted must not be called again
+            signals.is_shutdown = True
+            if signals.interrupted_shutdown:  # the callback that was interrupted must not be called again
                 context_registry.close_served_by(loop)
             try:
                 _end_tasks(loop)
             finally:
-                coroutine.close()  # a signal may have come before its first step
+                coroutine.close()  # a signal may have arrived before its first step
                 Context.close_default()
                 asyncio.set_event_loop(None)
                 loop.close()
 
 
 def spin(*nodes: Node) -> None:
-    """Deliver to the callbacks of `nodes` until Ctrl-C, SIGTERM, or all of them are closed; then close them.
+    """Run the callbacks of `nodes` until Ctrl-C, SIGTERM, or all of them are closed; then close them.
 
-    Nodes of other contexts can be spun together with these, at the price of a thread for each further context.
+    Nodes of several contexts may be combined, at the cost of a thread for each further context.
 
     Raises:
         WrongEventLoopError: an event loop runs already, as in Jupyter; nothing is closed then.
-        TypeError: no node. KeyboardInterrupt: at the second SIGINT, as `run`. What callbacks raised: as `run`.
+        TypeError: an argument is not a node, or there is none.
+        KeyboardInterrupt: like `run`.
+        Exception: raised by a callback, like `run`.
     """
     for node in nodes:
         if not isinstance(getattr(node, "context", None), Context):
@@ -111,11 +113,7 @@ def spin(*nodes: Node) -> None:
             node.close()
 
 
-# --------------------------------------------------------------------------------------------------------- beginning
-
-
-def _coroutine(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, T]) -> Coroutine[Any, Any, T]:
-    """What to run; refused when it is something else, or when a loop runs already."""
+def _as_coroutine(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, T]) -> Coroutine[Any, Any, T]:
     try:
         _refuse_running_loop("run(main)", "await main()")
     except WrongEventLoopError:
@@ -128,21 +126,21 @@ def _coroutine(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, 
     return coroutine
 
 
-def _refuse_running_loop(what: str, instead: str) -> None:
+def _refuse_running_loop(call: str, alternative: str) -> None:
     if current_loop() is not None:
         raise WrongEventLoopError(
-            f"{what} makes an event loop, but one runs here already (Jupyter always has one): write `{instead}` instead"
+            f"{call} starts an event loop, but one runs here already (Jupyter always has one); use `{alternative}`"
         )
 
 
 def _run_task(loop: asyncio.AbstractEventLoop, signals: _Signals, task: asyncio.Task[T]) -> T | None:
     signals.task = task
-    if signals.stopped:  # while there was no task to cancel
+    if signals.is_stopped:  # while there was no task to cancel
         task.cancel()
     try:
         return loop.run_until_complete(task)
     except asyncio.CancelledError:
-        if not signals.stopped:
+        if not signals.is_stopped:
             raise
     except KeyboardInterrupt:
         if signals.interrupted_shutdown:
@@ -157,65 +155,59 @@ async def _attached(coroutine: Coroutine[Any, Any, T]) -> T:
         return await coroutine
 
 
-# ----------------------------------------------------------------------------------------------------------- signals
-
-
 class _Signals:
-    """Handlers of SIGINT and SIGTERM: the first signal cancels `task`, the next one insists.
+    """Handlers of SIGINT and SIGTERM: the first signal cancels `task`, the second one ends the program by force.
 
-    Python's own handlers, not the loop's: those run on the loop, and a callback that never returns would keep it.
-    A signal that comes just before the loop waits, or that the kernel gives to another thread, interrupts no wait, and
-    Python calls its handler afterwards only. So each signal writes to a socket that the loop reads.
+    They are Python's handlers, not the loop's, which a callback that never returns would block. A signal that arrives
+    just before the loop waits, or in another thread, does not interrupt the wait, and Python calls the handler only
+    after it. So each signal also writes to a socket that the loop reads.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
         self.task: asyncio.Task[Any] | None = None
-        self._ending = False
+        self.is_shutdown = False
+        """True when the main task has ended: SIGINT raises KeyboardInterrupt and SIGTERM ends the process."""
         self._previous: dict[int, Any] = {}
         self._sockets: tuple[socket.socket, socket.socket] | None = None
         self._previous_descriptor = -1
         self._first_s = -math.inf
-        self.stopped = False
-        """A signal came."""
+        self.is_stopped = False
+        """True after the first signal."""
         self.interrupted_shutdown = False
-        """A second SIGINT came."""
+        """True after a second SIGINT."""
 
     def __enter__(self) -> _Signals:
         if threading.current_thread() is threading.main_thread():
-            if sys.platform != "win32":  # there asyncio's loop does it
-                self._wake_loop()
+            if sys.platform != "win32":  # on Windows asyncio's loop does it
+                self._add_wakeup_socket()
             for number in (signal.SIGINT, signal.SIGTERM):
                 self._previous[number] = signal.signal(number, self._on_signal)
         return self
 
-    def _wake_loop(self) -> None:
-        self._sockets = reading, writing = socket.socketpair()
-        for end in self._sockets:
-            end.setblocking(False)
-        self._loop.add_reader(reading, _drain, reading)
-        self._previous_descriptor = signal.set_wakeup_fd(writing.fileno(), warn_on_full_buffer=False)
+    def _add_wakeup_socket(self) -> None:
+        self._sockets = receiver, sender = socket.socketpair()
+        receiver.setblocking(False)
+        sender.setblocking(False)
+        self._loop.add_reader(receiver, _drain, receiver)
+        self._previous_descriptor = signal.set_wakeup_fd(sender.fileno(), warn_on_full_buffer=False)
 
     def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, _: TracebackType | None) -> None:
         for number, previous in self._previous.items():
-            signal.signal(number, signal.SIG_DFL if previous is None else previous)  # None: not made in Python
+            signal.signal(number, signal.SIG_DFL if previous is None else previous)  # None: not set by Python
         if self._sockets is not None:
             signal.set_wakeup_fd(self._previous_descriptor)
-            for end in self._sockets:
-                end.close()
-
-    def start_shutdown(self) -> None:
-        """What a signal meets from now on is the end itself."""
-        self._ending = True
+            for endpoint in self._sockets:
+                endpoint.close()
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        if not (self.stopped or self._ending):
-            self.stopped = True
+        if not (self.is_stopped or self.is_shutdown):
+            self.is_stopped = True
             self._first_s = self._loop.time()
             if self.task is not None:
                 self.task.cancel()
-            with contextlib.suppress(RuntimeError):  # closed
-                self._loop.call_soon_threadsafe(lambda: None)  # wakes it
+            with contextlib.suppress(RuntimeError):  # the loop is closed
+                self._loop.call_soon_threadsafe(lambda: None)  # wakes up the loop
         elif number == signal.SIGTERM:
             _exit_by_signal(number)
         elif self._loop.time() - self._first_s > REPEAT_S:
@@ -227,35 +219,31 @@ class _Signals:
                 raise KeyboardInterrupt
 
 
-def _drain(reading: socket.socket) -> None:
-    """Read what signals wrote; nothing when an interrupted round of the loop is made up for by the next one."""
-    with contextlib.suppress(BlockingIOError, InterruptedError):
-        reading.recv(4096)
+def _drain(receiver: socket.socket) -> None:
+    with contextlib.suppress(BlockingIOError, InterruptedError):  # the previous iteration may have read all
+        receiver.recv(4096)
 
 
 def _exit_by_signal(number: int) -> NoReturn:
-    """End this process as `number` does by default, whatever its threads do."""
+    """End the process by the default action of a signal, without waiting for its threads."""
     with contextlib.suppress(Exception):
         sys.stdout.flush()
     signal.signal(number, signal.SIG_DFL)
     os.kill(os.getpid(), number)
-    os._exit(128 + number)  # where a signal is not what ends a process
-
-
-# --------------------------------------------------------------------------------------------------------------- end
+    os._exit(128 + number)  # on Windows the signal does not end the process
 
 
 def _end_tasks(loop: asyncio.AbstractEventLoop) -> None:
-    """Cancel what is left, wait for it, and tell of what failed meanwhile."""
+    """Cancel the remaining tasks, wait for them, and report their exceptions."""
     _cancel_tasks(loop)
     loop.run_until_complete(loop.shutdown_asyncgens())
     try:
         _end_threads(loop)
     except KeyboardInterrupt:
-        # Threads that do not end would keep the interpreter, too. Peers shall see us go nevertheless.
+        # Threads that do not end would block the interpreter's exit, too.
         context_registry.close_all()
         _exit_by_signal(signal.SIGINT)
-    _cancel_tasks(loop)  # those of callbacks that were called while it waited for threads
+    _cancel_tasks(loop)  # tasks of callbacks that were called while it waited for threads
 
 
 def _cancel_tasks(loop: asyncio.AbstractEventLoop) -> None:
@@ -266,15 +254,15 @@ def _cancel_tasks(loop: asyncio.AbstractEventLoop) -> None:
 
 
 def _end_threads(loop: asyncio.AbstractEventLoop) -> None:
-    """Wait for what `asyncio.to_thread` began, and say so when it takes long."""
+    """Wait for executor threads, with a warning if that takes long."""
 
     async def end() -> None:
-        ending = asyncio.ensure_future(loop.shutdown_default_executor())
-        done, _ = await asyncio.wait((ending,), timeout=_PATIENCE_S)
+        shutdown = asyncio.ensure_future(loop.shutdown_default_executor())
+        done, _ = await asyncio.wait((shutdown,), timeout=_EXECUTOR_WARNING_DELAY_S)
         if not done:
             get_root_logger().warning(
-                "waiting for a function that asyncio.to_thread or run_in_executor began; Ctrl-C ends without it"
+                "waiting for a function started by asyncio.to_thread or run_in_executor; press Ctrl-C to end without it"
             )
-        await ending
+        await shutdown
 
     loop.run_until_complete(end())

@@ -70,7 +70,7 @@ def wait_for_patience(process: subprocess.Popen[str]) -> None:
     assert process.stderr is not None
     complaints = []
     for line in process.stderr:
-        if "waiting for a function that asyncio.to_thread" in line:
+        if "waiting for a function started by asyncio.to_thread" in line:
             break
         complaints.append(line)
     else:
@@ -89,7 +89,7 @@ class Stuck(Node):
     def tick(self):
         print("stuck", flush=True)
         signals = signal.getsignal(signal.SIGINT).__self__
-        while not signals.stopped:
+        while not signals.is_stopped:
             time.sleep(0.05)
         print("asked", flush=True)  # a signal that comes earlier could be taken for the same one
         while True:

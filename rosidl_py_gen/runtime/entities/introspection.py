@@ -15,7 +15,6 @@ from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.runtime.entities.message_types import class_of, message_type
 from rosidl_py_gen.runtime.entities.publisher import Publisher
-from rosidl_py_gen.runtime.entities.service_common import IntrospectionState
 from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.transport.qos import as_profile
 
@@ -24,6 +23,14 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.message_types import ServiceType
     from rosidl_py_gen.runtime.transport.qos import QoSLike
     from rosidl_py_gen.runtime.transport.samples import Payload
+
+
+class IntrospectionState(IntEnum):
+    """Amount of introspection of a client or server: nothing, who called when, or also requests and responses."""
+
+    OFF = 0
+    METADATA = 1
+    CONTENTS = 2
 
 
 class ServiceEventType(IntEnum):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.errors import RosidlError
@@ -15,7 +14,7 @@ from rosidl_py_gen.runtime.transport.service_api import ServiceClientTransport, 
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
-    from rosidl_py_gen.runtime.entities.introspection import ServiceEventPublisher
+    from rosidl_py_gen.runtime.entities.introspection import IntrospectionState, ServiceEventPublisher
     from rosidl_py_gen.runtime.entities.message_types import ServiceType
     from rosidl_py_gen.runtime.graph.graph import Graph
     from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
@@ -27,14 +26,6 @@ if TYPE_CHECKING:
 RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
 PortT = TypeVar("PortT", ServiceClientTransport, ServiceServerTransport)
-
-
-class IntrospectionState(IntEnum):
-    """Amount of introspection of a client or server: nothing, who called when, or also requests and responses."""
-
-    OFF = 0
-    METADATA = 1
-    CONTENTS = 2
 
 
 class IncompatibleServiceError(RosidlError):

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, overload
 
+from rosidl_py_gen.runtime.node.node_base import NodeBase
+
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
@@ -16,24 +18,15 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.actions.server import ActionServer
     from rosidl_py_gen.runtime.actions.server_goal import GoalResult, ServerGoal
     from rosidl_py_gen.runtime.actions.types import ActionClass, ActionT, FeedbackT, GoalT, ResultT, UntypedAction
-    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.entities.message_types import DictMessage
     from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
-    from rosidl_py_gen.runtime.names.remapping import NodeNames
-    from rosidl_py_gen.runtime.node.context import Context
-    from rosidl_py_gen.runtime.time.clock import Clock
 
 RESULT_TIMEOUT_S = 900.0
 """Default of rclpy."""
 
 
-class ActionMethods:
+class ActionMethods(NodeBase):
     """Action methods of `Node`."""
-
-    _scope: EntityScope
-    context: Context
-    clock: Clock
-    _names: NodeNames
 
     @overload
     def create_action_server(

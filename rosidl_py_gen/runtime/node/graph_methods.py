@@ -11,27 +11,17 @@ from rosidl_py_gen.base.names import similar_name
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, resolve_node_name
+from rosidl_py_gen.runtime.node.node_base import NodeBase
 from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
 
-    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.graph.graph import Graph, Mismatch, NamesAndTypes, NodeInfo, TopicEndpointInfo
-    from rosidl_py_gen.runtime.names.remapping import NodeNames
-    from rosidl_py_gen.runtime.node.context import Context
 
 
-class GraphMethods:
+class GraphMethods(NodeBase):
     """Graph methods of `Node`. Each one raises `ClosedError` when the node is closed."""
-
-    _scope: EntityScope
-    context: Context
-    _names: NodeNames
-
-    if TYPE_CHECKING:
-
-        def _require_open(self) -> None: ...
 
     def _refreshed_graph(self) -> Graph:
         self._require_open()

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar, overload
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.entities.message_types import DictMessage, message_type
+from rosidl_py_gen.runtime.node.node_base import NodeBase
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.transport.qos import SENSOR_DATA, Durability, Reliability
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.entities.subscription import MessageInfo, Subscription
     from rosidl_py_gen.runtime.graph.graph import TopicEndpointInfo
     from rosidl_py_gen.runtime.transport.qos import QoSLike, QoSProfile
@@ -198,10 +198,8 @@ def _requests_too_much(profile: QoSProfile, publishers: Sequence[TopicEndpointIn
     )
 
 
-class MessageMethods:
+class MessageMethods(NodeBase):
     """Methods of `Node` that receive one message."""
-
-    _scope: EntityScope
 
     @overload
     async def wait_for_message(

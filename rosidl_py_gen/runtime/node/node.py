@@ -365,10 +365,6 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             self._scope.with_callbacks[id(subscription)] = subscription
         return subscription
 
-    def _require_open(self) -> None:
-        self._scope.require_open(False, "the node")
-        self.context._core.bridge.adopt_running_loop()
-
     @property
     def is_closed(self) -> bool:
         """True after `close`, and in a forked child."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_args, get_origin
 
 from rosidl_py_gen.base.registration import Registration, RegistrationSet
 from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
+from rosidl_py_gen.runtime.node.node_base import NodeBase
 from rosidl_py_gen.runtime.node.sim_time import TimeSource
 from rosidl_py_gen.runtime.parameters.callbacks import require_plain
 from rosidl_py_gen.runtime.parameters.overrides import overrides_for, sources_for
@@ -38,14 +39,10 @@ from rosidl_py_gen.runtime.type_resolution.description_service import start_type
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
-    from rosidl_py_gen.runtime.names.remapping import NodeNames
     from rosidl_py_gen.runtime.node.arguments import NodeOptions
-    from rosidl_py_gen.runtime.node.context import Context
     from rosidl_py_gen.runtime.parameters.client import ParameterClient, ParameterEvents
     from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher, ParameterService, ParameterServices
     from rosidl_py_gen.runtime.parameters.values import ParametersToSet
-    from rosidl_py_gen.runtime.time.clock import Clock
 
 T = TypeVar("T")
 # bool before int, and int before float: type checkers accept the former where the latter is expected.
@@ -60,13 +57,9 @@ class ParameterChange(NamedTuple):
     value: PythonValue
 
 
-class ParameterMethods:
+class ParameterMethods(NodeBase):
     """Parameter methods of `Node`, which has to call `_open_parameters` in its constructor."""
 
-    _scope: EntityScope
-    context: Context
-    clock: Clock
-    _names: NodeNames
     _store: ParameterStore
     _changes: list[AsyncQueue[ParameterChange]]
     _event_callbacks: RegistrationSet[Callable[[ParameterEvent], object]]

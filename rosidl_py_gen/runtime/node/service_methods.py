@@ -8,14 +8,13 @@ from rosidl_py_gen.cdr import Message, Service
 from rosidl_py_gen.runtime.entities.client import Client
 from rosidl_py_gen.runtime.entities.message_types import DictMessage, service_type
 from rosidl_py_gen.runtime.entities.server import ServiceServer
+from rosidl_py_gen.runtime.node.node_base import NodeBase
 from rosidl_py_gen.runtime.transport.qos import as_profile
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
-    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
-    from rosidl_py_gen.runtime.names.remapping import NodeNames
     from rosidl_py_gen.runtime.transport.qos import QoSLike
 
 RequestT = TypeVar("RequestT", bound=Message)
@@ -24,15 +23,8 @@ ResponseT = TypeVar("ResponseT", bound=Message)
 _DEFAULT_DEPTH = 10
 
 
-class ServiceMethods:
+class ServiceMethods(NodeBase):
     """Service methods of `Node`."""
-
-    _scope: EntityScope
-    _names: NodeNames
-
-    if TYPE_CHECKING:
-
-        def _require_open(self) -> None: ...
 
     @overload
     def create_service(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.entities.timer import Timer
+from rosidl_py_gen.runtime.node.node_base import NodeBase
 from rosidl_py_gen.runtime.node.sim_time import SimTimePublisher
 from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.time.timer_schedule import period_to_ns
@@ -13,21 +14,11 @@ from rosidl_py_gen.runtime.time.values import ClockType, Time
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
-    from rosidl_py_gen.runtime.names.remapping import NodeNames
     from rosidl_py_gen.runtime.time.rate import Rate
 
 
-class TimeMethods:
+class TimeMethods(NodeBase):
     """Time methods of `Node`. Each one raises `ClosedError` when the node is closed."""
-
-    _scope: EntityScope
-    clock: Clock
-    _names: NodeNames
-
-    if TYPE_CHECKING:
-
-        def _require_open(self) -> None: ...
 
     def create_timer(
         self, period_s: float, callback: Callable[[], object] | None = None, *, clock: Clock | None = None

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.names.validation import resolve_node_name
+from rosidl_py_gen.runtime.node.node_base import NodeBase
 from rosidl_py_gen.runtime.type_resolution.announcements import action_subject, service_subject, topic_subject
 from rosidl_py_gen.runtime.type_resolution.description_client import (
     announced_hash,
@@ -17,23 +18,14 @@ from rosidl_py_gen.runtime.type_resolution.type_resolver import ResolveRequest, 
 
 if TYPE_CHECKING:
     from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
-    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
-    from rosidl_py_gen.runtime.names.remapping import NodeNames
     from rosidl_py_gen.runtime.type_resolution.announcements import TypeQuery
     from rosidl_py_gen.type_loading.class_lookup import SearchFolders
 
 BaseT = TypeVar("BaseT")
 
 
-class TypeMethods:
+class TypeMethods(NodeBase):
     """Type methods of `Node`. Each one raises `ClosedError` when the node is closed."""
-
-    _scope: EntityScope
-    _names: NodeNames
-
-    if TYPE_CHECKING:
-
-        def _require_open(self) -> None: ...
 
     async def resolve_type(
         self,

@@ -8,7 +8,7 @@ import pytest
 from support.node_fixtures import World, until
 
 from rosidl_py_gen import compile_definition, get_service
-from rosidl_py_gen.runtime.entities.service_common import IntrospectionState
+from rosidl_py_gen.runtime.entities.introspection import IntrospectionState
 from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.time.values import ClockType, Time
 from rosidl_py_gen.runtime.transport.qos import SYSTEM_DEFAULT, InvalidQoSError

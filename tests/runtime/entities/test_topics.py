@@ -186,7 +186,7 @@ async def test_sequences_of_fixed_size_messages_come_and_go_as_arrays(world: Wor
     found = await held.receive(timeout_s=5)
     assert found.points.dtype == points.dtype and found.points["x"].tolist() == [1, 2, 3]
     for wrong in ("std_msgs/msg/String", cloud):
-        with pytest.raises(TypeError, match="arrays=True decodes"):
+        with pytest.raises(TypeError, match="arrays=True"):
             bob.create_subscription(wrong, "n", raw=wrong is cloud, arrays=True)  # type: ignore[call-overload]
 
 
