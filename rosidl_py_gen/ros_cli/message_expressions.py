@@ -54,23 +54,17 @@ def compile_filter(text: str, cls: type[Message]) -> Callable[[Message], bool]:
     return lambda message: bool(value(message))
 
 
-def compile_path(text: str, cls: type[Message]) -> Callable[[Message], Any]:
-    """Return a function for the value of a path such as ``poses[0].position``; raises as `compile_filter`."""
-    return _path(text, cls)[0]
+def compile_path(text: str, cls: type[Message]) -> tuple[Callable[[Message], Any], Field | None]:
+    """Return a function for the value of a path such as ``poses[0].position``, and the field there or of its elements.
 
-
-def path_field(text: str, cls: type[Message]) -> Field | None:
-    """Return the field at a path, or the field of an element there; None for a message. Raises as `compile_path`."""
-    shape = _path(text, cls)[1]
-    return None if isinstance(shape, type) else shape
-
-
-def _path(text: str, cls: type[Message]) -> tuple[Callable[[Message], Any], _Shape]:
+    The field is None for a message. Raises as `compile_filter`.
+    """
     spelled = re.sub(r"[^\W\d]\w*", lambda name: py_name(name[0]), text.strip().strip("."))
     try:
         check = _ExpressionChecker(f"m.{spelled}", cls)
         body = check.checked(_IN_PATHS)
-        return _compiled(_bare(body)), check.shape()
+        shape = check.shape()
+        return _compiled(_bare(body)), None if isinstance(shape, type) else shape
     except FilterError as error:
         reason = re.sub(r"^column \d+: ", "", str(error))
         raise FilterError(f'"{text[:_MAX_TEXT]}" is not the path of a field: {reason}') from None

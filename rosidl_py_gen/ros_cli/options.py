@@ -57,28 +57,33 @@ paths = click.option(
 )
 
 
+def seconds(*names: str, maximum: float | None = None, **settings: Any) -> Callable[[F], F]:
+    """Add an option with a time in seconds."""
+    kind = click.FloatRange(0, maximum)
+    return click.option(*names, type=kind, metavar="SECONDS", show_default="default" in settings, **settings)
+
+
+def rate(*names: str, **settings: Any) -> Callable[[F], F]:
+    """Add an option with a rate in Hz."""
+    kind = click.FloatRange(0, min_open=True)
+    return click.option(*names, type=kind, metavar="HZ", show_default="default" in settings, **settings)
+
+
+def window(default: int) -> Callable[[F], F]:
+    """Add ``--window`` of commands that compute statistics."""
+    text = "Number of the last messages to compute with."
+    kind = click.IntRange(2)
+    return click.option("-w", "--window", type=kind, default=default, show_default=True, metavar="N", help=text)
+
+
 def timeout(help_text: str, default_s: float = 5) -> Callable[[F], F]:
     """Add ``--timeout``, passed as `timeout_s`; it may be infinite."""
-    return click.option(
-        "--timeout",
-        "timeout_s",
-        type=click.FloatRange(0),
-        default=default_s,
-        show_default=True,
-        metavar="SECONDS",
-        help=help_text,
-    )
+    return seconds("--timeout", "timeout_s", default=default_s, help=help_text)
 
 
 report_count = click.option("-n", "--times", type=click.IntRange(1), metavar="N", help="Stop after N reports.")
 node_timeout = timeout("Maximum time to wait for the node, and for each of its replies.")
-topic_timeout = click.option(
-    "--timeout",
-    "timeout_s",
-    type=click.FloatRange(0),
-    metavar="SECONDS",
-    help="Maximum time to wait for the topic.  [default: 5]",
-)
+topic_timeout = seconds("--timeout", "timeout_s", help="Maximum time to wait for the topic.  [default: 5]")
 
 
 def count(kind: str) -> Callable[[F], F]:
@@ -196,13 +201,9 @@ _SPLITS = (
         metavar="BYTES",
         help="Maximum size of a file; 0 means no limit.",
     ),
-    click.option(
-        "-d",
-        "--max-bag-duration",
-        "split_s",
-        type=click.FloatRange(0),
+    seconds(
+        *("-d", "--max-bag-duration", "split_s"),
         callback=_none_for_zero,
-        metavar="SECONDS",
         help="Maximum duration of a file; 0 means no limit.",
     ),
 )
@@ -253,21 +254,8 @@ skip_damaged = click.option(
 def bag_selection(command: F) -> F:
     """Add options that select topics and a time range of a bag; the ``cls`` of the command is `MultiValueCommand`."""
     for option in (
-        click.option(
-            "--duration",
-            "duration_s",
-            type=click.FloatRange(0),
-            metavar="SECONDS",
-            help="Duration of the selected part.",
-        ),
-        click.option(
-            "--start-offset",
-            "offset_s",
-            type=click.FloatRange(0),
-            default=0.0,
-            metavar="SECONDS",
-            help="Time to skip at the beginning.",
-        ),
+        seconds("--duration", "duration_s", help="Duration of the selected part."),
+        seconds("--start-offset", "offset_s", default=0.0, help="Time to skip at the beginning."),
         topics,
     ):
         command = option(command)

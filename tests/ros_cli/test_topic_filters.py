@@ -256,14 +256,14 @@ def test_any_text_is_a_condition_or_a_filter_error(text: str) -> None:
 
 
 def test_paths_lead_to_fields_and_elements() -> None:
-    assert compile_path("at.x", Scan)(SCAN) == 1.5
-    assert compile_path("points[1]", Scan)(SCAN) == Point(x=9.0)
-    assert compile_path(".points[0].x", Scan)(SCAN) == 1.0
-    assert compile_path("ranges[1:]", Scan)(SCAN).tolist() == [2.0, 4.0]
-    assert compile_path("from", Scan)(SCAN) == 7
+    assert compile_path("at.x", Scan)[0](SCAN) == 1.5
+    assert compile_path("points[1]", Scan)[0](SCAN) == Point(x=9.0)
+    assert compile_path(".points[0].x", Scan)[0](SCAN) == 1.0
+    assert compile_path("ranges[1:]", Scan)[0](SCAN).tolist() == [2.0, 4.0]
+    assert compile_path("from", Scan)[0](SCAN) == 7
 
 
 @pytest.mark.parametrize("text", ["at.z", "at..x", "", "level + 1", "len(m)", "points[0", "points['x']", "ranges[m]"])
 def test_what_is_no_path_is_refused(text: str) -> None:
     with pytest.raises(FilterError):
-        compile_path(text, Scan)(SCAN)
+        compile_path(text, Scan)[0](SCAN)

@@ -17,9 +17,7 @@ if TYPE_CHECKING:
 @options.service_argument()
 @click.argument("words", nargs=-1, metavar="[TYPE] [VALUES]", shell_complete=options.call_completion("service"))
 @click.option("--stdin", is_flag=True, help="Read the values from standard input.")
-@click.option(
-    "-r", "--rate", type=click.FloatRange(0, min_open=True), metavar="HZ", help="Calls per second; repeat until Ctrl-C."
-)
+@options.rate("-r", "--rate", help="Calls per second; repeat until Ctrl-C.")
 @click.option("-f", "--full-length", is_flag=True, help="Print long arrays and strings in full.")
 @options.timeout("Maximum time to wait for the server, and for each response.", default_s=10)
 @options.paths

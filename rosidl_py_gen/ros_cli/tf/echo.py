@@ -20,16 +20,7 @@ if TYPE_CHECKING:
 @click.argument("source")
 @click.option("--once", is_flag=True, help="Print one transform and end.")
 @options.report_count
-@click.option(
-    "-r",
-    "--rate",
-    "rate_hz",
-    type=click.FloatRange(0, min_open=True),
-    default=1.0,
-    show_default=True,
-    metavar="HZ",
-    help="Lookups per second.",
-)
+@options.rate("-r", "--rate", "rate_hz", default=1.0, help="Lookups per second.")
 @click.option(
     "-p",
     "--precision",

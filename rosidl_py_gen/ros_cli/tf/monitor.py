@@ -24,15 +24,7 @@ _HEADINGS = ("frame", "parent", "rate", "delay", "max_delay", "publishers")
 @click.command("monitor")
 @click.argument("frames", nargs=-1)
 @options.report_count
-@click.option(
-    "-w",
-    "--window",
-    type=click.IntRange(2),
-    default=1000,
-    show_default=True,
-    metavar="COUNT",
-    help="Number of the last transforms of each frame to compute with.",
-)
+@options.window(1000)
 @options.as_json
 @options.node_options
 @verb

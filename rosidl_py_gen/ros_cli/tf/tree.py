@@ -19,15 +19,7 @@ _TYPE = "tf2_msgs/msg/TFMessage"
 
 @click.command("tree")
 @options.output_format_options("png")
-@click.option(
-    "--wait-time",
-    "wait_s",
-    type=click.FloatRange(0, 3600),
-    default=2.0,
-    show_default=True,
-    metavar="SECONDS",
-    help="Time to listen.",
-)
+@options.seconds("--wait-time", "wait_s", maximum=3600, default=2.0, help="Time to listen.")
 @click.option("--bag", metavar="PATH", type=click.Path(), help="Show the frames of a recording instead of the network.")
 @options.node_options
 @verb

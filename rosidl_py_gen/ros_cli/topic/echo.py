@@ -34,11 +34,8 @@ _EARLY = 0.25
     help="Print only a field, such as pose.position, poses[0].x or ranges[0:5]. May be repeated.",
 )
 @click.option("--filter", "filter_text", metavar="EXPR", help="Print only messages m for which EXPR is true.")
-@click.option(
-    "--max-rate",
-    "max_rate_hz",
-    type=click.FloatRange(0, min_open=True),
-    metavar="HZ",
+@options.rate(
+    *("--max-rate", "max_rate_hz"),
     help="Maximum number of printed messages per second; the number of dropped ones is printed at the end.",
 )
 @click.option("--csv", "style", flag_value="csv", help="Print each message as a line of CSV.")
@@ -60,18 +57,13 @@ _EARLY = 0.25
     "--no-str", "strings", is_flag=True, flag_value=False, default=True, help="Print lengths of strings only."
 )
 @click.option(
-    "--no-lost-messages",
-    "lost_messages",
-    is_flag=True,
+    *("--no-lost-messages", "lost_messages"),
     flag_value=False,
     default=True,
     help="Print no note if messages arrive faster than they are printed.",
 )
-@click.option(
-    "--timeout",
-    "timeout_s",
-    type=click.FloatRange(0),
-    metavar="SECONDS",
+@options.seconds(
+    *("--timeout", "timeout_s"),
     help="Maximum time to wait for the topic, and for each message.  [default: 5, and no limit]",
 )
 @topic_qos.qos_options
@@ -189,15 +181,15 @@ class _LostNotes:
 def _fields(cls: type[Message], paths: Sequence[str], arrays: bool) -> Callable[[Message], Any]:
     """Return a function for the value to print: the message, the value of one path, or a dict of several."""
     from rosidl_py_gen.base.fieldtype import Arity
-    from rosidl_py_gen.ros_cli.message_expressions import compile_path, path_field
+    from rosidl_py_gen.ros_cli.message_expressions import compile_path
     from rosidl_py_gen.ros_cli.message_text import array_summary
 
     if not paths:
         return lambda message: message
 
     def field_value(path: str) -> Callable[[Message], Any]:
-        value, field = compile_path(path, cls), None if arrays else path_field(path, cls)
-        if field is None or field.type.arity is Arity.SCALAR:
+        value, field = compile_path(path, cls)
+        if arrays or field is None or field.type.arity is Arity.SCALAR:
             return value
         return lambda message: array_summary(field, value(message))
 

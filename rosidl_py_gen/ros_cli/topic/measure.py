@@ -58,15 +58,7 @@ def _meter_options(window: int) -> Callable[[F], F]:
         for option in reversed(
             (
                 options.topic_argument("topics", nargs=-1, required=True),
-                click.option(
-                    "-w",
-                    "--window",
-                    type=click.IntRange(2),
-                    default=window,
-                    show_default=True,
-                    metavar="N",
-                    help="Number of the last messages to compute with.",
-                ),
+                options.window(window),
                 options.report_count,
                 options.topic_timeout,
                 options.paths,

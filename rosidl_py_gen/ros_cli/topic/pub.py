@@ -24,9 +24,7 @@ _STDIN = "-"
 @click.command("pub")
 @options.topic_argument()
 @click.argument("words", metavar="[TYPE] [VALUES]", nargs=-1, shell_complete=options.call_completion("topic"))
-@click.option(
-    "-r", "--rate", type=click.FloatRange(0, min_open=True), metavar="HZ", help="Messages per second.  [default: 1]"
-)
+@options.rate("-r", "--rate", help="Messages per second.  [default: 1]")
 @click.option("-1", "--once", is_flag=True, help="Publish one message and end.")
 @click.option("-t", "--times", type=click.IntRange(1), metavar="N", help="Publish N messages and end.")
 @click.option(
@@ -37,12 +35,8 @@ _STDIN = "-"
     metavar="N",
     help="Number of subscriptions to wait for.  [default: 1 with --once, --times or -, else 0]",
 )
-@click.option(
-    "--timeout",
-    "--max-wait-time-secs",
-    "timeout_s",
-    type=click.FloatRange(0),
-    metavar="SECONDS",
+@options.seconds(
+    *("--timeout", "--max-wait-time-secs", "timeout_s"),
     help="Maximum time to wait for the topic, and for subscriptions.  [default: 5, and no limit]",
 )
 @click.option(
@@ -54,15 +48,7 @@ _STDIN = "-"
     metavar="N",
     help="Print every N-th message; 0 prints none.",
 )
-@click.option(
-    "--keep-alive",
-    "keep_alive_s",
-    type=click.FloatRange(0),
-    default=0.1,
-    show_default=True,
-    metavar="SECONDS",
-    help="Time to stay after the last message.",
-)
+@options.seconds("--keep-alive", "keep_alive_s", default=0.1, help="Time to stay after the last message.")
 @topic_qos.qos_options
 @options.paths
 @options.as_json

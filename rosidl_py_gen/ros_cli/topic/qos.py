@@ -13,6 +13,12 @@ if TYPE_CHECKING:
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+_POLICIES = {
+    "history": ["system_default", "keep_last", "keep_all"],
+    "reliability": ["system_default", "reliable", "best_effort", "best_available"],
+    "durability": ["system_default", "transient_local", "volatile", "best_available"],
+    "liveliness": ["system_default", "automatic", "manual_by_topic", "best_available"],
+}
 _PRESETS = {"action_status_default": "ACTION_STATUS", "rosout_default": "ROSOUT"}
 
 
@@ -43,22 +49,7 @@ _QOS_OPTIONS = (
         help="Preset that the other options change.",
     ),
     _qos_option("--qos-depth", "depth", type=click.IntRange(0), metavar="N", help="Depth of the queue."),
-    _qos_option("--qos-history", "history", type=click.Choice(["system_default", "keep_last", "keep_all"])),
-    _qos_option(
-        "--qos-reliability",
-        "reliability",
-        type=click.Choice(["system_default", "reliable", "best_effort", "best_available"]),
-    ),
-    _qos_option(
-        "--qos-durability",
-        "durability",
-        type=click.Choice(["system_default", "transient_local", "volatile", "best_available"]),
-    ),
-    _qos_option(
-        "--qos-liveliness",
-        "liveliness",
-        type=click.Choice(["system_default", "automatic", "manual_by_topic", "best_available"]),
-    ),
+    *(_qos_option(f"--qos-{name}", name, type=click.Choice(choices)) for name, choices in _POLICIES.items()),
     _qos_option(
         "--qos-liveliness-lease-duration-seconds", "liveliness_lease_s", type=click.FloatRange(0), metavar="SECONDS"
     ),

@@ -61,45 +61,60 @@ class TopicStatistics(ABC):
         """Return the columns of a report."""
 
 
-class RateStatistics(TopicStatistics):
+class _SpreadStatistics(TopicStatistics):
+    """Statistics of times in ns: mean, minimum, maximum and standard deviation in seconds."""
+
+    NAME: ClassVar[str]
+
+    def spread(self) -> dict[str, float]:
+        """Return the statistics of the stored values."""
+        values = np.fromiter(self._values, np.int64) / NS_PER_S
+        return {
+            "mean": float(values.mean()),
+            "min": float(values.min()),
+            "max": float(values.max()),
+            "std_dev": float(values.std()),
+            "window": len(values),
+        }
+
+    def text(self, report: dict[str, Any]) -> str:
+        times = "min: {min:.3f}s max: {max:.3f}s std dev: {std_dev:.5f}s window: {window}".format_map(report)
+        return f"average {self.NAME}: {report[self.NAME]:.3f}\n\t{times}"
+
+    def row(self, report: dict[str, Any]) -> list[str]:
+        times = [f"{report[name]:.3f}" for name in (self.NAME, "min", "max")]
+        return [*times, f"{report['std_dev']:.5f}", str(report["window"])]
+
+
+class RateStatistics(_SpreadStatistics):
     """Rate of messages; the values are the times between them."""
 
     HEADINGS = ("rate", "min_delta", "max_delta", "std_dev", "window")
+    NAME = "rate"
 
     def add_value(self, received_ns: int, value: int) -> None:
         if self._last_ns:
             self._values.append(received_ns - self._last_ns)
 
     def computed(self) -> dict[str, float]:
-        spread = _spread(self._values)
+        spread = self.spread()
         mean_s = spread.pop("mean")
         # Messages that were received together have no measurable rate.
         return {"rate": 1 / mean_s if mean_s else inf, **spread}
 
-    def text(self, report: dict[str, Any]) -> str:
-        return "average rate: {rate:.3f}\n\t".format_map(report) + _SPREAD.format_map(report)
 
-    def row(self, report: dict[str, Any]) -> list[str]:
-        return [f"{report['rate']:.3f}", *_columns(report)]
-
-
-class DelayStatistics(TopicStatistics):
+class DelayStatistics(_SpreadStatistics):
     """Age of messages at their arrival; the values are ``header.stamp``."""
 
     HEADINGS = ("delay", "min", "max", "std_dev", "window")
+    NAME = "delay"
 
     def add_value(self, received_ns: int, value: int) -> None:
         self._values.append(received_ns - value)
 
     def computed(self) -> dict[str, float]:
-        spread = _spread(self._values)
+        spread = self.spread()
         return {"delay": spread.pop("mean"), **spread}
-
-    def text(self, report: dict[str, Any]) -> str:
-        return "average delay: {delay:.3f}\n\t".format_map(report) + _SPREAD.format_map(report)
-
-    def row(self, report: dict[str, Any]) -> list[str]:
-        return [f"{report['delay']:.3f}", *_columns(report)]
 
 
 class BandwidthStatistics(TopicStatistics):
@@ -135,8 +150,8 @@ class BandwidthStatistics(TopicStatistics):
         }
 
     def text(self, report: dict[str, Any]) -> str:
-        rate, mean, least, most, window = self.row(report)
-        return f"{rate} from {window} messages\n\tMessage size mean: {mean} min: {least} max: {most}"
+        rate, mean, minimum, maximum, window = self.row(report)
+        return f"{rate} from {window} messages\n\tMessage size mean: {mean} min: {minimum} max: {maximum}"
 
     def row(self, report: dict[str, Any]) -> list[str]:
         unit, factor, digits = _unit(report["bytes_per_s"])
@@ -144,24 +159,6 @@ class BandwidthStatistics(TopicStatistics):
             f"{report[name] / factor:.{digits}f} {unit}" for name in ("bytes_per_s", "mean", "min", "max")
         )
         return [f"{bandwidth}/s", *sizes, str(report["window"])]
-
-
-_SPREAD = "min: {min:.3f}s max: {max:.3f}s std dev: {std_dev:.5f}s window: {window}"
-
-
-def _spread(values_ns: deque[int]) -> dict[str, float]:
-    values = np.fromiter(values_ns, np.int64) / NS_PER_S
-    return {
-        "mean": float(values.mean()),
-        "min": float(values.min()),
-        "max": float(values.max()),
-        "std_dev": float(values.std()),
-        "window": len(values),
-    }
-
-
-def _columns(report: dict[str, Any]) -> list[str]:
-    return [f"{report['min']:.3f}", f"{report['max']:.3f}", f"{report['std_dev']:.5f}", str(report["window"])]
 
 
 def _unit(bytes_per_s: float) -> tuple[str, int, int]:
