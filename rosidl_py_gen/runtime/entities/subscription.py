@@ -23,8 +23,7 @@ from rosidl_py_gen.runtime.entities.type_hash_filter import TypeHashFilter
 from rosidl_py_gen.runtime.graph.endpoint_events import watch_events
 from rosidl_py_gen.runtime.graph.type_hashes import checked_mode
 from rosidl_py_gen.runtime.loop.blocking import blocking
-from rosidl_py_gen.runtime.loop.callable_checks import require_callable
-from rosidl_py_gen.runtime.loop.concurrency import drops_warning, require_concurrency
+from rosidl_py_gen.runtime.loop.callable_checks import require_callable, require_concurrency
 from rosidl_py_gen.runtime.loop.user_callback import UserCallback
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.transport.api import EndpointSpec
@@ -283,12 +282,22 @@ class Subscription(PollableEntity, Generic[T]):
         self._waiters.wake()
         return self._on_arrival
 
+    def _warn_drops(self) -> None:
+        if self._running_calls:
+            reason = f"{self._running_calls} calls of its async callback are running (concurrency={self._concurrency})"
+            fix = "pass a larger concurrency= or a larger depth in qos="
+        else:
+            reason = "the event loop was busy, perhaps with a plain callback"
+            fix = "pass a larger depth in qos=, and do slow work in asyncio.to_thread"
+        self._scope.logger.warning(
+            f"messages on {self.topic} are dropped: {self._warning_length} are waiting, and {reason}; {fix}. "
+            "subscription.dropped counts them; this is logged once"
+        )
+
     def _call_back(self) -> None:
         callback = self._callback
         if len(self._items) == self._warning_length and self.dropped:
-            self._scope.logger.warning(
-                drops_warning(self.topic, self._warning_length, self._concurrency, self._running_calls)
-            )
+            self._warn_drops()
             self._warning_length = -1
         if callback is None or self._running_calls >= self._concurrency:
             return  # a call that ends continues with the queue

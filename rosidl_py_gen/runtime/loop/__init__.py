@@ -1,4 +1,1 @@
-"""Between transport and asyncio: who waits for data, where callbacks run, and what waiting code is told.
-
-May import: logs, transport, time.
-"""
+"""Between transport and asyncio: event loops, the binding of a context to one, and callbacks of the user."""

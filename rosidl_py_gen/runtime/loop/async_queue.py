@@ -1,8 +1,4 @@
-"""A queue that is read with ``async for`` and can end.
-
-Decides that what was pushed before `close` is still delivered, that a full queue drops its oldest item and counts it,
-and that several readers share the items. Any thread may push and close.
-"""
+"""Queue that is read with ``async for``, and that can be closed."""
 
 from __future__ import annotations
 
@@ -16,19 +12,22 @@ T = TypeVar("T")
 
 
 class AsyncQueue(Generic[T]):
-    """Items in order of arrival; `depth` None keeps all."""
+    """Queue of at most `depth` items, or all. Thread: any, except for iterating.
+
+    A full queue drops its oldest item. Items are delivered even after `close`. Several readers share the items.
+    """
 
     def __init__(self, depth: int | None = None) -> None:
         self._items: deque[T] = deque(maxlen=depth)
         self._waiters = Waiters()
         self._error: BaseException | None = None
         self.closed = False
-        """True once nothing can be added any more; what is left can still be read."""
+        """True after `close`; remaining items can still be read."""
         self.dropped = 0
-        """How many items were pushed out by newer ones."""
+        """Number of items that were dropped because the queue was full."""
 
     def _push(self, item: T) -> None:
-        """Add an item, from any thread; ignored after `close`."""
+        """Add an item; ignored after `close`."""
         if self.closed:
             return
         if len(self._items) == self._items.maxlen:
@@ -38,17 +37,17 @@ class AsyncQueue(Generic[T]):
 
     @property
     def waiting(self) -> int:
-        """How many items can be read without waiting."""
+        """Number of items that can be read without waiting."""
         return len(self._items)
 
     def take(self) -> T | None:
-        """The oldest item, without waiting; None when there is none. From any thread."""
+        """Return the oldest item without waiting; None if there is none."""
         with contextlib.suppress(IndexError):
             return self._items.popleft()
         return None
 
     def close(self, error: BaseException | None = None) -> None:
-        """End the stream once it is drained; with an error, readers get that instead of a plain end. Any thread may."""
+        """End the iteration after the remaining items, with an error if there is one."""
         if not self.closed:
             self._error = error
             self.closed = True

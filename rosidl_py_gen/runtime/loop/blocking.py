@@ -1,7 +1,4 @@
-"""Blocking forms of awaitable methods, for plain code: ``receive_sync`` in addition to ``receive``.
-
-`EntityScope.run_blocking` runs the coroutine. A call on the event loop's own thread is refused, as it would deadlock.
-"""
+"""Blocking forms of awaitable methods, such as ``receive_sync`` for ``receive``."""
 
 from __future__ import annotations
 
@@ -17,23 +14,20 @@ R = TypeVar("R")
 
 
 def blocking(method: Callable[Concatenate[S, P], Coroutine[Any, Any, R]]) -> Callable[Concatenate[S, P], R]:
-    """Return the blocking form of a method, for scripts, notebooks and other threads than the loop's.
+    """Return the blocking form of a method of a class that has an `EntityScope` as ``_scope``.
 
-    ``receive_sync = blocking(receive)``. The class has a `Scope` as ``_scope``.
-
-    Raises:
-        WouldDeadlockError: called on the event loop's thread. Others as the method.
+    It raises `WouldDeadlockError` on the event loop's thread, and else as the method.
     """
     name = method.__name__
 
     @functools.wraps(method)
     def run(self: S, /, *arguments: P.args, **keywords: P.kwargs) -> R:
-        coroutine = getattr(self, name)(*arguments, **keywords)  # a subclass may have its own
-        answer: R = self._scope.run_blocking(  # type: ignore[attr-defined]
+        coroutine = getattr(self, name)(*arguments, **keywords)  # the method of a subclass, if it has one
+        result: R = self._scope.run_blocking(  # type: ignore[attr-defined]
             coroutine, f"{name}_sync of {self!r}", f"'await ...{name}(...)'"
         )
-        return answer
+        return result
 
     run.__name__, run.__qualname__ = f"{name}_sync", f"{method.__qualname__}_sync"
-    run.__doc__ = f"`{name}` for plain code; raises `WouldDeadlockError` on the event loop's thread."
+    run.__doc__ = f"Call `{name}` in plain code; raises `WouldDeadlockError` on the event loop's thread."
     return run

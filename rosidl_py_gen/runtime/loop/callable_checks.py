@@ -1,4 +1,4 @@
-"""Helpers around functions that users hand in: plain or async, and on which thread."""
+"""Checks and calls of functions of the user: plain or async, in a context, in a thread."""
 
 from __future__ import annotations
 
@@ -8,32 +8,43 @@ import contextvars
 import inspect
 import threading
 import types
+from numbers import Integral
 from typing import TYPE_CHECKING, Any, TypeVar
+
+from rosidl_py_gen.base.waiters import set_result_if_pending
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Generator
 
 T = TypeVar("T")
 
-_TASKS_KNOW = hasattr(asyncio.Task, "cancelling")
+_HAS_CANCELLING = hasattr(asyncio.Task, "cancelling")
 
 
-def require_callable(callback: object, what: str, hint: str = "") -> None:
-    """Raise `TypeError` for what is neither callable nor None, before anything is created."""
+def require_callable(callback: object, subject: str, hint: str = "") -> None:
+    """Raise `TypeError` unless a callback is callable or None."""
     if callback is not None and not callable(callback):
-        raise TypeError(f"{what} must be a function, got {callback!r:.100}{hint}")
+        raise TypeError(f"{subject} must be a function, got {callback!r:.100}{hint}")
+
+
+def require_concurrency(value: object) -> None:
+    """Raise `TypeError` or `ValueError` unless the number of concurrent calls is an integer of at least 1."""
+    if not isinstance(value, Integral) or isinstance(value, bool):
+        raise TypeError(f"concurrency must be an int, the maximum number of calls at once, got {value!r:.100}")
+    if value < 1:
+        raise ValueError(f"concurrency must be 1 or more, got {value!r}")
 
 
 def is_async(function: object) -> bool:
-    """Whether calling it gives a coroutine: async functions, and objects whose `__call__` is one."""
+    """Return True for async functions, and for objects with an async `__call__`."""
     called = getattr(type(function), "__call__", None)  # noqa: B004 - the method itself, not whether there is one
     return inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(called)
 
 
 def is_own_cancel() -> bool:
-    """Whether the CancelledError at hand is meant for the current task, and not the outcome of something awaited.
+    """Return True if the current task was cancelled itself, so that a CancelledError is not that of an awaited object.
 
-    For tasks of `start_task`; on Python 3.10 others cannot tell.
+    Only for tasks of `start_task`, because Python 3.10 has no `Task.cancelling`.
     """
     task = asyncio.current_task()
     cancelling = getattr(task, "cancelling", None)
@@ -41,13 +52,13 @@ def is_own_cancel() -> bool:
 
 
 def start_task(loop: asyncio.AbstractEventLoop, coroutine: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
-    """A task that knows whether it was cancelled."""
-    return loop.create_task(coroutine) if _TASKS_KNOW else _CountingTask(coroutine, loop=loop)
+    """Create a task that supports `is_own_cancel`."""
+    return loop.create_task(coroutine) if _HAS_CANCELLING else _CountingTask(coroutine, loop=loop)
 
 
 @types.coroutine
 def in_context(context: contextvars.Context, coroutine: Coroutine[Any, Any, T]) -> Generator[Any, Any, T]:
-    """Await a coroutine in a context other than the task's: each of its steps is entered by itself."""
+    """Await a coroutine in another context than the task's, which each of its steps enters."""
     step: Callable[[Any], Any] = coroutine.send
     value: Any = None
     while True:
@@ -62,7 +73,7 @@ def in_context(context: contextvars.Context, coroutine: Coroutine[Any, Any, T]) 
 
 
 class _CountingTask(asyncio.Task[T]):
-    """What tasks of Python 3.11 can do."""
+    """Task with `cancelling` for Python 3.10."""
 
     _cancels = 0
 
@@ -75,33 +86,29 @@ class _CountingTask(asyncio.Task[T]):
 
 
 async def in_thread(name: str, function: Callable[..., Any], *arguments: object) -> Any:
-    """Call a plain function in a thread of its own, and return or raise what it does.
+    """Call a plain function in a daemon thread of its own, and return or raise its outcome.
 
-    A daemon thread, and none of asyncio's pool: that has a few threads for the whole program, and waits for all of them
-    when the loop ends, so a function that does not return would keep the process alive.
+    asyncio's pool has few threads, and waits for all of them when the loop ends, so that a function that does not
+    return would keep the process alive.
     """
     loop = asyncio.get_running_loop()
     done: asyncio.Future[tuple[Any, BaseException | None]] = loop.create_future()
     context = contextvars.copy_context()
 
-    def deliver(outcome: Any, error: BaseException | None) -> None:
-        if not done.done():
-            done.set_result((outcome, error))
-
     def call() -> None:
-        outcome, failure = None, None
+        value, error = None, None
         try:
-            outcome = context.run(function, *arguments)
-        except BaseException as error:
-            failure = error
-        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody waits any more
-            loop.call_soon_threadsafe(deliver, outcome, failure)
+            value = context.run(function, *arguments)
+        except BaseException as raised:
+            error = raised
+        with contextlib.suppress(RuntimeError):  # the loop is closed
+            loop.call_soon_threadsafe(set_result_if_pending, done, (value, error))
 
     threading.Thread(target=call, name=name, daemon=True).start()
-    outcome, failure = await done
+    value, error = await done
     try:
-        if failure is not None:
-            raise failure
-        return outcome
+        if error is not None:
+            raise error
+        return value
     finally:
-        del failure  # its traceback holds this frame
+        del error  # its traceback refers to this frame

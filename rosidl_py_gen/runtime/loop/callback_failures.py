@@ -1,11 +1,8 @@
-"""What becomes of an exception that a user's function raises: it is logged, and with ``on_error="raise"`` it ends more.
+"""Exceptions of callbacks: they are logged, and raised with ``on_error="raise"``.
 
-Decides who gets it then: the innermost `async with` on its node or context, or blocking call, that is under way; else
-the `run` or `spin` whose loop serves the node. Each is a `FailureGuard`: it cancels its task, as `asyncio.timeout`
-does, and
-raises the exception in place of the cancellation. Without any, the `Driver.wait` that runs the loop raises it. What
-nobody could take is kept for the next guard. The first one counts: what else fails until the end is logged only, so
-that the program gets the same exception every time.
+The innermost `FailureGuard` of the node raises the exception: an `async with` on its node or context, or a blocking
+call; else the `run` or `spin` whose loop serves the node. Without a guard, `LoopRunner.wait` raises it, or the next
+guard. Only the first exception is raised, so that the program gets the same one each time; later ones are logged.
 """
 
 from __future__ import annotations
@@ -29,79 +26,82 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 OnError: TypeAlias = Literal["log", "raise"]
-"""What a callback that raises does to the program: nothing but a log entry, or its end."""
+"""Effect of a callback that raises: a log entry only, or also the exception in the program."""
 
 _guards: list[FailureGuard] = []
-"""Those under way, in all threads, newest last."""
-_with_kept: weakref.WeakSet[CallbackFailures] = weakref.WeakSet()
+"""Entered guards of all threads, newest last."""
+_with_pending_error: weakref.WeakSet[CallbackFailures] = weakref.WeakSet()
 
 
 class CallbackFailedError(RosidlError):
-    """Several functions of the user raised in a test; `errors` are their exceptions, oldest first."""
+    """Raised if several callbacks failed in a test; `errors` are their exceptions, oldest first."""
 
     def __init__(self, errors: Sequence[BaseException]) -> None:
         self.errors = tuple(errors)
-        parts = [f"{len(self.errors)} callbacks failed"]
+        lines = [f"{len(self.errors)} callbacks failed"]
         for number, error in enumerate(self.errors, 1):
-            parts.append(f"{number}:\n" + "".join(traceback.format_exception(error)).rstrip())
-        super().__init__("\n".join(parts))
+            lines.append(f"{number}:\n" + "".join(traceback.format_exception(error)).rstrip())
+        super().__init__("\n".join(lines))
 
     def __reduce__(self) -> tuple[type[CallbackFailedError], tuple[tuple[BaseException, ...]]]:
         return type(self), (self.errors,)
 
 
 class CallbacksNeverRanError(RosidlError):
-    """No event loop has served a node with callbacks, until it was closed or its test ended."""
+    """Raised if no event loop has served a node with callbacks before it was closed, or its test ended."""
 
 
 def require_on_error(value: object) -> OnError:
-    """Raises `ValueError` for anything else."""
+    """Return a valid value; raises `ValueError`."""
     if value == "log" or value == "raise":
         return value
     raise ValueError(f"on_error must be {' or '.join(map(repr, get_args(OnError)))}, got {value!r:.100}")
 
 
 class CallbackFailures:
-    """What the functions of one node raised."""
+    """Exceptions of the callbacks of one node.
+
+    Attributes:
+        pending_error: exception that was not raised yet.
+    """
 
     def __init__(self, bridge: LoopBinding, on_error: OnError) -> None:
         self.loop_binding = bridge
         self.on_error = on_error
-        self.kept: BaseException | None = None
-        """What was not raised yet; whoever takes it raises it."""
+        self.pending_error: BaseException | None = None
 
-    def report(self, doing: str, logger: RosLogger) -> None:
-        """Log the exception being handled; with ``on_error="raise"`` also end whoever guards this node."""
+    def report(self, activity: str, logger: RosLogger) -> None:
+        """Log the exception being handled; with ``on_error="raise"`` also trigger a guard of this node."""
         if self.on_error == "log":
-            report_failure(doing, logger)
+            report_failure(activity, logger)
             return
-        report_failure(doing, logger, "the program ends with it, because of on_error='raise'")
+        report_failure(activity, logger, "the program ends with it, because of on_error='raise'")
         error = sys.exc_info()[1]
-        if error is None or self.kept is not None:
+        if error is None or self.pending_error is not None:
             return
-        self.kept = error
-        _with_kept.add(self)
+        self.pending_error = error
+        _with_pending_error.add(self)
         for guard in reversed(tuple(_guards)):
             if guard.covers(self):
                 guard.trigger(self)
                 return
         shared = self.loop_binding.shared
         if shared is not None and self.loop_binding.in_loop_thread() and shared.fail_leader(error):
-            self.kept = None
+            self.pending_error = None
 
-    def raise_kept(self) -> None:
-        """Raise what was not raised yet, if there is something."""
-        error, self.kept = self.kept, None
+    def raise_pending(self) -> None:
+        """Raise the pending exception, if there is one."""
+        error, self.pending_error = self.pending_error, None
         if error is None:
             return
         context = error.__context__
         try:
             raise error
         finally:
-            error.__context__ = context  # not the cancellation that is being handled
+            error.__context__ = context  # so that the traceback does not show the cancellation
 
     async def run_guarded(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Await a coroutine that a failure ends."""
+        """Await a coroutine; a failure cancels it and is raised instead."""
         try:
             with FailureGuard(lambda failures: failures is self):
                 return await coroutine
@@ -110,10 +110,14 @@ class CallbackFailures:
 
 
 class FailureGuard:
-    """While this is entered, in a task, a failure of the nodes it `covers` cancels the task and is raised instead."""
+    """Context manager that raises the failures of the nodes that it `covers`.
 
-    def __init__(self, concerns: Callable[[CallbackFailures], bool]) -> None:
-        self.covers = concerns
+    The protocol is that of `asyncio.timeout`: a failure cancels the task once. On exit, the guard withdraws that
+    cancellation; unless there is another one, it replaces the CancelledError by the exception of the callback.
+    """
+
+    def __init__(self, covers: Callable[[CallbackFailures], bool]) -> None:
+        self.covers = covers
         self._loop: asyncio.AbstractEventLoop
         self._task: asyncio.Task[Any] | None = None
         self._failed: CallbackFailures | None = None
@@ -124,12 +128,12 @@ class FailureGuard:
         self._loop, self._task = asyncio.get_running_loop(), asyncio.current_task()
         self._is_open = True
         _guards.append(self)
-        for failures in tuple(_with_kept):
-            if failures.kept is not None and self.covers(failures):
+        for failures in tuple(_with_pending_error):
+            if failures.pending_error is not None and self.covers(failures):
                 self.trigger(failures)
 
     def trigger(self, failures: CallbackFailures) -> None:
-        """Something failed; from any thread."""
+        """Cancel the task because of a failure. Thread: any."""
         if self._failed is not None:
             return
         self._failed = failures
@@ -146,6 +150,6 @@ class FailureGuard:
         others = 0
         if self._cancelled and (uncancel := getattr(self._task, "uncancel", None)):  # from Python 3.11 on
             others = uncancel()
-        is_ours = isinstance(error, asyncio.CancelledError) and self._cancelled and not others
-        if self._failed is not None and (error is None or is_ours):
-            self._failed.raise_kept()
+        is_own_cancel = isinstance(error, asyncio.CancelledError) and self._cancelled and not others
+        if self._failed is not None and (error is None or is_own_cancel):
+            self._failed.raise_pending()

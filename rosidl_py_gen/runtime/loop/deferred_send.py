@@ -1,8 +1,4 @@
-"""What has to be sent behind the answer to a request.
-
-Decides that it is sent when the loop comes round, which is after what it is doing just now; nobody waits for it then.
-Where no loop runs it is sent at once. Items keep their order, whatever threads add them.
-"""
+"""Sending after the reply to the request that caused it, which a client waits for."""
 
 from __future__ import annotations
 
@@ -19,7 +15,10 @@ T = TypeVar("T")
 
 
 class DeferredSender(Generic[T]):
-    """Items that are handed to `send`, which must not raise."""
+    """Passes items to `send`, which must not raise, in the loop's next iteration, or at once outside of the loop.
+
+    Items keep their order.
+    """
 
     def __init__(self, bridge: LoopBinding, send: Callable[[T], None]) -> None:
         self._bridge = bridge
@@ -28,7 +27,7 @@ class DeferredSender(Generic[T]):
         self._lock = threading.RLock()
 
     def add(self, item: T) -> None:
-        """From any thread."""
+        """Add an item. Thread: any."""
         self._waiting.append(item)
         if self._bridge.in_loop_thread():
             self._bridge.call_soon(self.flush)
@@ -36,10 +35,10 @@ class DeferredSender(Generic[T]):
             self.flush()
 
     def flush(self) -> None:
-        """Send what waits."""
+        """Send all waiting items."""
         with self._lock:
             while self._waiting:
                 self._send(self._waiting.popleft())
 
     close = flush
-    """Its owner ends: what waits is sent, through something older that is still open."""
+    """Send all waiting items; the writer is older, so it is still open."""

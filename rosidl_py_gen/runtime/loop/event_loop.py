@@ -1,13 +1,12 @@
-"""An event loop that takes in what arrives while it still waits.
+"""asyncio's event loop with a selector that handles priority descriptors inside of `select`; Linux only.
 
-With `add_reader` the loop comes round once more before a task sees what a descriptor brought: one round finds it
-readable and completes a future, the next one runs the task. Here the selector calls a function for a descriptor, before
-asyncio looks what there is to do, and the task runs in the same round. The callback of `add_reader` follows, as an
-ordinary one, if the function left something to do for it.
+With `add_reader`, one iteration of the loop finds a descriptor readable and completes a future, and only the next one
+runs the waiting task. Functions of priority descriptors are called inside `select`, before asyncio collects its
+callbacks, so that the task runs in the same iteration. The ordinary callback of a descriptor follows only if its
+function returns True.
 
-Decides that this is no other loop but asyncio's own, with a selector of ours handed to its constructor. The selector
-waits in an epoll of its own for these descriptors and for the epoll of `selectors`, which has all others: both are
-looked at each time, so that neither can keep the other waiting. Where there is no epoll, `add_reader` has to do.
+The selector has its own epoll with the priority descriptors and, nested in it, the epoll of `selectors`, which has all
+others. Both are polled at each select, so neither can starve the other.
 """
 
 from __future__ import annotations
@@ -22,12 +21,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 _MAX_EVENTS = 16
-"""At a time; the kernel hands out those that did not fit first the next time."""
+"""Maximum number of events per poll; the kernel returns the others first at the next poll."""
 
 
 def new_event_loop() -> asyncio.AbstractEventLoop:
-    """A new event loop: what `asyncio.new_event_loop` makes, but on Linux one that brings what arrives to tasks sooner
-    in place of asyncio's own.
+    """Create the loop of `asyncio.new_event_loop`; on Linux, replace asyncio's own loop by a faster `EventLoop`.
 
     `run` uses it; ``asyncio.Runner(loop_factory=new_event_loop)`` and test frameworks can, too.
     """
@@ -39,7 +37,7 @@ def new_event_loop() -> asyncio.AbstractEventLoop:
 
 
 def end_tasks(loop: asyncio.AbstractEventLoop) -> set[asyncio.Task[Any]]:
-    """Cancel what is left of a loop that does not run, wait for it, and return it."""
+    """Cancel all tasks of a loop that does not run, run them to their end, and return them."""
     tasks = asyncio.all_tasks(loop)
     for task in tasks:
         task.cancel()
@@ -49,31 +47,30 @@ def end_tasks(loop: asyncio.AbstractEventLoop) -> set[asyncio.Task[Any]]:
 
 
 class EventLoop(asyncio.SelectorEventLoop):
-    """asyncio's event loop with one method more; on Linux only."""
+    """asyncio's event loop with priority readers."""
 
     def __init__(self, selector: PriorityReaderSelector | None = None) -> None:
-        self._watching = PriorityReaderSelector() if selector is None else selector
+        self._priority_selector = PriorityReaderSelector() if selector is None else selector
         self._callbacks: dict[int, Callable[[], None]] = {}
-        super().__init__(self._watching)
+        super().__init__(self._priority_selector)
 
     def add_priority_reader(self, descriptor: int, early: Callable[[], bool], callback: Callable[[], None]) -> None:
-        """Call `early` while `descriptor` is readable, before the callbacks of the same round; it must not raise.
-        `callback` is one of them when that answers True.
+        """Call `early` in `select` while `descriptor` is readable, then `callback` if it returned True.
+
+        `early` must not raise.
         """
-        self._watching.functions[descriptor] = early
+        self._priority_selector.functions[descriptor] = early
         self._callbacks[descriptor] = callback
         self.add_reader(descriptor, callback)
 
     def remove_priority_reader(self, descriptor: int) -> None:
-        """Undo `add_priority_reader`; without effect when the loop is closed."""
+        """Undo `add_priority_reader`; without effect if the loop is closed."""
         self._callbacks.pop(descriptor, None)
-        self._watching.forget(descriptor)
+        self._priority_selector.unregister_priority(descriptor)
 
     def run_priority_readers(self, timeout: float | None) -> bool:
-        """Wait, and call the functions of `add_priority_reader`, without a round of the loop; whether it has to make
-        one now.
-        """
-        descriptors = self._watching.select_priority(timeout)
+        """Wait and call the `early` functions without an iteration of the loop; return True if one is necessary."""
+        descriptors = self._priority_selector.select_priority(timeout)
         for descriptor in descriptors:
             if descriptor in self._callbacks:
                 self.call_soon(self._callbacks[descriptor])
@@ -81,7 +78,11 @@ class EventLoop(asyncio.SelectorEventLoop):
 
 
 class PriorityReaderSelector(selectors.DefaultSelector):
-    """Calls functions for some descriptors, and tells asyncio of the others."""
+    """Selector that calls the functions of priority descriptors, and returns the events of all others.
+
+    Attributes:
+        functions: by descriptor; a descriptor that is registered later has priority.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -90,7 +91,6 @@ class PriorityReaderSelector(selectors.DefaultSelector):
         self._poll = self._epoll.poll
         self._keys: dict[int, selectors.SelectorKey] = {}
         self.functions: dict[int, Callable[[], bool]] = {}
-        """What to call first, by descriptor; those that are registered afterwards are looked at here."""
 
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
         if fileobj not in self.functions:
@@ -99,8 +99,8 @@ class PriorityReaderSelector(selectors.DefaultSelector):
         key = self._keys[fileobj] = selectors.SelectorKey(fileobj, fileobj, events, data)
         return key
 
-    def forget(self, descriptor: int) -> None:
-        """Undo the registration of one that is looked at here; without effect when it is not (any more)."""
+    def unregister_priority(self, descriptor: int) -> None:
+        """Unregister a priority descriptor; without effect for others."""
         if self.functions.pop(descriptor, None) is not None:
             del self._keys[descriptor]
             self._epoll.unregister(descriptor)
@@ -115,13 +115,13 @@ class PriorityReaderSelector(selectors.DefaultSelector):
         return events
 
     def select_priority(self, timeout: float | None) -> list[int]:
-        """Wait, and call functions; the descriptors that asyncio has to be told of."""
-        rest: list[int] = []
+        """Wait and call functions; return the descriptors that need an iteration of the loop."""
+        remaining: list[int] = []
         for descriptor, _ in self._poll(timeout, _MAX_EVENTS):
             function = self.functions.get(descriptor)
             if function is None or function():
-                rest.append(descriptor)
-        return rest
+                remaining.append(descriptor)
+        return remaining
 
     def close(self) -> None:
         self.functions.clear()

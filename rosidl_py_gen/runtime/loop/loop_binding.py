@@ -1,6 +1,6 @@
 """The binding of a context to the event loop that serves it, and the way of samples from the transport onto that loop.
 
-A context is bound to one loop at a time: to the user's loop that it is used on, to the loop of a user's `Driver`, or,
+A context is bound to one loop at a time: to the user's loop that it is used on, to the loop of a `LoopRunner`, or,
 while blocking calls are in progress and no loop of the user runs, to a `SharedLoop` of its own. States, transitions
 and thread rules: docs/internals/event_loop.md.
 
@@ -46,17 +46,17 @@ _PAUSED_AFTER_S = 0.3
 """A loop that has not run for this time has stopped. Shorter breaks are normal: a program may run a loop repeatedly."""
 _SINK = "an internal receive function"
 _MISMATCH = (
-    "this context already belongs to another running event loop; give the nodes of each loop a Context of their own: "
+    "this context already belongs to another running event loop; create a Context for the nodes of each loop: "
     "Node(..., context=Context())"
 )
-_DRIVEN = (
-    "this context has a Driver, whose loop is the only one that serves it: use driver.wait, driver.run(main()) or the "
-    "blocking methods, and contexts without driver for other loops"
+_HAS_RUNNER = (
+    "this context has a LoopRunner, whose loop is the only one that serves it; use its wait() or run(main()), the "
+    "blocking methods, or for other loops a context without loop_runner"
 )
 
 
 class WrongEventLoopError(RosidlError, RuntimeError):
-    """The caller used one context from two running event loops."""
+    """Raised if one context is used from two running event loops."""
 
 
 class LoopBinding:
@@ -64,15 +64,15 @@ class LoopBinding:
 
     Attributes:
         bound_loop: the newest loop, closed or not; a plain attribute, because every publish reads it.
-        has_user_runner: True if the user passed a `Driver`, whose loop is the only one.
+        has_user_runner: True if the user passed a `LoopRunner`, whose loop is the only one.
         shared: the user's shared loop, or the context's own; None before the first blocking call.
     """
 
-    def __init__(self, participant: Participant, driver: LoopRunner | None = None) -> None:
+    def __init__(self, participant: Participant, loop_runner: LoopRunner | None = None) -> None:
         self._participant = participant
         self.bound_loop: asyncio.AbstractEventLoop | None = None
-        self.has_user_runner = driver is not None
-        self.shared: SharedLoop | None = None if driver is None else driver._shared_loop
+        self.has_user_runner = loop_runner is not None
+        self.shared: SharedLoop | None = None if loop_runner is None else loop_runner._shared_loop
         self._changed = threading.Condition()
         """Its lock guards `shared` and the three attributes below; it is notified when one of the numbers falls."""
         self._blocking_calls = 0
@@ -84,7 +84,7 @@ class LoopBinding:
         """A duplicate of the participant's descriptor, so that either side may close first."""
         self._is_scheduled = False
         self._deferred_calls: deque[Callable[[], None]] = deque()
-        """Functions of the user that sinks left to be called."""
+        """Functions that sinks returned, to be called as callbacks of the loop."""
         self._on_bind_hooks: RegistrationSet[Callable[[], None]] = RegistrationSet()
 
     # ----------------------------------------------------------------------------------------------------- the state
@@ -108,7 +108,7 @@ class LoopBinding:
         return loop is not None and current_loop() is loop
 
     def is_shared(self, loop: asyncio.AbstractEventLoop) -> bool:
-        """Return True if `loop` is that of the user's `Driver`, or the one that blocking calls run."""
+        """Return True if `loop` is that of the user's `LoopRunner`, or the one that blocking calls run."""
         shared = self.shared
         return shared is not None and loop is shared.loop
 
@@ -118,7 +118,8 @@ class LoopBinding:
         """Return the running loop, bound.
 
         Raises:
-            RuntimeError: no loop runs here. WrongEventLoopError: another one is bound and runs.
+            RuntimeError: no loop runs in this thread.
+            WrongEventLoopError: another one is bound and runs.
             ClosedError: the context is closed.
         """
         loop = asyncio.get_running_loop()
@@ -152,7 +153,7 @@ class LoopBinding:
             self._bind(loop)
             return
         if self.has_user_runner:
-            raise WrongEventLoopError(_DRIVEN)
+            raise WrongEventLoopError(_HAS_RUNNER)
         with self._changed:
             self._loops_to_bind += 1
             try:
@@ -261,7 +262,7 @@ class LoopBinding:
         with self._changed:
             self._blocking_calls -= 1
             if self._blocking_calls == 0:
-                # When the paused loop runs again, nothing there would notice that it lost the context.
+                # Rebind now, because nothing notices when the paused loop runs again.
                 paused, self._paused_loop = self._paused_loop, None
                 if self._closed_reason:
                     self._end_shared_loop()
@@ -338,7 +339,7 @@ class LoopBinding:
         loop = self.bound_loop
         if loop is None or loop.is_closed() or self._is_scheduled:
             return
-        # Two threads that come this far at once schedule twice, and the second call does nothing.
+        # If two threads schedule at once, the second call does nothing.
         self._is_scheduled = True
         schedule = loop.call_soon if current_loop() is loop else loop.call_soon_threadsafe
         try:
@@ -352,7 +353,7 @@ class LoopBinding:
             self.dispatch()
 
     def dispatch(self) -> None:
-        """Call every sink that has something to do, then the functions that sinks left."""
+        """Call every sink that has something to do, then the functions that sinks returned."""
         if self._run_sinks():
             self._run_deferred()
 
@@ -369,7 +370,7 @@ class LoopBinding:
         try:
             sinks = self._participant.take_ready_sinks()
         except Exception:
-            report_failure("taking in what arrived")
+            report_failure("receiving samples")
         for sink in sinks:
             try:
                 deferred = sink()
@@ -413,7 +414,7 @@ def _run_on_user_loop(coroutine: Coroutine[Any, Any, T], loop: asyncio.AbstractE
     if not _wait_while_running(future, loop):
         future.cancel()
     if not future.done() or future.cancelled():
-        raise ClosedError("the event loop that had to make this call has ended")
+        raise ClosedError("the event loop that ran this blocking call has ended")
     return future.result()
 
 

@@ -1,8 +1,4 @@
-"""The public face of a loop that threads share, for programs that are no asyncio programs: `SharedLoop` does the work.
-
-A signal handler that raises, as that of Ctrl-C does, ends the wait of the main thread; it mostly interrupts the waiting
-itself. Other threads continue.
-"""
+"""Public interface of a `SharedLoop`, for programs that do not use asyncio."""
 
 from __future__ import annotations
 
@@ -24,13 +20,13 @@ T = TypeVar("T")
 
 
 class LoopRunner:
-    """An asyncio event loop that no thread owns: whoever waits runs it, until what he waits for is there.
+    """asyncio event loop that no thread owns: threads that wait for a condition run it.
 
-    For programs with a main loop of their own: a game, a graphical interface, a script that polls. Contexts are given
-    one, ``Context(loop_runner=runner)``, and their nodes live while somebody waits: messages are taken in then, timers
-    tick, callbacks run, in the thread that happens to run the loop. All methods may be called from any thread.
+    For programs with a main loop of their own: a game, a graphical interface, a script that polls. Nodes of a
+    ``Context(loop_runner=runner)`` receive messages and call callbacks only while a thread waits, in one of the
+    waiting threads. An exception of a signal handler, such as KeyboardInterrupt, ends the wait of the main thread.
 
-    Close the contexts first, then the runner; ``with`` does.
+    Close the contexts first, then the runner, as ``with`` does. Thread: any.
 
     Example:
         >>> with LoopRunner() as runner, Context(loop_runner=runner) as context:  # doctest: +SKIP
@@ -41,60 +37,57 @@ class LoopRunner:
     def __init__(self) -> None:
         self._shared_loop = SharedLoop()
         self.loop: asyncio.AbstractEventLoop = self._shared_loop.loop
-        """The event loop; it runs while somebody waits."""
+        """Event loop; it runs while a thread waits."""
 
     @overload
     def wait(self, until: None = None, timeout_s: float | None = None) -> None: ...
     @overload
     def wait(self, until: Callable[[], T], timeout_s: float | None = None) -> T: ...
     def wait(self, until: Callable[[], T] | None = None, timeout_s: float | None = None) -> T | None:
-        """Run the loop, or wait for the thread that does, until `until()` is true or the time has passed.
+        """Run the loop, or wait for the thread that does, until `until()` is true or the timeout is over.
 
-        With a time limit of 0 the loop does what there is to do now. What is true at once is answered without running
-        it.
+        With timeout 0 the loop does all that can be done now. If `until()` is true at first, the loop does not run.
 
         Args:
-            until: is asked at first, and whenever the loop has done something, in the thread that runs it. It takes no
-                arguments, must not wait, and what it answers is not lost: it may be `Subscription.take`. None: only
-                the time counts.
-            timeout_s: seconds; None waits for ever.
+            until: function without arguments that must not wait. It is called at first and after each iteration, in the
+                thread that runs the loop. No true value is lost, so it may be `Subscription.take`. None: wait for the
+                timeout.
+            timeout_s: in seconds; None: no timeout.
 
         Returns:
-            What `until` answered last, as `threading.Condition.wait_for` does.
+            The last value of `until`.
 
         Raises:
-            WouldDeadlockError: called inside this driver's loop, in a callback for example.
-            ClosedError: the driver is closed, also while waiting. TypeError, TimeRangeError: for the arguments.
-            Exception: what `until` raised, or the first callback that failed of a node with ``on_error="raise"``.
+            WouldDeadlockError: called inside this runner's loop, for example in a callback.
+            ClosedError: the runner is closed, also while waiting.
+            TypeError, TimeRangeError: an argument is invalid.
+            Exception: the exception of `until`, or of a callback of a node with ``on_error="raise"``.
         """
         require_callable(until, "until", " without arguments, or None")
-        limit_ns = None if timeout_s is None else timeout_to_ns("timeout_s", timeout_s)
+        timeout_ns = None if timeout_s is None else timeout_to_ns("timeout_s", timeout_s)
         return self._shared_loop.wait(
-            _never if until is None else until, None if limit_ns is None else limit_ns / NS_PER_S
+            (lambda: None) if until is None else until, None if timeout_ns is None else timeout_ns / NS_PER_S
         )
 
     def call(self, function: Callable[[], T]) -> T:
-        """Call a function in the loop, and return or raise what it does.
-
-        At once where the loop is left alone or the caller is in it, else as soon as the loop has done what it is at. It
-        must not wait; a coroutine belongs into `run`.
-        """
+        """Call a function in the loop, and return or raise its outcome. The function must not wait."""
         return self._shared_loop.call(function)
 
     def run(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine in the loop to its end, and return or raise what it does.
+        """Run a coroutine in the loop to its end, and return or raise its outcome.
 
         Raises:
-            WouldDeadlockError: called inside this driver's loop, where ``await`` does it. ClosedError: as `wait`.
-            TypeError: it is no coroutine.
+            WouldDeadlockError: called inside this runner's loop; use ``await`` there.
+            ClosedError: the runner is closed.
+            TypeError: the argument is not a coroutine.
         """
-        is_one: bool = iscoroutine(coroutine)  # apart, as it would narrow away what the coroutine returns
-        if not is_one:
+        is_coroutine: bool = iscoroutine(coroutine)  # a variable, because the check would narrow the return type
+        if not is_coroutine:
             raise TypeError(f"coroutine must be a coroutine, such as main(), got {coroutine!r:.100}")
         return self._shared_loop.run(coroutine)
 
     def wake(self) -> None:
-        """Let all that wait ask again: something was changed outside the loop. Signal handlers may call it, too."""
+        """Make all waits call `until` again, after a change outside the loop. Signal handlers may call it, too."""
         self._shared_loop.wake()
 
     def __enter__(self) -> Self:
@@ -109,12 +102,8 @@ class LoopRunner:
         return self._shared_loop.closed_reason != ""
 
     def close(self) -> None:
-        """End all waits with `ClosedError`, cancel what is left in the loop, and close it; may be called twice.
+        """End all waits with `ClosedError`, cancel the loop's tasks, and close it; may be called twice.
 
-        Called inside the loop, that happens when the loop is left.
+        A call inside the loop takes effect when the loop is left.
         """
         self._shared_loop.close()
-
-
-def _never() -> None:
-    """Condition that never holds, so that only a time limit ends the wait."""

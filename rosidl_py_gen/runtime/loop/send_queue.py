@@ -1,8 +1,6 @@
-"""Samples that DDS did not take at once, in order.
+"""Queue of samples that DDS did not accept, because a reliable reader is too slow: writes must not block.
 
-A write never blocks: DDS says no when a reliable reader is too far behind. Decides what happens then: the sample waits,
-and is tried again on the event loop until it is taken. A queue that is full drops its oldest sample and counts it. Any
-thread may send and flush.
+Writing is retried on the event loop until DDS accepts the sample. A full queue drops its oldest sample and counts it.
 """
 
 from __future__ import annotations
@@ -20,24 +18,30 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.loop.loop_binding import LoopBinding
 
 RETRY_INTERVAL_S = 0.001
+"""Interval of retries while DDS does not accept a sample."""
 
 
 class SendQueue:
-    """What stands between one endpoint and its writer."""
+    """Queue before the writer of an endpoint. Thread: any.
+
+    Args:
+        report: logs the exception of a sample that could not be sent later.
+
+    Attributes:
+        waiting: functions that write a sample, and return False while DDS does not accept it.
+    """
 
     def __init__(self, bridge: LoopBinding, depth: int | None, report: Callable[[str], None]) -> None:
-        """`report` logs the exception of a sample that had to wait and then could not be sent."""
         self.waiting: deque[Callable[[], bool]] = deque(maxlen=depth)
-        """Functions that write, and answer False while DDS wants them to wait."""
         self.dropped = 0
         self._bridge = bridge
         self._report = report
-        # A signal handler may publish or close in the middle of a write, in the same thread.
+        # Reentrant, because a signal handler may publish or close during a write in the same thread.
         self._lock = threading.RLock()
         self._retrying_on: asyncio.AbstractEventLoop | None = None
 
     def send(self, write: Callable[[], bool]) -> None:
-        """Call `write` now, or behind all that is waiting; returns at once. Raises what the first try raises."""
+        """Call `write` now, or later after all waiting ones; raises only if it is called now."""
         if not self.waiting and write():
             return
         with self._lock:
@@ -47,7 +51,7 @@ class SendQueue:
             self._bridge.call_soon(self._retry)
 
     def flush(self) -> bool:
-        """Send what DDS takes; whether nothing is waiting any more."""
+        """Send what DDS accepts; return True if no sample is waiting."""
         with self._lock:
             while self.waiting:
                 write = self.waiting[0]
@@ -55,7 +59,7 @@ class SendQueue:
                     if not write():
                         return False
                 except RosidlError:
-                    self._report("sending what had to wait")
+                    self._report("sending a delayed sample")
                     self.dropped += 1
                 if self.waiting and self.waiting[0] is write:
                     self.waiting.popleft()
@@ -69,6 +73,6 @@ class SendQueue:
             loop.call_later(RETRY_INTERVAL_S, self._retry)
 
     def close(self) -> None:
-        """Forget what is waiting."""
+        """Drop all waiting samples."""
         with self._lock:
             self.waiting.clear()

@@ -7,7 +7,7 @@ thread waits, no thread runs the loop, and nothing is received.
 
 Entering and leaving `run_forever` costs more than handling one sample. So on Linux, while asyncio has nothing to do,
 the leader waits in front of the loop: `_poll_outside_loop` waits for the same descriptors and calls the same functions
-of `EventLoop.watch`. It enters the loop only if asyncio has callbacks, or timers that are due.
+of `EventLoop.add_priority_reader`. It enters the loop only if asyncio has callbacks, or timers that are due.
 
 Only documented parts of asyncio are used: the selector that is passed to the constructor, `stop`, and
 `_set_running_loop`, which is meant for authors of event loops. States and thread rules: docs/internals/event_loop.md,
@@ -58,12 +58,12 @@ _MAX_ITERATIONS_AFTER_TIMEOUT = 10
 """Iterations of the loop after the leader's time has passed, if it always has something to do."""
 _CLOSE_TIMEOUT_S = 5.0
 """Longest time that `close` waits for the leader to leave the loop."""
-_FORKED = "this driver was made before this process was forked, and works in the parent process only"
+_FORKED = "this LoopRunner was created before the process was forked, and works only in the parent process"
 _shared_loops: weakref.WeakSet[SharedLoop] = weakref.WeakSet()
 
 
 class WouldDeadlockError(RosidlError, RuntimeError):
-    """The caller would wait, on the event loop's own thread, for something only that loop can bring."""
+    """Raised if the event loop's own thread would wait for an event that only that loop can handle."""
 
 
 class _Outcome(Generic[T]):
@@ -88,7 +88,7 @@ class _Outcome(Generic[T]):
 
 
 class ThreadWait(_Outcome[T]):
-    """One blocking wait of one thread, for a condition.
+    """Blocking wait of one thread for a condition.
 
     Attributes:
         end_s: loop time at which the wait ends; None: never.
@@ -214,8 +214,8 @@ class SharedLoop:
             self._wait_in_helper_thread(wait)
         else:
             raise WouldDeadlockError(
-                "a Driver's wait from inside its own event loop, as in a callback, would wait for ever; return first, "
-                "or use await"
+                "wait() called inside the runner's own event loop (for example in a callback) would deadlock; use "
+                "await instead"
             )
         return wait.result()
 
@@ -289,7 +289,7 @@ class SharedLoop:
             finally:
                 ended.set()
 
-        thread = threading.Thread(target=lead_or_follow, name="rosidl-py-gen driver", daemon=True)
+        thread = threading.Thread(target=lead_or_follow, name="rosidl-py-gen loop runner", daemon=True)
         try:
             thread.start()
             while not ended.wait(_MAX_BLOCKING_S):
@@ -361,7 +361,7 @@ class SharedLoop:
             raise
 
     def _poll_outside_loop(self) -> bool:
-        """Wait as the loop would, and call the functions of `watch`; return False once asyncio has something to do."""
+        """Wait as the loop would, and call priority readers; return False once asyncio has something to do."""
         loop, run_priority_readers = self.loop, self.loop.run_priority_readers
         self._stops_polling, self.is_polling_outside_loop = False, True
         asyncio._set_running_loop(loop)
@@ -460,7 +460,7 @@ class SharedLoop:
         with self._changed:
             if self.closed_reason:
                 return
-            self.closed_reason = "this driver is closed"
+            self.closed_reason = "this LoopRunner is closed"
         self.wake()
         if current_loop() is self.loop:
             return
@@ -474,7 +474,9 @@ class SharedLoop:
         if current_loop() is None:
             end_tasks(self.loop)
         else:
-            ending = threading.Thread(target=end_tasks, args=(self.loop,), name="rosidl-py-gen driver", daemon=True)
+            ending = threading.Thread(
+                target=end_tasks, args=(self.loop,), name="rosidl-py-gen loop runner", daemon=True
+            )
             ending.start()
             ending.join()
         self.loop.close()

@@ -1,7 +1,7 @@
-"""Ends of many things under way, with one timer of the loop for all of them.
+"""Timeouts of many operations, with one timer of the loop.
 
-Most of what has a time limit is over long before it. Decides that the timer stays then, and looks what is next when it
-fires: making and cancelling a timer for each call would be a tenth of what a call costs.
+Most operations end long before their timeout. So `remove` does not touch the timer, which finds the next timeout when
+it fires: a timer for each operation would be a tenth of the cost of a service call.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 _COALESCE_S = 0.001
-"""Between two looks: many that end one shortly after the other cost no more than that."""
+"""Minimum time between two checks, so that many timeouts in sequence share one."""
 
 
 class TimeoutTable:
-    """Calls `expire` with the number of what did not end in time, on the loop."""
+    """Calls `expire` on the loop with the number of each operation whose timeout is over."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, expire: Callable[[int], None]) -> None:
         self.loop = loop
@@ -25,29 +25,29 @@ class TimeoutTable:
         self._ends_s: dict[int, float] = {}
         self._timer: asyncio.TimerHandle | None = None
 
-    def add(self, number: int, left_s: float) -> None:
-        """Something that has that many seconds."""
-        end_s = self._ends_s[number] = self.loop.time() + left_s
+    def add(self, number: int, timeout_s: float) -> None:
+        """Add an operation with a timeout in seconds."""
+        end_s = self._ends_s[number] = self.loop.time() + timeout_s
         if self._timer is None or end_s < self._timer.when():
-            self._look_at(end_s)
+            self._schedule_check(end_s)
 
     def remove(self, number: int) -> None:
-        """Forget what is over; one that is not known has no effect."""
+        """Remove an operation; without effect for an unknown number."""
         self._ends_s.pop(number, None)
 
-    def _look_at(self, time_s: float) -> None:
+    def _schedule_check(self, time_s: float) -> None:
         if self._timer is not None:
             self._timer.cancel()
-        self._timer = self.loop.call_at(time_s, self._look)
+        self._timer = self.loop.call_at(time_s, self._check)
 
-    def _look(self) -> None:
+    def _check(self) -> None:
         self._timer = None
         now_s = self.loop.time()
-        # In their order, also when the loop was held up and several are due.
+        # In the order of their timeouts, if the loop was blocked and several are due.
         for _, number in sorted(
             (end_s, number) for number, end_s in self._ends_s.items() if end_s <= now_s + _COALESCE_S
         ):
-            if self._ends_s.pop(number, None) is not None:  # another one that expired may have removed it
+            if self._ends_s.pop(number, None) is not None:  # `expire` may have removed it
                 self._expire(number)
         if self._ends_s:
-            self._look_at(max(min(self._ends_s.values()), now_s + _COALESCE_S))
+            self._schedule_check(max(min(self._ends_s.values()), now_s + _COALESCE_S))

@@ -1,13 +1,10 @@
-"""Functions that users hand in, and what may come of calling them.
+"""Calls of callbacks, which may be plain functions, async functions, or plain functions that return a coroutine.
 
-A function may be plain, async, or plain and answer a coroutine, as a lambda around an async function does. Decides that
-the first is called at once and the others run in a task; that an exception is reported to the owner, once, and goes
-nowhere else by itself (`failures.py` decides what becomes of it); and which cancellation is which: one of the task
-itself ends it, one that comes out of something the function awaited is a failure like any other.
+Plain functions are called at once, coroutines run in a task. Exceptions are reported to the owner, once, and not
+raised. A cancellation of the task itself ends it; a CancelledError of an awaited object is a failure.
 
-Decides in which `contextvars` context a call runs: in a copy, of its own, of the one in which the function was handed
-in, as `loop.add_reader` does. Where the call comes from (a publisher in the same process, a timer that was reset in its
-callback, the goal that ended before) makes no difference then.
+Each call runs in a copy of the `contextvars` context in which the callback was passed, as with `loop.add_reader`, so it
+does not depend on the code that causes the call.
 """
 
 from __future__ import annotations
@@ -25,85 +22,86 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_ENDS = (KeyboardInterrupt, SystemExit, GeneratorExit)
-"""What a function raises to end the program or itself, and is no failure."""
+_EXIT_EXCEPTIONS = (KeyboardInterrupt, SystemExit, GeneratorExit)
+"""Exceptions that end the program or the coroutine, and are not failures."""
 
 
 class Owner(Protocol):
-    """On whose behalf a function is called: the scope of a node."""
+    """Owner of a callback: the scope of a node. `closed`: its tasks are being cancelled."""
 
     closed: bool
-    """Its tasks are being cancelled."""
 
     def create_task(self, coroutine: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
         """Run a coroutine as a task that ends with the owner."""
 
-    def report_failure(self, doing: str) -> None:
-        """Log the exception being handled; see `failures.py` for what else it may do."""
+    def report_failure(self, activity: str) -> None:
+        """Report the exception being handled; see `callback_failures.py`."""
 
 
-def ignore(answer: object) -> None:
-    """What most callbacks answer means nothing."""
+def ignore(value: object) -> None:
+    """Ignore the value that a callback returned."""
 
 
 class UserCallback:
-    """One function of the user; `what` names it in logs: "the callback of /chatter"."""
+    """Callback of the user; `subject` is its name in logs, such as "the callback of /chatter"."""
 
-    __slots__ = ("_closed", "_context", "_function", "_owner", "is_async", "what")
+    __slots__ = ("_closed", "_context", "_function", "_owner", "is_async", "subject")
 
-    def __init__(self, owner: Owner, function: Callable[..., Any], what: str) -> None:
+    def __init__(self, owner: Owner, function: Callable[..., Any], subject: str) -> None:
         self._owner = owner
         self._closed = False
         self._context = copy_context()
         self._function = function
-        self.what = what
+        self.subject = subject
         self.is_async = is_async(function)
 
     def call(self, *arguments: object, on_result: Callable[[Any], object] = ignore) -> asyncio.Task[Any] | None:
-        """Call it, on the loop's thread; `on_result` gets what it answers, and may fail like the function itself.
+        """Call the callback, then `on_result` with its value, whose exceptions are reported, too. Thread: loop.
 
         Returns:
-            None when all is done, otherwise the task that goes on with it.
+            The task that continues the call; None if it is complete.
         """
         context = self._context.copy()
         if self.is_async:
             return context.run(self._start, lambda: self._function(*arguments), on_result)
         try:
-            answer = context.run(self._function, *arguments)
-            if not isinstance(answer, CoroutineType):
+            value = context.run(self._function, *arguments)
+            if not isinstance(value, CoroutineType):
                 if on_result is not ignore:
-                    context.run(on_result, answer)
+                    context.run(on_result, value)
                 return None
-        except _ENDS:
+        except _EXIT_EXCEPTIONS:
             raise
-        except BaseException:  # CancelledError of a future that was cancelled; those of pytest.fail and the like
-            context.run(self._owner.report_failure, self.what)
+        except (
+            BaseException
+        ):  # includes CancelledError of a cancelled future, and exceptions such as that of pytest.fail
+            context.run(self._owner.report_failure, self.subject)
             return None
-        task = context.run(self._start, lambda: answer, on_result)
-        task.add_done_callback(lambda _: answer.close())  # one that was cancelled has not begun it
+        task = context.run(self._start, lambda: value, on_result)
+        task.add_done_callback(lambda _: value.close())  # a cancelled task may not have started it
         return task
 
-    def _start(self, before_select: Callable[[], Any], then: Callable[[Any], object]) -> asyncio.Task[None]:
-        return self._owner.create_task(self._finish(before_select, then))
+    def _start(self, function: Callable[[], Any], on_result: Callable[[Any], object]) -> asyncio.Task[None]:
+        return self._owner.create_task(self._finish(function, on_result))
 
     async def run(self, *arguments: object) -> None:
-        """Call it inside a task of `Owner.start` that goes on with the next call: cheaper than a task for each."""
+        """Call the callback inside a task of `Owner.create_task`: cheaper than a task for each call."""
         await in_context(self._context.copy(), self._finish(lambda: self._function(*arguments), ignore))
 
-    async def _finish(self, before_select: Callable[[], Any], then: Callable[[Any], object]) -> None:
-        # Begun in here, so that a task that is cancelled before leaves no coroutine behind.
+    async def _finish(self, function: Callable[[], Any], on_result: Callable[[Any], object]) -> None:
+        # Called here, so that a task that is cancelled before its start leaves no coroutine.
         try:
-            answer = before_select()
-            then(await answer if inspect.isawaitable(answer) else answer)
+            value = function()
+            on_result(await value if inspect.isawaitable(value) else value)
         except asyncio.CancelledError:
             if self._closed or self._owner.closed or is_own_cancel():
                 raise
-            self._owner.report_failure(self.what)
-        except _ENDS:
+            self._owner.report_failure(self.subject)
+        except _EXIT_EXCEPTIONS:
             raise
         except BaseException:
-            self._owner.report_failure(self.what)
+            self._owner.report_failure(self.subject)
 
     def close(self) -> None:
-        """Note that the endpoint is closed: when what the function awaits is cancelled then, that is no failure."""
+        """Record that the entity is closed, after which a CancelledError is not a failure."""
         self._closed = True

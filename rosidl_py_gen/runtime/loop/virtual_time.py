@@ -1,10 +1,8 @@
-"""An event loop for tests, on which waiting takes no time.
+"""Event loop for tests, on which waiting takes no time.
 
-Decides when time passes: while something is ready to run it stands still; when nothing is, it is at once the time of
-the next timer. While another thread is under way, which may have something to say, the loop waits as any other, and
-time passes as on the wall. When nothing can ever happen any more, the test fails instead of hanging.
-
-Not for nodes on DDS or Zenoh, nor for processes or sockets: what comes from outside takes real time.
+Time stands still while a callback is ready, and then jumps to the next timer. While other threads are active, the loop
+waits in real time. If no event is possible any more, the test fails instead of blocking forever. Not for DDS, Zenoh,
+processes or sockets, whose events need real time.
 """
 
 from __future__ import annotations
@@ -25,19 +23,19 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_LOOK_S = 0.05
-"""How long to wait for other threads before looking whether there still are any."""
+_THREAD_CHECK_INTERVAL_S = 0.05
+"""Interval of checks whether other threads are still active."""
 
 
 class VirtualTimeDeadlockError(RosidlError):
-    """A test waits for something that cannot happen any more."""
+    """Raised if a test waits for an event that cannot happen."""
 
 
 class VirtualTimeLoop(asyncio.SelectorEventLoop):
-    """An event loop whose time passes only by waiting. `clocks` go as it does; give them to a `MemoryTransport`.
+    """Event loop whose time passes only by waiting; `clocks` follow it, for a `MemoryTransport`.
 
     Args:
-        limit_s: real seconds that `run` may take, so that a test that never ends fails, too.
+        limit_s: maximum real time of `run`, in seconds.
     """
 
     def __init__(self, limit_s: float = 60.0) -> None:
@@ -53,14 +51,14 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         )
 
     def time(self) -> float:
-        """Seconds since the loop was made."""
+        """Return the seconds since the loop was created."""
         return self._now_s
 
     def run(self, main: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine as `asyncio.run` does, on this loop, which is closed then.
+        """Run a coroutine as `asyncio.run` does, and close the loop.
 
         Raises:
-            VirtualTimeDeadlockError: `main` waits for what cannot happen, or has not ended after `limit_s`.
+            VirtualTimeDeadlockError: `main` waits for an event that cannot happen, or has not ended after `limit_s`.
         """
         self._end_s = time.monotonic() + self._limit_s
         asyncio.set_event_loop(self)
@@ -77,39 +75,40 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
                 self.close()
 
     def run_in_executor(self, executor: Any, func: Callable[..., Any], *args: Any) -> asyncio.Future[Any]:  # type: ignore[override]
-        """Run a function in a thread; time passes as on the wall until it is done."""
+        """Run a function in a thread, during which time is real time."""
         job = super().run_in_executor(executor, func, *args)
         self._jobs += 1
-        job.add_done_callback(self._done)
+
+        def on_done(_: asyncio.Future[Any]) -> None:
+            self._jobs -= 1
+
+        job.add_done_callback(on_done)
         return job
 
-    def _done(self, job: asyncio.Future[Any]) -> None:
-        self._jobs -= 1
-
     def other_threads_active(self) -> bool:
-        """Whether a thread that began after this loop may have something to say; those of asyncio's pool rest."""
-        here = threading.current_thread()
+        """Return True if a job runs, or a thread that started after this loop and is not of asyncio's pool."""
+        current = threading.current_thread()
         return self._jobs > 0 or any(
-            thread is not here and not thread.name.startswith("asyncio_")
+            thread is not current and not thread.name.startswith("asyncio_")
             for thread in threading.enumerate()
             if thread not in self._others
         )
 
     def advance_s(self, seconds: float | None, *, waited: bool = False) -> None:
-        """Let time pass; raises `VirtualTimeDeadlockError` when there is nothing to wait for."""
+        """Advance the time; raises `VirtualTimeDeadlockError` if there is no timer."""
         if time.monotonic() > self._end_s:
             self._end_s = float("inf")
-            raise VirtualTimeDeadlockError(f"not over after {self._limit_s} s{self._shown_tasks()}")
+            raise VirtualTimeDeadlockError(f"not over after {self._limit_s} s{self._tasks_text()}")
         if seconds is None and not waited:
-            raise VirtualTimeDeadlockError(f"nothing will ever wake this test{self._shown_tasks()}")
+            raise VirtualTimeDeadlockError(f"nothing will ever wake this test{self._tasks_text()}")
         self._now_s += seconds or 0.0
 
-    def _shown_tasks(self) -> str:
+    def _tasks_text(self) -> str:
         return "".join(f"\n  pending: {task!r:.500}" for task in asyncio.all_tasks(self))
 
 
 class _ConditionSelector(selectors.DefaultSelector):
-    """Waits only for other threads; otherwise lets the loop's time pass."""
+    """Selector that waits only for other threads, and else advances the loop's time."""
 
     def __init__(self, loop: VirtualTimeLoop) -> None:
         super().__init__()
@@ -118,14 +117,14 @@ class _ConditionSelector(selectors.DefaultSelector):
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         if timeout is not None and timeout <= 0:
             return super().select(0)
-        others_work = self._loop.other_threads_active()  # asked first: what a thread says before it ends is heard below
-        found = super().select(0)
-        if found:
-            return found
-        if not others_work:
+        threads_active = self._loop.other_threads_active()  # before select, which sees the last event of a thread
+        events = super().select(0)
+        if events:
+            return events
+        if not threads_active:
             self._loop.advance_s(timeout)
             return []
-        began_s = time.monotonic()
-        found = super().select(_LOOK_S if timeout is None else min(timeout, _LOOK_S))
-        self._loop.advance_s(time.monotonic() - began_s, waited=True)
-        return found
+        start_s = time.monotonic()
+        events = super().select(_THREAD_CHECK_INTERVAL_S if timeout is None else min(timeout, _THREAD_CHECK_INTERVAL_S))
+        self._loop.advance_s(time.monotonic() - start_s, waited=True)
+        return events

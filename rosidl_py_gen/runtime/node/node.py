@@ -377,7 +377,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self.close()
         if error is None:
-            self._scope.failures.raise_kept()
+            self._scope.failures.raise_pending()
 
     async def __aenter__(self) -> Self:
         """Attach the running loop; raises `ClosedError`, or `WrongEventLoopError` if the context has another loop."""

@@ -70,7 +70,7 @@ async def test_the_first_messages_that_are_dropped_are_warned_about_once_and_all
     slow.go_on.set()
     await until(lambda: slow.begun == [0, 7, 8])
     [warning] = [record.getMessage() for record in caplog.records if "dropped" in record.getMessage()]
-    assert "/t" in warning and "one call at a time" in warning and "concurrency=" in warning and "2 can wait" in warning
+    assert "/t" in warning and "concurrency=1" in warning and "2 are waiting" in warning
 
 
 async def test_a_depth_of_one_wants_only_the_newest_and_what_keeps_up_says_nothing(

@@ -170,7 +170,7 @@ def test_the_first_context_chooses_the_file_and_the_last_one_closes_it(open_node
     (path,) = files(tmp_path)
     assert path.name.startswith("one_")
     first, *lines = [line.rpartition("]: ")[2] for line in path.read_text().splitlines()]
-    assert first.startswith("log switches and log file of this context are ignored and one log file")
+    assert first.startswith("log switches and log file of this context are ignored")
     assert lines == ["by a", "by b", "by c", "by d", "still open"]
     assert [handler for handler in get_root_logger().handlers if isinstance(handler, LogFile)] == []
     open_node("e", "--log-file-name", "two").logger.warning("by e")

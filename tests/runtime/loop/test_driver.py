@@ -266,7 +266,7 @@ def test_a_wait_inside_the_loop_is_refused(driver: LoopRunner, node: Node) -> No
     node.create_publisher(String, "t").publish(String())
     driver.wait(lambda: refused, timeout_s=10)
     assert len(refused) == 2
-    assert "from inside its own event loop" in refused[0]
+    assert "inside the runner's own event loop" in refused[0]
 
 
 def test_a_callback_that_fails_ends_the_wait_where_that_is_asked_for(driver: LoopRunner) -> None:
@@ -391,11 +391,11 @@ def test_no_other_loop_takes_the_context(driver: LoopRunner, node: Node) -> None
 
     async def main() -> None:
         publisher.publish(String(data="a"))  # attaches no loop
-        with pytest.raises(WrongEventLoopError, match="this context has a Driver"):
+        with pytest.raises(WrongEventLoopError, match="this context has a LoopRunner"):
             await node.create_subscription(String, "silent").receive()
         with pytest.raises(WrongEventLoopError):
             await node.create_timer(1.0).tick()
-        with pytest.raises(WrongEventLoopError, match=r"driver\.run\(main\(\)\)"):
+        with pytest.raises(WrongEventLoopError, match=r"run\(main\(\)\)"):
             async with node:
                 pass
 
@@ -520,7 +520,7 @@ def test_an_interrupt_while_the_thread_of_a_wait_begins_ends_it(
 
     asyncio.run(main())
     assert not is_driven(driver)
-    assert [one.name for one in threading.enumerate() if one.name.startswith("rosidl-py-gen driver")] == []
+    assert [one.name for one in threading.enumerate() if one.name.startswith("rosidl-py-gen loop runner")] == []
 
 
 @pytest.mark.every_transport
@@ -561,7 +561,7 @@ def test_closing_ends_all_waits(node: Node, driver: LoopRunner) -> None:
     driver.close()
     for thread, outcomes in waits:
         thread.join(10)
-        assert [str(outcome) for outcome in outcomes] == ["this driver is closed"]
+        assert [str(outcome) for outcome in outcomes] == ["this LoopRunner is closed"]
     assert task.cancelled()
     assert driver.is_closed
     assert driver.loop.is_closed()
@@ -573,7 +573,7 @@ def test_closing_ends_all_waits(node: Node, driver: LoopRunner) -> None:
         lambda: driver.run(asyncio.sleep(0)),
         lambda: Context(transport=MemoryTransport(), args=["test"], loop_runner=driver),
     ):
-        with pytest.raises(ClosedError, match="this driver is closed"):
+        with pytest.raises(ClosedError, match="this LoopRunner is closed"):
             use()
 
 
@@ -605,7 +605,7 @@ def test_a_forked_child_cannot_use_it(driver: LoopRunner) -> None:
         try:
             driver.wait(timeout_s=0)
         except ClosedError as error:
-            os._exit(7 if "before this process was forked" in str(error) else 8)
+            os._exit(7 if "before the process was forked" in str(error) else 8)
         os._exit(9)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
     assert driver.wait(lambda: "", timeout_s=0) == ""

@@ -57,7 +57,7 @@ def test_what_waits_is_sent_in_order_by_the_loop() -> None:
         line.is_full = False
         outbox.send(line.write(4))  # goes behind the others, although there would be room
         await asyncio.sleep(0.02)
-        assert line.sent == [1, 2, 3, 4] and reports == ["sending what had to wait"] and outbox.dropped == 1
+        assert line.sent == [1, 2, 3, 4] and reports == ["sending a delayed sample"] and outbox.dropped == 1
 
     VirtualTimeLoop().run(main())
 
