@@ -50,6 +50,10 @@ class GoalStatus(IntEnum):
         return self in (GoalStatus.ACCEPTED, GoalStatus.EXECUTING)
 
 
+STATUSES = {int(status): status for status in GoalStatus}
+"""`GoalStatus` for each number."""
+
+
 class GoalEvent(Enum):
     """Event that changes the status of a goal."""
 
@@ -94,6 +98,30 @@ class ActionError(RosidlError):
 
 class UnknownGoalError(ActionError, LookupError):
     """Raised for a goal that the server does not know, or whose result has expired."""
+
+
+class GoalRejectedError(ActionError):
+    """Raised if the server rejects a goal."""
+
+
+class ActionTimeoutError(ActionError, TimeoutError):
+    """Raised if the server does not reply in time; the goal may continue."""
+
+
+class ActionServerLostError(ActionError):
+    """Raised if the server disappears before it replies, or before it sends the result."""
+
+
+class CancelError(ActionError):
+    """Raised if a cancel request fails."""
+
+
+class CancelRejectedError(CancelError):
+    """Raised if the server refuses to cancel."""
+
+
+class AlreadyTerminatedError(CancelError):
+    """Raised if the goal has ended, or is being cancelled already."""
 
 
 def next_goal_status(status: GoalStatus, event: GoalEvent) -> GoalStatus:
