@@ -57,17 +57,16 @@ class MemoryTransport:
 
     def __init__(self, clocks: ClockFunctions = SYSTEM_CLOCKS) -> None:
         self.clocks = clocks
-        self._lock = threading.RLock()
+        self.lock = threading.RLock()
+        self.counter = itertools.count(1)
         self._number = next(_TRANSPORT_NUMBERS)
-        self._counter = itertools.count(1)
         self._domains: dict[int, list[MemoryParticipant]] = {}
 
     def open(self, settings: DomainSettings, enclave: str = "/") -> MemoryParticipant:
-        with self._lock:
-            number = next(self._counter)
-            prefix = _VENDOR + bytes(2) + self._number.to_bytes(4, "big") + number.to_bytes(4, "big")
+        with self.lock:
+            prefix = _VENDOR + bytes(2) + self._number.to_bytes(4, "big") + next(self.counter).to_bytes(4, "big")
             peers = self._domains.setdefault(settings.domain_id, [])
-            participant = MemoryParticipant(self._lock, peers, prefix, enclave, self._counter, self.clocks)
+            participant = MemoryParticipant(self, peers, prefix, enclave)
             peers.append(participant)
             for peer in peers:
                 peer.report(ParticipantDiscovered(participant.guid, enclave))
@@ -82,22 +81,14 @@ class MemoryParticipant:
     capabilities: Mapping[str, str] = MappingProxyType({})
     services_unavailable_reason: str | None = None
 
-    def __init__(
-        self,
-        lock: threading.RLock,
-        peers: list[MemoryParticipant],
-        prefix: bytes,
-        enclave: str,
-        counter: itertools.count[int],
-        clocks: ClockFunctions,
-    ) -> None:
-        self.time_ns = clocks.system_ns
-        self.lock = lock
+    def __init__(self, transport: MemoryTransport, peers: list[MemoryParticipant], prefix: bytes, enclave: str) -> None:
+        self.time_ns = transport.clocks.system_ns
+        self.lock = transport.lock
         self.peers = peers
         self.prefix = prefix
         self.guid = prefix + b"\x00\x00\x01\xc1"
         self.enclave = enclave
-        self.counter = counter
+        self.counter = transport.counter
         self.writers: list[MemoryWriter] = []
         self.readers: list[MemoryReader] = []
         self.service_peers = ServicePeers()
@@ -107,8 +98,6 @@ class MemoryParticipant:
         self._ready: dict[Sink, None] = {}
         self._events: list[DiscoveryEvent] = []
         self._discovery_sink: Callable[[list[DiscoveryEvent]], None] | None = None
-
-    # ------------------------------------------------------------------------------------------------ endpoints
 
     def create_writer(self, spec: EndpointSpec) -> MemoryWriter:
         return self.make_writer(spec.channel, spec.type, spec.type_hash, qos=spec.qos)
@@ -176,8 +165,6 @@ class MemoryParticipant:
             raise ClosedError("this participant is closed")
         return self.prefix + next(self.counter).to_bytes(3, "big") + kind
 
-    # ------------------------------------------------------------------------------------------------ discovery
-
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
         with self.lock:
             self._discovery_sink = sink
@@ -226,8 +213,6 @@ class MemoryParticipant:
             else:
                 self.readers.remove(endpoint)
             self._report_to_all(EntityLost(endpoint.guid))
-
-    # -------------------------------------------------------------------------------------------------- waiting
 
     def set_wakeup(self, notify: Callable[[], None] | None) -> None:
         self._notify = notify

@@ -110,9 +110,6 @@ def _duration_ns(subject: str, seconds: float) -> int:
     return round(seconds * NS_PER_S)
 
 
-# ----------------------------------------------------------------------------------------------------------- profile
-
-
 @dataclass(frozen=True, slots=True)
 class QoSProfile:
     """Quality of service of an endpoint; every builder method returns a changed copy.
@@ -202,9 +199,6 @@ class QoSProfile:
     def _with_liveliness(self, kind: Liveliness, lease_s: float | None) -> QoSProfile:
         lease_ns = self.liveliness_lease_ns if lease_s is None else _duration_ns("liveliness lease", lease_s)
         return replace(self, liveliness=kind, liveliness_lease_ns=lease_ns)
-
-
-# ----------------------------------------------------------------------------------------------------------- presets
 
 
 DEFAULT = QoSProfile()

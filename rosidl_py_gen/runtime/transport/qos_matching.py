@@ -186,9 +186,6 @@ def find_preset(qos: QoSProfile, *, publisher: bool, peers: Sequence[QoSProfile]
     return ""
 
 
-# ---------------------------------------------------------------------------------------------------- best available
-
-
 def resolve_best_available(profile: QoSProfile, *, publisher: bool, peers: Sequence[QoSProfile]) -> QoSProfile:
     """Replace BEST_AVAILABLE policies of a new endpoint by values that match its discovered peers.
 

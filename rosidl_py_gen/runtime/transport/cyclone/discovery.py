@@ -133,8 +133,6 @@ class BuiltinTopicReaders:
             if is_new:
                 self._greet(guid, self._addresses[prefix])
 
-    # ---------------------------------------------------------------------------------------------------- events
-
     def report(self) -> None:
         """Pass all new events to the sink."""
         with self._lock:
@@ -204,8 +202,6 @@ class BuiltinTopicReaders:
     def close(self) -> None:
         """Forget the readers, which were deleted with the participant."""
         self._fast_dds.forget_reader(self._readers[DCPS_PARTICIPANT])
-
-    # --------------------------------------------------------------------------------------------------- handles
 
     def fast_dds_addresses(self, endpoint: bytes) -> str | None:
         """Return the addresses of an endpoint's participant; None if it is not a known Fast DDS participant."""

@@ -87,9 +87,6 @@ class _CycloneEndpoint:
         return self._api.counts(self.entity, *self._statuses[event])
 
 
-# -------------------------------------------------------------------------------------------------------------- writer
-
-
 class CycloneWriter(_CycloneEndpoint):
     """Writer of the DDS transport."""
 
@@ -193,9 +190,6 @@ class CycloneWriter(_CycloneEndpoint):
         if entity:
             self._api.delete(entity)
             self._owner.release_topic(self.topic, self.type)
-
-
-# -------------------------------------------------------------------------------------------------------------- reader
 
 
 class TakeBuffers:

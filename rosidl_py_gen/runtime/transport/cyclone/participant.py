@@ -66,11 +66,13 @@ class CycloneTransport:
 
     def open(self, settings: DomainSettings, enclave: str = "/") -> CycloneParticipant:
         """Join the domain; all participants of a process must configure it alike (`domain.py`)."""
+        # With shared memory a payload may be stored outside of the sample. Newer versions disable it by QoS.
+        no_shared_memory = "<SharedMemory><Enable>false</Enable></SharedMemory>"
         xml = cyclone_xml(
             settings,
             process_id=os.getpid(),
             extra=DEFAULT_CONFIG,
-            last=_no_shared_memory(),
+            last=no_shared_memory if _api.qset_psmx_instances is None else "",
             unsupported=_library.unsupported_elements,
         )
         is_local = settings.discovery_range in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF)
@@ -126,8 +128,6 @@ class CycloneParticipant(DdsParticipant):
     def capabilities(self) -> dict[str, str]:
         _ = self.fast_dds.slots  # probes whether services are available
         return self.fast_dds.capabilities()
-
-    # ------------------------------------------------------------------------------------------------ endpoints
 
     def make_writer(self, endpoint: DdsEndpoint) -> CycloneWriter:
         endpoint = replace(endpoint, qos=effective(endpoint.qos, is_writer=True))
@@ -185,8 +185,6 @@ class CycloneParticipant(DdsParticipant):
                     oldest = next(iter(self._idle_topics))
                     del self._idle_topics[oldest]
                     _api.delete(self._topics.pop(oldest)[0])
-
-    # ------------------------------------------------------------------------------------------------ reception
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
         forward = self.start_discovery_info(sink)
@@ -265,8 +263,3 @@ class CycloneParticipant(DdsParticipant):
         self.discovery.stop()
         self._undo.close()
         self.discovery.close()
-
-
-def _no_shared_memory() -> str:
-    # With shared memory a payload may be stored outside of the sample. Newer versions disable it by QoS.
-    return "" if _api.qset_psmx_instances is not None else "<SharedMemory><Enable>false</Enable></SharedMemory>"

@@ -50,9 +50,6 @@ _LARGE_BYTES = 1024
 """Size from which a memoryview is cheaper than another copy."""
 
 
-# -------------------------------------------------------------------------------------------------------------- bytes
-
-
 def uses_sample_identity(guid: bytes) -> bool:
     """Return True if a client or server with that endpoint uses sample identities, and not headers."""
     return guid.startswith(FAST_DDS_VENDOR)
@@ -106,9 +103,6 @@ def client_gid(client: ClientId, handle: int) -> bytes:
     if isinstance(client, bytes):
         return client
     return (client & _MASK).to_bytes(8, "little") + (handle & _MASK).to_bytes(8, "little")
-
-
-# ------------------------------------------------------------------------------------------------------------- client
 
 
 def find_servers(
@@ -234,9 +228,6 @@ class ClientCorrelation:
                 return None
             self._answered.on_reply(server)
         return number, strip_request_header(data, begin)
-
-
-# ------------------------------------------------------------------------------------------------------------- server
 
 
 def is_reply_reader_matched(

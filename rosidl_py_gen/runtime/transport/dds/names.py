@@ -25,9 +25,6 @@ _AFFIXES: Mapping[Literal["topic", "request", "reply"], tuple[str, str]] = {
 _PAIR = re.compile(rb"([A-Za-z0-9]+)=([^;]*);")
 
 
-# ------------------------------------------------------------------------------------------------------------- names
-
-
 def wire_name(channel: TopicKey) -> str:
     """Return the name in DDS: ``rt/chatter`` for topic ``/chatter``, ``rq/addRequest`` for requests of ``/add``."""
     if channel.kind == "unmangled":
@@ -42,9 +39,6 @@ def channel_of(dds_name: str) -> TopicKey:
         if dds_name.startswith(f"{prefix}/") and dds_name.endswith(suffix):
             return TopicKey(kind, dds_name[len(prefix) : len(dds_name) - len(suffix)])
     return TopicKey("unmangled", dds_name)
-
-
-# --------------------------------------------------------------------------------------------------------- user data
 
 
 def participant_user_data(enclave: str = "/") -> bytes:

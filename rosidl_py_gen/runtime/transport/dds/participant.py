@@ -73,8 +73,6 @@ class DdsParticipant:
         """Create a reader; raise `TransportError` if the middleware refuses."""
         raise NotImplementedError
 
-    # ------------------------------------------------------------------------------------------------- services
-
     def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> DdsClient:
         own_id = entity_id(self.guid, next(self._entity_numbers))
         request, reply = _request_and_reply_endpoints(service, qos)
@@ -97,8 +95,6 @@ class DdsParticipant:
         self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint
     ) -> IncompatibilityKind | None:
         return None if check_compatible(writer.qos, reader.qos).matches else IncompatibilityKind.QOS
-
-    # ---------------------------------------------------------------------------------------------------- nodes
 
     def announce(self, nodes: Mapping[int, NodeEntities]) -> None:
         if self._discovery_info is not None:

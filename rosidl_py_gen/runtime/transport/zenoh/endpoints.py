@@ -142,9 +142,9 @@ def declare_subscriber(
 class ZenohWriter:
     """Writer of the Zenoh transport."""
 
-    def __init__(self, owner: ZenohParticipant, info: DiscoveredEndpoint, key: str) -> None:
+    def __init__(self, owner: ZenohParticipant, infos: tuple[DiscoveredEndpoint, ...], key: str) -> None:
         self._owner = owner
-        self.info = info
+        self.info = info = infos[0]
         self.guid = info.guid
         self.handle = int.from_bytes(info.guid, "little")
         self._numbers = itertools.count(1)
@@ -195,16 +195,16 @@ class ZenohReader:
     def __init__(
         self,
         owner: ZenohParticipant,
-        info: DiscoveredEndpoint,
+        infos: tuple[DiscoveredEndpoint, ...],
         key: str,
         *,
         ignore_local: bool = False,
         has_buffer: bool = False,
     ) -> None:
         self._owner = owner
-        self.info = info
-        self.guid = info.guid
-        self.queue = ReceiveQueue(info.qos)
+        self.info = infos[0]
+        self.guid = self.info.guid
+        self.queue = ReceiveQueue(self.info.qos)
         self._ignore_local = ignore_local
         self._sink: Sink | None = None
         self._gaps: SequenceGaps | None = None

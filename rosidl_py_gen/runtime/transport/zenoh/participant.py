@@ -108,43 +108,35 @@ class ZenohParticipant:
             tokens_of(domain_id), zenoh_handler(self._on_token), history=True
         )
 
-    # ------------------------------------------------------------------------------------------------ endpoints
-
     def create_writer(self, spec: EndpointSpec) -> ZenohWriter:
-        described = self._describe_topic(EntityKind.PUBLISHER, spec)
-        return self._register_endpoint(described, lambda: ZenohWriter(self, described.infos[0], described.key))
+        return self._create(ZenohWriter, self._describe_topic(EntityKind.PUBLISHER, spec))
 
     def create_reader(self, spec: EndpointSpec) -> ZenohReader:
         is_volatile = spec.qos.durability is not Durability.TRANSIENT_LOCAL
         has_buffer = spec.has_buffer and is_volatile and not self._is_humble
-        described = self._describe_topic(EntityKind.SUBSCRIPTION, spec, CPU_BACKEND if has_buffer else "")
-        options = {"ignore_local": spec.ignore_local, "has_buffer": has_buffer}
-        return self._register_endpoint(
-            described, lambda: ZenohReader(self, described.infos[0], described.key, **options)
-        )
+        description = self._describe_topic(EntityKind.SUBSCRIPTION, spec, CPU_BACKEND if has_buffer else "")
+        return self._create(ZenohReader, description, ignore_local=spec.ignore_local, has_buffer=has_buffer)
 
     def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> ZenohClient:
-        described = self._describe_service(EntityKind.CLIENT, service, qos, node)
-        return self._register_endpoint(described, lambda: ZenohClient(self, described.infos, described.key))
+        return self._create(ZenohClient, self._describe_service(EntityKind.CLIENT, service, qos, node))
 
     def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> ZenohServer:
-        described = self._describe_service(EntityKind.SERVER, service, qos, node)
-        return self._register_endpoint(described, lambda: ZenohServer(self, described.infos, described.key))
+        return self._create(ZenohServer, self._describe_service(EntityKind.SERVER, service, qos, node))
 
     def _describe_topic(self, kind: EntityKind, spec: EndpointSpec, backends: str = "") -> _Description:
         name = f"/{spec.name.removeprefix('/')}"  # Zenoh has no prefixes: an unmangled name is that of a topic
         return self._describe(kind, name, spec.type, spec.type_hash, spec.qos, spec.node, backends)
 
     def _describe_service(self, kind: EntityKind, service: ServiceSpec, qos: QoSProfile, node: int) -> _Description:
-        described = self._describe(kind, service.name, service.type, service.type_hash, qos, node)
+        description = self._describe(kind, service.name, service.type, service.type_hash, qos, node)
         # Only our own graph knows the hashes of the messages; tokens do not contain them.
         hashes = [service.request_hash, service.response_hash]
         if kind is EntityKind.CLIENT:
             hashes.reverse()
         infos = tuple(
-            replace(info, type_hash=type_hash) for info, type_hash in zip(described.infos, hashes, strict=True)
+            replace(info, type_hash=type_hash) for info, type_hash in zip(description.infos, hashes, strict=True)
         )
-        return described._replace(infos=infos)
+        return description._replace(infos=infos)
 
     def _describe(
         self, kind: EntityKind, name: str, type: str, type_hash: str, qos: QoSProfile, node: int, backends: str = ""
@@ -162,19 +154,19 @@ class ZenohParticipant:
         key = data_key(self._domain_id, name, type, type_hash)
         return _Description(key, text if owner else "", endpoints_of(token, gid_of(text)))
 
-    def _register_endpoint(self, described: _Description, create: Callable[[], _EndpointT]) -> _EndpointT:
+    def _create(self, kind: type[_EndpointT], description: _Description, **options: bool) -> _EndpointT:
         """Create an endpoint, then announce it."""
+        key, text, infos = description
         endpoint = None
         try:
-            endpoint = create()
-            token = self._liveliness.declare_token(described.token) if described.token else None
+            endpoint = kind(self, infos, key, **options)
+            token = self._liveliness.declare_token(text) if text else None
         except zenoh.ZError as error:
             if endpoint is not None:
                 endpoint.close()
-            name = described.infos[0].channel.name
-            raise TransportError(f"create an endpoint of {name} at {described.key}: {error}") from None
-        self._local_endpoints[endpoint.guid] = _LocalEndpoint(endpoint, token, described.infos)
-        self.graph.add_own(described.infos)
+            raise TransportError(f"create an endpoint of {infos[0].channel.name} at {key}: {error}") from None
+        self._local_endpoints[endpoint.guid] = _LocalEndpoint(endpoint, token, infos)
+        self.graph.add_own(infos)
         self.ready_sinks.put(self.report_discovery)
         return endpoint
 
@@ -192,8 +184,6 @@ class ZenohParticipant:
     ) -> IncompatibilityKind | None:
         return incompatibility(writer, reader)
 
-    # ---------------------------------------------------------------------------------------------------- nodes
-
     def announce(self, nodes: Mapping[int, NodeEntities]) -> None:
         for number in self._nodes.keys() - nodes.keys():
             del self._nodes[number]
@@ -203,8 +193,6 @@ class ZenohParticipant:
                 token = NodeToken(self._domain_id, self._zid, next(self._ids), node.name, node.namespace, self._enclave)
                 self._nodes[number] = token
                 self._node_tokens[number] = self._liveliness.declare_token(str(token))
-
-    # ------------------------------------------------------------------------------------------------ discovery
 
     def _on_token(self, sample: Any) -> None:
         """Called by Zenoh with each token that appears or disappears; must not block or log."""
@@ -227,8 +215,6 @@ class ZenohParticipant:
         if events:
             sink(events)
 
-    # -------------------------------------------------------------------------------------------------- waiting
-
     def set_wakeup(self, notify: Callable[[], None] | None) -> None:
         self.ready_sinks.set_wakeup(notify)
 
@@ -237,8 +223,6 @@ class ZenohParticipant:
 
     def take_ready_sinks(self) -> list[Sink]:
         return self.ready_sinks.take()
-
-    # -------------------------------------------------------------------------------------------------- closing
 
     def detach_after_fork(self) -> None:
         self._closed = True

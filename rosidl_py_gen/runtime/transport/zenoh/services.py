@@ -57,7 +57,7 @@ class _ZenohServiceEndpoint(ZenohReader):
         self.endpoints = reader.guid, writer.guid
         self._writer_info = writer
         self._key = key
-        super().__init__(owner, reader, key)
+        super().__init__(owner, infos, key)
 
     def take(self) -> Any:
         items = self.queue.items
@@ -68,9 +68,6 @@ class _ZenohServiceEndpoint(ZenohReader):
 
     def all_acknowledged(self) -> bool:
         return True
-
-
-# -------------------------------------------------------------------------------------------------------------- client
 
 
 class ZenohClient(_ZenohServiceEndpoint):
@@ -98,8 +95,6 @@ class ZenohClient(_ZenohServiceEndpoint):
             consolidation=zenoh.ConsolidationMode.NONE,
         )
         return self._querier
-
-    # ---------------------------------------------------------------------------------------------------- requests
 
     def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
         if self._closed:
@@ -158,8 +153,6 @@ class ZenohClient(_ZenohServiceEndpoint):
     def on_query_end(self, number: int) -> None:
         """Forget a query that has ended. Called by Zenoh; must not block or log."""
         self._in_flight.pop(number, None)
-
-    # ----------------------------------------------------------------------------------------------------- servers
 
     def servers(self) -> ServerAvailability:
         self._refresh_servers()
@@ -246,9 +239,6 @@ class _InFlightQuery:
 def _printable(text: bytes) -> str:
     decoded = text[: 4 * _MAX_ERROR_CHARS].decode(errors="replace")[:_MAX_ERROR_CHARS]
     return "".join(char if char.isprintable() else " " for char in decoded)
-
-
-# -------------------------------------------------------------------------------------------------------------- server
 
 
 _RequestOrigin: TypeAlias = "tuple[bytes, int]"

@@ -110,8 +110,6 @@ class TokenGraph:
         """Record that a token appeared or disappeared, to be read later."""
         self._unread.append((exists, token))
 
-    # ------------------------------------------------------------------------------------------------------- changes
-
     def add_own(self, endpoints: Iterable[DiscoveredEndpoint]) -> None:
         """Add endpoints of the own session."""
         with self._lock:
@@ -208,8 +206,6 @@ class TokenGraph:
             for node in nodes.values()
         )
         self._events.append(NodesAnnounced(session.guid, entities))
-
-    # ----------------------------------------------------------------------------------------------------- queries
 
     def events(self) -> list[DiscoveryEvent]:
         """Return and clear the unreported events."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import select
-from collections import deque
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -117,26 +116,3 @@ def test_what_arrives_after_the_end_is_written_nowhere() -> None:
     finally:
         for end in (end for pipe in pipes for end in pipe):
             os.close(end)
-
-
-def test_what_arrives_while_another_way_to_tell_is_set_is_told() -> None:
-    ready, calls = ReadySinks(), []
-
-    class Changing(deque[Any]):
-        """Another thread adds a sink just after the length was read."""
-
-        def __len__(self) -> int:
-            length = super().__len__()
-            if not self.was_read:
-                self.was_read = True
-                ready.put(lambda: None)
-            return length
-
-        was_read = False
-
-    ready.put(lambda: None)
-    ready._ready.clear()  # by a loop that is gone
-    ready._ready = Changing()
-    ready.set_wakeup(lambda: calls.append(1))
-    assert calls and len(ready.take()) == 1
-    ready.close()

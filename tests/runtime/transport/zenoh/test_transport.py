@@ -63,7 +63,7 @@ def test_an_unknown_middleware_is_a_warning_and_an_unknown_transport_an_error(
 ) -> None:
     monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_desert")
     assert isinstance(resolve_transport(None), CycloneTransport)
-    assert "RMW_IMPLEMENTATION='rmw_desert' is not known" in caplog.text
+    assert "RMW_IMPLEMENTATION='rmw_desert' ignored: unknown" in caplog.text
     with pytest.raises(TypeError, match=r"transport must be 'dds', 'zenoh' or .* got 'zenho'"):
         Context(transport="zenho")
 

@@ -225,8 +225,6 @@ class FastDdsInterop:
         self._peers: set[tuple[int, bytes]] = set()
         """Fast DDS participants, each with the builtin reader that reported it."""
 
-    # ------------------------------------------------------------------------------------------- capabilities
-
     def capabilities(self) -> dict[str, str]:
         """Return each capability with ``"yes"`` or the reason why it is missing, as far as probed."""
         return {name: getattr(self, reason) or "yes" for reason, name, _ in _CAPABILITIES}
@@ -292,8 +290,6 @@ class FastDdsInterop:
         private_layout.replace_vtable_function(address, TYPE_FUNCTIONS, slots.derive_sertype, None)
         private_layout.set_vtable(address, SAMPLE_FUNCTIONS, samples.table)
 
-    # -------------------------------------------------------------------------------------------- participants
-
     def on_participants_pending(self, reader: int) -> None:
         """Activate the receive hook, because a builtin reader of participants has unread data. Called by Cyclone."""
         with self._lock:
@@ -325,8 +321,6 @@ class FastDdsInterop:
     def _enable_receive_hooks(self, is_enabled: bool) -> None:
         for samples in self._samples.values():
             samples.enable_receive_hook(is_enabled)
-
-    # -------------------------------------------------------------------------------------------------- sending
 
     def hooks_of(self, type_object: int) -> _SampleHooks | None:
         """Return the hooks of a sertype; None if it has none."""
