@@ -1,8 +1,8 @@
 """sensor_msgs_py, tf2_*_msgs, tf_transformations, cv_bridge and image_geometry return what the real ones return.
 
-``asked`` has programs, ``recorded`` their output under the real packages of Jazzy (cv_bridge: its Python code and the
-rules of its C++ code, with OpenCV 4.10; tf_transformations 1.1.1 with transforms3d 0.4.2), in an environment that has
-ros-jazzy-sensor-msgs: ``python asked/clouds.py > recorded/clouds.jsonl``. image_geometry 3.4.0 needs only its Python
+``programs`` is run here, ``recorded`` has its output under the real packages of Jazzy (cv_bridge: its Python code and
+the rules of its C++ code, with OpenCV 4.10; tf_transformations 1.1.1 with transforms3d 0.4.2), in an environment with
+ros-jazzy-sensor-msgs: ``python programs/clouds.py > recorded/clouds.jsonl``. image_geometry 3.4.0 needs only its Python
 files, OpenCV 4.10 and messages.
 """
 
@@ -27,7 +27,7 @@ def test_every_answer_is_that_of_the_real_package(name: str) -> None:
     if name == "cameras":
         python = environment("opencv", ["opencv-python-headless==4.10.0.84"])
         packages = str(next(python.parents[1].glob("[Ll]ib/**/site-packages")))
-    done = run(HERE / "asked" / f"{name}.py", PYTHONPATH=packages)
+    done = run(HERE / "programs" / f"{name}.py", PYTHONPATH=packages)
     assert done.returncode == 0, done.stderr
     found = done.stdout.splitlines()
     assert [(expected[at], found[at]) for at in unlike(expected, found)] == []

@@ -108,7 +108,7 @@ def _shared_peer(start_peer: Callable[..., Peer]) -> Peer:
 def shared_peer(_shared_peer: Peer) -> Iterator[Peer]:
     """Return a peer for many tests, which use names of their own; its entities are destroyed after the test."""
     yield _shared_peer
-    _shared_peer.tell("clear").result(ANSWER_S)
+    _shared_peer.start("clear").result(ANSWER_S)
 
 
 _SHORT_LEASE = """<?xml version="1.0" encoding="UTF-8" ?>

@@ -95,7 +95,7 @@ class Peer:
         else:
             future.set_exception(error)
 
-    def tell(self, do: str, **arguments: Any) -> Future[Any]:
+    def start(self, do: str, **arguments: Any) -> Future[Any]:
         """Send a command; the future has the result."""
         number = next(self._numbers)
         future = self._waiting[number] = Future()
@@ -104,9 +104,9 @@ class Peer:
         self._process.stdin.flush()
         return future
 
-    async def ask(self, do: str, *, within_s: float = ANSWER_S, **arguments: Any) -> Any:
+    async def do(self, do: str, *, within_s: float = ANSWER_S, **arguments: Any) -> Any:
         """Send a command and wait for the result; raise `PeerError` or TimeoutError."""
-        return await asyncio.wait_for(asyncio.wrap_future(self.tell(do, **arguments)), within_s)
+        return await asyncio.wait_for(asyncio.wrap_future(self.start(do, **arguments)), within_s)
 
     def kill(self) -> None:
         """Kill the process."""

@@ -6,8 +6,8 @@ import asyncio
 from typing import Any
 
 import pytest
+from peer_helpers import action, fresh, plain, random_values
 from rclpy_peer import Peer
-from rclpy_worlds import action, fresh, plain, random_values
 from support.node_fixtures import until
 
 from rosidl_py_gen import from_dict
@@ -23,7 +23,7 @@ DONE = {"sequence": [0, 1, 1, 2, 3]}
 async def client_of_theirs(dds: Any, peer: Peer, kind: str, how: str, **settings: Any) -> Any:
     """Create an action of the peer and our client of it."""
     name = fresh("action")
-    await peer.ask("action_server", name=name, type=kind, how=how, **settings)
+    await peer.do("action_server", name=name, type=kind, how=how, **settings)
     client = dds.node("tester").create_action_client(action(peer, kind), name)
     assert await client.wait_for_server(timeout_s=WAIT_S)
     return client
@@ -33,7 +33,7 @@ async def server_for_theirs(dds: Any, peer: Peer, kind: str, execute: Any, **set
     """Create our action and a client of the peer; return the name."""
     name = fresh("action")
     dds.node("tester").create_action_server(action(peer, kind), name, execute, **settings)
-    await peer.ask("action_client", name=name, type=kind)
+    await peer.do("action_client", name=name, type=kind)
     return name
 
 
@@ -61,12 +61,12 @@ async def test_a_goal_of_theirs_ends_as_our_server_says(
         assert goal.request == cls.Goal(order=5)
         for values in STEPS:
             goal.publish_feedback(from_dict(cls.Feedback, values))
-        assert await shared_peer.ask("feedback", key=name, count=len(STEPS)) == STEPS
+        assert await shared_peer.do("feedback", key=name, count=len(STEPS)) == STEPS
         return getattr(goal, how)(from_dict(cls.Result, DONE))
 
     name = await server_for_theirs(dds, shared_peer, FIBONACCI, execute)
-    assert await shared_peer.ask("send_goal", name=name, key=name, goal={"order": 5})
-    assert await shared_peer.ask("result", key=name) == {"status": status, "result": DONE}
+    assert await shared_peer.do("send_goal", name=name, key=name, goal={"order": 5})
+    assert await shared_peer.do("result", key=name) == {"status": status, "result": DONE}
 
 
 async def test_an_error_in_their_server_aborts_our_goal(dds: Any, shared_peer: Peer) -> None:
@@ -80,8 +80,8 @@ async def test_an_error_in_our_server_aborts_their_goal(dds: Any, shared_peer: P
         raise ValueError("on purpose")
 
     name = await server_for_theirs(dds, shared_peer, FIBONACCI, execute)
-    assert await shared_peer.ask("send_goal", name=name, key=name, goal={"order": 5})
-    answer = await shared_peer.ask("result", key=name)
+    assert await shared_peer.do("send_goal", name=name, key=name, goal={"order": 5})
+    answer = await shared_peer.do("result", key=name)
     assert answer == {"status": GoalStatus.ABORTED, "result": {"sequence": []}}
 
 
@@ -96,8 +96,8 @@ async def test_our_server_rejects_their_goal(dds: Any, shared_peer: Peer) -> Non
         return goal.succeed()
 
     name = await server_for_theirs(dds, shared_peer, FIBONACCI, execute, goal_callback=lambda goal: goal.order > 0)
-    assert not await shared_peer.ask("send_goal", name=name, key=f"{name} no", goal={"order": 0})
-    assert await shared_peer.ask("send_goal", name=name, key=f"{name} yes", goal={"order": 1})
+    assert not await shared_peer.do("send_goal", name=name, key=f"{name} no", goal={"order": 0})
+    assert await shared_peer.do("send_goal", name=name, key=f"{name} yes", goal={"order": 1})
 
 
 async def test_our_client_cancels_a_goal_of_their_server(dds: Any, shared_peer: Peer) -> None:
@@ -117,10 +117,10 @@ async def test_their_client_cancels_a_goal_of_our_server(dds: Any, shared_peer: 
         return goal.canceled(from_dict(cls.Result, DONE))
 
     name = await server_for_theirs(dds, shared_peer, FIBONACCI, execute)
-    assert await shared_peer.ask("send_goal", name=name, key=name, goal={"order": 1})
-    await shared_peer.ask("goal_status", key=name, expected=GoalStatus.EXECUTING)
-    assert await shared_peer.ask("cancel", key=name) == {"code": 0, "goals": 1}
-    assert await shared_peer.ask("result", key=name) == {"status": GoalStatus.CANCELED, "result": DONE}
+    assert await shared_peer.do("send_goal", name=name, key=name, goal={"order": 1})
+    await shared_peer.do("goal_status", key=name, expected=GoalStatus.EXECUTING)
+    assert await shared_peer.do("cancel", key=name) == {"code": 0, "goals": 1}
+    assert await shared_peer.do("result", key=name) == {"status": GoalStatus.CANCELED, "result": DONE}
 
 
 async def test_twenty_goals_of_theirs_that_end_together_get_their_results(dds: Any, shared_peer: Peer) -> None:
@@ -132,11 +132,11 @@ async def test_twenty_goals_of_theirs_that_end_together_get_their_results(dds: A
 
     name = fresh("action")
     server = dds.node("tester").create_action_server(action(shared_peer, FIBONACCI), name, execute)
-    await shared_peer.ask("action_client", name=name, type=FIBONACCI)
+    await shared_peer.do("action_client", name=name, type=FIBONACCI)
     keys = [f"{name} {number}" for number in range(20)]
-    accepted = (shared_peer.ask("send_goal", name=name, key=key, goal={"order": 1}) for key in keys)
+    accepted = (shared_peer.do("send_goal", name=name, key=key, goal={"order": 1}) for key in keys)
     assert all(await asyncio.gather(*accepted))
-    results = [asyncio.ensure_future(shared_peer.ask("result", key=key)) for key in keys]
+    results = [asyncio.ensure_future(shared_peer.do("result", key=key)) for key in keys]
     await until(lambda: all(goal._record.changed for goal in server.goals))
     may_end.set()
     assert {one["status"] for one in await asyncio.gather(*results)} == {GoalStatus.SUCCEEDED}
@@ -157,10 +157,10 @@ async def test_our_server_refuses_to_cancel(dds: Any, shared_peer: Peer) -> None
         return goal.succeed()
 
     name = await server_for_theirs(dds, shared_peer, FIBONACCI, execute, cancel_callback=lambda goal: False)
-    assert await shared_peer.ask("send_goal", name=name, key=name, goal={"order": 1})
-    assert (await shared_peer.ask("cancel", key=name))["goals"] == 0
+    assert await shared_peer.do("send_goal", name=name, key=name, goal={"order": 1})
+    assert (await shared_peer.do("cancel", key=name))["goals"] == 0
     refused.set()
-    assert (await shared_peer.ask("result", key=name))["status"] == GoalStatus.SUCCEEDED
+    assert (await shared_peer.do("result", key=name))["status"] == GoalStatus.SUCCEEDED
 
 
 async def test_nested_messages_go_to_their_server_and_back(dds: Any, shared_peer: Peer) -> None:
@@ -172,7 +172,7 @@ async def test_nested_messages_go_to_their_server_and_back(dds: Any, shared_peer
         goal = await client.send_goal(from_dict(cls.Goal, values), timeout_s=WAIT_S)
         assert [plain(one) async for one in goal.feedback()] == feedback
         assert plain((await goal.result(timeout_s=WAIT_S))[1]) == results[0]
-    assert await shared_peer.ask("goals", name=client.name) == goals
+    assert await shared_peer.do("goals", name=client.name) == goals
 
 
 async def test_nested_messages_go_to_our_server_and_back(dds: Any, shared_peer: Peer) -> None:
@@ -185,12 +185,12 @@ async def test_nested_messages_go_to_our_server_and_back(dds: Any, shared_peer: 
         for values in feedback:
             goal.publish_feedback(from_dict(cls.Feedback, values))
         key = f"{name} {len(arrived) - 1}"
-        assert await shared_peer.ask("feedback", key=key, count=len(feedback)) == feedback
+        assert await shared_peer.do("feedback", key=key, count=len(feedback)) == feedback
         return from_dict(cls.Result, results[len(arrived) - 1])
 
     name = await server_for_theirs(dds, shared_peer, NESTED, execute)
     for number, values in enumerate(goals):
         key = f"{name} {number}"
-        assert await shared_peer.ask("send_goal", name=name, key=key, goal=values)
-        assert (await shared_peer.ask("result", key=key))["result"] == results[number]
+        assert await shared_peer.do("send_goal", name=name, key=key, goal=values)
+        assert (await shared_peer.do("result", key=key))["result"] == results[number]
     assert arrived == goals

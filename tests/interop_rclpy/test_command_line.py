@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import yaml
+from peer_helpers import fresh, without_definitions
 from rclpy_peer import Peer
-from rclpy_worlds import fresh, without_definitions
 from support.node_fixtures import WAITS, start_process, until
 
 from rosidl_py_gen.bags import BagReader
@@ -94,11 +94,11 @@ _looked: dict[Peer, Looked] = {}
 async def looked(peer: Peer, tool: Tool) -> Looked:
     if peer not in _looked:
         topic, service, action, node, managed = map(fresh, ("words", "answers", "counts", "holder", "managed"))
-        await peer.ask("publisher", topic=topic, type=STRINGS)
-        await peer.ask("serve", name=service, type=BASIC, how="echo")
-        await peer.ask("action_server", name=action, type=FIBONACCI, how="succeed")
-        await peer.ask("add_node", name=node.strip("/"))
-        await peer.ask("lifecycle_node", name=managed.strip("/"))
+        await peer.do("publisher", topic=topic, type=STRINGS)
+        await peer.do("serve", name=service, type=BASIC, how="echo")
+        await peer.do("action_server", name=action, type=FIBONACCI, how="succeed")
+        await peer.do("add_node", name=node.strip("/"))
+        await peer.do("lifecycle_node", name=managed.strip("/"))
         lists = ("topic list -t", "service list -t", "action list -t", "node list", "lifecycle nodes", "param list")
         about = (f"action info {action}", f"node info /{peer.name} --json", f"graph --json --node {peer.name}")
         words = (*lists, "lifecycle get", *about, "doctor --json")
@@ -135,8 +135,8 @@ async def test_everything_has_information(shared_peer: Peer, tool: Tool) -> None
 
 async def test_topics_and_services_have_information(shared_peer: Peer, tool: Tool) -> None:
     topic, service = map(fresh, ("words", "answers"))
-    await shared_peer.ask("publisher", topic=topic, type=STRINGS)
-    await shared_peer.ask("serve", name=service, type=BASIC, how="echo")
+    await shared_peer.do("publisher", topic=topic, type=STRINGS)
+    await shared_peer.do("serve", name=service, type=BASIC, how="echo")
     of_topic, of_service = await asyncio.gather(tool("topic", "info", topic), tool("service", "info", service))
     assert of_topic.startswith(f"Type: {STRINGS}\n")
     assert of_service == f"Type: {BASIC}\nClients count: 0\nServices count: 1\n"
@@ -157,7 +157,7 @@ async def test_the_graph_shows_them_and_the_doctor_tells_their_make(shared_peer:
 
 async def test_a_service_is_called(shared_peer: Peer, tool: Tool, share: str) -> None:
     name = fresh("answers")
-    await shared_peer.ask("serve", name=name, type=BASIC, how="echo")
+    await shared_peer.do("serve", name=name, type=BASIC, how="echo")
     values = "{int32_value: -5, string_value: grüße}"
     answer = json.loads(await tool("service", "call", name, values, "--json", "--path", share))
     assert (answer["int32_value"], answer["string_value"]) == (-5, "grüße")
@@ -167,13 +167,13 @@ async def test_a_service_is_called(shared_peer: Peer, tool: Tool, share: str) ->
 
 async def test_service_events_of_an_unknown_type_are_echoed(shared_peer: Peer, tool: Tool) -> None:
     name = fresh("answers")
-    await shared_peer.ask("serve", name=name, type=BASIC, how="echo")
-    await shared_peer.ask("introspect", kind="service", name=name, state="CONTENTS")
-    await shared_peer.ask("client", name=name, type=BASIC)
+    await shared_peer.do("serve", name=name, type=BASIC, how="echo")
+    await shared_peer.do("introspect", kind="service", name=name, state="CONTENTS")
+    await shared_peer.do("client", name=name, type=BASIC)
     process = await tool.start("service", "echo", name, "--once", "--json")  # its hash is announced with its events
     while process.returncode is None:
         await asyncio.sleep(0.2)
-        await shared_peer.ask("call", name=name, requests_=[{"int32_value": 7}])
+        await shared_peer.do("call", name=name, requests_=[{"int32_value": 7}])
     ended = await tool.end(process)
     assert ended.code == 0, ended.err
     event = json.loads(ended.out)
@@ -182,8 +182,8 @@ async def test_service_events_of_an_unknown_type_are_echoed(shared_peer: Peer, t
 
 async def test_parameters_are_read_and_set(shared_peer: Peer, tool: Tool) -> None:
     name = fresh("holder").strip("/")
-    await shared_peer.ask("add_node", name=name)
-    await shared_peer.ask("declare", node=name, parameters={"speed": 1.5, "arm.names": ["a", "ü"], "count": 3})
+    await shared_peer.do("add_node", name=name)
+    await shared_peer.do("declare", node=name, parameters={"speed": 1.5, "arm.names": ["a", "ü"], "count": 3})
     listed, got, done, described, wrong = await asyncio.gather(
         tool("param", "list", f"/{name}", "--param-type", *PATIENT),
         tool("param", "get", f"/{name}", "arm.names", *PATIENT),
@@ -195,25 +195,25 @@ async def test_parameters_are_read_and_set(shared_peer: Peer, tool: Tool) -> Non
     assert (got, done) == ("String values are: ['a', 'ü']\n", "Set parameter successful\n")
     assert (wrong.code, "  Type: integer\n" in described) == (1, True)
     assert wrong.err.startswith("error: Setting parameter failed: ")
-    assert await shared_peer.ask("parameters", node=name, names=["speed"]) == [2.5]
+    assert await shared_peer.do("parameters", node=name, names=["speed"]) == [2.5]
 
 
 async def test_parameters_are_dumped_and_loaded(shared_peer: Peer, tool: Tool, tmp_path: Path) -> None:
     name = fresh("holder").strip("/")
-    await shared_peer.ask("add_node", name=name)
-    await shared_peer.ask("declare", node=name, parameters={"speed": 1.5, "arm.names": ["a", "ü"], "count": 3})
+    await shared_peer.do("add_node", name=name)
+    await shared_peer.do("declare", node=name, parameters={"speed": 1.5, "arm.names": ["a", "ü"], "count": 3})
     dumped = yaml.safe_load(await tool("param", "dump", f"/{name}", *PATIENT))[f"/{name}"]["ros__parameters"]
     assert (dumped["speed"], dumped["arm"], dumped["count"]) == (1.5, {"names": ["a", "ü"]}, 3)
     file = tmp_path / "holder.yaml"
     file.write_text(f"/{name}:\n  ros__parameters: {{count: 4}}\n")
     assert await tool("param", "load", f"/{name}", str(file), *PATIENT) == "Set parameter count successful\n"
-    assert await shared_peer.ask("parameters", node=name, names=["count"]) == [4]
+    assert await shared_peer.do("parameters", node=name, names=["count"]) == [4]
 
 
 async def test_a_goal_is_sent_and_followed(shared_peer: Peer, tool: Tool, share: str) -> None:
     name, steps = fresh("fibonacci"), [{"sequence": [0]}, {"sequence": [0, 1]}]
     done = {"sequence": [0, 1, 1]}
-    await shared_peer.ask("action_server", name=name, type=FIBONACCI, how="succeed", feedback=steps, result=done)
+    await shared_peer.do("action_server", name=name, type=FIBONACCI, how="succeed", feedback=steps, result=done)
     out = await tool("action", "send_goal", name, "{order: 2}", "--feedback", "--json", "--path", share)
     *feedback, end = map(json.loads, out.splitlines())
     assert [one["feedback"] for one in feedback] == steps
@@ -222,7 +222,7 @@ async def test_a_goal_is_sent_and_followed(shared_peer: Peer, tool: Tool, share:
 
 async def test_ctrl_c_cancels_a_goal_of_theirs(shared_peer: Peer, tool: Tool, share: str) -> None:
     name = fresh("fibonacci")
-    await shared_peer.ask("action_server", name=name, type=FIBONACCI, how="cancel", result={"sequence": [9]})
+    await shared_peer.do("action_server", name=name, type=FIBONACCI, how="cancel", result={"sequence": [9]})
     process = await tool.start("action", "send_goal", name, "{order: 2}", "--path", share)
     assert process.stdout is not None
     while b"accepted" not in await asyncio.wait_for(process.stdout.readline(), WITHIN_S):
@@ -234,7 +234,7 @@ async def test_ctrl_c_cancels_a_goal_of_theirs(shared_peer: Peer, tool: Tool, sh
 
 async def test_a_lifecycle_node_is_led_through_its_states(shared_peer: Peer, tool: Tool) -> None:
     name = fresh("managed")
-    await shared_peer.ask("lifecycle_node", name=name.strip("/"))
+    await shared_peer.do("lifecycle_node", name=name.strip("/"))
     assert await tool("lifecycle", "set", name, "configure", *PATIENT) == "Transitioning successful\n"
     state, possible = await asyncio.gather(
         tool("lifecycle", "get", name, *PATIENT), tool("lifecycle", "list", name, *PATIENT)
@@ -244,11 +244,11 @@ async def test_a_lifecycle_node_is_led_through_its_states(shared_peer: Peer, too
 
 async def test_a_topic_of_an_unknown_type_is_echoed(shared_peer: Peer, tool: Tool) -> None:
     topic = fresh("words")
-    await shared_peer.ask("publisher", topic=topic, type=STRINGS)
+    await shared_peer.do("publisher", topic=topic, type=STRINGS)
     process = await tool.start("topic", "echo", topic, "--once", "--json")
     message: dict[str, Any] = {"string_value": "grüße"}
     while process.returncode is None:
-        await shared_peer.ask("publish", topic=topic, messages_=[message])
+        await shared_peer.do("publish", topic=topic, messages_=[message])
         await asyncio.sleep(0.2)
     ended = await tool.end(process)
     assert json.loads(ended.out)["string_value"] == "grüße"
@@ -256,14 +256,14 @@ async def test_a_topic_of_an_unknown_type_is_echoed(shared_peer: Peer, tool: Too
 
 async def test_what_is_published_arrives_and_what_they_publish_is_measured(shared_peer: Peer, tool: Tool) -> None:
     heard, said = fresh("heard"), fresh("said")
-    await shared_peer.ask("subscribe", topic=heard, type=STRINGS)
-    await shared_peer.ask("publisher", topic=said, type=STRINGS)
+    await shared_peer.do("subscribe", topic=heard, type=STRINGS)
+    await shared_peer.do("publisher", topic=said, type=STRINGS)
     await tool("topic", "pub", heard, "string_value: grüße", "--times", "2", "--rate", "20")
-    taken = await shared_peer.ask("take", topic=heard, count=2)
+    taken = await shared_peer.do("take", topic=heard, count=2)
     assert [one["string_value"] for one in taken] == ["grüße", "grüße"]
     process = await tool.start("topic", "hz", said, "--times", "1", "--json")
     while process.returncode is None:
-        await shared_peer.ask("publish", topic=said, messages_=[{}])
+        await shared_peer.do("publish", topic=said, messages_=[{}])
         await asyncio.sleep(0.05)
     report = json.loads((await tool.end(process)).out)
     assert (report["topic"], report["window"] > 1) == (said, True)
@@ -273,25 +273,25 @@ async def test_a_topic_of_an_unknown_type_is_recorded_and_played_to_them(
     shared_peer: Peer, tool: Tool, tmp_path: Path
 ) -> None:
     said, heard, bag = fresh("said"), fresh("heard"), str(tmp_path / "bag")
-    await shared_peer.ask("publisher", topic=said, type=STRINGS)
+    await shared_peer.do("publisher", topic=said, type=STRINGS)
     process = await tool.start("bag", "record", said, "-o", bag)
     assert process.stderr is not None
     while (
         line := await asyncio.wait_for(process.stderr.readline(), WITHIN_S)
     ) != f"recording {said} [{STRINGS}]\n".encode():
         assert line.startswith(b"nobody publishes")  # yet, as far as this process has heard
-    await shared_peer.ask("matched", topic=said)
+    await shared_peer.do("matched", topic=said)
     for number in range(5):
-        await shared_peer.ask("publish", topic=said, messages_=[{"string_value": f"grüße {number}"}])
+        await shared_peer.do("publish", topic=said, messages_=[{"string_value": f"grüße {number}"}])
     await until(lambda: count_of(bag) == 5, WITHIN_S)  # flushed once a second
     process.send_signal(signal.SIGTERM)
     assert (await tool.end(process)).code == 0
     (topic,) = json.loads(await tool("bag", "info", bag, "--json"))["topics"]
     assert (topic["type"], topic["count"], topic["has_definition"]) == (STRINGS, 5, True)
-    await shared_peer.ask("subscribe", topic=heard, type=STRINGS)
+    await shared_peer.do("subscribe", topic=heard, type=STRINGS)
     played = await tool.end(await tool.start("bag", "play", bag, "--remap", f"{said}:={heard}"))
     assert (played.code, played.err) == (0, "published 5 messages of 1 topics\n")
-    taken = await shared_peer.ask("take", topic=heard, count=5)
+    taken = await shared_peer.do("take", topic=heard, count=5)
     assert [one["string_value"] for one in taken] == [f"grüße {number}" for number in range(5)]
 
 
@@ -299,10 +299,10 @@ async def test_events_of_a_service_and_an_action_of_theirs_are_recorded(
     shared_peer: Peer, distro: str, tool: Tool, tmp_path: Path
 ) -> None:
     service, action, bag = fresh("asked"), fresh("counted"), tmp_path / "bag"
-    await shared_peer.ask("serve", name=service, type=BASIC, how="echo")
-    await shared_peer.ask("client", name=service, type=BASIC)
-    await shared_peer.ask("action_server", name=action, type=FIBONACCI, how="succeed", feedback=[{"sequence": [7]}])
-    await shared_peer.ask("action_client", name=action, type=FIBONACCI)
+    await shared_peer.do("serve", name=service, type=BASIC, how="echo")
+    await shared_peer.do("client", name=service, type=BASIC)
+    await shared_peer.do("action_server", name=action, type=FIBONACCI, how="succeed", feedback=[{"sequence": [7]}])
+    await shared_peer.do("action_client", name=action, type=FIBONACCI)
     introspected = [("service", service), ("client", service)]
     expected = {f"{service}/_service_event": f"{BASIC}_Event"}
     expected |= {
@@ -315,7 +315,7 @@ async def test_events_of_a_service_and_an_action_of_theirs_are_recorded(
             expected[f"{action}/_action/{part}/_service_event"] = f"{kind}_Event"
         expected[f"{action}/_action/cancel_goal/_service_event"] = "action_msgs/srv/CancelGoal_Event"
     for kind, name in introspected:
-        await shared_peer.ask("introspect", kind=kind, name=name, state="CONTENTS")
+        await shared_peer.do("introspect", kind=kind, name=name, state="CONTENTS")
     options = ("--services", service, "--actions", action, "-o", str(bag), "--max-cache-size", "0")
     process = await tool.start("bag", "record", *options)
     assert process.stderr is not None
@@ -326,10 +326,10 @@ async def test_events_of_a_service_and_an_action_of_theirs_are_recorded(
         left.discard(said[-1].strip())
     for topic in expected:
         listeners = 1 if topic.endswith("_event") else 2  # their client of the action, too
-        await shared_peer.ask("until_subscribed", topic=topic, count=listeners)
-    await shared_peer.ask("call", name=service, requests_=[{"int32_value": 5}])
-    assert await shared_peer.ask("send_goal", name=action, key=action, goal={"order": 3})
-    await shared_peer.ask("result", key=action)
+        await shared_peer.do("until_subscribed", topic=topic, count=listeners)
+    await shared_peer.do("call", name=service, requests_=[{"int32_value": 5}])
+    assert await shared_peer.do("send_goal", name=action, key=action, goal={"order": 3})
+    await shared_peer.do("result", key=action)
     least = 4 + 1 + 3 + (8 if distro == "kilted" else 0)  # accepted, executing, succeeded; two calls of the client
     await until(lambda: count_of(str(bag)) >= least, WITHIN_S)
     process.send_signal(signal.SIGTERM)

@@ -8,14 +8,14 @@ import shutil
 import sys
 from pathlib import Path
 
+from peer_helpers import fresh, without_definitions
 from rclpy_peer import Peer
-from rclpy_worlds import fresh, without_definitions
 from support.node_fixtures import ROOT, start_process
 
 
 async def test_a_robot_of_rclpy_is_compared_with_a_workspace(shared_peer: Peer, tmp_path: Path) -> None:
     topic = fresh("compared")
-    await shared_peer.ask("publisher", topic=topic, type="test_msgs/msg/BasicTypes")
+    await shared_peer.do("publisher", topic=topic, type="test_msgs/msg/BasicTypes")
     for kind in ("msg", "srv", "action"):
         shutil.copytree(ROOT / "tests/interfaces/test_msgs" / kind, tmp_path / "test_msgs" / kind)
     changed = tmp_path / "test_msgs/msg/BasicTypes.msg"

@@ -6,7 +6,7 @@ import ctypes as ct
 import time
 from typing import TYPE_CHECKING, Any
 
-from rclpy_worlds import fresh, service
+from peer_helpers import fresh, service
 from support.node_fixtures import until
 
 from rosidl_py_gen.runtime import QoSProfile
@@ -27,7 +27,7 @@ _Listener = ct.CFUNCTYPE(None, ct.c_int32, c_api.DdsMatchedStatus, ct.c_void_p)
 
 def connect_late(reader: Any, delay_s: float) -> Any:
     """Delay Cyclone's match of a reader; return the object to keep alive."""
-    function = _Listener(lambda *_: time.sleep(delay_s))  # Cyclone tells nobody when it would be late enough
+    function = _Listener(lambda *_: time.sleep(delay_s))  # Cyclone does not notify of a suitable moment
     api, listener = cyclone._api, cyclone._api.create_listener(None)
     api.copy_listener(listener, reader._owner._listener)
     api.lset_subscription_matched_arg(listener, ct.cast(function, ct.c_void_p), None, True)
@@ -42,33 +42,33 @@ async def test_a_request_is_answered_that_came_before_its_writer_was_connected(d
     """
     name, cls = fresh("early"), service(shared_peer, KIND)
     server = dds.node("server").create_service(cls, name, lambda _: cls.Response(success=True, message="heard"))
-    kept = connect_late(server._port._reader, 0.2)
-    await shared_peer.ask("client", name=name, type=KIND)
-    answers = await shared_peer.ask("call", name=name, requests_=[{}, {}], within_s=10)
+    function = connect_late(server._port._reader, 0.2)
+    await shared_peer.do("client", name=name, type=KIND)
+    answers = await shared_peer.do("call", name=name, requests_=[{}, {}], within_s=10)
     assert [answer["message"] for answer in answers] == ["heard", "heard"]
-    del kept
+    del function
 
 
 async def test_a_new_writer_is_asked_once_what_it_has_written(
     dds: Any, shared_peer: Peer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: list[tuple[bytes, bytes]] = []
+    requested: list[tuple[bytes, bytes]] = []
 
-    def ask(pairs: Sequence[tuple[bytes, bytes]], told: str, *, is_local: bool) -> None:
-        asked.extend(pairs)
-        request_samples(pairs, told, is_local=is_local)
+    def record(pairs: Sequence[tuple[bytes, bytes]], addresses: str, *, is_local: bool) -> None:
+        requested.extend(pairs)
+        request_samples(pairs, addresses, is_local=is_local)
 
     name, cls = fresh("asked"), service(shared_peer, KIND)
     node = dds.node("server")
     server = node.create_service(cls, name, lambda _: cls.Response(success=True, message="heard"))
     node.create_subscription("std_msgs/msg/String", f"{name}/best_effort", qos=QoSProfile().best_effort())
     reader, best_effort = server._port.endpoints[0], list(node._scope.participant.readers.values())[-1].guid
-    monkeypatch.setattr(cyclone, "request_samples", ask)
-    await shared_peer.ask("publisher", topic=f"{name}/best_effort", type="std_msgs/msg/String")
-    await shared_peer.ask("client", name=name, type=KIND)
-    await shared_peer.ask("call", name=name, requests_=[{}], within_s=10)
-    await until(lambda: any(pair[0] == reader for pair in asked))
+    monkeypatch.setattr(cyclone, "request_samples", record)
+    await shared_peer.do("publisher", topic=f"{name}/best_effort", type="std_msgs/msg/String")
+    await shared_peer.do("client", name=name, type=KIND)
+    await shared_peer.do("call", name=name, requests_=[{}], within_s=10)
+    await until(lambda: any(pair[0] == reader for pair in requested))
     of_service = [end.guid for end in node._scope.graph.endpoints_on(TopicKey("request", name), writers=True)]
     assert len(of_service) == 1
-    assert [pair for pair in asked if pair[0] == reader] == [(reader, of_service[0])]
-    assert best_effort not in {pair[0] for pair in asked}
+    assert [pair for pair in requested if pair[0] == reader] == [(reader, of_service[0])]
+    assert best_effort not in {pair[0] for pair in requested}

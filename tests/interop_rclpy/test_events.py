@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from peer_helpers import fresh
 from rclpy_peer import Peer
-from rclpy_worlds import fresh
 from support.node_fixtures import until
 
 from rosidl_py_gen import get_message
@@ -49,7 +49,7 @@ async def test_their_publishers_that_do_not_fit(
 ) -> None:
     topic = fresh("apart")
     heard: list[IncompatibleStatus] = []
-    await shared_peer.ask("publisher", topic=topic, type=STRING, qos=theirs)
+    await shared_peer.do("publisher", topic=topic, type=STRING, qos=theirs)
     callbacks = SubscriptionEventCallbacks(incompatible_qos=heard.append)
     dds.node().create_subscription(String, topic, qos=ours, event_callbacks=callbacks)
     await until(lambda: bool(heard))
@@ -65,13 +65,13 @@ async def test_their_publisher_comes_falls_silent_and_goes(dds: Any, shared_peer
     qos = QoSProfile().deadline(0.5).manual_liveliness(1.0)
     dds.node().create_subscription(String, topic, qos=qos, event_callbacks=callbacks)
     theirs = {"deadline_s": 0.5, "lease_s": 1, "liveliness": "MANUAL_BY_TOPIC"}
-    await shared_peer.ask("publisher", topic=topic, type=STRING, qos=theirs)
-    await shared_peer.ask("matched", topic=topic)
+    await shared_peer.do("publisher", topic=topic, type=STRING, qos=theirs)
+    await shared_peer.do("matched", topic=topic)
     await until(lambda: bool(matched))
-    await shared_peer.ask("publish", topic=topic, messages_=[{"data": "once"}])
+    await shared_peer.do("publish", topic=topic, messages_=[{"data": "once"}])
     await until(lambda: bool(late) and bool(alive) and alive[-1].not_alive_count == 1)
     assert late[0].total_count >= late[0].total_count_change >= 1
-    await shared_peer.ask("unpublish", topic=topic)
+    await shared_peer.do("unpublish", topic=topic)
     await until(lambda: len(matched) == 2 and alive[-1].not_alive_count == 0)
     assert matched == [MatchedStatus(1, 1, 1, 1), MatchedStatus(1, 0, 0, -1)]
 
@@ -82,11 +82,11 @@ async def test_their_subscriptions_come_and_do_not_fit(dds: Any, shared_peer: Pe
     apart: list[IncompatibleStatus] = []
     callbacks = PublisherEventCallbacks(matched=matched.append, incompatible_qos=apart.append)
     dds.node().create_publisher(String, topic, QoSProfile().best_effort(), event_callbacks=callbacks)
-    await shared_peer.ask("subscribe", topic=topic, type=STRING, qos={"reliability": "RELIABLE"})
+    await shared_peer.do("subscribe", topic=topic, type=STRING, qos={"reliability": "RELIABLE"})
     await until(lambda: bool(apart))
     assert (apart[0].total_count, apart[0].last_policy_kind) == (1, QoSPolicyKind.RELIABILITY)
     assert matched == []
-    await shared_peer.ask("unsubscribe", topic=topic)
-    await shared_peer.ask("subscribe", topic=topic, type=STRING, qos={"reliability": "BEST_EFFORT"})
+    await shared_peer.do("unsubscribe", topic=topic)
+    await shared_peer.do("subscribe", topic=topic, type=STRING, qos={"reliability": "BEST_EFFORT"})
     await until(lambda: bool(matched))
     assert matched == [MatchedStatus(1, 1, 1, 1)] and len(apart) == 1

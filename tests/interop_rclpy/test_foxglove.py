@@ -10,8 +10,8 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
 import pytest
+from peer_helpers import fresh, message, repeated, service, without_definitions
 from rclpy_peer import Peer
-from rclpy_worlds import fresh, message, repeated, service, without_definitions
 from support.foxglove_viewer import viewer
 
 if TYPE_CHECKING:
@@ -48,29 +48,29 @@ def watching(tmp_path: Path) -> Watching:
 
 async def test_a_topic_of_an_unknown_type_is_seen_and_published_on(shared_peer: Peer, watching: Watching) -> None:
     topic, commands = fresh("words"), fresh("commands")
-    await shared_peer.ask("publisher", topic=topic, type=STRINGS)
-    await shared_peer.ask("subscribe", topic=commands, type=STRINGS)
+    await shared_peer.do("publisher", topic=topic, type=STRINGS)
+    await shared_peer.do("subscribe", topic=commands, type=STRINGS)
     strings = message(shared_peer, STRINGS)
     async with watching() as seen:
         channel = await seen.subscribe(topic)
         assert channel["schemaName"] == STRINGS and "string string_value\n" in channel["schema"]
 
         async def send() -> None:
-            await shared_peer.ask("publish", topic=topic, messages_=[{"string_value": "grüße"}])
+            await shared_peer.do("publish", topic=topic, messages_=[{"string_value": "grüße"}])
 
         await repeated(send, seen.until(lambda: seen.frames))
         assert strings.decode(seen.frames[0][2]).string_value == "grüße"
         await seen.offer(1, commands, STRINGS)
         await seen.publish(1, strings(string_value="go").encode())
-        (answer,) = await shared_peer.ask("take", topic=commands)
+        (answer,) = await shared_peer.do("take", topic=commands)
         assert answer["string_value"] == "go"
 
 
 async def test_services_are_called_and_parameters_set(shared_peer: Peer, watching: Watching) -> None:
     name, holder = fresh("answers"), fresh("holder")
-    await shared_peer.ask("serve", name=name, type=BASIC, how="echo")
-    await shared_peer.ask("add_node", name=holder.strip("/"))
-    await shared_peer.ask("declare", node=holder.strip("/"), parameters={"speed": 1.5, "arm.names": ["a", "ü"]})
+    await shared_peer.do("serve", name=name, type=BASIC, how="echo")
+    await shared_peer.do("add_node", name=holder.strip("/"))
+    await shared_peer.do("declare", node=holder.strip("/"), parameters={"speed": 1.5, "arm.names": ["a", "ü"]})
     basic = service(shared_peer, BASIC)
     async with watching("--path", str(shared_peer.share)) as seen:  # rclpy tells types of services only by hash
         response = await seen.call(name, basic.Request(int32_value=-5, string_value="words").encode())
@@ -80,4 +80,4 @@ async def test_services_are_called_and_parameters_set(shared_peer: Peer, watchin
             await asyncio.sleep(0.2)
         assert (known[key], known[f"{holder}.arm.names"]) == (1.5, ["a", "ü"])
         assert await seen.parameters("setParameters", parameters=[{"name": key, "value": 3}]) == {key: 3.0}
-    assert await shared_peer.ask("parameters", node=holder.strip("/"), names=["speed"]) == [3.0]
+    assert await shared_peer.do("parameters", node=holder.strip("/"), names=["speed"]) == [3.0]

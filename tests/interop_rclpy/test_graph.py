@@ -7,8 +7,8 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from peer_helpers import fresh, message, service
 from rclpy_peer import Peer
-from rclpy_worlds import fresh, message, service
 from support.node_fixtures import SOON_MISSED, until
 
 from rosidl_py_gen import type_hash
@@ -32,14 +32,14 @@ async def test_nodes_see_each_other(dds: Any, shared_peer: Peer) -> None:
     name = fresh("seen").strip("/")
     node = dds.node(name, "/deep/space")
     assert await node.wait_for_node(f"/{shared_peer.name}", timeout_s=SEEN_S)
-    await shared_peer.ask("until_node", name=f"/deep/space/{name}")
+    await shared_peer.do("until_node", name=f"/deep/space/{name}")
 
 
 async def test_their_namespaces_and_nodes_that_leave_are_seen(dds: Any, shared_peer: Peer) -> None:
     node, name = dds.node("tester"), fresh("guest").strip("/")
-    await shared_peer.ask("add_node", name=name, namespace="/deep/space")
+    await shared_peer.do("add_node", name=name, namespace="/deep/space")
     assert await node.wait_for_node(f"/deep/space/{name}", timeout_s=SEEN_S)
-    await shared_peer.ask("remove_node", name=name)
+    await shared_peer.do("remove_node", name=name)
     await until(lambda: f"/deep/space/{name}" not in node.get_node_names())
 
 
@@ -47,10 +47,10 @@ async def test_they_see_our_node_leave(dds: Any, shared_peer: Peer) -> None:
     name, context = fresh("guest"), dds.context()
     stays = dds.node(fresh("host").strip("/"), context=context)
     leaves = dds.node(name.strip("/"), context=context)
-    await shared_peer.ask("until_node", name=name)
+    await shared_peer.do("until_node", name=name)
     leaves.close()
-    await shared_peer.ask("until_node", name=name, there=False)
-    await shared_peer.ask("until_node", name=stays.fully_qualified_name)
+    await shared_peer.do("until_node", name=name, there=False)
+    await shared_peer.do("until_node", name=stays.fully_qualified_name)
 
 
 def owner_of(node: Node, peer: Peer) -> str:
@@ -96,7 +96,7 @@ async def test_they_see_type_hash_gid_and_qos_of_our_endpoints(
     publisher = node.create_publisher(cls, topic, qos)
     subscription = node.create_subscription(cls, topic, qos=qos)
     for what, endpoint in (("publishers", publisher), ("subscriptions", subscription)):
-        (info,) = await shared_peer.ask("until_infos", topic=topic, what=what, nodes=[owner_of(node, shared_peer)])
+        (info,) = await shared_peer.do("until_infos", topic=topic, what=what, nodes=[owner_of(node, shared_peer)])
         assert info.pop("gid")[:16] == list(endpoint.gid)
         assert info == {
             "node": owner_of(node, shared_peer),
@@ -112,8 +112,8 @@ async def test_we_see_type_hash_and_qos_of_their_endpoints(
     dds: Any, shared_peer: Peer, qos: QoSProfile, theirs: dict[str, Any]
 ) -> None:
     node, topic = dds.node("tester"), fresh("described")
-    await shared_peer.ask("publisher", topic=topic, type=STRING, qos=theirs)
-    await shared_peer.ask("subscribe", topic=topic, type=STRING, qos=theirs)
+    await shared_peer.do("publisher", topic=topic, type=STRING, qos=theirs)
+    await shared_peer.do("subscribe", topic=topic, type=STRING, qos=theirs)
     for look, kind in (
         (node.get_publishers_info_by_topic, EndpointType.PUBLISHER),
         (node.get_subscriptions_info_by_topic, EndpointType.SUBSCRIPTION),
@@ -135,23 +135,23 @@ async def test_they_see_our_topics_and_services_come_and_go(dds: Any, shared_pee
         node.create_service(srv, served, lambda request: srv.Response()),
         node.create_client(srv, called),
     ]
-    await shared_peer.ask("until_node", name=node.fully_qualified_name)
+    await shared_peer.do("until_node", name=node.fully_qualified_name)
     for what, thing, kind in (
         ("publisher", topic, STRING),
         ("subscriber", topic, STRING),
         ("service", served, TRIGGER),
         ("client", called, TRIGGER),
     ):
-        assert await shared_peer.ask("until_by_node", what=what, name=name, thing=thing) == [kind]
-    assert await shared_peer.ask("counts", topic=topic) == [1, 1]
-    assert await shared_peer.ask("service_counts", name=served) == [1, 0]
-    assert await shared_peer.ask("service_counts", name=called) == [0, 1]
-    assert (await shared_peer.ask("names_and_types", what="service"))[served] == [TRIGGER]
-    assert (await shared_peer.ask("names_and_types", what="topic"))[topic] == [STRING]
+        assert await shared_peer.do("until_by_node", what=what, name=name, thing=thing) == [kind]
+    assert await shared_peer.do("counts", topic=topic) == [1, 1]
+    assert await shared_peer.do("service_counts", name=served) == [1, 0]
+    assert await shared_peer.do("service_counts", name=called) == [0, 1]
+    assert (await shared_peer.do("names_and_types", what="service"))[served] == [TRIGGER]
+    assert (await shared_peer.do("names_and_types", what="topic"))[topic] == [STRING]
     for endpoint in made:
         endpoint.close()
     for what, thing in (("publisher", topic), ("subscriber", topic), ("service", served), ("client", called)):
-        await shared_peer.ask("until_by_node", what=what, name=name, thing=thing, there=False)
+        await shared_peer.do("until_by_node", what=what, name=name, thing=thing, there=False)
 
 
 async def test_we_see_their_topics_and_services_come_and_go(dds: Any, shared_peer: Peer) -> None:
@@ -163,19 +163,19 @@ async def test_we_see_their_topics_and_services_come_and_go(dds: Any, shared_pee
         (node.get_service_names_and_types_by_node, served, TRIGGER),
         (node.get_client_names_and_types_by_node, called, TRIGGER),
     ]
-    await shared_peer.ask("publisher", topic=topic, type=STRING)
-    await shared_peer.ask("subscribe", topic=topic, type=STRING)
-    await shared_peer.ask("serve", name=served, type=TRIGGER, how="trigger", note="x")
-    await shared_peer.ask("client", name=called, type=TRIGGER, wait=False)
+    await shared_peer.do("publisher", topic=topic, type=STRING)
+    await shared_peer.do("subscribe", topic=topic, type=STRING)
+    await shared_peer.do("serve", name=served, type=TRIGGER, how="trigger", note="x")
+    await shared_peer.do("client", name=called, type=TRIGGER, wait=False)
     for look, thing, kind in looks:
         await until(lambda look=look, thing=thing, kind=kind: (thing, [kind]) in _pairs(look(name)))
     assert (node.count_publishers(topic), node.count_subscribers(topic)) == (1, 1)
     assert (served, [TRIGGER]) in _pairs(node.get_service_names_and_types())
     assert (topic, [STRING]) in _pairs(node.get_topic_names_and_types())
-    await shared_peer.ask("unpublish", topic=topic)
-    await shared_peer.ask("unsubscribe", topic=topic)
-    await shared_peer.ask("unserve", name=served)
-    await shared_peer.ask("unclient", name=called)
+    await shared_peer.do("unpublish", topic=topic)
+    await shared_peer.do("unsubscribe", topic=topic)
+    await shared_peer.do("unserve", name=served)
+    await shared_peer.do("unclient", name=called)
     for look, thing, _ in looks:
         await until(lambda look=look, thing=thing: thing not in dict(_pairs(look(name))))
     # What nodes have is told by their own message, and the end of an endpoint by discovery: either may be later.
@@ -190,7 +190,7 @@ def _pairs(found: Any) -> list[tuple[str, list[str]]]:
 async def test_we_miss_a_peer_that_ends(dds: Any, start_mortal: Callable[[str], Peer], end: str) -> None:
     node, topic = dds.node("tester"), fresh("mortal")
     peer = start_mortal("mortal_node")
-    await peer.ask("publisher", topic=topic, type=STRING)
+    await peer.do("publisher", topic=topic, type=STRING)
     assert await node.wait_for_node("/mortal_node", timeout_s=SEEN_S)
     await until(lambda: node.count_publishers(topic) == 1)
     getattr(peer, end)()
@@ -205,11 +205,11 @@ async def test_they_miss_our_context_when_it_closes(
     topic, context = fresh("ours"), dds.context()
     node = dds.node(fresh("mortal").strip("/"), context=context)
     node.create_publisher(message(shared_peer, STRING), topic)
-    await shared_peer.ask("until_infos", topic=topic, what="publishers", nodes=[owner_of(node, shared_peer)])
+    await shared_peer.do("until_infos", topic=topic, what="publishers", nodes=[owner_of(node, shared_peer)])
     name = node.fully_qualified_name
     context.close()
-    await shared_peer.ask("until_infos", topic=topic, what="publishers", nodes=[])
-    await shared_peer.ask("until_node", name=name, there=False)
+    await shared_peer.do("until_infos", topic=topic, what="publishers", nodes=[])
+    await shared_peer.do("until_node", name=name, there=False)
 
 
 async def test_a_peer_that_looks_for_the_whole_network_is_found_when_it_comes_later(

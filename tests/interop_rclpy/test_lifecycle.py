@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
+from peer_helpers import fresh, message, plain, service
 from rclpy_peer import Peer
-from rclpy_worlds import fresh, message, plain, service
 
 from rosidl_py_gen import from_dict
 from rosidl_py_gen.runtime import LifecycleNode, Node, State, TransitionCallbackReturn
@@ -37,10 +37,10 @@ async def call(node: Node, peer: Peer, kind: str, name: str, request: dict[str, 
 
 async def test_we_drive_their_lifecycle_node(dds: Any, shared_peer: Peer) -> None:
     node, name = dds.node("tester"), fresh("managed")
-    await shared_peer.ask("lifecycle_node", name=name.strip("/"))
+    await shared_peer.do("lifecycle_node", name=name.strip("/"))
     events = node.create_subscription(message(shared_peer, EVENT), f"{name}/transition_event")
     assert await events.wait_for_publishers(timeout_s=WAIT_S)
-    while not (await shared_peer.ask("counts", topic=events.topic))[1]:  # it has to know us, too
+    while not (await shared_peer.do("counts", topic=events.topic))[1]:  # it has to know us, too
         await asyncio.sleep(0.02)
     for transition, works, state in STEPS:
         if not works and shared_peer.distro == "jazzy":
@@ -51,7 +51,7 @@ async def test_we_drive_their_lifecycle_node(dds: Any, shared_peer: Peer) -> Non
         assert found["current_state"]["label"] == state
     seen = [await events.receive(timeout_s=WAIT_S) for _ in EVENTS]
     assert [(one.start_state.label, one.goal_state.label) for one in seen] == EVENTS
-    assert await shared_peer.ask("transitions", name=name.strip("/")) == ["configure", "activate", "shutdown"]
+    assert await shared_peer.do("transitions", name=name.strip("/")) == ["configure", "activate", "shutdown"]
 
 
 class Managed(LifecycleNode):
@@ -74,19 +74,19 @@ async def test_they_drive_our_lifecycle_node(dds: Any, shared_peer: Peer) -> Non
     name = fresh("managed")
     node = Managed(name.strip("/"), context=dds.context())
     try:
-        await shared_peer.ask("subscribe", topic=f"{name}/transition_event", type=EVENT)
-        await shared_peer.ask("matched", topic=f"{name}/transition_event")
+        await shared_peer.do("subscribe", topic=f"{name}/transition_event", type=EVENT)
+        await shared_peer.do("matched", topic=f"{name}/transition_event")
         while not node.count_subscribers(f"{name}/transition_event"):  # it has to know them, too
             await asyncio.sleep(0.02)
-        await shared_peer.ask("client", name=f"{name}/change_state", type=CHANGE)
-        await shared_peer.ask("client", name=f"{name}/get_state", type=GET)
+        await shared_peer.do("client", name=f"{name}/change_state", type=CHANGE)
+        await shared_peer.do("client", name=f"{name}/get_state", type=GET)
         for transition, works, state in STEPS:
             request = {"transition": {"id": transition}}
-            answer = await shared_peer.ask("call", name=f"{name}/change_state", requests_=[request])
+            answer = await shared_peer.do("call", name=f"{name}/change_state", requests_=[request])
             assert answer == [{"success": works}], transition
-            (found,) = await shared_peer.ask("call", name=f"{name}/get_state", requests_=[{}])
+            (found,) = await shared_peer.do("call", name=f"{name}/get_state", requests_=[{}])
             assert found["current_state"]["label"] == state
-        seen = await shared_peer.ask("take", topic=f"{name}/transition_event", count=len(EVENTS))
+        seen = await shared_peer.do("take", topic=f"{name}/transition_event", count=len(EVENTS))
         assert [(one["start_state"]["label"], one["goal_state"]["label"]) for one in seen] == EVENTS
         assert node.done == ["configure", "activate", "shutdown"]
     finally:

@@ -6,8 +6,8 @@ import logging
 from typing import Any
 
 import pytest
+from peer_helpers import fresh, message, plain, repeated, service
 from rclpy_peer import Peer
-from rclpy_worlds import fresh, message, plain, repeated, service
 from support.node_fixtures import until
 
 from rosidl_py_gen import from_dict, get_message, type_hash
@@ -25,7 +25,7 @@ MINUTE_NS = 60_000_000_000
 async def test_we_read_their_rosout(dds: Any, shared_peer: Peer) -> None:
     node, text = dds.node("reader"), fresh("words from them")
     subscription = node.create_subscription(message(shared_peer, LOG), "/rosout", qos=ROSOUT)
-    await shared_peer.ask("log", text=text)
+    await shared_peer.do("log", text=text)
     heard: list[Any] = []
     while len(heard) < len(LEVELS):
         record = await subscription.receive(timeout_s=WAIT_S)
@@ -39,10 +39,10 @@ async def test_they_read_our_rosout(dds: Any, shared_peer: Peer) -> None:
     node = dds.node(name.strip("/"), "/deep")
     for level in LEVELS:
         node.logger.log(level, text)
-    await shared_peer.ask("subscribe", topic="/rosout", type=LOG, qos=THEIR_ROSOUT)
+    await shared_peer.do("subscribe", topic="/rosout", type=LOG, qos=THEIR_ROSOUT)
     heard: list[Any] = []
     while len(heard) < len(LEVELS):
-        (record,) = await shared_peer.ask("take", topic="/rosout")
+        (record,) = await shared_peer.do("take", topic="/rosout")
         heard += [record] if record["msg"] == text else []
     expected = [(level, f"deep{name.replace('/', '.')}") for level in LEVELS]
     assert [(one["level"], one["name"]) for one in heard] == expected
@@ -50,11 +50,11 @@ async def test_they_read_our_rosout(dds: Any, shared_peer: Peer) -> None:
 
 async def test_their_clock_drives_our_node(dds: Any, shared_peer: Peer) -> None:
     node = Node(fresh("simulated").strip("/"), context=dds.context(), parameter_overrides={"use_sim_time": True})
-    await shared_peer.ask("publisher", topic="/clock", type="rosgraph_msgs/msg/Clock")
+    await shared_peer.do("publisher", topic="/clock", type="rosgraph_msgs/msg/Clock")
     stamp = {"clock": {"sec": 1234, "nanosec": 5}}
 
     async def send() -> None:
-        await shared_peer.ask("publish", topic="/clock", messages_=[stamp])
+        await shared_peer.do("publish", topic="/clock", messages_=[stamp])
 
     async def arrived() -> None:
         await until(lambda: node.clock.now().nanoseconds == 1_234_000_000_005)
@@ -67,18 +67,18 @@ async def test_their_clock_drives_our_node(dds: Any, shared_peer: Peer) -> None:
 
 async def test_our_clock_drives_their_node(dds: Any, shared_peer: Peer) -> None:
     name = fresh("simulated").strip("/")
-    await shared_peer.ask("add_node", name=name, parameters={"use_sim_time": True})
+    await shared_peer.do("add_node", name=name, parameters={"use_sim_time": True})
     cls = message(shared_peer, "rosgraph_msgs/msg/Clock")
     publisher = dds.node("tester").create_publisher(cls, "/clock")
     stamp = cls()
     stamp.clock.sec = 60
-    arrived = shared_peer.ask("now_ns", node=name, at_least=MINUTE_NS)
+    arrived = shared_peer.do("now_ns", node=name, at_least=MINUTE_NS)
     assert await repeated(lambda: publisher.publish(stamp), arrived) == MINUTE_NS
 
 
 async def test_their_node_describes_its_types(dds: Any, shared_peer: Peer) -> None:
     node, kind = dds.node("tester"), "test_msgs/msg/MultiNested"
-    await shared_peer.ask("publisher", topic=fresh("described"), type=kind)
+    await shared_peer.do("publisher", topic=fresh("described"), type=kind)
     wanted = type_hash(message(shared_peer, kind))
     answer = await node.get_type_description(f"/{shared_peer.name}", kind, wanted, timeout_s=WAIT_S)
     assert answer.type_description.type_description.type_name == kind
@@ -94,13 +94,13 @@ async def test_our_node_describes_its_types_as_theirs_would(
     node, kind = dds.node(fresh("owner").strip("/")), "test_msgs/msg/MultiNested"
     cls = message(shared_peer, kind)
     node.create_publisher(cls, fresh("described"))
-    await shared_peer.ask("publisher", topic=fresh("described"), type=kind)
+    await shared_peer.do("publisher", topic=fresh("described"), type=kind)
     described = []
     for owner in (node.fully_qualified_name, f"/{shared_peer.name}"):
         name = f"{owner}/get_type_description"
-        await shared_peer.ask("client", name=name, type="type_description_interfaces/srv/GetTypeDescription")
+        await shared_peer.do("client", name=name, type="type_description_interfaces/srv/GetTypeDescription")
         request = {"type_name": kind, "type_hash": type_hash(cls), "include_type_sources": True}
-        (answer,) = await shared_peer.ask("call", name=name, requests_=[request])
+        (answer,) = await shared_peer.do("call", name=name, requests_=[request])
         for source in answer["type_sources"]:
             source["raw_file_contents"] = source["raw_file_contents"].rstrip("\n")  # theirs has lost the last one
         described.append({key: answer[key] for key in ("successful", "type_description", "type_sources")})
@@ -109,14 +109,14 @@ async def test_our_node_describes_its_types_as_theirs_would(
 
 async def test_we_set_their_logger_levels(dds: Any, shared_peer: Peer) -> None:
     name = fresh("logging").strip("/")
-    await shared_peer.ask("add_node", name=name, enable_logger_service=True)
+    await shared_peer.do("add_node", name=name, enable_logger_service=True)
     node = dds.node("tester")
     levels = [{"name": f"{name}.part", "level": 40}]
     setter, getter = (service(shared_peer, f"rcl_interfaces/srv/{verb}LoggerLevels") for verb in ("Set", "Get"))
     setting = node.create_client(setter, f"/{name}/set_logger_levels")
     answer = await setting.call(from_dict(setter.Request, {"levels": levels}), WAIT_S)
     assert [one.successful for one in answer.results] == [True]
-    assert await shared_peer.ask("logger_level", name=f"{name}.part") == "ERROR"
+    assert await shared_peer.do("logger_level", name=f"{name}.part") == "ERROR"
     getting = node.create_client(getter, f"/{name}/get_logger_levels")
     answer = await getting.call(getter.Request(names=[f"{name}.part"]), WAIT_S)
     assert plain(answer) == {"levels": levels}
@@ -132,8 +132,8 @@ async def test_they_set_our_logger_levels(dds: Any, shared_peer: Peer) -> None:
             ("get", {"names": [name]}, {"levels": levels}),
         ):
             served, kind = f"/{name}/{verb}_logger_levels", f"rcl_interfaces/srv/{verb.title()}LoggerLevels"
-            await shared_peer.ask("client", name=served, type=kind)
-            assert await shared_peer.ask("call", name=served, requests_=[request]) == [expected]
+            await shared_peer.do("client", name=served, type=kind)
+            assert await shared_peer.do("call", name=served, requests_=[request]) == [expected]
         assert not node.logger.isEnabledFor(logging.WARNING) and node.logger.isEnabledFor(logging.ERROR)
     finally:
         node.close()
@@ -147,11 +147,11 @@ async def test_introspection_of_both_ends_tells_of_a_call_of_theirs(dds: Any, sh
     node, name, cls = dds.node("tester"), fresh("watched"), service(shared_peer, SET_BOOL)
     server = node.create_service(cls, name, lambda request: cls.Response(success=True, message="done"))
     server.configure_introspection(node.clock, SYSTEM_DEFAULT, IntrospectionState[state])
-    await shared_peer.ask("client", name=name, type=SET_BOOL)
-    await shared_peer.ask("introspect", kind="client", name=name, state=state)
+    await shared_peer.do("client", name=name, type=SET_BOOL)
+    await shared_peer.do("introspect", kind="client", name=name, state=state)
 
     async def call() -> None:
-        assert (await shared_peer.ask("call", name=name, requests_=[{"data": True}]))[0]["success"]
+        assert (await shared_peer.do("call", name=name, requests_=[{"data": True}]))[0]["success"]
 
     await check_events(node, shared_peer, name, state, call)
 
@@ -159,8 +159,8 @@ async def test_introspection_of_both_ends_tells_of_a_call_of_theirs(dds: Any, sh
 @pytest.mark.parametrize("state", ["METADATA", "CONTENTS"])
 async def test_introspection_of_both_ends_tells_of_a_call_of_ours(dds: Any, shared_peer: Peer, state: str) -> None:
     node, name, cls = dds.node("tester"), fresh("watched"), service(shared_peer, SET_BOOL)
-    await shared_peer.ask("serve", name=name, type=SET_BOOL, how="set_bool")
-    await shared_peer.ask("introspect", kind="service", name=name, state=state)
+    await shared_peer.do("serve", name=name, type=SET_BOOL, how="set_bool")
+    await shared_peer.do("introspect", kind="service", name=name, state=state)
     client = node.create_client(cls, name)
     client.configure_introspection(node.clock, SYSTEM_DEFAULT, IntrospectionState[state])
 
@@ -173,14 +173,14 @@ async def test_introspection_of_both_ends_tells_of_a_call_of_ours(dds: Any, shar
 async def check_events(node: Node, peer: Peer, name: str, state: str, call: Any) -> None:
     topic, kind = f"{name}/_service_event", f"{SET_BOOL}_Event"
     subscription = node.create_subscription(get_message(kind, path=peer.share), topic)
-    await peer.ask("subscribe", topic=topic, type=kind)
+    await peer.do("subscribe", topic=topic, type=kind)
     assert await subscription.wait_for_publishers(timeout_s=WAIT_S, count=2)
-    await peer.ask("matched", topic=topic, count=2)
-    await peer.ask("until_subscribed", topic=topic, count=2)  # their publisher of events knows ours
+    await peer.do("matched", topic=topic, count=2)
+    await peer.do("until_subscribed", topic=topic, count=2)  # their publisher of events knows ours
     await until(lambda: node.count_subscribers(topic) == 2)  # they may know our publisher before it knows them
     await call()
     ours = [plain(await subscription.receive(timeout_s=WAIT_S)) for _ in EVENTS]
-    theirs = await peer.ask("take", topic=topic, count=len(EVENTS))
+    theirs = await peer.do("take", topic=topic, count=len(EVENTS))
     for events in (ours, theirs):
         events.sort(key=lambda event: event["info"]["event_type"])
         assert [event["info"]["event_type"] for event in events] == [0, 1, 2, 3]

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from peer_helpers import fresh, repeated
 from rclpy_peer import Peer
-from rclpy_worlds import fresh, repeated
 from support.node_fixtures import until
 
 from rosidl_py_gen.runtime import Node, ParameterDescriptor, ParameterNotDeclaredError, ParameterType
@@ -50,7 +50,7 @@ def ours_with_all_kinds(dds: Any) -> Node:
 
 async def ask_ours(peer: Peer, node: Node, method: str, argument: Any) -> Any:
     """Return the response that rclpy's AsyncParameterClient gets from our node."""
-    return await peer.ask("remote", node=node.fully_qualified_name, method=method, argument=argument)
+    return await peer.do("remote", node=node.fully_qualified_name, method=method, argument=argument)
 
 
 async def test_their_client_gets_our_values_types_and_descriptions(dds: Any, shared_peer: Peer) -> None:
@@ -117,13 +117,13 @@ async def test_their_client_undeclares_our_dynamic_parameter(dds: Any, shared_pe
 async def test_they_hear_of_changes_of_our_parameters(dds: Any, shared_peer: Peer) -> None:
     ours = ours_with_all_kinds(dds)
     topic, name = "/parameter_events", ours.fully_qualified_name
-    await shared_peer.ask("subscribe", topic=topic, type="rcl_interfaces/msg/ParameterEvent", qos=THEIR_QOS)
-    await shared_peer.ask("matched", topic=topic, count=2)  # their own node is one
+    await shared_peer.do("subscribe", topic=topic, type="rcl_interfaces/msg/ParameterEvent", qos=THEIR_QOS)
+    await shared_peer.do("matched", topic=topic, count=2)  # their own node is one
     await until(lambda: any(one.node_name == shared_peer.name for one in ours.get_subscriptions_info_by_topic(topic)))
 
     async def from_us() -> list[Any]:
         while True:
-            (event,) = await shared_peer.ask("take", topic=topic)
+            (event,) = await shared_peer.do("take", topic=topic)
             if event["node"] == name:
                 return [(one["name"], member(one["value"])) for one in event["changed_parameters"]]
 
@@ -134,13 +134,13 @@ async def test_they_hear_of_changes_of_our_parameters(dds: Any, shared_peer: Pee
 def theirs(dds: Any, shared_peer: Peer) -> Any:
     """Return our client for the parameters of a new node of the peer with all types of values."""
     name = fresh("theirs")
-    shared_peer.tell("add_node", name=name.strip("/")).result(WAIT_S)
-    shared_peer.tell("declare", node=name.strip("/"), parameters=VALUES).result(WAIT_S)
+    shared_peer.start("add_node", name=name.strip("/")).result(WAIT_S)
+    shared_peer.start("declare", node=name.strip("/"), parameters=VALUES).result(WAIT_S)
     return dds.node("tester").create_parameter_client(name)
 
 
 async def held_by_them(peer: Peer, client: Any, names: list[str]) -> Any:
-    return await peer.ask("parameters", node=client.node.strip("/"), names=names)
+    return await peer.do("parameters", node=client.node.strip("/"), names=names)
 
 
 async def test_our_client_gets_their_values_types_and_descriptions(theirs: Any) -> None:

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from peer_helpers import fresh, plain, random_values, service
 from rclpy_peer import Peer
-from rclpy_worlds import fresh, plain, random_values, service
 from support.node_fixtures import until
 
 from rosidl_py_gen import from_dict
@@ -21,7 +21,7 @@ SIZES = [1, 1_000, 60_000, 100_000, 1_048_576]
 
 async def client_of_theirs(node: Any, peer: Peer, name: str, kind: str, how: str, **settings: Any) -> Any:
     """Create a service of the peer and our client of it."""
-    await peer.ask("serve", name=name, type=kind, how=how, **settings)
+    await peer.do("serve", name=name, type=kind, how=how, **settings)
     client = node.create_client(service(peer, kind), name)
     assert await client.wait_for_service(timeout_s=10)
     return client
@@ -56,8 +56,8 @@ async def test_our_server_answers_their_client(
         str(request): from_dict(cls.Response, response) for request, response in zip(requests, responses, strict=True)
     }
     dds.node("tester").create_service(cls, name, lambda request: by_request[str(plain(request))])
-    await shared_peer.ask("client", name=name, type=kind)
-    assert await shared_peer.ask("call", name=name, requests_=requests) == responses
+    await shared_peer.do("client", name=name, type=kind)
+    assert await shared_peer.do("call", name=name, requests_=requests) == responses
 
 
 @pytest.mark.parametrize("kind", TEST_SERVICES)
@@ -69,7 +69,7 @@ async def test_their_server_gets_and_sends_random_values(dds: Any, shared_peer: 
         client = await client_of_theirs(node, shared_peer, name, kind, "fixed", values=values)
         for request in sent:
             assert plain(await client.call(from_dict(cls.Request, request), CALL_S)) == values
-        assert await shared_peer.ask("requests", name=name) == sent
+        assert await shared_peer.do("requests", name=name) == sent
 
 
 @pytest.mark.parametrize("kind", TEST_SERVICES)
@@ -84,8 +84,8 @@ async def test_their_client_sends_and_gets_random_values(dds: Any, shared_peer: 
         return from_dict(cls.Response, answers[len(arrived) - 1])
 
     dds.node("tester").create_service(cls, name, handler)
-    await shared_peer.ask("client", name=name, type=kind)
-    got = [(await shared_peer.ask("call", name=name, requests_=[values]))[0] for values in sent]
+    await shared_peer.do("client", name=name, type=kind)
+    got = [(await shared_peer.do("call", name=name, requests_=[values]))[0] for values in sent]
     assert (arrived, got) == (sent, answers)
 
 
@@ -104,9 +104,9 @@ async def test_messages_of_any_size_go_both_ways_with_our_server(dds: Any, share
     dds.node("tester").create_service(
         cls, name, lambda request: cls.Response(string_value=request.string_value[::-1], int64_value=size)
     )
-    await shared_peer.ask("client", name=name, type="test_msgs/srv/BasicTypes")
+    await shared_peer.do("client", name=name, type="test_msgs/srv/BasicTypes")
     for letter in "ab":
-        (answer,) = await shared_peer.ask("call", name=name, requests_=[{"string_value": letter * size + "."}])
+        (answer,) = await shared_peer.do("call", name=name, requests_=[{"string_value": letter * size + "."}])
         assert (answer["string_value"], answer["int64_value"]) == ("." + letter * size, size)
 
 
@@ -122,7 +122,7 @@ async def test_more_calls_at_once_than_a_slow_server_of_theirs_keeps_are_all_ans
 ) -> None:
     """Four handlers run at a time and ten requests are queued: the other calls wait for responses."""
     cls, name = service(shared_peer, "test_msgs/srv/BasicTypes"), fresh("slow")
-    await shared_peer.ask("serve_slowly", name=name, type="test_msgs/srv/BasicTypes", threads=4, seconds=0.1)
+    await shared_peer.do("serve_slowly", name=name, type="test_msgs/srv/BasicTypes", threads=4, seconds=0.1)
     node = dds.node("tester")
     clients = [node.create_client(cls, name) for _ in range(2)]
     for client in clients:
@@ -158,7 +158,7 @@ async def test_several_clients_of_theirs_at_once_get_their_own_answers(
     dds.node("tester").create_service(cls, name, handler)
     others = [start_peer(f"caller{number}") for number in range(2)]
     asked = {"name": name, "type": "test_msgs/srv/BasicTypes", "clients": 3, "calls": 30}
-    asking = (peer.ask("many_clients", within_s=80, **asked) for peer in (shared_peer, *others))
+    asking = (peer.do("many_clients", within_s=80, **asked) for peer in (shared_peer, *others))
     assert await asyncio.gather(*asking) == [90] * 3
     for peer in others:
         peer.close()
@@ -172,10 +172,10 @@ async def test_a_service_with_servers_of_both_kinds_answers_every_client(dds: An
     await until(lambda: len(node.get_subscriptions_info_by_topic(f"rq{name}Request", no_mangle=True)) == 2)
     answers = {(await client.call(cls.Request(), CALL_S)).message for _ in range(20)}
     assert answers and answers <= {"ours", "theirs"}
-    await shared_peer.ask("client", name=name, type="std_srvs/srv/Trigger")
-    got = [(await shared_peer.ask("call", name=name, requests_=[{}]))[0]["message"] for _ in range(20)]
+    await shared_peer.do("client", name=name, type="std_srvs/srv/Trigger")
+    got = [(await shared_peer.do("call", name=name, requests_=[{}]))[0]["message"] for _ in range(20)]
     assert set(got) <= {"ours", "theirs"}
-    await shared_peer.ask("unserve", name=name)
+    await shared_peer.do("unserve", name=name)
     await until(lambda: len(node.get_subscriptions_info_by_topic(f"rq{name}Request", no_mangle=True)) == 1)
     assert {(await client.call(cls.Request(), CALL_S)).message for _ in range(5)} == {"ours"}
 
@@ -197,7 +197,7 @@ async def test_requests_name_the_reader_that_waits_until_all_servers_have_answer
         assert (await client.call(request, CALL_S)).message == "first"
     assert named == [True, False, False]
     second = start_peer("second")
-    await second.ask("serve", name=name, type=kind, how="trigger", note="second")
+    await second.do("serve", name=name, type=kind, how="trigger", note="second")
     await until(lambda: len(client._servers()) == len(writer.matched_readers()) == 2)
     await client.call(request, CALL_S)
     assert named[3:] == [True]
@@ -218,7 +218,7 @@ async def both_kinds_call(peer: Peer, client: Any, name: str) -> None:
     number of replies is below the queue depth of its clients, so that none is overwritten.
     """
     many = {"name": name, "type": "test_msgs/srv/BasicTypes", "clients": 3, "calls": 30}
-    theirs = asyncio.wrap_future(peer.tell("many_clients", **many))
+    theirs = asyncio.wrap_future(peer.start("many_clients", **many))
     request = service(peer, "test_msgs/srv/BasicTypes").Request
     number = 0
     while number < 50 or (not theirs.done() and number < _KEPT - 90):

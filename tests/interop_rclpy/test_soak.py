@@ -15,8 +15,8 @@ from functools import partial
 from typing import Any
 
 import pytest
+from peer_helpers import action, fresh, service
 from rclpy_peer import Peer, PeerError
-from rclpy_worlds import action, fresh, service
 from support.node_fixtures import until
 
 from rosidl_py_gen.runtime import ServerGoal
@@ -70,18 +70,18 @@ class Soak:
         """Create the services; those that are called both have a server on each side."""
         names, stays = self.names, self.stays
         for name in ("theirs", "both_for_us", "both_for_them"):
-            await stays.ask("serve", name=names[name], type=BASIC, how="echo")
+            await stays.do("serve", name=names[name], type=BASIC, how="echo")
         for name in ("ours", "ours_mortal", "both_for_us", "both_for_them"):
             self.ours.create_service(self.basic, names[name], self.echo)
-        await stays.ask(
+        await stays.do(
             "action_server", name=names["goals_theirs"], type=FIBONACCI, how="succeed", result={"sequence": [7]}
         )
         self.ours.create_action_server(self.fibonacci, names["goals_ours"], self.execute, result_timeout_s=WAIT_S)
         self.ours.declare_parameter("number", 0)
-        await stays.ask("declare", parameters={"number": 0})
-        await stays.ask("client", name=names["ours"], type=BASIC)
-        await stays.ask("client", name=names["both_for_them"], type=BASIC)
-        await stays.ask("action_client", name=names["goals_ours"], type=FIBONACCI)
+        await stays.do("declare", parameters={"number": 0})
+        await stays.do("client", name=names["ours"], type=BASIC)
+        await stays.do("client", name=names["both_for_them"], type=BASIC)
+        await stays.do("action_client", name=names["goals_ours"], type=FIBONACCI)
 
     def echo(self, request: Any) -> Any:
         return self.basic.Response(int64_value=request.int64_value, string_value=request.string_value)
@@ -106,7 +106,7 @@ class Soak:
     def their_calls(self, name: str) -> Callable[[int], Awaitable[None]]:
         async def call(number: int) -> None:
             request = {"int64_value": number, "string_value": "y" * (number * 7919 % 3000)}
-            (answer,) = await self.stays.ask("call", name=self.names[name], requests_=[request])
+            (answer,) = await self.stays.do("call", name=self.names[name], requests_=[request])
             assert (answer["int64_value"], answer["string_value"]) == tuple(request.values())
 
         return call
@@ -122,8 +122,8 @@ class Soak:
 
     async def their_goals(self, number: int) -> None:
         key, order = f"goal{number}", number % 100
-        assert await self.stays.ask("send_goal", name=self.names["goals_ours"], key=key, goal={"order": order})
-        assert (await self.stays.ask("result", key=key))["result"] == {"sequence": [order]}
+        assert await self.stays.do("send_goal", name=self.names["goals_ours"], key=key, goal={"order": order})
+        assert (await self.stays.do("result", key=key))["result"] == {"sequence": [order]}
 
     def our_parameters(self) -> Callable[[int], Awaitable[None]]:
         remote = self.ours.create_parameter_client(f"/{self.stays.name}")
@@ -136,7 +136,7 @@ class Soak:
 
     async def their_parameters(self, number: int) -> None:
         node = self.ours.fully_qualified_name
-        (answer,) = (await self.stays.ask("remote", node=node, method="set_parameters", argument={"number": number}))[
+        (answer,) = (await self.stays.do("remote", node=node, method="set_parameters", argument={"number": number}))[
             "results"
         ]
         assert answer["successful"]
@@ -166,18 +166,18 @@ class Soak:
         while not self.is_over:
             dead = client._servers()  # until its lease ends nobody knows, and a request may go to it alone
             peer = start_mortal("mortal")
-            await peer.ask("serve", name=name, type=TRIGGER, how="trigger", note="alive")
-            await peer.ask("client", name=self.names["ours_mortal"], type=BASIC)
+            await peer.do("serve", name=name, type=TRIGGER, how="trigger", note="alive")
+            await peer.do("client", name=self.names["ours_mortal"], type=BASIC)
             await until(partial(self.is_replaced, client, dead), WAIT_S)
             assert (await answered(partial(client.call, self.trigger.Request()))).message == "alive"
             request: dict[str, Any] = {"name": self.names["ours_mortal"], "requests_": [{"int64_value": 5}]}
-            await answered(partial(peer.ask, "call", **request))
+            await answered(partial(peer.do, "call", **request))
             end = asyncio.get_running_loop().time() + KILLED_EVERY_S
             while asyncio.get_running_loop().time() < end and not self.is_over:
-                (answer,) = await peer.ask("call", **request)
+                (answer,) = await peer.do("call", **request)
                 assert answer["int64_value"] == 5
                 await asyncio.sleep(_PAUSE_S)
-            cut_off = peer.tell("call", name=self.names["ours_mortal"], requests_=[{}] * 5)
+            cut_off = peer.start("call", name=self.names["ours_mortal"], requests_=[{}] * 5)
             lost = asyncio.ensure_future(client.call(self.trigger.Request(), 3))
             await asyncio.sleep(0)
             await asyncio.to_thread(peer.kill)

@@ -6,8 +6,8 @@ import asyncio
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from peer_helpers import digest, fresh, message, plain, random_bytes, random_values, repeated
 from rclpy_peer import Peer
-from rclpy_worlds import digest, fresh, message, plain, random_bytes, random_values, repeated
 from support.node_fixtures import until
 
 from rosidl_py_gen import from_dict
@@ -33,19 +33,19 @@ MEGABYTE = 1_048_576
 
 async def heard_by_peer(node: Node, peer: Peer, cls: Any, topic: str, qos: QoSProfile, theirs: dict[str, Any]) -> Any:
     """Return our publisher that is matched with a subscription of the peer."""
-    await peer.ask("subscribe", topic=topic, type=cls._TYPE.name, qos=theirs)
+    await peer.do("subscribe", topic=topic, type=cls._TYPE.name, qos=theirs)
     publisher = node.create_publisher(cls, topic, qos)
     assert await publisher.wait_for_subscribers(timeout_s=10)
-    await peer.ask("matched", topic=topic)
+    await peer.do("matched", topic=topic)
     return publisher
 
 
 async def hearing_peer(node: Node, peer: Peer, cls: Any, topic: str, qos: QoSProfile, theirs: dict[str, Any]) -> Any:
     """Return our subscription that is matched with a publisher of the peer."""
     subscription = node.create_subscription(cls, topic, qos=qos)
-    await peer.ask("publisher", topic=topic, type=cls._TYPE.name, qos=theirs)
+    await peer.do("publisher", topic=topic, type=cls._TYPE.name, qos=theirs)
     assert await subscription.wait_for_publishers(timeout_s=10)
-    await peer.ask("matched", topic=topic)
+    await peer.do("matched", topic=topic)
     return subscription
 
 
@@ -59,9 +59,9 @@ async def exchange(node: Node, peer: Peer, name: str, sent: list[dict[str, Any]]
     publisher = await heard_by_peer(node, peer, cls, topic, KEEP, THEY_KEEP)
     for values in sent:
         publisher.publish(from_dict(cls, values))
-    assert await peer.ask("take", topic=topic, count=len(sent)) == sent
+    assert await peer.do("take", topic=topic, count=len(sent)) == sent
     subscription = await hearing_peer(node, peer, cls, back, KEEP, THEY_KEEP)
-    await peer.ask("publish", topic=back, messages_=sent)
+    await peer.do("publish", topic=back, messages_=sent)
     arrived = [await subscription.receive(timeout_s=10) for _ in sent]
     assert [plain(one) for one in arrived] == sent
     publisher.close()
@@ -92,9 +92,9 @@ async def test_endpoints_are_found_after_peers_told_each_other_their_types(
     await hearing_peer(node, shared_peer, cls, first, KEEP, THEY_KEEP)
     other = start_peer("other_peer")  # asks for the types of all that shared_peer has
     await hearing_peer(node, other, message(shared_peer, "std_msgs/msg/String"), first + "_other", KEEP, THEY_KEEP)
-    await other.ask("subscribe", topic=first + "_both", type="std_msgs/msg/String")
-    await shared_peer.ask("publisher", topic=first + "_both", type="std_msgs/msg/String")
-    await other.ask("matched", topic=first + "_both")
+    await other.do("subscribe", topic=first + "_both", type="std_msgs/msg/String")
+    await shared_peer.do("publisher", topic=first + "_both", type="std_msgs/msg/String")
+    await other.do("matched", topic=first + "_both")
     await hearing_peer(node, shared_peer, cls, fresh("after"), KEEP, THEY_KEEP)
 
 
@@ -105,7 +105,7 @@ async def test_topics_with_keys_match(dds: Any, shared_peer: Peer) -> None:
     publishers = []
     for name in KEYED:
         publishers.append(node.create_publisher(message(shared_peer, name), fresh("keyed")))
-        await shared_peer.ask("subscribe", topic=publishers[-1].topic, type=name)
+        await shared_peer.do("subscribe", topic=publishers[-1].topic, type=name)
     assert all(await asyncio.gather(*(publisher.wait_for_subscribers(timeout_s=3) for publisher in publishers)))
 
 
@@ -116,12 +116,12 @@ async def test_a_megabyte_arrives_whole(dds: Any, shared_peer: Peer) -> None:
     publisher = await heard_by_peer(node, shared_peer, cls, topic, KEEP, THEY_KEEP)
     for _ in range(3):
         publisher.publish(cls(data=data))
-    taken = await shared_peer.ask("take", topic=topic, count=3)
+    taken = await shared_peer.do("take", topic=topic, count=3)
     assert [one["data"] for one in taken] == [digest(data)] * 3
     subscription = await hearing_peer(node, shared_peer, cls, back, KEEP, THEY_KEEP)
     order = {"data": {"random_bytes": MEGABYTE, "seed": 1}}
 
-    await shared_peer.ask("publish", topic=back, messages_=[order] * 3)
+    await shared_peer.do("publish", topic=back, messages_=[order] * 3)
     for _ in range(3):
         assert (await subscription.receive(timeout_s=20)).data.tobytes() == data
 
@@ -134,7 +134,7 @@ async def test_the_first_message_of_a_publisher_may_be_large(dds: Any, shared_pe
     cls, topics = message(shared_peer, "std_msgs/msg/UInt8MultiArray"), [fresh("big_at_once") for _ in range(10)]
     subscriptions = [await hearing_peer(node, shared_peer, cls, topic, KEEP, THEY_KEEP) for topic in topics]
     for topic in topics:
-        await shared_peer.ask("publish", topic=topic, messages_=[order])
+        await shared_peer.do("publish", topic=topic, messages_=[order])
     for subscription in subscriptions:
         assert (await subscription.receive(timeout_s=10)).data.tobytes() == random_bytes(200_000, 1)
 
@@ -145,7 +145,7 @@ async def test_a_camera_image_arrives_whole(dds: Any, shared_peer: Peer) -> None
     image = cls(height=480, width=640, encoding="rgb8", step=1920, data=data)
     publisher = await heard_by_peer(dds.node("tester"), shared_peer, cls, topic, KEEP, THEY_KEEP)
     publisher.publish(image)
-    (taken,) = await shared_peer.ask("take", topic=topic)
+    (taken,) = await shared_peer.do("take", topic=topic)
     assert taken == {**plain(cls(height=480, width=640, encoding="rgb8", step=1920)), "data": digest(data)}
 
 
@@ -155,12 +155,12 @@ async def test_best_effort_topics_deliver(dds: Any, shared_peer: Peer) -> None:
     topic, back = fresh("lossy_to_them"), fresh("lossy_to_us")
     theirs = {"depth": 5, "reliability": "BEST_EFFORT"}
     publisher = await heard_by_peer(node, shared_peer, cls, topic, SENSOR_DATA, theirs)
-    taken = shared_peer.ask("take", topic=topic)
+    taken = shared_peer.do("take", topic=topic)
     assert await repeated(lambda: publisher.publish(cls(data="out")), taken) == [{"data": "out"}]
     subscription = await hearing_peer(node, shared_peer, cls, back, SENSOR_DATA, theirs)
 
     async def send() -> None:
-        await shared_peer.ask("publish", topic=back, messages_=[{"data": "back"}])
+        await shared_peer.do("publish", topic=back, messages_=[{"data": "back"}])
 
     assert await repeated(send, subscription.receive(timeout_s=10)) == cls(data="back")
 
@@ -175,14 +175,14 @@ async def test_our_latched_messages_reach_a_late_joiner_as_deep_as_the_history_i
     publisher = dds.node("tester").create_publisher(cls, topic, LATCHED)
     for values in FIVE:
         publisher.publish(from_dict(cls, values))
-    await shared_peer.ask("subscribe", topic=topic, type="std_msgs/msg/String", qos=THEY_LATCH)
-    assert await shared_peer.ask("take", topic=topic, count=3) == FIVE[-3:]
+    await shared_peer.do("subscribe", topic=topic, type="std_msgs/msg/String", qos=THEY_LATCH)
+    assert await shared_peer.do("take", topic=topic, count=3) == FIVE[-3:]
 
 
 async def test_their_latched_messages_reach_us_as_deep_as_the_history_is(dds: Any, shared_peer: Peer) -> None:
     cls, topic = message(shared_peer, "std_msgs/msg/String"), fresh("latched_by_them")
-    await shared_peer.ask("publisher", topic=topic, type="std_msgs/msg/String", qos=THEY_LATCH)
-    await shared_peer.ask("publish", topic=topic, messages_=FIVE)
+    await shared_peer.do("publisher", topic=topic, type="std_msgs/msg/String", qos=THEY_LATCH)
+    await shared_peer.do("publish", topic=topic, messages_=FIVE)
     subscription = dds.node("tester").create_subscription(cls, topic, qos=LATCHED)
     assert [plain(await subscription.receive(timeout_s=10)) for _ in range(3)] == FIVE[-3:]
 
@@ -192,7 +192,7 @@ async def test_a_busy_subscriber_keeps_the_newest(dds: Any, shared_peer: Peer) -
     topic, last = fresh("newest"), {"data": "message 499"}
     subscription = await hearing_peer(node, shared_peer, cls, topic, QoSProfile().keep_last(2), {"depth": 1000})
     many = [{"data": f"message {number}"} for number in range(500)]
-    await shared_peer.ask("publish", topic=topic, messages_=many)
+    await shared_peer.do("publish", topic=topic, messages_=many)
     await until(lambda: subscription.latest() == from_dict(cls, last))
 
 
@@ -213,6 +213,6 @@ async def test_policies_decide_who_is_matched(
     topic, apart = fresh("policies"), list[Any]()
     events = SubscriptionEventCallbacks(incompatible_qos=apart.append)
     subscription = node.create_subscription(cls, topic, qos=wanted, event_callbacks=events)
-    await shared_peer.ask("publisher", topic=topic, type="std_msgs/msg/String", qos=offered)
+    await shared_peer.do("publisher", topic=topic, type="std_msgs/msg/String", qos=offered)
     await until(lambda: subscription.publisher_count > 0 or apart)
     assert (subscription.publisher_count > 0, apart == []) == (fits, fits)

@@ -15,8 +15,8 @@ from support.node_fixtures import DOMAINS, dds, only_loopback, pytest_pyfunc_cal
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(1, str(Path(__file__).parents[1] / "interop_rclpy"))
 
+from observed_programs import PROGRAMS, Both, Case, Observed, Observer
 from rclpy_peer import REQUIREMENTS
-from two_rclpys import PROGRAMS, Both, Case, Observed, Observer
 
 __all__ = ["dds", "only_loopback", "pytest_pyfunc_call"]
 _observations: dict[Path, dict[int, Both | BaseException]] = {}

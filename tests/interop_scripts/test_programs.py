@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 
 import pytest
-from two_rclpys import (
+from observed_programs import (
     Ask,
     Call,
     Case,

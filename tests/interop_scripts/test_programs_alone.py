@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from two_rclpys import PROGRAMS, Case, Observed, difference
+from observed_programs import PROGRAMS, Case, Observed, difference
 
 OURS_SAYS = {"lifecycle_triggers": "[ERROR] [lamp]: on_configure raised ValueError: broken"}
 """Lines that ours logs and rclpy does not."""

@@ -120,7 +120,7 @@ def compared() -> dict[str, Any]:
         "-m",
         "rosidl_py_gen.ros_cli",
         "run",
-        str(Path(__file__).with_name("differing_names.py")),
+        str(Path(__file__).with_name("compare_names.py")),
     ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr

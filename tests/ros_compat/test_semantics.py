@@ -39,8 +39,8 @@ SIGNALS = (
 OURS = """
 import runpy, sys
 sys.path.insert(0, sys.argv[1])
-import shim
-shim.install()
+import install_rclpy
+install_rclpy.install()
 sys.argv = sys.argv[2:]
 runpy.run_path(sys.argv[0], run_name="__main__")
 """

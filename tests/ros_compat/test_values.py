@@ -29,7 +29,7 @@ def told(python: Path | str, program: Path, *more: str, domain: int) -> dict[str
     own = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     environ = {**os.environ, **own, "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp" if more else "rmw_fastrtps_cpp"}
     done = subprocess.run(
-        [str(python), str(HERE / "told.py"), str(program), *more],
+        [str(python), str(HERE / "print_results.py"), str(program), *more],
         capture_output=True,
         text=True,
         timeout=120,

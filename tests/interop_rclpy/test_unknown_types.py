@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from peer_helpers import action, fresh, random_values, repeated, service, without_definitions
 from rclpy_peer import Peer
-from rclpy_worlds import action, fresh, random_values, repeated, service, without_definitions
 from support.node_fixtures import start_process
 
 from rosidl_py_gen import type_hash
@@ -21,11 +21,11 @@ FIBONACCI = "test_msgs/action/Fibonacci"
 
 
 @pytest.fixture
-def stranger(tmp_path: Path) -> Any:
-    """Return a function that runs `stranger.py` and returns its result, or the expected error."""
+def resolver(tmp_path: Path) -> Any:
+    """Return a function that runs `resolve_types.py` and returns its result, or the expected error."""
 
     async def run(do: str, *, is_right: bool = True, **arguments: Any) -> Any:
-        script = str(Path(__file__).with_name("stranger.py"))
+        script = str(Path(__file__).with_name("resolve_types.py"))
         process = await start_process(
             sys.executable,
             script,
@@ -43,38 +43,38 @@ def stranger(tmp_path: Path) -> Any:
     return run
 
 
-async def test_a_topic_of_theirs_is_read(shared_peer: Peer, stranger: Any) -> None:
+async def test_a_topic_of_theirs_is_read(shared_peer: Peer, resolver: Any) -> None:
     topic = fresh("unknown")
     (values,) = random_values(shared_peer.share, NESTED)[:1]
-    await shared_peer.ask("publisher", topic=topic, type=NESTED)
+    await shared_peer.do("publisher", topic=topic, type=NESTED)
 
     async def send() -> None:
-        await shared_peer.ask("publish", topic=topic, messages_=[values])
+        await shared_peer.do("publish", topic=topic, messages_=[values])
 
-    answer = await repeated(send, stranger("echo", topic=topic))
+    answer = await repeated(send, resolver("echo", topic=topic))
     assert answer["message"] == values
     assert answer["constants"]["test_msgs/msg/Constants"]["INT32_CONST"] == -30000  # only the source says that
 
 
-async def test_a_service_of_theirs_needs_its_hash_or_introspection(shared_peer: Peer, stranger: Any) -> None:
+async def test_a_service_of_theirs_needs_its_hash_or_introspection(shared_peer: Peer, resolver: Any) -> None:
     name = fresh("unknown")
-    await shared_peer.ask("serve", name=name, type=BASIC, how="echo")
+    await shared_peer.do("serve", name=name, type=BASIC, how="echo")
     request = {"int32_value": -5, "string_value": "words"}
-    error = await stranger("call", is_right=False, service=name, request=request, type_hash=None)
+    error = await resolver("call", is_right=False, service=name, request=request, type_hash=None)
     assert f"/{shared_peer.name}: Type not currently in use by this node" in error and "type_hash" in error
     told = type_hash(service(shared_peer, BASIC))
-    answer = await stranger("call", service=name, request=request, type_hash=told)
+    answer = await resolver("call", service=name, request=request, type_hash=told)
     assert (answer["int32_value"], answer["string_value"]) == (-5, "words")
-    await shared_peer.ask("introspect", kind="service", name=name, state="METADATA")
-    answer = await stranger("call", service=name, request=request, type_hash=None)
+    await shared_peer.do("introspect", kind="service", name=name, state="METADATA")
+    answer = await resolver("call", service=name, request=request, type_hash=None)
     assert (answer["int32_value"], answer["string_value"]) == (-5, "words")
 
 
-async def test_an_action_of_theirs_needs_its_hash(shared_peer: Peer, stranger: Any) -> None:
+async def test_an_action_of_theirs_needs_its_hash(shared_peer: Peer, resolver: Any) -> None:
     name = fresh("unknown")
     done = {"sequence": [0, 1, 1, 2]}
-    await shared_peer.ask("action_server", name=name, type=FIBONACCI, how="succeed", result=done)
-    error = await stranger("send", is_right=False, action=name, goal={"order": 4}, type_hash=None)
+    await shared_peer.do("action_server", name=name, type=FIBONACCI, how="succeed", result=done)
+    error = await resolver("send", is_right=False, action=name, goal={"order": 4}, type_hash=None)
     assert f"/{shared_peer.name}: Type not currently in use by this node" in error and "type_hash" in error
     told = type_hash(action(shared_peer, FIBONACCI))
-    assert await stranger("send", action=name, goal={"order": 4}, type_hash=told) == done
+    assert await resolver("send", action=name, goal={"order": 4}, type_hash=told) == done

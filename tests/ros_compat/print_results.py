@@ -1,4 +1,4 @@
-"""``python told.py program.py [ours]``: print the result of each expression of a program as JSON: line -> kind, text.
+"""``python print_results.py program.py [ours]``: print the results of a program's expressions as JSON.
 
 It runs in the Python that has rclpy, and with ``ours`` in one that has ours.
 """
@@ -49,7 +49,7 @@ if __name__ == "__main__":
     warnings.simplefilter("ignore")
     path = Path(sys.argv[1])
     if sys.argv[2:] == ["ours"]:
-        from shim import install
+        from install_rclpy import install
 
         install()
     result = told(path.read_text(encoding="utf-8"), path.name)

@@ -42,7 +42,7 @@ async def send(node: Node, action: str, goal: dict[str, Any], type_hash: str | N
 
 
 async def main(do: str, **arguments: Any) -> None:
-    async with Node("stranger") as node:
+    async with Node("resolver") as node:
         try:
             answer = {"result": await globals()[do](node, **arguments)}
         except (RosidlError, TypeNotFoundError) as error:
