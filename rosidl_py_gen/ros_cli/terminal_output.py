@@ -63,7 +63,7 @@ def records(texts: Iterable[str]) -> None:
 
 def mermaid_label(text: str) -> str:
     """Return a label for Mermaid; special characters become character codes, which Mermaid does not interpret."""
-    return re.sub(r"[^A-Za-z0-9_/ .,()-]", lambda found: f"#{ord(found[0])};", printable(text))
+    return re.sub(r"[^A-Za-z0-9_/ .,()-]", lambda char: f"#{ord(char[0])};", printable(text))
 
 
 def note(text: str) -> None:

@@ -157,10 +157,10 @@ def _action_types(session: CommandNode, action: str) -> list[str]:
 def _given_or_only(kind: str, name: str, types: Sequence[str], type_name: str | None) -> str:
     if type_name is None:
         return _only(kind, name, types)
-    wanted = str(split_ros_name(type_name, "srv" if kind == "service" else kind))
-    if types and wanted not in types:
-        raise ToolError(f"{kind} {name} has type {', '.join(types)}, not {wanted}")
-    return wanted
+    requested = str(split_ros_name(type_name, "srv" if kind == "service" else kind))
+    if types and requested not in types:
+        raise ToolError(f"{kind} {name} has type {', '.join(types)}, not {requested}")
+    return requested
 
 
 def _only(kind: str, name: str, types: Sequence[str]) -> str:

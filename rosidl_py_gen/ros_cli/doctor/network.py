@@ -98,25 +98,25 @@ def multicast_works(address: str) -> bool:
         return False
 
 
-def list_interfaces(found: list[Interface]) -> Iterator[Finding]:
+def list_interfaces(interfaces: list[Interface]) -> Iterator[Finding]:
     """Report each interface."""
-    for one in found:
+    for one in interfaces:
         yield _describe(one)
-    if not found:
+    if not interfaces:
         yield Finding(NOTE, "this system does not report network interfaces")
 
 
-def check_interfaces(found: list[Interface], settings: DomainSettings | None) -> Iterator[Finding]:
+def check_interfaces(interfaces: list[Interface], settings: DomainSettings | None) -> Iterator[Finding]:
     """Report each interface, and check that they suffice for the discovery range of DDS."""
-    yield from list_interfaces(found)
-    if all(one.is_up is None for one in found):
+    yield from list_interfaces(interfaces)
+    if all(one.is_up is None for one in interfaces):
         return
-    if not any(one.is_up and one.address for one in found):
+    if not any(one.is_up and one.address for one in interfaces):
         yield Finding(BROKEN, "no network interface is up, not even loopback", "ip link set lo up")
         return
     if settings is None or settings.discovery_range.name != "SUBNET":
         return
-    yield from _check_subnet([one for one in found if one.reaches_others], settings)
+    yield from _check_subnet([one for one in interfaces if one.reaches_others], settings)
 
 
 def _describe(one: Interface) -> Finding:

@@ -47,16 +47,16 @@ class Executable:
 
 def of_sources(folder: Path) -> dict[str, Executable]:
     """Return the executables of a source package by name. Raises `ToolError` if a file cannot be read."""
-    found: dict[str, Executable] = {}
+    executables: dict[str, Executable] = {}
     for reader, name in ((_setup_py, "setup.py"), (_setup_cfg, "setup.cfg"), (_pyproject, "pyproject.toml")):
         if (folder / name).is_file():
             texts, root = reader(_text(folder, name), folder / name)
             for one in _scripts(texts, folder / root, folder / name):
-                found.setdefault(one.name, one)
+                executables.setdefault(one.name, one)
     if (folder / "CMakeLists.txt").is_file():
         for one in _programs(folder):
-            found.setdefault(one.name, one)
-    return found
+            executables.setdefault(one.name, one)
+    return executables
 
 
 def of_distribution(package: str) -> dict[str, Executable]:
@@ -74,7 +74,7 @@ def of_distribution(package: str) -> dict[str, Executable]:
 
 def of_prefixes(package: str) -> dict[str, Executable]:
     """Return the executable files in ``lib/<package>`` of the prefixes in AMENT_PREFIX_PATH."""
-    found: dict[str, Executable] = {}
+    executables: dict[str, Executable] = {}
     for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
         folder = Path(prefix, "lib", package)
         try:
@@ -84,8 +84,8 @@ def of_prefixes(package: str) -> dict[str, Executable]:
         for name in names:
             path = folder / name
             if path.is_file() and os.access(path, os.X_OK):
-                found.setdefault(name, Executable(name, folder, folder, file=path))
-    return found
+                executables.setdefault(name, Executable(name, folder, folder, file=path))
+    return executables
 
 
 def _text(folder: Path, name: str) -> str:

@@ -143,8 +143,8 @@ async def _wait_for_subscriptions(publisher: Publisher[Any], count: int, limit_s
             reason = f": {error.reason}" if error.reason else ""
         waited_s = now_s() - start_s
         if limit_s is not None and waited_s >= limit_s:
-            found = f"{publisher.subscription_count} subscriptions on {publisher.topic} in {limit_s:g} s"
-            raise ToolError(f"{found}, expected at least {count}{reason}")
+            text = f"{publisher.subscription_count} subscriptions on {publisher.topic} in {limit_s:g} s"
+            raise ToolError(f"{text}, expected at least {count}{reason}")
         terminal_output.note(f"Waiting for at least {count} matching subscription(s) on {publisher.topic}...")
         wait_s = _WAITING_NOTE_INTERVAL_S if limit_s is None else min(_WAITING_NOTE_INTERVAL_S, limit_s - waited_s)
 

@@ -83,11 +83,11 @@ async def _chunks() -> AsyncGenerator[bytes, None]:
                     data = os.read(file.fileno(), _CHUNK_BYTES)
                 except OSError as error:
                     data = error
-                put = queue.put(data)
+                enqueue = queue.put(data)
                 try:
-                    asyncio.run_coroutine_threadsafe(put, loop).result()
+                    asyncio.run_coroutine_threadsafe(enqueue, loop).result()
                 except (RuntimeError, CancelledError):  # the loop is closed, or about to be
-                    put.close()
+                    enqueue.close()
                     return
 
     threading.Thread(target=read, name="rosidl-py-stdin", daemon=True).start()
