@@ -1,18 +1,14 @@
 """Command group ``rosidl-py bag``; its verbs are imported when called."""
 
-import click
-
 from rosidl_py_gen.ros_cli.groups import LazyGroup
 
-
-@click.group(
-    cls=LazyGroup,
+bag = LazyGroup(
+    "bag",
     package=__name__,
+    help="Recordings: record, play, info, convert, migrate, reindex; as tables: table, sql.\n\n"
+    "Bags are MCAP files, and rosbag2 folders of MCAP or SQLite files.",
     verbs={
-        "convert": (
-            "convert",
-            "Copy a bag: SQLite as MCAP or the reverse, or a selection.",
-        ),
+        "convert": ("convert", "Copy a bag: SQLite as MCAP or the reverse, a selection."),
         "info": ("info", "Print the contents of a bag."),
         "migrate": ("migrate", "Convert a recording to changed definitions: fields are matched by name."),
         "play": (".playback.command", "Publish the messages of a bag with the recorded timing."),
@@ -22,8 +18,3 @@ from rosidl_py_gen.ros_cli.groups import LazyGroup
         "table": ("table", "Write bags as a Parquet dataset, for polars, pandas, DuckDB and Spark."),
     },
 )
-def bag() -> None:
-    """Recordings: record, play, info, convert, migrate, reindex; as tables: table, sql.
-
-    Bags are MCAP files, and rosbag2 folders of MCAP or SQLite files.
-    """

@@ -1,13 +1,11 @@
 """Command group ``rosidl-py interface``; its verbs are imported when called."""
 
-import click
-
 from rosidl_py_gen.ros_cli.groups import LazyGroup
 
-
-@click.group(
-    cls=LazyGroup,
+interface = LazyGroup(
+    "interface",
     package=__name__,
+    help="Definitions of messages, services and actions: those bundled, of AMENT_PREFIX_PATH and of --path.",
     verbs={
         "hash": ("hash", "Print the RIHS01 hash, which nodes compare to know if they use the same definition."),
         "list": ("list", "Print the available interfaces, all or those of a package."),
@@ -17,5 +15,3 @@ from rosidl_py_gen.ros_cli.groups import LazyGroup
         "show": ("show", "Print a definition, and below its fields the definitions of their types."),
     },
 )
-def interface() -> None:
-    """Definitions of messages, services and actions: those bundled, of AMENT_PREFIX_PATH and of --path."""
