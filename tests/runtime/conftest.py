@@ -1,4 +1,4 @@
-"""All tests of the runtime stay on this machine and may have worlds of nodes."""
+"""Fixtures of the runtime tests, which use only the loopback interface."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The examples as a user runs them: two processes, Ctrl-C at the end, no traceback."""
+"""Examples as a user runs them: two processes, Ctrl-C at the end, no traceback."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ __all__ = ["browser"]
 
 @pytest.fixture(autouse=True)
 def no_survivors() -> Iterator[None]:
-    """Kill what a failed test left running, so that it cannot disturb the next one."""
+    """Kill the processes of failed tests."""
     yield
     while _started:
         process = _started.pop()
@@ -54,7 +54,7 @@ _started: list[subprocess.Popen[str]] = []
 
 @pytest.fixture(autouse=True)
 def no_kept_types(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Types that examples ask others for are not known from an earlier run."""
+    """Use an empty cache of type descriptions."""
     monkeypatch.setenv("ROSIDL_PY_GEN_CACHE", str(tmp_path / "types"))
 
 
@@ -68,7 +68,7 @@ def test_an_example_is_short_says_how_to_run_it_and_is_on_the_page(path: Path) -
 
 
 def start(name: str, *arguments: str) -> subprocess.Popen[str]:
-    """Run an example; what this test process may import, it may import too."""
+    """Run an example with the import path of this process."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
     command = [sys.executable, "-W", "default", str(EXAMPLES / name), *arguments]
     process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -77,7 +77,7 @@ def start(name: str, *arguments: str) -> subprocess.Popen[str]:
 
 
 def stop(process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT) -> None:
-    """Press Ctrl-C and expect a clean end; one that takes no notice would go on for ever."""
+    """Press Ctrl-C and expect an end without error."""
     process.send_signal(number)
     _, errors = process.communicate(timeout=10)
     assert errors == ""

@@ -1,4 +1,4 @@
-"""Cells of a notebook, in a real IPython kernel: top-level await on the kernel's loop, and callbacks between cells."""
+"""Cells of a notebook in an IPython kernel: top-level await, and callbacks between cells."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ KERNEL_S = 20.0
 
 
 class Notebook:
-    """Runs cells."""
+    """IPython kernel that runs cells."""
 
     def __init__(self, client: AsyncKernelClient) -> None:
         self._client = client
         self.prints: dict[str, str] = {}
-        """What each cell printed, or functions that it handed in, by the cell's id."""
+        """Cell id -> its output, or functions that it passed in."""
 
     def _look(self, message: dict[str, Any]) -> None:
         if message["msg_type"] == "stream":
@@ -53,13 +53,13 @@ class Notebook:
             self.prints[cell] = self.prints.get(cell, "") + message["content"]["text"]
 
     async def cell(self, code: str) -> str:
-        """Run a cell that has to succeed; returns its id."""
+        """Run a cell that must succeed; return its id."""
         cell, content = await self._run(code)
         assert content["status"] == "ok", "\n".join(content["traceback"])
         return cell
 
     async def error(self, code: str) -> str:
-        """Run a cell that has to fail; returns the error's name and text."""
+        """Run a cell that must fail; return the error's name and text."""
         _, content = await self._run(code)
         assert content["status"] == "error"
         return f"{content['ename']}: {content['evalue']}"
@@ -72,13 +72,13 @@ class Notebook:
         return cell, reply["content"]
 
     async def printed(self, cell: str, text: str) -> None:
-        """Wait until a cell's output is that text."""
+        """Wait until a cell's output is a text."""
         while self.prints.get(cell) != text:
             self._look(await self._client.get_iopub_msg(timeout=KERNEL_S))
 
 
 async def in_notebook(folder: Path, use: Callable[[Notebook], Awaitable[None]]) -> None:
-    """Start a kernel, use it, and end it whatever happens."""
+    """Start a kernel, use it, and end it."""
     own = {name: str(folder) for name in ("IPYTHONDIR", "JUPYTER_RUNTIME_DIR", "JUPYTER_CONFIG_DIR")}
     environment = {**os.environ, **own, "PYTHONPATH": f"{ROOT}{os.pathsep}{GENERATED.name}"}
     manager = AsyncKernelManager(

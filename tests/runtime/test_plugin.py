@@ -1,4 +1,4 @@
-"""The pytest fixtures that come with the package, as users get them: through the entry point."""
+"""Pytest fixtures of the package, loaded through the entry point."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names of rclpy that exist here, errors that name the replacement of others, and what a `repr` says."""
+"""Names of rclpy that exist here, errors about others, and `repr` of entities."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What users do by mistake, or cannot help: cancelled futures, closed things, stopped servers, busy descriptors."""
+"""Cancelled futures, closed objects, stopped servers, busy descriptors."""
 
 from __future__ import annotations
 
@@ -27,13 +27,10 @@ if TYPE_CHECKING:
 
 
 def cancelled_future() -> asyncio.Future[None]:
-    """What is left of a task that was cancelled."""
+    """Return the exception of a cancelled task."""
     future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
     future.cancel()
     return future
-
-
-# ------------------------------------------------------------------------------------------------------ closed things
 
 
 async def test_waiting_on_something_closed_is_an_error_and_costs_nothing(world: World) -> None:
@@ -64,7 +61,6 @@ async def test_entering_a_closed_node_of_an_open_context_is_an_error(memory: Wor
 
 
 def test_a_take_in_the_middle_of_a_take_mixes_nothing_up(dds: World) -> None:
-    """What the garbage collector may cause in any line."""
     from rosidl_py_gen.runtime.transport.cyclone import endpoints as cyclone_endpoints
 
     node = dds.node("n")
@@ -89,9 +85,6 @@ def test_a_take_in_the_middle_of_a_take_mixes_nothing_up(dds: World) -> None:
     for subscription, topic in ((first, "/first"), (other, "/other")):
         texts = [String.decode(sample[0]).data for sample in subscription._items]
         assert texts == [f"{topic} {number} {'x' * number}" for number in range(5)]
-
-
-# --------------------------------------------------------------------------------------------------------- time limits
 
 
 async def test_calls_to_a_stopped_server_end_in_time(dds: World, caplog: pytest.LogCaptureFixture) -> None:
@@ -169,9 +162,6 @@ async def test_a_file_descriptor_that_is_always_ready_does_not_starve_messages(d
         loop.remove_reader(readable)
         os.close(readable)
         os.close(writable)
-
-
-# ------------------------------------------------------------------------------------------------ callbacks that fail
 
 
 async def test_a_cancelled_future_in_a_plain_callback_changes_nothing_else(

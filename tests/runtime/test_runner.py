@@ -1,4 +1,4 @@
-"""How programs begin and end: Ctrl-C once and twice, SIGTERM, loops that run already, nodes made before their loop."""
+"""Start and end of programs: Ctrl-C once and twice, SIGTERM, loops that run already, nodes without loop."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from rosidl_py_gen.runtime import Context, MemoryTransport, Node, run, spin
 
 @contextlib.contextmanager
 def program(text: str) -> Iterator[subprocess.Popen[str]]:
-    """A Python program that runs until the block ends, if not shorter."""
+    """Python program that runs until the block ends, or shorter."""
     process = subprocess.Popen(
         [sys.executable, "-W", "default", "-c", IMPORTS + text],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
@@ -56,7 +56,7 @@ def program(text: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def lines_until(process: subprocess.Popen[str], word: str) -> None:
-    """Read the program's output up to the line `word`."""
+    """Read the program's output up to a line."""
     assert process.stdout is not None
     for line in process.stdout:
         if line.strip() == word:
@@ -65,20 +65,18 @@ def lines_until(process: subprocess.Popen[str], word: str) -> None:
     raise AssertionError(f"it ended without {word!r}: {process.stderr.read()}")
 
 
-def wait_for_patience(process: subprocess.Popen[str]) -> None:
-    """Read what the program complains about up to the line about work of a thread."""
+def wait_for_thread_warning(process: subprocess.Popen[str]) -> None:
+    """Read the log up to the warning about a thread."""
     assert process.stderr is not None
-    complaints = []
+    lines = []
     for line in process.stderr:
         if "waiting for a function started by asyncio.to_thread" in line:
             break
-        complaints.append(line)
+        lines.append(line)
     else:
         raise AssertionError("it ended without a word about its thread")
-    assert complaints == []
+    assert lines == []
 
-
-# ----------------------------------------------------------------------------------------------------------- signals
 
 STUCK = """
 class Stuck(Node):
@@ -197,7 +195,7 @@ print(signal.set_wakeup_fd(-1))
     with program(text) as process:
         lines_until(process, "working")
         process.send_signal(signal.SIGINT)
-        wait_for_patience(process)
+        wait_for_thread_warning(process)
         assert process.communicate("\n", timeout=20) == ("worked\n-1\n", "")
         assert process.returncode == 0
 
@@ -215,7 +213,7 @@ run(main)
     with program(text) as process:
         lines_until(process, "working")
         process.send_signal(signal.SIGINT)
-        wait_for_patience(process)  # by now the first one was noticed
+        wait_for_thread_warning(process)  # by now the first one was noticed
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=20)
         assert (process.returncode, errors) == (-signal.SIGINT, "")
@@ -243,7 +241,6 @@ def test_a_second_ctrl_c_of_a_command_interrupts_nothing(monkeypatch: pytest.Mon
 
 
 def test_a_signal_that_was_read_already_is_no_failure() -> None:
-    """A round of the loop that an exception ends leaves its callbacks to the next one, which finds them due again."""
     reading, writing = socket.socketpair()
     with reading, writing:
         reading.setblocking(False)
@@ -306,9 +303,6 @@ def test_tasks_of_callbacks_that_are_called_while_it_waits_for_threads_are_ended
     assert not caplog.records
 
 
-# -------------------------------------------------------------------------------------------- loops that run already
-
-
 async def test_run_and_spin_in_a_running_loop_say_what_to_write_and_close_nothing(memory: World) -> None:
     with Node("shared") as shared:
         node = memory.node("n")
@@ -339,9 +333,6 @@ def test_spin_takes_nodes(bad: Any) -> None:
         spin(bad)
     with pytest.raises(TypeError, match="at least one node"):
         spin()
-
-
-# --------------------------------------------------------------------------------------- nodes made before their loop
 
 
 @pytest.mark.every_transport

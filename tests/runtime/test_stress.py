@@ -1,4 +1,4 @@
-"""Behaviour under stress: floods, stalls, many entities, death. SOAK_MINUTES=60 makes the soak test last an hour."""
+"""Stress: floods, stalls, many entities, killed processes. SOAK_MINUTES=60 makes the soak test last an hour."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _OF_ZENOH = re.compile(r"(acc|app|net|rx|tx)-\d+\n")
 
 
 def resources() -> tuple[int, int]:
-    """Threads (DDS ones included, Zenoh's not) and file descriptors of this process."""
+    """Return the numbers of threads (without Zenoh's) and file descriptors of this process."""
     threads = 0
     for thread in Path("/proc/self/task").iterdir():
         with contextlib.suppress(OSError):  # it ended meanwhile
@@ -41,12 +41,11 @@ def resources() -> tuple[int, int]:
 
 
 def is_nothing_left(before: tuple[int, int]) -> bool:
-    """Whether there is no more than before; the other end of a connection, the tests' router, takes its moment."""
+    """Return True if no more resources are used than before; the router of the tests may need some time."""
     return all(now <= then for now, then in zip(resources(), before, strict=True))
 
 
 def rss_kb() -> int:
-    """Resident memory now."""
     with open("/proc/self/statm") as statm:
         return int(statm.read().split()[1]) * 4
 
@@ -227,7 +226,6 @@ def test_contexts_can_be_opened_and_closed_again_and_again(world: World) -> None
 
 @pytest.mark.every_transport
 def test_nodes_in_threads_publish_until_they_are_closed(world: World) -> None:
-    """Two contexts, five nodes each, ten publishers each, ten rounds, all at once (r2r's own stress test)."""
     failures: list[BaseException] = []
 
     def work(context: Context, number: int) -> None:
@@ -252,7 +250,7 @@ def test_nodes_in_threads_publish_until_they_are_closed(world: World) -> None:
 
 @pytest.fixture
 def soak_s(request: pytest.FixtureRequest) -> float:
-    """Seconds of traffic: 8, or what SOAK_MINUTES says."""
+    """Return the seconds of traffic: 8, or SOAK_MINUTES."""
     return float(os.environ.get("SOAK_MINUTES", "0")) * 60 or 8.0
 
 
@@ -294,7 +292,6 @@ async def test_soak_memory_stays_flat_under_traffic(dds: World, soak_s: float) -
 
 
 async def test_a_slow_callback_gets_the_newest_messages(dds: World) -> None:
-    """r2r's issue 130: with keep-last 1 a slow reader must not work on stale data."""
     alice, bob = dds.pair()
     lags: list[int] = []
     sent = 0

@@ -1,4 +1,4 @@
-"""What is said about losing nothing, with the subscriber in a process of its own: real sockets lie in between."""
+"""Reliable delivery without loss to a subscriber in another process."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ asyncio.run(main(int(sys.argv[1]), float(sys.argv[2])))
 
 @contextlib.contextmanager
 def counter(pause_s: float) -> Iterator[subprocess.Popen[str]]:
-    """A process that subscribes, and prints what it received when it has `COUNT` messages and no more come."""
+    """Process that subscribes, and prints what it received after `COUNT` messages."""
     process = subprocess.Popen(
         [sys.executable, "-c", COUNTER, str(COUNT), str(pause_s)],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
@@ -68,7 +68,6 @@ def counter(pause_s: float) -> Iterator[subprocess.Popen[str]]:
 
 
 async def result(process: subprocess.Popen[str]) -> dict[str, Any]:
-    """What the process printed."""
     assert process.stdout is not None and process.stderr is not None
     line = await asyncio.to_thread(process.stdout.readline)
     assert line, process.stderr.read()

@@ -1,4 +1,4 @@
-"""One process alone has the definitions; another reads its topic, calls its service, sends its action a goal."""
+"""Definitions that only one process has; another one reads its topic, calls its service, sends it a goal."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def robot(network: World) -> Iterator[None]:
-    """A process with a node and definitions of its own."""
+    """Process with a node and its own definitions."""
     process = subprocess.Popen(
         [sys.executable, "-c", ROBOT],
         env={**os.environ, "PYTHONPATH": str(ROOT)},

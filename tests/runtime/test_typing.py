@@ -1,4 +1,4 @@
-"""What a type checker sees: messages, not Any."""
+"""Types that a type checker infers: messages, not Any."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arguments that are not what is asked for: the error says what was found and what was expected."""
+"""Arguments of wrong types and values: the error states what was found and expected."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_other_domain_ids_are_refused(bad: Any) -> None:
 
 
 def modules() -> Iterator[Any]:
-    """Every module of the runtime that is no pytest plugin."""
+    """Yield every module of the runtime except the pytest plugin."""
     for found in pkgutil.iter_modules(runtime.__path__):
         if found.name != "pytest_plugin":
             yield importlib.import_module(f"{runtime.__name__}.{found.name}")

@@ -1,4 +1,4 @@
-"""Async callbacks of one subscription: one at a time or several, and a word about what is dropped meanwhile."""
+"""Concurrency of async callbacks, and warnings about dropped messages."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Slow:
-    """Async callbacks that end when they are told to."""
+    """Async callbacks that end on request."""
 
     def __init__(self) -> None:
         self.go_on = asyncio.Event()

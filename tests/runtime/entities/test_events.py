@@ -1,4 +1,4 @@
-"""What happens to endpoints beside messages, told to callbacks."""
+"""Event callbacks of publishers and subscriptions."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ KINDS = [
     (RELIABLE, MANUAL.transient_local().deadline(1.0), Kind.DURABILITY),
     (RELIABLE, MANUAL.deadline(1.0), Kind.DEADLINE),
 ]
-"""What is offered and asked for, and what DDS says it disagrees on."""
+"""Offered and requested profile, and the first incompatible policy."""
 DDS_POLICIES = {Kind.DURABILITY: 2, Kind.DEADLINE: 4, Kind.LIVELINESS: 8, Kind.RELIABILITY: 11}
 """Numbers of DDS_..._QOS_POLICY_ID."""
 

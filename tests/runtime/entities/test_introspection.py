@@ -18,7 +18,7 @@ STATE = IntrospectionState
 
 
 async def exchange(world: World, client_state: IntrospectionState, server_state: IntrospectionState) -> Any:
-    """One call; returns the events seen, the client and the server."""
+    """Make one call; return the introspection events, the client and the server."""
     events: list[Any] = []
     world.node("listener").create_subscription(AddTwoInts.Event, "/add/_service_event", events.append, 100)
     node = world.node("n")

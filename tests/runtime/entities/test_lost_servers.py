@@ -1,4 +1,4 @@
-"""Calls whose servers go away before they answer: closed or killed, with others in their place or without."""
+"""Calls whose servers leave before they reply: closed or killed, replaced or not."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ asyncio.run(main())
 
 @pytest.fixture
 def mortal() -> Iterator[subprocess.Popen[str]]:
-    """A process with a server that never answers; it is missed a second after it was killed."""
+    """Process with a server that never replies; its loss is detected a second after it was killed."""
     path = os.pathsep.join([str(ROOT), GENERATED.name])
     env = {**os.environ, "PYTHONPATH": path, "CYCLONEDDS_URI": _SHORT_LEASE}
     process = subprocess.Popen([sys.executable, "-c", _SILENT_SERVER], env=env, stdout=subprocess.PIPE, text=True)
@@ -52,12 +52,11 @@ def mortal() -> Iterator[subprocess.Popen[str]]:
 
 
 def add(request: AddTwoInts.Request) -> AddTwoInts.Response:
-    """The classic."""
     return Response(sum=request.a + request.b)
 
 
 async def asked(world: World, count: int = 1, timeout_s: float | None = None) -> tuple[Any, Any, list[Any]]:
-    """A server that has got so many calls of a client and answers none of them."""
+    """Return a server that has received calls of a client and replied to none."""
     server = world.node("server").create_service(AddTwoInts, "add")
     client = world.node("caller").create_client(AddTwoInts, "add")
     calls = [asyncio.ensure_future(client.call(Request(a=1, b=2), timeout_s)) for _ in range(count)]

@@ -1,4 +1,4 @@
-"""Who closes what: a node closes all that was made with it, and what is made of several parts closes those."""
+"""Lifetime: a node closes all that was created with it, a composite entity its parts."""
 
 from __future__ import annotations
 
@@ -38,7 +38,6 @@ WHOLES: dict[str, tuple[Callable[[Node], Any], int]] = {
 
 
 def in_thread(function: Callable[[], object]) -> None:
-    """Call it in a thread of its own, and wait for its end."""
     thread = threading.Thread(target=function)
     thread.start()
     thread.join()
@@ -64,7 +63,6 @@ async def test_what_is_made_of_parts_takes_all_of_them_along(world: World, name:
 def test_a_node_goes_with_one_message_whatever_it_has(
     memory: World, monkeypatch: pytest.MonkeyPatch, closed_first: bool
 ) -> None:
-    """Without a loop, each change of an endpoint would be announced at once."""
     node = memory.node("n")
     wholes = [make(node) for make, _ in WHOLES.values()]
     if closed_first:
@@ -78,7 +76,6 @@ def test_a_node_goes_with_one_message_whatever_it_has(
 def test_what_is_being_made_while_its_node_closes_leaves_nothing_behind(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Another thread closes the node when the last part of an action client is about to be made."""
     node, other = memory.node("n"), memory.node("other")
     participant, create, made = node.context._core.participant, node.context._core.participant.create_client, []
 
@@ -137,7 +134,6 @@ async def test_a_handler_that_closes_its_own_server_goes_on(world: World, caplog
 
 @pytest.mark.parametrize("what", ["node", "action server"])
 async def test_tasks_end_when_another_thread_closes_what_they_belong_to(world: World, what: str) -> None:
-    """In the debug mode of asyncio, which refuses to cancel a task of a loop in another thread."""
     began, ended = asyncio.Event(), asyncio.Event()
 
     async def wait(_: Any) -> None:
@@ -173,7 +169,6 @@ async def test_tasks_end_when_another_thread_closes_what_they_belong_to(world: W
 
 
 async def test_whoever_waits_for_another_thread_to_close_is_told(memory: World) -> None:
-    """In the debug mode of asyncio, too: a call under way, and requests that nobody has decided about."""
     asyncio.get_running_loop().set_debug(True)
     node, other = memory.node("n"), memory.node("other")
     server = other.create_action_server(Fibonacci, "fib")

@@ -1,4 +1,4 @@
-"""Services and clients, on both transports."""
+"""Services and clients on every transport."""
 
 from __future__ import annotations
 
@@ -25,18 +25,16 @@ Request, Response = AddTwoInts.Request, AddTwoInts.Response
 
 
 def add(request: AddTwoInts.Request) -> AddTwoInts.Response:
-    """The classic."""
     return Response(sum=request.a + request.b)
 
 
 async def add_slowly(request: AddTwoInts.Request) -> AddTwoInts.Response:
-    """Bigger numbers take less time, so that responses come in another order than the requests."""
+    """Reply faster to bigger numbers, so that responses arrive in another order than the requests."""
     await asyncio.sleep(0.05 - request.a * 0.001)  # stands for work; nothing depends on how long it takes
     return add(request)
 
 
 async def test_a_reply_to_the_same_number_of_another_client_is_nobody_elses(dds: World) -> None:
-    """Clients of different processes count alike."""
     alice, bob = dds.pair()
     server = alice.create_service(AddTwoInts, "add", None)
     client = bob.create_client(AddTwoInts, "add")
@@ -53,7 +51,6 @@ async def test_a_reply_to_the_same_number_of_another_client_is_nobody_elses(dds:
 async def test_a_response_waits_for_the_reader_of_its_client(
     memory: World, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch, late_s: float
 ) -> None:
-    """On a busy machine discovery brings it later than the request, more than the 0.1 s that rmw_cyclonedds waits."""
     alice, bob = memory.pair()
     server: Any = alice.create_service(AddTwoInts, "add", add)
     client = bob.create_client(AddTwoInts, "add")
@@ -116,7 +113,6 @@ async def test_requests_can_be_answered_later_from_another_task(world: World) ->
 
 @pytest.mark.every_transport
 async def test_replies_that_wait_are_sent_when_their_server_closes(memory: World, monkeypatch: Any) -> None:
-    """A server that would send many at once keeps some back for a moment."""
     server, client = memory.node().create_service(AddTwoInts, "add"), memory.node().create_client(AddTwoInts, "add")
     port, is_released = server._port, False
 
@@ -174,7 +170,6 @@ def test_a_time_limit_holds_on_the_loop_on_which_it_began(world: World, monkeypa
 async def test_calls_with_different_time_limits_end_in_their_order(
     world: World, monkeypatch: pytest.MonkeyPatch, held_up_s: float
 ) -> None:
-    """Also when the loop comes to it late, and all are due at once."""
     alice, bob = world.pair()
     alice.create_service(AddTwoInts, "silent")  # never answers
     client = bob.create_client(AddTwoInts, "silent")

@@ -1,4 +1,4 @@
-"""Taking what arrived without waiting for it: subscriptions, services and timers, from any thread."""
+"""Taking received data without waiting: subscriptions, services and timers, from any thread."""
 
 from __future__ import annotations
 
@@ -36,9 +36,6 @@ Server = ServiceServer[AddTwoInts.Request, AddTwoInts.Response]
 def driver() -> Iterator[LoopRunner]:
     with LoopRunner() as made:
         yield made
-
-
-# ------------------------------------------------------------------------------------------------------------- topics
 
 
 @pytest.mark.every_transport
@@ -156,9 +153,6 @@ def test_closing_while_another_thread_takes_is_safe(world: World, ends: str, dri
     assert [type(outcome) for outcome in outcomes] == [ClosedError] * 4
 
 
-# ----------------------------------------------------------------------------------------------------------- services
-
-
 @pytest.mark.every_transport
 def test_requests_are_sent_taken_and_answered_without_asyncio(world: World, driver: LoopRunner) -> None:
     nodes = [world.node(name, context=world.context(loop_runner=driver)) for name in ("server", "caller")]
@@ -272,9 +266,6 @@ async def test_a_request_tells_its_number_to_who_iterates(world: World) -> None:
         await call
 
 
-# ------------------------------------------------------------------------------------------------------------- timers
-
-
 async def test_a_tick_is_taken_when_it_is_due(memory: World) -> None:
     timer = memory.node("n").create_timer(0.5)
     assert timer.take() is None
@@ -316,9 +307,6 @@ def _note(timer: Any, ticks: list[int]) -> bool:
     if (tick := timer.take()) is not None:
         ticks.append(tick.nanoseconds)
     return len(ticks) >= 20
-
-
-# ----------------------------------------------------------------------------------------------------------- on_ready
 
 
 @pytest.mark.every_transport

@@ -1,4 +1,4 @@
-"""Timers on a running loop; `time/test_schedule.py` has their arithmetic."""
+"""Timers on a running loop; `time/test_schedule.py` tests their arithmetic."""
 
 from __future__ import annotations
 
@@ -138,14 +138,14 @@ async def test_the_period_can_change(memory: World) -> None:
 
 
 def cancelled_outcome() -> None:
-    """Ask a future for its result that was cancelled."""
+    """Call `result` of a cancelled future."""
     future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
     future.cancel()
     future.result()
 
 
 async def async_cancelled_outcome() -> None:
-    """The same, awaited."""
+    """Await a cancelled future."""
     cancelled_outcome()
 
 

@@ -1,4 +1,4 @@
-"""Publishers and subscriptions, on both transports."""
+"""Publishers and subscriptions on every transport."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two definitions of one type under one name: nothing of the one is handed out as the other."""
+"""Two definitions of one type: messages of one are not decoded with the other."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _numbers = itertools.count()
 
 
 def two(kind: str, old: str, new: str) -> tuple[Any, Any]:
-    """Two classes of one name, which no other test has."""
+    """Return two classes of one name, which no other test uses."""
     name = f"check_msgs/{kind}/Changed{next(_numbers)}"
     return compile_definition(name, old), compile_definition(name, new)
 

@@ -1,4 +1,4 @@
-"""When a request may be sent to a server that keeps few of them."""
+"""Flow control of requests to a server with a short queue."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def enter(window: RequestFlowControl, numbers: Iterable[int], kept: int, sent: list[int]) -> None:
-    """Let requests enter; `sent` gets the numbers of those that are sent."""
+    """Enqueue requests; `sent` gets the numbers of those that are sent."""
 
     def send(number: int, turn: int) -> bool:
         sent.append(number)
@@ -52,7 +52,6 @@ async def test_an_answer_makes_room_for_as_many_as_were_sent_before_it() -> None
 
 
 async def test_an_answer_says_nothing_of_what_others_sent() -> None:
-    """Their requests may come to the server later, though they were sent before."""
     window, sent = RequestFlowControl("/add"), list[str]()
     for client in ("a", "b"):
         for number in range(3):
@@ -220,7 +219,7 @@ async def test_a_server_whose_handlers_take_long_loses_none_of_many_calls_at_onc
 
 @contextmanager
 def slow_server(world: World, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """On a loop of its own, which its handlers hold up; keeps ten requests, as those on rmw."""
+    """Serve on a separate loop that the handlers block, with a queue of ten requests as in rmw."""
     ready, stop = threading.Event(), threading.Event()
 
     def handler(request: AddTwoInts.Request) -> AddTwoInts.Response:

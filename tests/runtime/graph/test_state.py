@@ -1,4 +1,4 @@
-"""The graph is asked from threads of the program while the loop changes it."""
+"""Reading the graph in a thread while the loop changes it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CHANNEL = TopicKey("topic", "/t")
 
 @dataclass(frozen=True)
 class Meanwhile:
-    """An endpoint; whoever looks at it sees another one come first, as when threads take turns there."""
+    """Endpoint that adds another one to the graph whenever it is read, like a concurrent thread."""
 
     of: DiscoveredEndpoint
     come: Callable[[], None]

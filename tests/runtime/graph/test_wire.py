@@ -1,4 +1,4 @@
-"""Recorded facts of the protocol as bytes: names, USER_DATA, the graph message."""
+"""Bytes of the protocol: names, USER_DATA, the graph message."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Subscriptions that follow their publishers, and waiting for one message."""
+"""Adaptive subscriptions, and waiting for one message."""
 
 from __future__ import annotations
 

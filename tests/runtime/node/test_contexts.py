@@ -1,4 +1,4 @@
-"""Contexts: forks, domains that are open already, nodes that cannot start, closed ones that are asked."""
+"""Contexts: forks, domains that are open already, nodes that cannot start, calls after close."""
 
 from __future__ import annotations
 
@@ -30,11 +30,8 @@ if TYPE_CHECKING:
 needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot fork")
 
 
-# ------------------------------------------------------------------------------------------------------------- forks
-
-
 def python(text: str, timeout_s: float = 60, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run a program in a process of its own; a hanging one fails the test."""
+    """Run a program in a process, with a timeout."""
     return subprocess.run(
         [sys.executable, "-W", "default", "-c", text],
         env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
@@ -105,7 +102,7 @@ def test_a_forked_child_may_use_dds_when_nothing_was_open() -> None:
 
 
 def in_forked_child(action: Callable[[], object]) -> str:
-    """What `action` raises, or returns, in a child of this process that multiprocessing forks."""
+    """Return the result, or the exception, of `action` in a forked child of this process."""
     fork: Any = multiprocessing.get_context("fork")
     ours, theirs = fork.Pipe()
 
@@ -131,7 +128,6 @@ def in_forked_child(action: Callable[[], object]) -> str:
 
 
 async def enter(node: Node) -> None:
-    """`async with` and nothing in it."""
     async with node:
         pass
 
@@ -166,9 +162,6 @@ def test_inherited_things_say_that_they_do_not_work_after_a_fork(world: World) -
     assert node.get_node_names() == ["/parent"]
     publisher.publish(Int32(data=3))
     assert asyncio.run(subscription.receive(timeout_s=5)).data == 3
-
-
-# ----------------------------------------------------------------------------------------------------------- domains
 
 
 OPEN = """
@@ -220,9 +213,6 @@ def test_a_full_domain_says_so(dds: World) -> None:
         assert not _has_free_index(number)
         said = python(OPEN).stdout
     assert "All 32 participant indexes of the domain are taken on this machine" in said and "ROS_DOMAIN_ID" in said
-
-
-# ------------------------------------------------------------------------------------------------ nodes and contexts
 
 
 @pytest.mark.parametrize(
@@ -304,7 +294,7 @@ async def test_a_closed_node_answers_nothing(world: World) -> None:
 
 
 class Own(Node):
-    """The usual style: callbacks are methods of the node."""
+    """Node whose callbacks are its methods."""
 
     def __init__(self, context: Context, seen: list[int]) -> None:
         super().__init__("own", context=context)

@@ -32,7 +32,7 @@ def test_arguments_win_over_variables() -> None:
 
 
 class BoolOfNumpy22:
-    """NumPy's bool up to version 2.2: it can be an index, with a DeprecationWarning."""
+    """Bool of NumPy up to version 2.2: usable as index, with a DeprecationWarning."""
 
     def __index__(self) -> int:
         return 1

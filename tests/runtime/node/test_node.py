@@ -1,4 +1,4 @@
-"""Nodes and contexts: names, arguments, lifetime, the graph they see."""
+"""Nodes and contexts: names, arguments, lifetime, graph."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ async def test_names_of_counted_services_are_expanded_and_remapped_as_services(w
 
 
 def every_nodes_services(node: str) -> list[tuple[str, list[str]]]:
-    """What docs/internals/protocol.md 9.1 says every node serves."""
+    """Return the services of every node (docs/internals/protocol.md 9.1)."""
     parameters = (
         "DescribeParameters",
         "GetParameterTypes",

@@ -1,4 +1,4 @@
-"""Arguments of one node, beside those of the command line."""
+"""Arguments of a node, in addition to those of the command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Classes of types that are not installed: who is asked, what is believed, what is kept."""
+"""Resolution of types that are not installed: asked nodes, refused descriptions, cache."""
 
 from __future__ import annotations
 
@@ -127,7 +127,6 @@ async def test_a_node_does_not_ask_one_that_has_its_own_name_and_says_so(world: 
 async def test_names_that_come_late_are_waited_for_also_where_this_node_announces_the_type(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As those of Fast DDS do."""
     told = fresh()
     robot, asker = told_by(world, told), world.node("asker", parameter_overrides=SERVICE_OFF)
     told.announce(asker, topic_name("/t"))
@@ -304,7 +303,7 @@ async def test_events_of_a_service_that_are_announced_last_are_waited_for(world:
     refused: list[str] = []
 
     def as_rclpy(request: Any) -> Any:
-        """It describes what it publishes, and neither requests nor responses."""
+        """Return the answer of rclpy, which describes the published types, but not requests and responses."""
         if request.type_name.endswith("_Event"):
             return told(request)
         if not refused:

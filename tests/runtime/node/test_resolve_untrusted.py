@@ -1,4 +1,4 @@
-"""Descriptions that no definition leads to, and answers made to be expensive."""
+"""Invalid and expensive descriptions of types."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def absurd(told: dict[str, Any], what: str) -> None:
-    """Make a description, in place, one that no definition leads to."""
+    """Change a description so that no definition leads to it."""
     fields = told["type_description"]["fields"]
     changes: dict[str, tuple[str, Any]] = {
         "id": ("type_id", 77),

@@ -1,4 +1,4 @@
-"""Simulated time through the parameter (docs/internals/protocol.md 9.6); only what is about real time really sleeps."""
+"""Simulated time by the parameter (docs/internals/protocol.md 9.6); only tests of real time sleep."""
 
 from __future__ import annotations
 
@@ -26,14 +26,13 @@ def reads(clock: Clock, seconds: float) -> bool:
 
 
 async def settle() -> None:
-    """Let everything run that is ready."""
+    """Run all callbacks that are ready."""
     for _ in range(10):
         await asyncio.sleep(0)
 
 
 @pytest.mark.every_transport
 async def test_use_sim_time_is_live(world: World) -> None:
-    """r2r reads it once and never again."""
     node, source = world.node("n"), world.node("source").create_sim_time_publisher()
     remote = world.node("other").create_parameter_client("/n")
     assert node.clock.now() > ros(1_000_000_000)

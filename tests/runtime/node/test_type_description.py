@@ -1,4 +1,4 @@
-"""Types that no file defines, failures, and the answer byte by byte: docs/internals/protocol.md 3, 5.1, 9.8."""
+"""Descriptions of types without file, failures, and the bytes of a response: docs/internals/protocol.md 3, 5.1, 9.8."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ async def test_the_hash_is_taken_from_what_the_node_announces(world: World) -> N
 
 async def test_a_class_without_the_fields_of_its_hash_is_not_described(world: World) -> None:
     class Opaque(Message):
-        """What tools subscribe with that never decode."""
+        """Type of subscriptions that never decode."""
 
         __slots__ = ()
         _TYPE = TypeInfo("my_pkg/msg/Closed", "RIHS01_" + "7" * 64, ())
@@ -182,7 +182,7 @@ async def test_without_a_hash_the_type_needs_a_name(world: World) -> None:
 
 
 def announce_writer(node: Any, dds_type: str, topic: str, announced: str) -> None:
-    """A writer of the node's that announces any hash, or none."""
+    """Create a writer of the node that announces any hash, or none."""
     raw_endpoints.announce(node, f"rt/{topic}", dds_type, announced)
 
 
