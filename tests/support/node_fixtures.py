@@ -38,6 +38,8 @@ from support.machine_locks import holds, lock
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
 
+    from rosidl_py_gen.runtime import Client, Publisher, ServiceServer, Subscription
+
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = [
     "example_interfaces",
@@ -226,6 +228,26 @@ class World:
     def pair(self) -> tuple[Node, Node]:
         """Two nodes in two contexts."""
         return self.node("alice"), self.node("bob")
+
+    async def connected(
+        self, msg_type: Any, topic: str, qos: Any = 10, *, callback: Any = None, **options: Any
+    ) -> tuple[Publisher[Any], Subscription[Any]]:
+        """Return a publisher of alice and a subscription of bob, matched; the options are those of the subscription."""
+        alice, bob = self.pair()
+        subscription: Subscription[Any] = bob.create_subscription(msg_type, topic, callback, qos, **options)
+        publisher: Publisher[Any] = alice.create_publisher(msg_type, topic, qos)
+        assert await publisher.wait_for_subscribers(timeout_s=5)
+        return publisher, subscription
+
+    async def served(
+        self, srv_type: Any, name: str, handler: Any = None
+    ) -> tuple[ServiceServer[Any, Any], Client[Any, Any]]:
+        """Return a server of alice and a client of bob, matched."""
+        alice, bob = self.pair()
+        server: ServiceServer[Any, Any] = alice.create_service(srv_type, name, handler)
+        client: Client[Any, Any] = bob.create_client(srv_type, name)
+        assert await client.wait_for_service(timeout_s=5)
+        return server, client
 
     def close(self) -> None:
         """Close all contexts; none of their threads may survive."""

@@ -34,19 +34,6 @@ async def add_slowly(request: AddTwoInts.Request) -> AddTwoInts.Response:
     return add(request)
 
 
-async def test_a_reply_to_the_same_number_of_another_client_is_nobody_elses(dds: World) -> None:
-    alice, bob = dds.pair()
-    server = alice.create_service(AddTwoInts, "add", None)
-    client = bob.create_client(AddTwoInts, "add")
-    call = asyncio.create_task(client.call(Request(a=1, b=2), timeout_s=5))
-    request = await asyncio.wait_for(anext(server), 5)
-    (number,) = client._by_sequence_number
-    replies: Any = server._port
-    replies._writer.write(add_request_header(Response(sum=100).encode(), 12345, number))  # arrives before the response
-    request.respond(Response(sum=3))
-    assert (await call).sum == 3
-
-
 @pytest.mark.parametrize("late_s", [3.0, 8.0])
 async def test_a_response_waits_for_the_reader_of_its_client(
     memory: World, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch, late_s: float
@@ -170,10 +157,7 @@ def test_a_time_limit_holds_on_the_loop_on_which_it_began(world: World, monkeypa
 async def test_calls_with_different_time_limits_end_in_their_order(
     world: World, monkeypatch: pytest.MonkeyPatch, held_up_s: float
 ) -> None:
-    alice, bob = world.pair()
-    alice.create_service(AddTwoInts, "silent")  # never answers
-    client = bob.create_client(AddTwoInts, "silent")
-    assert await client.wait_for_service(timeout_s=5)
+    _, client = await world.served(AddTwoInts, "silent")
     ended: list[float] = []
 
     async def call(limit_s: float) -> None:
@@ -195,10 +179,7 @@ async def test_calls_with_different_time_limits_end_in_their_order(
 
 @pytest.mark.every_transport
 async def test_pending_calls_are_freed_by_timeout_cancellation_and_close(world: World) -> None:
-    alice, bob = world.pair()
-    alice.create_service(AddTwoInts, "silent")  # never answers
-    client = bob.create_client(AddTwoInts, "silent")
-    assert await client.wait_for_service(timeout_s=5)
+    _, client = await world.served(AddTwoInts, "silent")
     with pytest.raises(TimeoutError):
         await client.call(Request(), timeout_s=0.05)
     assert client.in_flight_count == 0
@@ -228,12 +209,14 @@ async def test_late_and_foreign_replies_are_ignored(dds: World) -> None:
         task = asyncio.create_task(anext(aiter(server)))
         await client.call(Request(a=1), timeout_s=0.2)
     (await task).respond(Response(sum=1))  # late
-    replies: Any = server._port
-    replies._writer.write(add_request_header(Response(sum=2).encode(), 12345, 1))  # of another client
-    replies._writer.write(b"\0\1\0\0\7\7\7\7")  # nonsense
     task = asyncio.create_task(anext(aiter(server)))
     call = asyncio.create_task(client.call(Request(a=3), timeout_s=5))
-    (await task).respond(Response(sum=3))
+    request = await task
+    (number,) = client._by_sequence_number
+    replies: Any = server._port
+    replies._writer.write(add_request_header(Response(sum=2).encode(), 12345, number))  # of another client
+    replies._writer.write(b"\0\1\0\0\7\7\7\7")  # nonsense
+    request.respond(Response(sum=3))
     assert (await call).sum == 3
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import ctypes
 import logging
 import threading
 import time
@@ -18,9 +17,8 @@ from support.node_fixtures import until, while_the_loop_sleeps
 
 from rosidl_py_gen import compile_definition, dtype
 from rosidl_py_gen.errors import ClosedError, EncodeError, InvalidNameError, TypeNotFoundError
-from rosidl_py_gen.runtime import History, QoSProfile, WaitTimeoutError
+from rosidl_py_gen.runtime import History, LivelinessStatus, QoSProfile, SubscriptionEventCallbacks, WaitTimeoutError
 from rosidl_py_gen.runtime.entities.subscription import CallbackInUseError
-from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 
 if TYPE_CHECKING:
     from support.node_fixtures import World
@@ -28,10 +26,7 @@ if TYPE_CHECKING:
 
 @pytest.mark.every_transport
 async def test_messages_arrive_in_order_through_the_iterator(world: World) -> None:
-    alice, bob = world.pair()
-    subscription = bob.create_subscription(String, "chatter")
-    publisher = alice.create_publisher(String, "chatter")
-    assert await publisher.wait_for_subscribers(timeout_s=5)
+    publisher, subscription = await world.connected(String, "chatter")
     for number in range(5):
         publisher.publish(String(data=str(number)))
     seen = []
@@ -79,7 +74,6 @@ async def test_plain_and_async_callbacks_are_called_for_every_message(world: Wor
 async def test_a_callback_that_raises_is_logged_and_changes_nothing_else(
     world: World, caplog: pytest.LogCaptureFixture
 ) -> None:
-    alice, bob = world.pair()
     seen: list[int] = []
 
     def callback(message: Int32) -> None:
@@ -87,9 +81,7 @@ async def test_a_callback_that_raises_is_logged_and_changes_nothing_else(
             raise ValueError("one is too many")
         seen.append(message.data)
 
-    bob.create_subscription(Int32, "n", callback)
-    publisher = alice.create_publisher(Int32, "n")
-    assert await publisher.wait_for_subscribers(timeout_s=5)
+    publisher, _ = await world.connected(Int32, "n", callback=callback)
     with caplog.at_level(logging.ERROR):
         for number in range(3):
             publisher.publish(Int32(data=number))
@@ -100,10 +92,7 @@ async def test_a_callback_that_raises_is_logged_and_changes_nothing_else(
 
 @pytest.mark.every_transport
 async def test_keep_last_drops_the_oldest_and_counts(world: World) -> None:
-    alice, bob = world.pair()
-    subscription = bob.create_subscription(Int32, "n", qos=5)
-    publisher = alice.create_publisher(Int32, "n", qos=5)
-    assert await publisher.wait_for_subscribers(timeout_s=5)
+    publisher, subscription = await world.connected(Int32, "n", 5)
     for number in range(100):
         publisher.publish(Int32(data=number))
     await until(lambda: subscription.dropped == 95)
@@ -114,10 +103,7 @@ async def test_keep_last_drops_the_oldest_and_counts(world: World) -> None:
 
 @pytest.mark.every_transport
 async def test_keep_all_loses_nothing(world: World) -> None:
-    alice, bob = world.pair()
-    subscription = bob.create_subscription(Int32, "n", qos=QoSProfile().keep_all())
-    publisher = alice.create_publisher(Int32, "n", qos=QoSProfile().keep_all())
-    assert await publisher.wait_for_subscribers(timeout_s=5)
+    publisher, subscription = await world.connected(Int32, "n", QoSProfile().keep_all())
     for number in range(2000):
         publisher.publish(Int32(data=number))
     assert [(await subscription.receive(timeout_s=5)).data for _ in range(2000)] == list(range(2000))
@@ -201,10 +187,7 @@ async def test_bytes_that_dds_would_misread_are_refused(memory: World, bad: byte
 async def test_samples_that_do_not_decode_are_counted_logged_and_dropped(
     world: World, caplog: pytest.LogCaptureFixture
 ) -> None:
-    alice, bob = world.pair()
-    subscription = bob.create_subscription(String, "s")
-    publisher = alice.create_publisher(String, "s")
-    assert await publisher.wait_for_subscribers(timeout_s=5)
+    publisher, subscription = await world.connected(String, "s")
     with caplog.at_level(logging.WARNING):
         for _ in range(5):
             publisher.publish_raw(bytes.fromhex("00010000 ffffff00 61000000"))
@@ -248,13 +231,10 @@ async def test_an_invalid_topic_name_is_refused(memory: World) -> None:
 
 @pytest.mark.every_transport
 async def test_megabytes_arrive_whole_and_stay_valid(world: World) -> None:
-    alice, bob = world.pair()
     qos = QoSProfile(depth=3)
     if world.kind == "zenoh":  # what does not block is dropped when the machine is busy (docs/internals/zenoh.md 5)
         qos = QoSProfile(history=History.KEEP_ALL)
-    subscription = bob.create_subscription(Image, "image", qos=qos)
-    publisher = alice.create_publisher(Image, "image", qos=qos)
-    assert await publisher.wait_for_subscribers(timeout_s=5)
+    publisher, subscription = await world.connected(Image, "image", qos)
     pixels = np.random.default_rng(1).integers(0, 256, 6_220_800, dtype=np.uint8)
     publisher.publish(Image(height=1080, width=1920, step=5760, encoding="rgb8", data=pixels))
     first = await subscription.receive(timeout_s=5)
@@ -356,11 +336,8 @@ async def test_a_subscription_with_callback_cannot_be_received_from(memory: Worl
 
 @pytest.mark.every_transport
 async def test_publishing_from_many_threads_loses_nothing(world: World) -> None:
-    alice, bob = world.pair()
     qos = QoSProfile().keep_all()
-    subscription = bob.create_subscription(Int32, "n", qos=qos)
-    publisher = alice.create_publisher(Int32, "n", qos)
-    assert await publisher.wait_for_subscribers(timeout_s=5)
+    publisher, subscription = await world.connected(Int32, "n", qos)
     threads = [
         threading.Thread(target=lambda start: [publisher.publish(Int32(data=start + i)) for i in range(500)], args=(k,))
         for k in (0, 1000, 2000, 3000)
@@ -419,44 +396,27 @@ async def test_a_publisher_can_say_that_it_is_alive(world: World) -> None:
         publisher.assert_liveliness()
 
 
-class LivelinessChanged(ctypes.Structure):
-    """dds_liveliness_changed_status_t."""
-
-    _fields_ = (
-        ("alive", ctypes.c_uint32),
-        ("not_alive", ctypes.c_uint32),
-        ("alive_change", ctypes.c_int32),
-        ("not_alive_change", ctypes.c_int32),
-        ("last_publication", ctypes.c_uint64),
-    )
-
-
 async def test_peers_take_a_publisher_for_dead_unless_it_says_that_it_is_alive(dds: World) -> None:
-    alice, bob = dds.pair()
-    manual = QoSProfile().manual_liveliness(lease_s=1.5)
-    publisher = alice.create_publisher(String, "alive", manual)
-    subscription = bob.create_subscription(String, "alive", qos=manual)
-    assert await publisher.wait_for_subscribers(timeout_s=5)
+    statuses: list[LivelinessStatus] = []
+    publisher, subscription = await dds.connected(
+        String,
+        "alive",
+        QoSProfile().manual_liveliness(lease_s=1.0),
+        event_callbacks=SubscriptionEventCallbacks(liveliness=statuses.append),
+    )
     assert await subscription.wait_for_publishers(timeout_s=5)
-    get_status = cyclone._api.library.dds_get_liveliness_changed_status
-    get_status.argtypes = (ctypes.c_int32, ctypes.c_void_p)
-
-    def counts() -> tuple[int, int]:
-        status = LivelinessChanged()
-        assert get_status(subscription._reader.entity, ctypes.byref(status)) == 0  # type: ignore[attr-defined]
-        return status.alive, status.not_alive
-
     publisher.publish(String(data="begins the lease"))
     began_s = last_s = time.monotonic()
-    while last_s < began_s + 2:  # more than one lease, in which nothing is published
+    while last_s < began_s + 1.4:  # more than one lease, in which nothing is published
         publisher.assert_liveliness()
         await asyncio.sleep(0.05)
         now_s = time.monotonic()
-        if now_s > last_s + 0.7:
+        if now_s > last_s + 0.45:
             began_s = now_s  # the machine was held up, and the lease may have run out
+            statuses.clear()
         else:
-            assert counts() == (1, 0)
+            assert not any(status.not_alive_count for status in statuses)
         last_s = now_s
-    await until(lambda: counts() == (0, 1))
+    await until(lambda: bool(statuses) and statuses[-1].not_alive_count == 1)
     publisher.publish(String(data="back"))
-    await until(lambda: counts() == (1, 0))
+    await until(lambda: statuses[-1].alive_count == 1)
