@@ -71,7 +71,7 @@ ON_ZENOH = {
     "test_arrays.py",
     "test_buffer.py",
     "test_contexts.py",
-    "test_driver.py",
+    "test_loop_runner.py",
     "test_introspection.py",
     "test_lifecycle.py",
     "test_lost_results.py",

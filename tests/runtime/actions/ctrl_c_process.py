@@ -1,4 +1,4 @@
-"""A program with a plain action handler that takes its time; its parent presses Ctrl-C. Nothing leaves this process."""
+"""Program with a slow plain action handler, which its parent interrupts with Ctrl-C; loopback only."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ TRANSPORT = MemoryTransport()
 
 
 def until_cancelled(goal: Any) -> Any:
-    """What the documentation recommends."""
     print("executing", flush=True)
     while not goal.is_cancel_requested:
         time.sleep(0.02)
@@ -24,7 +23,6 @@ def until_cancelled(goal: Any) -> Any:
 
 
 def for_ever(goal: Any) -> Any:
-    """What nobody can end."""
     print("executing", flush=True)
     while True:
         time.sleep(0.02)
@@ -42,7 +40,6 @@ async def main(execute: Any) -> None:
 
 
 def main_with_callbacks(execute: Any) -> None:
-    """One node, which sends the goal to itself."""
     node = open_node("server")
     node.create_action_server(Fibonacci, "fib", execute)
     client = node.create_action_client(Fibonacci, "fib")

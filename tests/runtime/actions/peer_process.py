@@ -1,4 +1,4 @@
-"""The other process of the DDS tests: a node with an action, parameters and nothing else; ends with its stdin."""
+"""Second process of the DDS tests: a node with an action and parameters; ends with its stdin."""
 
 from __future__ import annotations
 
@@ -22,14 +22,12 @@ class Drive:
 
 
 def open_context(domain_id: int) -> Context:
-    """Loopback only, which the configuration must show."""
     context = Context(domain_id, discovery="localhost", args=[])
     assert 'address="127.0.0.1"' in cyclone_xml(context.settings, process_id=1)
     return context
 
 
 async def execute(goal: Any) -> Any:
-    """Counts up to the order, slowly when it is large, without a pause when it is negative."""
     done: list[int] = []
     for number in range(-goal.request.order):
         goal.publish_feedback(Fibonacci.Feedback(sequence=[number]))

@@ -1,11 +1,11 @@
-"""What actions and parameters put on the wire, byte by byte (docs/internals/protocol.md 4, 5.1, 8, 9)."""
+"""Bytes that actions and parameters send (docs/internals/protocol.md 4, 5.1, 8, 9)."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import pytest
-from action_worlds import Fibonacci
+from fibonacci_action import Fibonacci
 from support import raw_endpoints
 from support.node_fixtures import World, until
 from support.raw_endpoints import reply_name, request_name
@@ -24,20 +24,16 @@ DEEP = QoSProfile().keep_all()
 
 
 class Tap:
-    """Readers beside the real ones, which keep every sample of a service or topic."""
-
     def __init__(self, node: ActionMethods, topic: str, dds_type: str) -> None:
         self.reader = raw_endpoints.reader(node, topic, dds_type)
 
     def take(self, *, service: bool = True) -> list[str]:
-        """Samples as hex; of services only the part behind the 16-byte header, which is checked apart."""
         items = [bytes(item[0]) for item in self.reader.queue.items]
         self.reader.queue.items.clear()
         return [(item[:4] + item[20 if service else 4 :]).hex() for item in items]
 
 
 def wire(*parts: str) -> str:
-    """A sample, up to a multiple of four bytes."""
     text = "".join((HEADER, *parts)).replace(" ", "")
     return text + "0" * (-len(text) % 8)
 

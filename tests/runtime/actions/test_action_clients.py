@@ -1,4 +1,4 @@
-"""Action clients: feedback that must not be lost, servers that come and go, ids, and what is left behind."""
+"""Action clients: feedback, servers that appear and disappear, ids, and resources."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from action_worlds import Fibonacci, feedback, fibonacci, goal, pair, result, until_canceled
+from fibonacci_action import Fibonacci, feedback, fibonacci, goal, pair, result, until_canceled
 from support.node_fixtures import World, run, take, until
 
 from rosidl_py_gen.errors import EncodeError, RosidlError
@@ -49,8 +49,6 @@ async def fifty(handle: Any) -> Any:
 
 @pytest.mark.every_transport
 async def test_feedback_published_at_once_arrives_completely(world: World) -> None:
-    """All goals share one topic, whose queue is ten deep in ROS."""
-
     _, client = await pair(world, fifty)
     handles = await asyncio.gather(*(client.send_goal(goal(number)) for number in range(4)))
     for number, handle in enumerate(handles):
@@ -63,7 +61,6 @@ async def test_feedback_published_at_once_arrives_completely(world: World) -> No
 async def test_handlers_wait_for_feedback_subscriptions_longer_while_a_client_is_not_wholly_known(
     memory: World, monkeypatch: pytest.MonkeyPatch, is_known: bool, after_s: float
 ) -> None:
-    """Of a client that has none."""
     monkeypatch.setattr(Graph, "endpoints_complete", lambda self, of: is_known)
     time, began = asyncio.get_running_loop().time, list[float]()
 
@@ -229,8 +226,6 @@ async def test_what_is_no_goal_id_is_refused(world: World, goal_id: Any, error: 
 
 @pytest.mark.parametrize("stamp", [Time(), TimeMessage()])
 async def test_a_zero_stamp_does_not_cancel_everything(world: World, stamp: Any) -> None:
-    """Before the first /clock simulated time is zero, which on the wire selects all goals."""
-
     server, client = await pair(world, until_canceled)
     await client.send_goal(goal())
     with pytest.raises(ActionArgumentError, match=r"stamp must not be zero.*use cancel_all\(\)"):
@@ -323,7 +318,6 @@ async def test_infinite_times_are_for_ever(world: World) -> None:
 
 
 def sizes(thing: Any) -> dict[str, int]:
-    """How much every collection of an object holds."""
     return {name: len(value) for name, value in vars(thing).items() if hasattr(value, "__len__") and name != "name"}
 
 
@@ -380,7 +374,6 @@ async def test_questions_about_finished_and_unknown_goals_leave_nothing(world: W
 
 
 def test_nothing_is_pending_when_a_client_of_plain_code_closes(world: World, caplog: pytest.LogCaptureFixture) -> None:
-    """A watching task once was destroyed while it waited: "Task was destroyed but it is pending!"."""
     with served_in_thread(world, until_canceled):
         node = world.node()
         client = node.create_action_client(Fibonacci, "fib")
@@ -398,7 +391,6 @@ def test_nothing_is_pending_when_a_client_of_plain_code_closes(world: World, cap
 
 @contextlib.contextmanager
 def served_in_thread(world: World, execute: Any) -> Iterator[None]:
-    """A server on a loop of its own."""
     ready, stop = threading.Event(), threading.Event()
 
     async def serve() -> None:

@@ -1,4 +1,4 @@
-"""Who decides about goals and cancels on the server, and what becomes of goals that have not started."""
+"""Decisions about goals and cancels, and goals that have not started."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from action_worlds import Fibonacci, fibonacci, goal, pair, result, until_canceled
+from fibonacci_action import Fibonacci, fibonacci, goal, pair, result, until_canceled
 from support.node_fixtures import World, take, until
 
 from rosidl_py_gen.runtime import (

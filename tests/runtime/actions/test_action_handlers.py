@@ -1,4 +1,4 @@
-"""Handlers of action servers: in which thread they run, how they end, and what closing does to them."""
+"""Handlers of action servers: threads, ends, and closing."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from action_worlds import Fibonacci, feedback, goal, pair, result
+from fibonacci_action import Fibonacci, feedback, goal, pair, result
 from support.node_fixtures import ROOT, World, run, until
 
 from rosidl_py_gen.errors import ClosedError
@@ -189,7 +189,6 @@ async def test_a_thread_can_use_the_goal_while_the_loop_runs(world: World) -> No
 
 
 def test_a_goal_of_a_closed_world_can_still_be_asked(world: World) -> None:
-    """A thread that outlives its loop must not wait for it."""
     goals: list[Any] = []
 
     async def main() -> None:

@@ -1,4 +1,4 @@
-"""The exchanges of actions, parameters and type descriptions on DDS, between two processes, over loopback only."""
+"""Actions, parameters and type descriptions on DDS between two processes, over loopback only."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from rosidl_py_gen.runtime.parameters.client import ParameterClient, ParameterEv
 
 @pytest.fixture(params=[{}])
 def peer(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[subprocess.Popen[bytes]]:
-    """The other process, ready."""
     for name in ("CYCLONEDDS_URI", "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE"):
         monkeypatch.delenv(name, raising=False)
     script = Path(__file__).with_name("peer_process.py")
@@ -62,7 +61,6 @@ def test_an_action_with_feedback_and_cancel(peer: subprocess.Popen[bytes]) -> No
 
 
 async def until_heard(events: ParameterEvents, remote: ParameterClient) -> None:
-    """Set tags until an event arrives: only the peer knows when it is connected with a subscription of ours."""
     heard = asyncio.ensure_future(events.__anext__())
     while not heard.done():
         await remote.set({"tags": ["again"]}, timeout_s=10)

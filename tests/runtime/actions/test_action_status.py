@@ -1,4 +1,4 @@
-"""The status topic: as bytes, and when it is written: completely, in order, behind the response of a change."""
+"""Status topic: its bytes, and the order of its messages after responses."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import threading
 from typing import Any
 
 import pytest
-from action_worlds import Fibonacci, goal, pair, result, statuses_of
+from fibonacci_action import Fibonacci, goal, pair, result, statuses_of
 from hypothesis import given
 from hypothesis import strategies as st
 from support.node_fixtures import World, take, until
@@ -18,7 +18,6 @@ from rosidl_py_gen.runtime.actions.status import StatusArray, find_status
 
 
 def record(monkeypatch: pytest.MonkeyPatch, server: Any) -> list[str]:
-    """What an action server writes from now on, in order, by the last part of the topic."""
     written: list[str] = []
     for owner in server._parts.owned.values():
         name = str(getattr(owner, "topic", None) or getattr(owner, "name", "")).rpartition("/")[2]

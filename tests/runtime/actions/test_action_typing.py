@@ -1,4 +1,4 @@
-"""What a type checker sees of actions: one type argument, the action class, and from it everything else."""
+"""Types of actions under mypy --strict."""
 
 from __future__ import annotations
 
@@ -136,14 +136,12 @@ WRONG = {
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Generated packages."""
     made = tmp_path_factory.mktemp("typing")
     generate(scan_search_path([interfaces_dir()], ament="", bundled=False), ["example_interfaces"], made)
     return made
 
 
 def check(folder: Path, program: str) -> str:
-    """Run mypy --strict on a program."""
     path = folder / "program.py"
     path.write_text(HEAD + program)
     flags = ["--strict", "--no-error-summary", "--follow-imports=silent", "--disable-error-code=empty-body"]

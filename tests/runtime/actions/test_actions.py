@@ -1,4 +1,4 @@
-"""Actions on the memory transport (docs/internals/protocol.md 8), and defects of r2r 0.9.5 that must not be ours."""
+"""Actions on the memory transport (docs/internals/protocol.md 8), and defects of r2r 0.9.5."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import threading
 from typing import Any
 
 import pytest
-from action_worlds import Fibonacci, fibonacci, goal, is_awaited, pair, result, statuses_of, until_canceled
+from fibonacci_action import Fibonacci, fibonacci, goal, is_awaited, pair, result, statuses_of, until_canceled
 from support.node_fixtures import World, run, take, until
 
 from rosidl_py_gen.errors import ClosedError, EncodeError
@@ -71,7 +71,7 @@ async def test_goal_feedback_result(world: World) -> None:
 
 
 async def test_feedback_may_be_drained_after_the_result_and_ends(world: World) -> None:
-    """In r2r the stream never ends, so its own example hangs."""
+    """r2r: the stream never ends, so its own example blocks."""
 
     _, client = await pair(world)
     handle = await client.send_goal(goal(2))
@@ -183,7 +183,7 @@ async def test_ending_twice_is_an_error_in_the_handler(world: World) -> None:
 
 @pytest.mark.every_transport
 async def test_cancel_reaches_canceled_and_status_shows_every_step(world: World) -> None:
-    """In r2r the status stays CANCELING for ever."""
+    """r2r: the status stays CANCELING forever."""
 
     server, client = await pair(world, until_canceled)
     seen = await statuses_of(world, server)
@@ -278,7 +278,6 @@ async def test_cancel_before_a_stamp(world: World) -> None:
 
 
 async def test_a_goal_keeps_when_it_was_accepted(world: World) -> None:
-    """By the server's clock, for its client and its handler, also when that starts later and after it is forgotten."""
     told = []
 
     async def execute(handle: Any) -> Any:
@@ -510,7 +509,7 @@ async def test_stream_style(world: World) -> None:
 
 
 def test_a_request_the_program_drops_is_rejected_with_a_warning(world: World, caplog: pytest.LogCaptureFixture) -> None:
-    """In r2r nothing is sent, and its client waits for ever."""
+    """r2r: nothing is sent, and the client waits forever."""
 
     async def main() -> None:
         server, client = await pair(world, None, goal_policy="reject")
@@ -555,7 +554,7 @@ async def test_results_are_kept_for_fifteen_minutes_unless_said_otherwise(world:
 
 @pytest.mark.every_transport
 async def test_cancel_requests_as_a_stream(world: World) -> None:
-    """In r2r `is_cancelling` and `succeed` fail after an accepted cancel."""
+    """r2r: `is_cancelling` and `succeed` fail after an accepted cancel."""
 
     server, client = await pair(world, None)
     cancels = server.cancel_requests()

@@ -1,4 +1,4 @@
-"""Action goals on the server: docs/internals/protocol.md 8.2 to 8.4, every pair, and a random walk against a model."""
+"""Goals on the server, with a state machine against a model (docs/internals/protocol.md 8.2 to 8.4)."""
 
 from __future__ import annotations
 
@@ -79,7 +79,6 @@ Book = GoalTable[str]
 
 
 def book(*stamps: int, timeout_ns: int = 100) -> Book:
-    """Goals 1, 2, ... accepted at these times."""
     made = Book(timeout_ns)
     for number, stamp in enumerate(stamps, 1):
         assert made.accept(gid(number), stamp) == GoalInfo(gid(number), stamp)
@@ -148,7 +147,6 @@ def test_without_end_a_finished_goal_is_kept_for_ever() -> None:
 
 
 def mixed() -> Book:
-    """Goal 1 accepted at 10, 2 executing since 20, 3 canceling since 30, 4 succeeded, accepted at 40, 5 at 50."""
     goals = book(10, 20, 30, 40, 50)
     for number in (2, 3, 4):
         goals.apply(gid(number), E.EXECUTE)
@@ -222,8 +220,6 @@ def test_a_goal_named_with_a_stamp_is_one_of_many() -> None:
 
 
 class BookAgainstModel(RuleBasedStateMachine):
-    """Random interleavings of goal events, cancels, result requests and the passing of time."""
-
     ids = st.integers(1, 4)
 
     @initialize(timeout=st.sampled_from([0, 10, 50]))

@@ -1,4 +1,4 @@
-"""Results that do not come: the server lost the request, does not know the goal, or was killed and started again."""
+"""Results that do not arrive: lost requests, unknown goals, restarted servers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from action_worlds import Fibonacci, fibonacci, goal, pair, until_canceled
+from fibonacci_action import Fibonacci, fibonacci, goal, pair, until_canceled
 from peer_process import open_context
 from support.node_fixtures import ROOT, domain_id, until
 
@@ -29,7 +29,6 @@ S = GoalStatus
 
 
 def lose(monkeypatch: pytest.MonkeyPatch, count: int, *, deny: bool = False) -> list[bytes]:
-    """Let servers lose the first requests for results, as those with a full queue do, or know nothing of the goals."""
     original, lost = ActionServer._on_get_result, list[bytes]()
 
     def on_get_result(self: ActionServer[Any], request: Any) -> Any:
@@ -87,7 +86,6 @@ async def test_the_result_of_a_goal_that_goes_on_is_asked_for_once(
 
 
 async def test_a_server_that_forgot_an_ended_goal_is_asked_again(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first answer comes when the end of the goal is known already."""
     original = ActionServer._on_get_result
     denied = 0
 
@@ -164,7 +162,6 @@ async def test_a_server_that_registers_a_goal_after_its_acceptance_is_asked_agai
 
 @contextmanager
 def server_process(environment: dict[str, str]) -> Iterator[subprocess.Popen[bytes]]:
-    """A process with the node ``/peer`` and its action server."""
     script = Path(__file__).with_name("peer_process.py")
     env = {**os.environ, **environment, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
     command = [sys.executable, str(script), str(domain_id())]
@@ -178,7 +175,6 @@ def server_process(environment: dict[str, str]) -> Iterator[subprocess.Popen[byt
 
 
 async def test_a_goal_ends_when_its_killed_server_was_started_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """And not when the old one's lease is over."""
     lease = "<CycloneDDS><Domain><Discovery><LeaseDuration>60s</LeaseDuration></Discovery></Domain></CycloneDDS>"
     monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE")
     with open_context(domain_id()) as context:

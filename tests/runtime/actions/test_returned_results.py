@@ -1,4 +1,4 @@
-"""Handlers written as for rclpy: they end the goal first, and return its result then."""
+"""Handlers written for rclpy, which end the goal first and return its result afterwards."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from action_worlds import Fibonacci, goal, pair, result
+from fibonacci_action import Fibonacci, goal, pair, result
 from support.node_fixtures import World, until
 
 from rosidl_py_gen.runtime import GoalStatus

@@ -1,4 +1,4 @@
-"""Lifecycle nodes on the memory transport: docs/internals/protocol.md 12.2."""
+"""Lifecycle nodes on the memory transport (docs/internals/protocol.md 12.2)."""
 
 from __future__ import annotations
 
@@ -23,8 +23,6 @@ from rosidl_py_gen.runtime.lifecycle.transitions import State, TransitionCallbac
 
 
 class Managed(LifecycleNode):
-    """Notes which callbacks ran; `answers` says what they return or raise."""
-
     def __init__(self, name: str, context: Context) -> None:
         super().__init__(name, context=context)
         self.calls: list[tuple[str, State]] = []

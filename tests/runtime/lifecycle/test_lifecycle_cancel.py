@@ -1,4 +1,4 @@
-"""Lifecycle transitions that are cancelled, odd answers of callbacks, and the constructor."""
+"""Cancelled lifecycle transitions, values of callbacks, and the constructor."""
 
 from __future__ import annotations
 
@@ -18,8 +18,6 @@ from rosidl_py_gen.runtime.lifecycle.transitions import State, TransitionCallbac
 
 
 class Slow(LifecycleNode):
-    """Configuring takes until it is released, or cancelled."""
-
     def __init__(self, name: str, context: Context) -> None:
         super().__init__(name, context=context)
         self.release = asyncio.Event()
@@ -97,8 +95,6 @@ async def test_a_callback_may_hold_back_the_cancellation(world: World) -> None:
 
 
 class Cancels(Slow):
-    """Its callback is cancelled by something of its own, nobody cancelled the caller."""
-
     async def on_configure(self, state: State) -> None:
         raise asyncio.CancelledError
 
@@ -129,8 +125,6 @@ async def test_closing_the_node_ends_a_transition_that_a_service_began(world: Wo
 
 
 class ClosesItself(LifecycleNode):
-    """Shutting down closes the node."""
-
     def on_shutdown(self, state: State) -> None:
         self.close()
 
@@ -141,8 +135,6 @@ async def test_a_callback_may_close_the_node(world: World) -> None:
 
 
 class Answers(LifecycleNode):
-    """Answers what it is told to."""
-
     answer: Any = None
 
     def on_configure(self, state: State) -> Any:

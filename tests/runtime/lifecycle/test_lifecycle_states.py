@@ -1,4 +1,4 @@
-"""The lifecycle state machine: docs/internals/protocol.md 12.2, every row and every pair that is not one."""
+"""Lifecycle state machine: the whole table of docs/internals/protocol.md 12.2."""
 
 from __future__ import annotations
 
@@ -78,8 +78,6 @@ def test_every_outcome_in_every_state() -> None:
 
 
 class Walk(RuleBasedStateMachine):
-    """Requests and outcomes in any order lead where the rows of the protocol lead."""
-
     def __init__(self) -> None:
         super().__init__()
         self.state = State.UNCONFIGURED

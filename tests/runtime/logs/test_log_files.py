@@ -1,4 +1,4 @@
-"""Log files and the switches of log outputs, end to end: docs/internals/protocol.md 9.7, 10.4, 10.6."""
+"""Log files and switches of log outputs, end to end (docs/internals/protocol.md 9.7, 10.4, 10.6)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,6 @@ OpenNode = Callable[..., Node]
 
 @pytest.fixture
 def open_node(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[OpenNode]:
-    """Opens nodes, each in a context of its own, whose home is an empty folder and whose console is really used."""
     for name in ("ROS_LOG_DIR", "ROS_HOME"):
         monkeypatch.delenv(name, raising=False)
     for name in [name for name in os.environ if name.startswith("RCUTILS_")]:

@@ -347,7 +347,6 @@ def test_loggers_are_ours() -> None:
 
 
 def broken_clock(**options: Any) -> Clock:
-    """Its next jump makes a callback fail."""
     clock = Clock(**options)
     clock.create_jump_callback(pre=fail, on_clock_change=True)
     return clock

@@ -1,4 +1,4 @@
-"""Awaitable methods for plain code: each has its blocking form, and they do what the awaitable ones do."""
+"""Blocking forms of awaitable methods."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every function of the user is called in a `contextvars` context of its own, and its failure is logged once."""
+"""Each callback runs in a `contextvars` context of its own, and its failure is logged once."""
 
 from __future__ import annotations
 
@@ -28,15 +28,12 @@ CALLS = 3
 
 
 class Calls:
-    """What the function under test sees in the variable before it sets that; it may fail then."""
-
     def __init__(self, *, fails: bool = False) -> None:
         self.saw: list[str] = []
         self.fails = fails
         self.timer: Any = None
 
     def note(self, answer: object = None) -> Any:
-        """One call."""
         self.saw.append(WHO.get())
         WHO.set(f"call {len(self.saw)}")
         if self.timer is not None:
@@ -49,7 +46,6 @@ class Calls:
         return answer
 
     async def note_later(self, answer: object = None) -> Any:
-        """One call of an async function, which must find in all its steps what it set."""
         await asyncio.sleep(0)
         before = WHO.get()
         WHO.set("changed")
@@ -59,7 +55,6 @@ class Calls:
         return self.note(answer)
 
     async def all_made(self) -> None:
-        """Wait for the last one."""
         await until(lambda: len(self.saw) == CALLS)
 
 
@@ -172,7 +167,6 @@ class Parameters:
 
 
 async def _sets(alice: Node, bob: Node, calls: Calls, validator: Any = None, **add: Callable[[Any], Any]) -> None:
-    """One request for several sets: all are made in one call of the service's handler."""
     bob.declare_parameters(Parameters, validator=validator)
     for kind, callback in add.items():
         getattr(bob, f"add_{kind}_callback")(callback)

@@ -1,4 +1,4 @@
-"""Our event loop: asyncio's, whose selector calls the functions of some descriptors itself."""
+"""Event loop with a selector that calls priority readers."""
 
 from __future__ import annotations
 
@@ -29,15 +29,12 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="it needs epoll"
 
 @pytest.fixture
 def loop() -> Iterator[EventLoop]:
-    """A loop that is closed at the end."""
     made = EventLoop()
     yield made
     made.close()
 
 
 class Pipe:
-    """A pipe with something in it, and how often that was seen."""
-
     def __init__(self) -> None:
         self.read_end, self.write_end = os.pipe()
         self.write()
@@ -52,7 +49,6 @@ class Pipe:
         return False
 
     def on_read(self) -> None:
-        """What has nothing to do."""
         raise AssertionError("nothing was left to do")
 
     def close(self) -> None:
@@ -62,7 +58,6 @@ class Pipe:
 
 @pytest.fixture
 def pipes() -> Iterator[list[Pipe]]:
-    """More than are looked at in one go."""
     made = [Pipe() for _ in range(3 * event_loop._MAX_EVENTS)]
     yield made
     for each in made:
@@ -71,7 +66,6 @@ def pipes() -> Iterator[list[Pipe]]:
 
 @pytest.fixture
 def rounds(monkeypatch: pytest.MonkeyPatch) -> list[float | None]:
-    """The times that selectors of ours were told to wait, one for each round."""
     waits: list[float | None] = []
     select = event_loop.PriorityReaderSelector.select
 

@@ -1,4 +1,4 @@
-"""What an exception in a user's function does with `on_error="raise"`: it ends whatever serves the node."""
+"""Exceptions of callbacks with `on_error="raise"`."""
 
 from __future__ import annotations
 

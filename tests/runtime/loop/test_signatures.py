@@ -1,4 +1,4 @@
-"""A function that cannot be called with what it would get is refused where it is handed in."""
+"""Callbacks with a wrong signature are refused when they are passed."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_the_message_says_what_comes_and_what_to_do(node: Node) -> None:
 def test_a_lifecycle_node_with_a_wrong_method_is_refused_and_closed() -> None:
     class Wrong(LifecycleNode):
         def on_activate(self) -> None:  # type: ignore[override]
-            """Takes no state."""
+            ...
 
     with Context(0, transport=MemoryTransport(), args=["test"]) as context:
         with pytest.raises(CallbackSignatureError, match="on_activate of a lifecycle node"):

@@ -1,4 +1,4 @@
-"""Which thread and which loop may do what: waiting calls from plain code, one loop after the other, bursts of calls."""
+"""Threads and loops: blocking calls, several loops in sequence, bursts of calls."""
 
 from __future__ import annotations
 
@@ -28,14 +28,12 @@ if TYPE_CHECKING:
 
 
 def someone_waits(node: Node) -> bool:
-    """Whether a thread runs the loop that waiting calls of plain code have."""
     shared = node.context._core.bridge.shared
     return shared is not None and shared.loop.is_running()
 
 
 @contextlib.contextmanager
 def waiting_call(client: Any) -> Iterator[None]:
-    """A call in another thread; there is no service, so it ends when its client is closed, as the block ends."""
     outcomes: list[BaseException] = []
 
     def call() -> None:

@@ -1,4 +1,4 @@
-"""The event loop of tests, on which waiting takes no time."""
+"""Event loop for tests on which waiting takes no time."""
 
 from __future__ import annotations
 

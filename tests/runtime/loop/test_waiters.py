@@ -1,4 +1,4 @@
-"""Waiting until something is so, across threads and loops."""
+"""Waiting for a condition, across threads and loops."""
 
 from __future__ import annotations
 
@@ -96,8 +96,6 @@ def test_loops_of_other_threads_are_woken_and_closed_ones_forgotten() -> None:
 
 
 def test_no_wake_is_lost_between_the_look_and_the_wait() -> None:
-    """Another thread changes the state, then wakes, as fast as it can."""
-
     async def main() -> None:
         waiters, count = Waiters(), 0
 

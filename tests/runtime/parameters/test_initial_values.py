@@ -1,4 +1,4 @@
-"""Initial values that no parameter takes are named, once, with where they come from."""
+"""Warnings about initial values that no parameter uses."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 
 async def listed(memory: World, node: Node) -> None:
-    """Ask for the list of a node's parameters, as ``param list`` does."""
     asker = memory.node("asker")
     await asker.create_parameter_client(node.fully_qualified_name).list(timeout_s=5)
     asker.close()
@@ -51,7 +50,6 @@ def test_without_a_loop_it_is_named_when_the_node_closes(memory: World, caplog: 
 
 
 def test_a_value_that_is_refused_is_said_once_with_its_source(memory: World, caplog: pytest.LogCaptureFixture) -> None:
-    """Most programs end then, before they declare what the other values are for."""
     node = memory.node("drive", args="--ros-args -p speed:=fast -p later:=2", parameter_overrides={"mode": 3})
     with pytest.raises(WrongParameterTypeError) as error:
         node.declare_parameter("speed", 1.5)

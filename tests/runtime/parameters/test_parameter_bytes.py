@@ -1,4 +1,4 @@
-"""What parameters put on the wire, byte by byte (docs/internals/protocol.md 5.1, 9.2 to 9.5)."""
+"""Bytes that parameters send (docs/internals/protocol.md 5.1, 9.2 to 9.5)."""
 
 from __future__ import annotations
 

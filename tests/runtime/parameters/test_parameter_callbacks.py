@@ -1,4 +1,4 @@
-"""Callbacks and validators that raise or answer nonsense: the set is refused in words, the store stays whole."""
+"""Callbacks and validators that raise or return wrong types."""
 
 from __future__ import annotations
 

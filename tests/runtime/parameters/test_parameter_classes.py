@@ -1,4 +1,4 @@
-"""Dataclasses as parameters: what each annotation means, and that the live object is never half updated."""
+"""Dataclasses as parameters: annotations, and atomic updates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The remote client, and names and values of the wrong kind: one name gives one value, mistakes are said in words."""
+"""Client of remote parameters, and names and values of wrong types."""
 
 from __future__ import annotations
 

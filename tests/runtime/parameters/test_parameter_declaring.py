@@ -1,4 +1,4 @@
-"""Declaring a whole dataclass: told at once or not at all, callbacks that set its fields, fields that go and return."""
+"""Declaration of a whole dataclass: atomic, with callbacks that set its fields, undeclared fields."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Describing a parameter anew: what becomes of its value, and what is refused."""
+"""Replacing the descriptor of a parameter."""
 
 from __future__ import annotations
 

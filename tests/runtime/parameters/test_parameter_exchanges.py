@@ -1,4 +1,4 @@
-"""Requests and answers of the parameter services, byte by byte (docs/internals/protocol.md 5.1, 9.2, 9.3)."""
+"""Requests and responses of the parameter services as bytes (docs/internals/protocol.md 5.1, 9.2, 9.3)."""
 
 from __future__ import annotations
 
@@ -25,8 +25,6 @@ NONE = "00 00 00 00"
 
 
 class Wiretap:
-    """Everybody's requests and replies of one service of the node ``/n``, without header and request id."""
-
     def __init__(self, dds: World, service: str, type_name: str) -> None:
         watcher = dds.node("watcher")
         kind = f"rcl_interfaces::srv::dds_::{type_name}_"
@@ -36,7 +34,6 @@ class Wiretap:
         self.remote: ParameterClient = dds.node("other").create_parameter_client("/n")
 
     async def exchange(self, call: Callable[[], Awaitable[Any]]) -> tuple[str, str, Any]:
-        """Request, reply and result of a call that may be made again, until both are heard: each one says the same."""
         requests, replies, calls = self._requests.queue.items, self._replies.queue.items, 0
         while True:
             result, calls = await call(), calls + 1
@@ -55,7 +52,6 @@ class Wiretap:
 
 
 def wire(*parts: str) -> str:
-    """What follows the header, up to a multiple of four bytes."""
     text = "".join(parts).replace(" ", "")
     return text + "0" * (-len(text) % 8)
 
@@ -115,7 +111,6 @@ async def test_get_parameters(dds: World) -> None:
 
 
 def integer(number: str) -> str:
-    """A parameter "ab" at offset 4: type and bool at 11, pad to 16; the other members are empty."""
     return wire(AB, "02 00", "00 00 00", number, "00" * 8, "01 00 00 00  00", "00 00 00", NONE * 5)
 
 

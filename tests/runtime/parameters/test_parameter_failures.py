@@ -1,4 +1,4 @@
-"""Mistakes in callbacks and validators never leave another node without an answer."""
+"""Failing callbacks and validators do not leave a remote node without response."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The parameter store against a model: random declarations and sets, ranges, read-only, a callback that refuses."""
+"""Parameter store against a model: random declarations and sets, ranges, read-only, a refusing callback."""
 
 from __future__ import annotations
 
@@ -47,8 +47,6 @@ REFUSED_TEXT = "x"
 
 @dataclass
 class Known:
-    """What the model remembers of a parameter."""
-
     value: ParameterValue
     kind: ParameterType
     described: ParameterDescriptor
@@ -63,8 +61,6 @@ def in_range(value: ParameterValue, described: ParameterDescriptor) -> bool:
 
 
 class StoreAgainstModel(RuleBasedStateMachine):
-    """The model is a dict of names; ranges are tables of what they allow. The store must agree after every step."""
-
     def __init__(self) -> None:
         super().__init__()
         self.model: dict[str, Known] = {}
@@ -167,7 +163,6 @@ class StoreAgainstModel(RuleBasedStateMachine):
                 self.apply([parameter])
 
     def meant(self, parameter: Parameter) -> Parameter:
-        """A whole number means a double where one was declared."""
         known = self.model.get(parameter.name)
         if known is None or known.described.dynamic_typing or known.kind is not ParameterType.DOUBLE:
             return parameter

@@ -1,4 +1,4 @@
-"""Peers that send nonsense, closed nodes and streams, and what an empty answer means."""
+"""Peers that send invalid messages, closed nodes and iterators, and empty responses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the parameter endpoints of a node are announced (docs/internals/protocol.md 7.2, 9.1)."""
+"""QoS and type hashes of the parameter endpoints of a node (docs/internals/protocol.md 7.2, 9.1)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parameters over the wire: services, events, the remote client (docs/internals/protocol.md 9.1 to 9.5)."""
+"""Parameter services, events and the remote client (docs/internals/protocol.md 9.1 to 9.5)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parameters set from threads, as plain action handlers do."""
+"""Parameters that are set from threads."""
 
 from __future__ import annotations
 

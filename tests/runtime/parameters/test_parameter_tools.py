@@ -1,4 +1,4 @@
-"""What tools need of a node's parameters: all of them, services made elsewhere, events, errors that are raised."""
+"""Parameters for tools: groups, services of other programs, events, errors that are raised."""
 
 from __future__ import annotations
 
@@ -125,8 +125,7 @@ def test_a_callback_of_events_that_raises_is_logged_and_the_others_hear(
     node.declare_parameter("a", 1)
     assert len(events) == 1 and "the callback of a parameter event failed" in caplog.text
 
-    async def later(event: ParameterEvent) -> None:
-        """A set waits for nobody."""
+    async def later(event: ParameterEvent) -> None: ...
 
     with pytest.raises(TypeError, match="the callback of parameter events 'later' is async"):
         node.add_parameter_event_callback(later)
@@ -134,7 +133,6 @@ def test_a_callback_of_events_that_raises_is_logged_and_the_others_hear(
 
 @pytest.mark.every_transport
 async def test_services_made_elsewhere_serve_the_parameters_of_a_node(world: World) -> None:
-    """Here by another node of the program, which needs not be in the same context."""
     node, front, asker = world.node("n", start_services=False), world.node("front"), world.node("asker")
     assert not any(name.startswith("/n/set_") for name, _ in node.get_service_names_and_types())
     node.declare_parameter("a", 1, ParameterDescriptor(description="served"))

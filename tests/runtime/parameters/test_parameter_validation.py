@@ -1,4 +1,4 @@
-"""Ranges, steps and listings: the reason texts and the algorithm of docs/internals/protocol.md 9.3 and 9.4."""
+"""Ranges, steps and listings, with rclpy's reasons (docs/internals/protocol.md 9.3, 9.4)."""
 
 from __future__ import annotations
 

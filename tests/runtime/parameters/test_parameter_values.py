@@ -1,4 +1,4 @@
-"""Which Python value is which parameter type: docs/internals/protocol.md 9.2."""
+"""Conversion of Python values to parameter values (docs/internals/protocol.md 9.2)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parameter YAML as rcl reads it: docs/internals/protocol.md 10.5, case by case, and round trips."""
+"""Parameter files as rcl reads them, and round trips (docs/internals/protocol.md 10.5)."""
 
 from __future__ import annotations
 

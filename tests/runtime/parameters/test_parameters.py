@@ -1,4 +1,4 @@
-"""The parameter store: the semantics of rclpy (docs/internals/protocol.md 9.3 to 9.5)."""
+"""Parameter store, with the semantics of rclpy (docs/internals/protocol.md 9.3 to 9.5)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Clocks, the override of ROS time and jump callbacks: docs/internals/protocol.md 9.6."""
+"""Clocks, the override of ROS time and jump callbacks (docs/internals/protocol.md 9.6)."""
 
 from __future__ import annotations
 
@@ -21,8 +21,6 @@ ROS = ClockType.ROS_TIME
 
 
 class World:
-    """A machine whose system clock reads `system` and whose steady clock reads `steady`."""
-
     def __init__(self) -> None:
         self.system, self.steady = 1_000, 5
         self.clock = self.make(ROS)

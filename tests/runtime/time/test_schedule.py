@@ -1,4 +1,4 @@
-"""The drift-free timer schedule of docs/internals/protocol.md 9.6."""
+"""Drift-free schedule of timers (docs/internals/protocol.md 9.6)."""
 
 from __future__ import annotations
 

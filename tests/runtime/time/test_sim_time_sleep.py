@@ -27,8 +27,6 @@ def ros(seconds: float) -> Time:
 
 
 class Simulation:
-    """A simulated clock; the system time behind it stands still, so that nothing here depends on the machine."""
-
     def __init__(self, start: float | None = 10) -> None:
         self.system_s = 1_700_000_000.0
         self.clock = Clock(ClockType.ROS_TIME, system_ns=lambda: round(self.system_s * 1e9))
@@ -52,7 +50,6 @@ class Simulation:
         return task
 
     async def rounds(self, frequency_hz: float) -> list[float]:
-        """The times at which a loop with this rate goes round, from now on."""
         seen: list[float] = []
         rate = Rate(self.clock, frequency_hz)
 

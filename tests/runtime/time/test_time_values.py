@@ -1,4 +1,4 @@
-"""Times and durations: exact nanoseconds, no mixing of clocks."""
+"""Times and durations: exact nanoseconds, clock types."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What becomes of functions that users hand in."""
+"""Calls of callbacks: values, failures, cancellation."""
 
 from __future__ import annotations
 
@@ -14,28 +14,22 @@ from rosidl_py_gen.runtime.loop.user_callback import UserCallback
 
 
 class Owner:
-    """Counts what is reported."""
-
     def __init__(self) -> None:
         self.closed = False
         self.reports: list[str] = []
 
     def create_task(self, coroutine: Any) -> asyncio.Task[Any]:
-        """See `user_function.Owner`."""
         return start_task(asyncio.get_running_loop(), coroutine)
 
     def report_failure(self, doing: str) -> None:
-        """See `user_function.Owner`."""
         self.reports.append(f"{doing}: {type(sys.exc_info()[1]).__name__}")
 
 
 def plain(number: int) -> int:
-    """Fails for 0."""
     return 6 // number
 
 
 async def slow(number: int) -> int:
-    """The same, later."""
     await asyncio.sleep(0)
     return plain(number)
 

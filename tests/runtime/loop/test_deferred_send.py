@@ -1,4 +1,4 @@
-"""What is sent behind the answer to a request keeps its order, and waits only where a loop could have an answer."""
+"""Deferred sending after a response: order, and threads."""
 
 from __future__ import annotations
 

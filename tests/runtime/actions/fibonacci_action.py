@@ -1,4 +1,4 @@
-"""The Fibonacci action with handlers, and a server with its client."""
+"""Fibonacci action with handlers, and a server with its client."""
 
 from __future__ import annotations
 
@@ -29,7 +29,6 @@ def feedback(*numbers: int) -> Any:
 
 
 async def fibonacci(handle: Any) -> Any:
-    """The handler of the README."""
     done: list[int] = []
     for number in range(handle.request.order):
         if handle.is_cancel_requested:
@@ -46,7 +45,6 @@ async def until_canceled(handle: Any) -> Any:
 
 
 async def pair(world: World, execute: Any = fibonacci, *, lost_after_s: float = 0.3, **options: Any) -> Any:
-    """A server and a connected client."""
     server = world.node("server").create_action_server(Fibonacci, "fib", execute, **options)
     client = world.node("client").create_action_client(Fibonacci, "fib", server_lost_timeout_s=lost_after_s)
     assert await client.wait_for_server(timeout_s=5)
@@ -54,7 +52,6 @@ async def pair(world: World, execute: Any = fibonacci, *, lost_after_s: float = 
 
 
 async def statuses_of(world: World, server: Any) -> list[list[int]]:
-    """Every GoalStatusArray that a server with one client publishes from now on, as numbers."""
     seen: list[list[int]] = []
     world.node().create_subscription(
         GoalStatusArray, "fib/_action/status", lambda m: seen.append([row.status for row in m.status_list]), 100
@@ -64,5 +61,4 @@ async def statuses_of(world: World, server: Any) -> list[list[int]]:
 
 
 def is_awaited(handle: Any) -> bool:
-    """Whether the server has been asked for the result of a goal, whose handler waits for something else."""
     return bool(handle._record.changed)

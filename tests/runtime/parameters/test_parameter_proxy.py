@@ -1,4 +1,4 @@
-"""What a parameter object is to Python: lists, computed fields, methods, deleting, comparing, replacing, copying."""
+"""Parameter objects in Python: lists, computed fields, methods, deletion, comparison, copies."""
 
 from __future__ import annotations
 

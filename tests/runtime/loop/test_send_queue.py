@@ -1,4 +1,4 @@
-"""Samples that DDS does not take at once."""
+"""Queue of samples that DDS does not accept at once."""
 
 from __future__ import annotations
 
@@ -12,21 +12,16 @@ from rosidl_py_gen.runtime.transport.api import TransportError
 
 
 class Line:
-    """A writer that can be stopped, and the loop of whoever runs."""
-
     def __init__(self) -> None:
         self.loop: asyncio.AbstractEventLoop | None = None
         self.is_full = False
         self.sent: list[int] = []
 
     def call_soon(self, function: Callable[[], None]) -> None:
-        """See `LoopBinding`."""
         if self.loop is not None:
             self.loop.call_soon(function)
 
     def write(self, number: int) -> Callable[[], bool]:
-        """A write of one number; 13 is refused."""
-
         def write() -> bool:
             if not self.is_full:
                 if number == 13:
@@ -38,7 +33,6 @@ class Line:
 
 
 def outbox_of(line: Line, depth: int | None = None) -> tuple[SendQueue, list[str]]:
-    """An outbox and what it reports."""
     reports: list[str] = []
     bridge: Any = line
     return SendQueue(bridge, depth, reports.append), reports

@@ -1,4 +1,4 @@
-"""How data reach the event loop: through a pipe that it watches, and nothing else suffers from it."""
+"""Binding of a context to an event loop, and the way of samples through the transport's pipe."""
 
 from __future__ import annotations
 
@@ -37,16 +37,11 @@ if TYPE_CHECKING:
 
 
 class LoopWithoutReaders(asyncio.SelectorEventLoop):
-    """A loop that cannot watch pipes, like the default one on Windows."""
-
     def add_reader(self, *_: Any) -> None:  # type: ignore[override]
-        """See `AbstractEventLoop`."""
         raise NotImplementedError
 
 
 def run_on(kind: str, main: Coroutine[Any, Any, None]) -> None:
-    """`asyncio.run` on a kind of loop, which serves all contexts; 20 seconds are more than any test needs."""
-
     async def served() -> None:
         context_registry.attach_all()
         await main
@@ -70,17 +65,14 @@ loops = pytest.mark.parametrize("kind", ["ours", "asyncio", UVLOOP, "no readers"
 
 
 def threads() -> list[str]:
-    """Names of our threads."""
     return sorted(thread.name for thread in threading.enumerate() if thread.name.startswith("rosidl-py-gen"))
 
 
 def descriptors() -> int:
-    """How many are open."""
     return len(os.listdir("/proc/self/fd"))
 
 
 def numbers(node: Node, topic: str = "n", **options: Any) -> list[int]:
-    """What a subscription hears."""
     heard: list[int] = []
     node.create_subscription(Int32, topic, lambda message: heard.append(message.data), **options)
     return heard
@@ -230,7 +222,6 @@ def test_what_does_not_fit_the_pipe_is_found_all_the_same(dds: World) -> None:
 
 
 def test_deleting_a_reader_waits_for_its_listener(dds: World) -> None:
-    """What the pipe relies on: nobody writes into it any more when it is closed."""
     node = dds.node("n")
     subscription, publisher = node.create_subscription(Int32, "n"), node.create_publisher(Int32, "n")
     entered, left = threading.Event(), threading.Event()
@@ -445,7 +436,6 @@ def test_sockets_threads_timers_signals_and_subprocesses_work_beside_dds(dds: Wo
 
 
 async def echo(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    """Return every line."""
     while line := await reader.readline():
         writer.write(line)
     writer.close()

@@ -1,4 +1,4 @@
-"""A loop that callers drive: who runs it, who waits beside, and what ends a wait."""
+"""LoopRunner: leader, followers, and ends of waits."""
 
 from __future__ import annotations
 
@@ -58,7 +58,6 @@ def connected(driver: LoopRunner, node: Node) -> tuple[Publisher[String], Subscr
 
 
 def started(function: Callable[[], object]) -> tuple[threading.Thread, list[Any]]:
-    """A thread, and where what it returned or raised will be."""
     outcomes: list[Any] = []
 
     def call() -> None:

@@ -1,4 +1,4 @@
-"""Dataclasses that cannot be parameters: the error says which field and why."""
+"""Dataclasses that cannot be parameters: the error names the field."""
 
 from __future__ import annotations
 

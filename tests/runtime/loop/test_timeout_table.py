@@ -1,4 +1,4 @@
-"""Many time limits with one timer."""
+"""Many timeouts with one timer."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ from rosidl_py_gen.runtime.loop.timeout_table import TimeoutTable
 
 
 class JumpingSelector(selectors.SelectSelector):
-    """Does not wait, but says how long it would have."""
-
     now_s = 0.0
 
     def select(self, timeout: float | None = None) -> Any:
@@ -20,8 +18,6 @@ class JumpingSelector(selectors.SelectSelector):
 
 
 class CountingLoop(asyncio.SelectorEventLoop):
-    """Counts the timers that are made; its clock goes on only while it waits."""
-
     timers = 0
 
     def __init__(self) -> None:
@@ -37,7 +33,6 @@ class CountingLoop(asyncio.SelectorEventLoop):
 
 
 def watched(seconds: float, limits_s: dict[int, float], remove: tuple[int, ...] = ()) -> tuple[list[int], int]:
-    """What expires in that time, and how many timers it took."""
     loop, expired = CountingLoop(), list[int]()
     limits = TimeoutTable(loop, expired.append)
     for number, left_s in limits_s.items():

@@ -1,4 +1,4 @@
-"""What a Driver does while asyncio has nothing to do: it waits in front of the loop, and nobody can tell."""
+"""LoopRunner that waits in front of the loop while asyncio has nothing to do."""
 
 from __future__ import annotations
 
@@ -21,8 +21,6 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="there the loop 
 
 
 class Arrivals:
-    """A driver that watches a pipe as it does that of DDS, and how often asyncio's loop was entered."""
-
     def __init__(self, driver: LoopRunner) -> None:
         self.driver, self.loop = driver, driver.loop
         self.read_end, self.write_end = os.pipe()
@@ -39,7 +37,6 @@ class Arrivals:
         return data == b"rest"
 
     def bring(self, data: bytes) -> None:
-        """Let something arrive, and wait for it."""
         count = len(self.early)
         os.write(self.write_end, data)
         self.driver.wait(lambda: len(self.early) > count, timeout_s=10)
