@@ -1,4 +1,4 @@
-"""The wheel of the C library, as far as it can be looked at without a compile: metadata, and what a source tree says.
+"""Wheel of the C library, without compiling it: metadata, and the version of a source tree.
 
 packaging/libddsc/README.md has the commands that build and try it.
 """

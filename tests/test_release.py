@@ -1,6 +1,6 @@
-"""What a release consists of agrees with itself: versions, CPythons, and workflows that do what README and .ci/run do.
+"""Consistency of a release: versions, supported CPythons, and workflows that run the commands of README and .ci/run.
 
-Schemas of workflows and of CITATION.cff are looked at by `.ci/run`.
+`.ci/run` checks the schemas of workflows and of CITATION.cff.
 """
 
 from __future__ import annotations

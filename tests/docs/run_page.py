@@ -124,7 +124,7 @@ class Page:
             compile(block.text, block.title, "exec")
 
     async def shell(self, line: str) -> None:
-        """Run what is ours; check that what it names is there."""
+        """Run our commands; check that the names in them exist."""
         words = [os.path.expanduser(word) for word in shlex.split(line, comments=True)]
         for word in words:
             if re.match(r"(examples|bench|tests|docs)/", word) and not (ROOT / word).exists():

@@ -1,4 +1,4 @@
-"""All code of README.md and docs/ runs and prints what the page says."""
+"""All code of README.md and docs/ runs and prints the output on the page."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ def tool(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Too
 
 @pytest.fixture(scope="module")
 def topic_peer() -> Iterator[tuple[str, str]]:
-    """The process of `topic_peer.py`, alone in a domain; what to add to a command line to look at it."""
+    """Run `topic_peer.py` alone in a domain; yields the options that select this domain."""
     domain = str(second_domain_id())
     environment = {"ROS_DOMAIN_ID": domain, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "PYTHONPATH": GENERATED.name}
     process = subprocess.Popen(

@@ -1,4 +1,4 @@
-"""``rosidl-py doctor``: what it finds on good and bad machines, and what it tells strangers."""
+"""``rosidl-py doctor``: findings on good and bad machines, and redacted reports."""
 
 from __future__ import annotations
 

@@ -200,7 +200,7 @@ def test_what_is_around_a_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 @pytest.fixture
 def workspace(tmp_path: Path) -> Path:
-    """A workspace nobody built: its folder."""
+    """Folder of a workspace that was not built."""
     files = {
         "src/talker/package.xml": PACKAGE_XML.format("talker"),
         "src/talker/setup.py": """

@@ -1,4 +1,4 @@
-"""``ros_cli/topic/stdin.py`` alone: its thread may still read when nobody asks any more."""
+"""Thread of ``ros_cli/topic/stdin.py``, which may read after the command has ended."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ STRING, BOOL, POSE = "std_msgs/msg/String", "std_msgs/msg/Bool", "geometry_msgs/
 
 @pytest.fixture
 def node(dds: World) -> Node:
-    """A node without topics of its own that `topic list` would show."""
+    """Node without topics that `topic list` would show."""
     return dds.node("talker", "/demo", enable_rosout=False, parameter_events=False)
 
 

@@ -27,7 +27,7 @@ PANIC = rf"(?:\nthread 'rx-\d+' \(\d+\) panicked at \S+/zenoh/src/net/routing/di
 async def router(
     tool: Tool, *arguments: str, number: int = signal.SIGINT, err: str = "", **environment: str
 ) -> AsyncIterator[str]:
-    """The endpoint of a router that listens on a free port; it ends with `number` and must have said `err`."""
+    """Yield the endpoint of a router on a free port; it is ended by signal `number`, and its errors match `err`."""
     process = await tool.start("zenoh-router", "--listen", LOOPBACK, *arguments, **environment)
     assert process.stdout is not None
     line = (await asyncio.wait_for(process.stdout.readline(), 20)).decode()

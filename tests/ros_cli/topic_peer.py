@@ -1,4 +1,4 @@
-"""A node whose topics many tests look at: ``python topic_peer.py`` says ``ready`` and ends with its standard input."""
+"""Node whose topics many tests inspect: ``python topic_peer.py`` prints ``ready`` and ends with its standard input."""
 
 from __future__ import annotations
 

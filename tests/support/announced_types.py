@@ -1,4 +1,4 @@
-"""Types that exist only as what nodes tell of them: a class of the same hash in this process would be taken instead."""
+"""Types that exist only as announcements of nodes; a class with the same hash in this process would be used instead."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Told:
 
 
 def fresh(text: str = "int32 x 5\nstring LABEL=deep", kind: str = "msg", **others: str) -> Told:
-    """A type of a name of its own: what was once compiled is never forgotten."""
+    """Return a type with a new name, as compiled classes are never freed."""
     return Told(f"nowhere_msgs/{kind}/Kind{next(_numbers)}", text, **others)
 
 

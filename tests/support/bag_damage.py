@@ -40,7 +40,7 @@ MODES: dict[str, dict[str, Any]] = {
 
 
 def text(number: int) -> str:
-    """The text of a message, which tells whether it is damaged."""
+    """Return the text of a message, from which damage is recognized."""
     return random.Random(number).randbytes(40).hex() + str(number)
 
 

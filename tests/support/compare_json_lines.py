@@ -30,7 +30,7 @@ def _alike(one: Any, two: Any) -> bool:
 
 
 def _alike_pixels(one: dict[str, Any], two: dict[str, Any]) -> bool:
-    """Whole numbers in hex, of which each may be off by as much as is said there."""
+    """Integers in hex with the tolerance of each."""
     if one["shape"] != two["shape"] or one["dtype"] != two["dtype"] or one["off"] != two["off"]:
         return False
     dtype = np.dtype(one["dtype"]).newbyteorder("<")

@@ -1,4 +1,4 @@
-"""Programs that mostly wait run several at once, each in two domains of its own."""
+"""Run programs that mostly wait concurrently, each in two domains."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _domains: list[int] = []
 
 
 async def at_once(jobs: Iterable[Callable[[int], Awaitable[T]]]) -> list[T | BaseException]:
-    """What each job gives, in their order, or what it raised.
+    """Return the results of jobs in their order; an exception that a job raised is its result.
 
     A job is given a domain that is its own while it runs, and so is the one `node_fixtures.DOMAINS` behind that.
     """

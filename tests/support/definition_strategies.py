@@ -27,7 +27,7 @@ from support.reference_cdr import NUMBERS, Reference
 INTEGERS = tuple(kind for kind in NUMBERS if kind[0] in "ui" or kind in ("byte", "char"))
 FLOATS = ("float32", "float64")
 
-# Names that a generator could trip over: keywords, builtins, dunder-less internals, parameters and locals of its own.
+# Names that may collide in generated code: keywords, builtins, internals without dunders, parameters and locals.
 NASTY = (
     *("encode", "decode", "data", "self", "cls", "field", "list", "np", "int", "bytes", "bool", "str", "float"),
     *("from", "class", "import", "pass", "lambda", "def", "none", "async", "print", "type", "len", "range", "copy"),

@@ -29,8 +29,7 @@ import pytest
 from support.machine_locks import lock
 
 SHARED_MEMORY_LOST = re.compile(r"\S+ [^\n]*RTPS_TRANSPORT_SHM[^\n]* Error\] [^\n]*open_and_lock_file failed[^\n]*\n")
-"""What Fast DDS prints among a program's output when another run on this machine has just taken the shared memory it
-wanted; it goes on with UDP."""
+"""Output of Fast DDS if another program on this machine has taken its shared memory; it continues with UDP."""
 
 _PYTHON = Path("Scripts", "python.exe") if os.name == "nt" else Path("bin", "python")
 _MARKER = "requirements.txt"  # written last: who has it is whole

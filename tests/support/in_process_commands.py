@@ -74,7 +74,7 @@ class Pipe:
 
 
 class _Stream(io.TextIOBase):
-    """Stands for `sys.stdout` or `sys.stderr`: everybody writes into their own pipe."""
+    """Replacement of `sys.stdout` or `sys.stderr`: each command writes into its own pipe."""
 
     encoding, errors = "utf-8", "strict"
 

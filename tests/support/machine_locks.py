@@ -12,7 +12,7 @@ if sys.platform != "win32":
 
 
 def lock(name: str, *, wait: bool) -> int | None:
-    """What holds the lock: a descriptor, until it is closed or this process ends.
+    """Return a descriptor that holds the lock until it is closed or this process ends.
 
     Returns:
         None when it cannot be had, because another process has it (unless `wait`) or its file is another user's. On

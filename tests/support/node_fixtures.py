@@ -146,7 +146,7 @@ def world_on_zenoh(monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
 
 @pytest.fixture(autouse=True)
 def only_loopback(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Force discovery onto localhost, and fail whoever joins DDS any other way."""
+    """Force discovery onto localhost; any other participant fails the test."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain_id()))
     for name in ("CYCLONEDDS_URI", "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY"):
@@ -219,7 +219,7 @@ class World:
         args: str = "",
         **options: Any,
     ) -> Node:
-        """A node, in a context of its own unless one is given."""
+        """Return a node, in a new context unless one is given."""
         name = name or f"node{next(self._numbers)}"
         node = Node(name, namespace, context=context or self.context(args), **options)
         self.nodes.append(node)

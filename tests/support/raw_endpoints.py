@@ -1,4 +1,4 @@
-"""Readers and writers given by what DDS calls them, for tests that look at bytes or announce what nobody else would.
+"""Readers and writers with names of DDS, for tests that inspect bytes or announce invalid data.
 
 In memory a service has no bytes of its own, but its halves can be announced.
 """
@@ -65,7 +65,7 @@ def writer(node: Any, topic: str, type: str, qos: QoSProfile = DEEP, type_hash: 
 
 
 def announce(node: Any, topic: str, type: str, type_hash: str = "", *, is_writer: bool = True) -> Reader | Writer:
-    """An endpoint that belongs to the node, as far as others can tell."""
+    """Announce an endpoint as one of the node."""
     end = (writer if is_writer else reader)(node, topic, type, QoSProfile(), type_hash)
     node._scope.register(end, **{"writer" if is_writer else "reader": end.guid})
     return end

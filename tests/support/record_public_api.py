@@ -51,7 +51,7 @@ def face() -> str:
 
 
 def all_untold() -> list[str]:
-    """Each public member of a class on a page that nothing says anything of."""
+    """Yield public members of documented classes that have no description."""
     package = griffe.load(PACKAGE, search_paths=[str(ROOT)], try_relative_path=False)
     pages = [page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs/api").glob("*.md"))]
     lines = []
@@ -127,7 +127,7 @@ def _members(found: Any, settings: dict[str, Any], *, every: bool) -> list[tuple
 
 
 def _untold(found: Any, settings: dict[str, Any]) -> list[str]:
-    """Public members of a class of which nothing tells: no docstring, no field, no word in the class docstring."""
+    """Return public members of a class without docstring, field, or mention in the class docstring."""
     words = set(re.findall(r"\w+", found.docstring.value if found.docstring else ""))
     fields = "dataclass" in found.labels
     told = {name for name, _ in _members(found, settings, every=False)}

@@ -52,7 +52,7 @@ def _entry(thing: Any, module: str, package: str) -> dict[str, Any]:
     if isinstance(defined, str) and defined != module and found["kind"] != "constant":
         found["from"] = defined
         if not defined.startswith(package):
-            return found  # what others define is theirs to describe
+            return found  # defined by another package
     if found["kind"] == "function":
         found["parameters"] = parameters_of(thing)
     elif found["kind"] == "class" and (
@@ -108,7 +108,7 @@ def kind_of(thing: Any) -> str:
 
 
 def parameters_of(function: Any) -> str | None:
-    """``self, name, *, context=None``; without annotations, None where C does not tell."""
+    """Return ``self, name, *, context=None`` without annotations; None if a C function has no signature."""
     function = getattr(function, "__func__", function)
     try:
         signature = inspect.signature(function)

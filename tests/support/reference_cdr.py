@@ -58,7 +58,7 @@ class Reference:
     def encode(
         self, name: str, value: dict[str, Any], *, big_endian: bool = False, pad: Callable[[int], bytes] = bytes
     ) -> bytes:
-        """`pad` makes the content of padding from its length; zeros unless told otherwise."""
+        """`pad` returns the content of padding for a length; zeros by default."""
         writer = _Writer(self, ">" if big_endian else "<", pad)
         writer.message(name, value)
         return (b"\0\0\0\0" if big_endian else b"\0\1\0\0") + bytes(writer.out)

@@ -1,4 +1,4 @@
-"""Where our compiler differs from the reference compilers on purpose: by name, with the reason and examples.
+"""Intended differences between our compiler and the reference compilers, with reasons and examples.
 
 Jazzy's and Kilted's agree about all of it and about everything else the tests ask; Kilted's only refuses some
 definitions earlier, in clearer words. Tests hold each example to its row, so a row that is no longer true fails;
@@ -248,7 +248,7 @@ DEVIATIONS = (
 
 
 def compare_or_explain(rosidl: Rosidl, definition: Definition) -> None:
-    """Every release says what we say about a definition, but for what a row explains."""
+    """Check that every release agrees with us about a definition, except for deviations with a row."""
     _, text, format = definition
     mine = ours([definition], OTHERS)
     for release, theirs in rosidl.compile([definition]).items():

@@ -1,4 +1,4 @@
-"""The reference compiler of today as an oracle: two releases of the rosidl tool chain, and the comparison with ours.
+"""Reference compilers as oracles: two releases of the rosidl tool chain, and the comparison with ours.
 
 They come from PyPI (tests/support/environments.py), each into an environment of its own, and answer as processes that
 stay (tests/compiler/frontend/rosidl_server.py). All are asked at once, and a test holds for all of them: where releases
@@ -282,7 +282,7 @@ def compare_world(rosidl: Rosidl, definitions: Sequence[Definition]) -> Reply:
 
 
 def different(mine: Reply, theirs: Reply, loose: bool = False) -> str:
-    """In what our reply differs from one of the oracle; "" when it does not.
+    """Return the difference between our reply and that of the oracle; "" without one.
 
     Args:
         loose: numbers count, and not whether they are written as 1, 1.0 or TRUE.

@@ -34,7 +34,7 @@ from support.program_observer import Seen, watch
 
 LIST = Path(__file__).parent / "third_party_programs.txt"
 _DOMAINS = 6
-"""Those that a worker uses in turn: what a killed program has left in the graph is forgotten meanwhile."""
+"""Domains that a worker uses in turn, so that the graph forgets killed programs."""
 _MINE = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "run"]
 _ENDS = (
     "KeyboardInterrupt",

@@ -1,4 +1,4 @@
-"""A node on Zenoh spoken by hand, beside ours in one process.
+"""Node on Zenoh made of messages by hand, in one process with our nodes.
 
 Nothing of ours makes or reads what it says; it is written from docs/internals/zenoh.md 2 to 4, 9.
 """
