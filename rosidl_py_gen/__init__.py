@@ -1,7 +1,7 @@
 """ROS 2 in Python from pip alone: typed message packages, CDR, type support.
 
-The public names stand in `__init__.pyi`, for type checkers and for us. Importing this package is cheap; what a name
-needs is loaded when the name is first used. The node runtime is `rosidl_py_gen.runtime` and needs the extra ``node``.
+The public names are listed in `__init__.pyi`; their modules are imported on first use. The node runtime is
+`rosidl_py_gen.runtime` and needs the extra ``node``.
 """
 
 from rosidl_py_gen.cdr.lazy import stub_exports

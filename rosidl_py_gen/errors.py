@@ -1,7 +1,7 @@
-"""Every error this package raises on purpose, as one tree.
+"""Errors that several packages share, and the base class of all errors of this package.
 
-Each class says in one sentence whose problem it is. Messages say where, what was found and what was expected.
-This file imports nothing of ours, so that generated code, the compiler and the runtime can all share it.
+The class of an error states who can fix it; the text states the subject, what was found, and what was expected. This
+module imports no other module of the package, so generated code, the compiler and the runtime can use it.
 """
 
 from __future__ import annotations
@@ -15,31 +15,31 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _MAX_TEXT = 4000
-"""Characters of a problem: names in definitions have any length."""
+"""Maximum characters of a diagnostic: names in definitions have any length."""
 _INVISIBLE = re.compile(
     "[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180d\u2800\u3164\ufe00-\ufe0f\uffa0\U000e0100-\U000e01ef]"
 )
-"""Characters that Python regards as printable and that no font shows."""
+"""Characters that are printable for Python, but invisible."""
 
 
 class RosidlError(Exception):
-    """Base of every error this package raises on purpose."""
+    """Base class of the errors of this package."""
 
 
 class ExtraMissingError(RosidlError, ModuleNotFoundError):
-    """The user has to install an extra of this package; the text has the command, `name` the module that is missing."""
+    """An extra of this package must be installed; the text has the command, `name` is the missing module."""
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
-    """One finding in a definition file: where it is and what is wrong.
+    """A finding about a definition file, with its location.
 
     Attributes:
-        path: the file as the user named it, or a name in angle brackets for text that came from no file.
-        line: 1-based line, 0 when the whole file is meant.
-        column: 1-based column in characters, 0 when the whole line is meant.
+        path: path of the file, or a name in angle brackets for text that is not from a file.
+        line: 1-based line; 0 for the whole file.
+        column: 1-based column in characters; 0 for the whole line.
         text: what was found and what was expected.
-        source: the offending line, empty when there is none to show.
+        source: the line of the file; empty if there is none to display.
     """
 
     path: str
@@ -55,20 +55,20 @@ class Diagnostic:
         return printable(_with_code_points(f"{where}: {self.text}"[: _MAX_TEXT + 1]), _MAX_TEXT)
 
     def with_caret(self, width: int = 100) -> str:
-        """The problem, the source line and a caret under the column; very long lines are cut around the column."""
+        """Return the text, the source line cut to `width`, and a caret under the column."""
         if not self.source:
             return str(self)
         start = max(0, self.column - 1 - width // 2) if len(self.source) > width else 0
-        shown = _with_code_points(self.source[start : start + width])
+        visible = _with_code_points(self.source[start : start + width])
         left = "..." if start else ""
         right = "..." if start + width < len(self.source) else ""
         before = _with_code_points(self.source[start : max(start, self.column - 1)])
         caret = " " * (len(left) + len(before)) + "^"
-        return f"{self}\n    {left}{shown}{right}\n    {caret}"
+        return f"{self}\n    {left}{visible}{right}\n    {caret}"
 
 
 def _with_code_points(text: str) -> str:
-    """Return the text with invisible characters as ``<U+200B>``: they are the mistake in many a definition."""
+    """Return the text with invisible characters as ``<U+200B>``: they are a common mistake in definitions."""
     if text.isascii() and text.isprintable():
         return text
     return "".join(
@@ -77,9 +77,9 @@ def _with_code_points(text: str) -> str:
 
 
 def printable(text: str, max_length: int | None = None) -> str:
-    """Return the text without what could steer a terminal, at most `max_length` characters of it.
+    """Return at most `max_length` characters of a text, without characters that control a terminal.
 
-    Definition files, names in them, and what peers send are not trusted.
+    Definition files, their names, and messages of peers are not trusted.
     """
     if max_length is not None and len(text) > max_length:
         text = f"{text[: max_length - 3]}..."
@@ -87,21 +87,21 @@ def printable(text: str, max_length: int | None = None) -> str:
 
 
 def display_path(path: str | os.PathLike[str]) -> str:
-    """A path as errors show it: relative when it is below the current folder."""
+    """Return a path for errors: relative if it is below the current folder."""
     try:
         relative = os.path.relpath(path)
-    except (OSError, ValueError):  # the current folder is gone, or on another drive
+    except (OSError, ValueError):  # the current folder was removed, or is on another drive
         return os.fspath(path)
     return os.fspath(path) if relative.startswith("..") else relative
 
 
 class DefinitionError(RosidlError):
-    """The author of an interface file has to change it; `diagnostics` holds every finding with its location.
+    """An interface file has problems, and its author must change it.
 
     Attributes:
-        problems: what is wrong.
-        notes: what was assumed where a CMakeLists.txt does not tell.
-        partial: other interfaces of the run are right and could be generated without the wrong ones.
+        diagnostics: all problems with their locations.
+        notes: assumptions about a CMakeLists.txt.
+        partial: other interfaces of the run are valid and could be generated.
     """
 
     def __init__(
@@ -116,18 +116,18 @@ class DefinitionError(RosidlError):
 
 
 class TypeNotFoundError(RosidlError, LookupError):
-    """The caller asked for an interface that is neither importable nor on the search path."""
+    """A requested interface is neither importable nor on the search path."""
 
 
 class OutputError(RosidlError):
-    """The output folder holds something this tool did not write, or cannot be written."""
+    """The output folder has files of another tool, or cannot be written."""
 
 
 class EncodeError(RosidlError, ValueError):
-    """The caller's value does not fit its type; `path` names the field.
+    """A value does not fit the type of its field.
 
     Attributes:
-        path: for example ``geometry_msgs/msg/PoseArray.poses[3].position.x``.
+        path: the field, such as ``geometry_msgs/msg/PoseArray.poses[3].position.x``.
         reason: what was expected and what was found.
     """
 
@@ -141,11 +141,11 @@ class EncodeError(RosidlError, ValueError):
 
 
 class DecodeError(RosidlError, ValueError):
-    """The peer's bytes are not a message of this type; `path` names the field and `offset_bytes` the place.
+    """Data is not a message of the type.
 
     Attributes:
         path: the field that could not be read.
-        offset_bytes: offset from the start of the data, the 4-byte encapsulation header included.
+        offset_bytes: offset in the data, which starts with the 4-byte encapsulation header.
         reason: what was expected and what was found.
     """
 
@@ -160,17 +160,17 @@ class DecodeError(RosidlError, ValueError):
 
 
 class InvalidNameError(RosidlError, ValueError):
-    """The caller gave a name that ROS does not allow."""
+    """A name is not allowed in ROS."""
 
     def __init__(self, text: str, *, name: str = "", index: int | None = None, reason: str = "") -> None:
         self.name = name
-        """As it was given; empty where it was no text."""
+        """The name; empty if it is not a text."""
         self.index = index
-        """Of the first character that is wrong, from 0; None where the whole name is."""
+        """Index of the first invalid character; None if the whole name is invalid."""
         self.reason = reason
-        """What is wrong, in words, without name and place; empty where the text says it all."""
+        """The rule that the name breaks, without name and index; empty if the error text has it."""
         super().__init__(text)
 
 
 class ClosedError(RosidlError):
-    """The caller used something that is already closed."""
+    """A closed object was used."""

@@ -1,4 +1,4 @@
-"""What everything else stands on: names, field types, resources of the package, who may call what.
+"""Modules that several packages share: names, field types, type descriptions, resources, YAML and JSON.
 
-Imports nothing of this package but `errors`. Names here are not public; what users need of them, `rosidl_py_gen` shows.
+Imports no other package. Names here are not public; the public ones are exported by `rosidl_py_gen`.
 """

@@ -1,8 +1,7 @@
-"""The type of a field: base, string bound, arity and capacity, and its text form.
+"""Types of fields, and the tables of primitives and type ids (docs/internals/protocol.md 1.1 and 3.2).
 
-The text form is that of a .msg file with full names, for example ``float64[36]``, ``string<=8[<=3]`` or
-``geometry_msgs/msg/Point[]``. Generated classes carry it, the compiler's model uses it, so there is one table of
-primitives and one of type ids (docs/internals/protocol.md 1.1 and 3.2) for both sides.
+The text of a type is that of a .msg file with full names, such as ``float64[36]``, ``string<=8[<=3]`` or
+``geometry_msgs/msg/Point[]``. Generated classes contain it.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from typing import NamedTuple
 
 
 class Primitive(NamedTuple):
-    """How a primitive travels: struct code, bytes (also its alignment), rosidl type id, numpy name, Python type."""
+    """A primitive type: struct code, bytes (also its alignment), rosidl type id, numpy name, Python type."""
 
     code: str
     size: int
@@ -24,8 +23,8 @@ class Primitive(NamedTuple):
     python: str
 
 
-# docs/internals/protocol.md 1.1, 2.2, 3.2. `char` of a .msg is an unsigned byte with the id of uint8; `idl_char`,
-# `wchar` and `float128` exist only in .idl files.
+# docs/internals/protocol.md 1.1, 2.2, 3.2. `char` of a .msg is an unsigned byte with the id of uint8; `idl_char` and
+# `wchar` exist only in .idl files.
 PRIMITIVES: dict[str, Primitive] = {
     "bool": Primitive("?", 1, 15, "bool_", "bool"),
     "byte": Primitive("B", 1, 16, "uint8", "int"),
@@ -47,19 +46,14 @@ STRINGS = {"string": 17, "wstring": 18}
 _BOUNDED_STRINGS = {"string": 21, "wstring": 22}
 
 INTEGER_RANGES: dict[str, tuple[int, int]] = {
-    "b": (-(2**7), 2**7 - 1),
-    "B": (0, 2**8 - 1),
-    "h": (-(2**15), 2**15 - 1),
-    "H": (0, 2**16 - 1),
-    "i": (-(2**31), 2**31 - 1),
-    "I": (0, 2**32 - 1),
-    "q": (-(2**63), 2**63 - 1),
-    "Q": (0, 2**64 - 1),
+    **{code: (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for code, bits in zip("bhiq", (8, 16, 32, 64), strict=True)},
+    **{code: (0, 2**bits - 1) for code, bits in zip("BHIQ", (8, 16, 32, 64), strict=True)},
 }
+"""Minimum and maximum by struct code."""
 
 
 class Arity(Enum):
-    """How many values a field holds; the number is the offset of the type id (docs/internals/protocol.md 3.2)."""
+    """Number of values of a field; the value is the offset of the type id (docs/internals/protocol.md 3.2)."""
 
     SCALAR = 0
     ARRAY = 48
@@ -97,26 +91,18 @@ class FieldType:
 
     @property
     def element(self) -> FieldType:
-        """The type of one element of an array or sequence."""
+        """Type of one element of an array or sequence."""
         return FieldType(self.base, string_bound=self.string_bound)
 
     def __str__(self) -> str:
-        text = self.base + (f"<={self.string_bound}" if self.string_bound else "")
-        match self.arity:
-            case Arity.SCALAR:
-                return text
-            case Arity.ARRAY:
-                return f"{text}[{self.capacity}]"
-            case Arity.BOUNDED:
-                return f"{text}[<={self.capacity}]"
-            case Arity.UNBOUNDED:
-                return f"{text}[]"
+        bound = f"<={self.string_bound}" if self.string_bound else ""
+        arity = {Arity.SCALAR: "", Arity.UNBOUNDED: "[]", Arity.ARRAY: "[{}]", Arity.BOUNDED: "[<={}]"}[self.arity]
+        return self.base + bound + arity.format(self.capacity)
 
     def description(self) -> dict[str, int | str]:
-        """The `type` member of a type description: type_id, capacity, string_capacity, nested_type_name.
+        """Return the `type` of a field in a type description (docs/internals/protocol.md 3.2).
 
-        Source: docs/internals/protocol.md 3.2, and 1.7 for the one type whose reference description is wrong and must
-        be matched.
+        The description of one type by the reference is wrong and must be matched (1.7).
         """
         arity, capacity = self.arity, self.capacity
         if self.base == "wstring" and self.string_bound and arity is Arity.UNBOUNDED:
@@ -141,15 +127,12 @@ _TEXT = re.compile(r"([a-zA-Z0-9_/]+)(?:<=(\d+))?(?:\[(<=)?(\d*)\])?\Z", re.ASCI
 
 @lru_cache(maxsize=4096)
 def parse_field_type(text: str) -> FieldType:
-    """The inverse of ``str(FieldType)``; the text comes from generated code and is taken as right."""
-    found = _TEXT.match(text)
-    assert found is not None, text
-    base, bound, upper, size = found.groups()
+    """Return the type of a text of ``str(FieldType)`` in generated code, which is trusted."""
+    match = _TEXT.match(text)
+    assert match is not None, text
+    base, bound, upper, size = match.groups()
     string_bound = int(bound or 0)
     if size is None:
         return FieldType(base, string_bound=string_bound)
-    if upper:
-        return FieldType(base, Arity.BOUNDED, int(size), string_bound)
-    if size:
-        return FieldType(base, Arity.ARRAY, int(size), string_bound)
-    return FieldType(base, Arity.UNBOUNDED, 0, string_bound)
+    arity = Arity.BOUNDED if upper else Arity.ARRAY if size else Arity.UNBOUNDED
+    return FieldType(base, arity, int(size or 0), string_bound)

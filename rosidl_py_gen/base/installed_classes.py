@@ -1,6 +1,5 @@
-"""Generated classes that `import` finds: of packages that users generated, of `msgs`, and of what a wheel holds ready.
-
-Decides that nothing is imported that this tool did not generate.
+"""Generated classes that can be imported: of the user's packages, of `msgs`, and of the pregenerated package of a
+wheel.
 """
 
 from __future__ import annotations
@@ -20,18 +19,23 @@ if TYPE_CHECKING:
     from rosidl_py_gen.base.names import RosName
 
 PREGENERATED_PACKAGE = "rosidl_py_gen.ready_made."
-"""The bundled interfaces, generated while a wheel is built; a checkout has none. Import prefix."""
+"""Import prefix of the bundled interfaces, which are generated when a wheel is built; a checkout has none."""
 
 
 def find_installed_class(name: RosName, *roots: str) -> type | None:
-    """The generated class that `import` finds, without importing anything this tool did not generate.
+    """Return the importable generated class of an interface; None if there is none.
+
+    No other package is imported: an import runs code, and names may be from files and networks.
 
     Args:
-        roots: import prefixes, tried in turn; nothing means what users generated, then `rosidl_py_gen.msgs`.
+        name: name of the interface.
+        roots: import prefixes in order; by default packages of the user, then `rosidl_py_gen.msgs`.
     """
     for root in roots or ("", "rosidl_py_gen.msgs."):
-        # The import hook can put modules of its own into a package, and only those of this tool's files are meant here.
-        if not (_is_ours(root + name.package) and _is_ours(f"{root}{name.package}.{name.kind}")):
+        # The import hook can add modules to a package; only generated files count here.
+        if not (
+            _is_generated_package(root + name.package) and _is_generated_package(f"{root}{name.package}.{name.kind}")
+        ):
             continue
         try:
             package = import_module(f"{root}{name.package}.{name.kind}")
@@ -43,7 +47,7 @@ def find_installed_class(name: RosName, *roots: str) -> type | None:
     return None
 
 
-def _is_ours(package: str) -> bool:
+def _is_generated_package(package: str) -> bool:
     loaded = sys.modules.get(package)
     try:
         spec: ModuleSpec | None = loaded.__spec__ if loaded is not None else find_spec(package)

@@ -1,7 +1,7 @@
-"""SIGINT in the commands of this package: one Ctrl-C ends a command in order, and so do two.
+"""SIGINT in the commands of this package: one or two signals end a command in an orderly way.
 
-`timeout -s INT` and shells send SIGINT twice within milliseconds: to the process, and to its group. A person presses
-Ctrl-C again when a command takes long to end. Neither may interrupt the code that closes files and leaves the network.
+`timeout -s INT` and shells send SIGINT twice within milliseconds: to the process, and to its group. A user presses
+Ctrl-C again if a command takes long to end. Neither must interrupt the code that closes files and leaves the network.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from collections.abc import Iterator
 from types import FrameType
 
 REPEAT_S = 0.4
-"""Time after a signal in which SIGINT counts as the same request. Longer: a person who insists is not heard; shorter:
-a busy machine that delivers the second of two signals late interrupts the shutdown."""
+"""Time after a signal in which SIGINT is the same request. A larger value ignores a user who insists; with a smaller
+one, a second signal that a busy machine delivers late interrupts the shutdown."""
 
 
 class CommandInterrupts:
-    """Handler of SIGINT for a process that is one of our commands.
+    """Handler of SIGINT for the process of a command.
 
-    The first signal raises KeyboardInterrupt. Later ones are ignored for `REPEAT_S`; then one ends the process with
-    exit code 130, without a traceback.
+    The first signal raises KeyboardInterrupt. Later signals are ignored for `REPEAT_S`; then a signal ends the process
+    with exit code 130, without a traceback.
 
     Attributes:
-        ignores_first: True while `run` is active, which has a handler of its own and passes a second signal to this
-            one; and when the command is done.
+        ignores_first: True while `run` is active, which has its own handler and passes a second signal to this one; and
+            after the command.
     """
 
     def __init__(self) -> None:
@@ -36,10 +36,10 @@ class CommandInterrupts:
 
     @contextlib.contextmanager
     def handling(self, is_process: bool) -> Iterator[None]:
-        """A block that is the command; the handler stays until the interpreter has ended.
+        """Install the handler for a block that runs the command; it remains until the interpreter ends.
 
         Args:
-            is_process: False where a command is called inside a program of somebody else: no handler is set.
+            is_process: False if another program calls the command; then no handler is installed.
         """
         if not is_process:
             yield
@@ -51,11 +51,11 @@ class CommandInterrupts:
             self.ignores_first = True
 
     def note(self) -> None:
-        """Count a signal that another handler got as the first one."""
+        """Record that another handler received the first signal."""
         self._first_s = time.monotonic()
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
-        """Handle a signal; raises KeyboardInterrupt."""
+        """Handle a signal; raises KeyboardInterrupt for the first one."""
         if self._first_s is None:
             self.note()
             if not self.ignores_first:

@@ -1,8 +1,4 @@
-"""Names of ROS interfaces and what they become in Python.
-
-Decides which names are legal (docs/internals/protocol.md 1.2) and how they are spelled in Python. Knows nothing of
-files, DDS, nodes.
-"""
+"""Names of ROS interfaces: valid names (docs/internals/protocol.md 1.2), and their spelling in Python."""
 
 from __future__ import annotations
 
@@ -23,16 +19,16 @@ CONSTANT_RULE = "upper case letters, digits and single underscores, a letter fir
 INTERFACE_RULE = "letters and digits, an upper case letter first"
 
 _LOWER = re.compile(r"(?!.*__)(?!.*_\Z)[a-z][a-z0-9_]*\Z", re.ASCII)
-# Written without nested quantifiers: the reference pattern backtracks exponentially on hostile names.
+# Without nested quantifiers: the reference pattern backtracks exponentially on hostile names.
 _CONSTANT = re.compile(r"[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)*\Z", re.ASCII)
 _INTERFACE = re.compile(r"[A-Z][A-Za-z0-9]*\Z", re.ASCII)
 _DERIVED_SUFFIXES = ("_Request", "_Response", "_Goal", "_Result", "_Feedback")
-_MAX_SHOWN = 300
-"""Characters of a wrong name in an error text."""
+_MAX_DISPLAYED = 300
+"""Maximum characters of an invalid name in an error text."""
 
 
 class RosName(NamedTuple):
-    """A full interface name such as ``std_msgs/msg/Header``, taken apart."""
+    """Components of a full interface name such as ``std_msgs/msg/Header``."""
 
     package: str
     kind: str
@@ -43,22 +39,20 @@ class RosName(NamedTuple):
 
 
 def is_package_name(text: str) -> bool:
-    """Source: docs/internals/protocol.md 1.2."""
+    """Return True for a valid name of a package."""
     return _LOWER.match(text) is not None
 
 
-def is_field_name(text: str) -> bool:
-    """Source: docs/internals/protocol.md 1.2; the rule of package names."""
-    return _LOWER.match(text) is not None
+is_field_name = is_package_name  # fields have the same rule
 
 
 def is_constant_name(text: str) -> bool:
-    """Source: docs/internals/protocol.md 1.2."""
+    """Return True for a valid name of a constant."""
     return _CONSTANT.match(text) is not None
 
 
 def is_interface_name(text: str) -> bool:
-    """Whether a file may carry this stem; ``Sample_`` in front and one derived suffix behind are allowed."""
+    """Return True for a valid stem of a file, which may have the prefix ``Sample_`` and one derived suffix."""
     text = text.removeprefix("Sample_")
     for suffix in _DERIVED_SUFFIXES:
         text = text.removesuffix(suffix)
@@ -66,49 +60,43 @@ def is_interface_name(text: str) -> bool:
 
 
 def split_ros_name(text: str, default_kind: str = "") -> RosName:
-    """Take ``pkg/msg/Name`` apart; ``pkg/Name`` is understood when `default_kind` is given.
+    """Split ``pkg/msg/Name``, or with a `default_kind` also ``pkg/Name``, into its components.
 
     Raises:
-        InvalidNameError: the text has another shape or a part breaks its rule.
+        InvalidNameError: the text has another form, or a component breaks its rule.
     """
-    shown, parts = printable(text, _MAX_SHOWN), text.split("/")
+    parts = text.split("/")
     if len(parts) == 2 and default_kind:
         parts.insert(1, default_kind)
     if len(parts) != 3:
-        raise InvalidNameError(f'"{shown}" is not an interface name; expected package/msg/Name (or /srv/, /action/)')
+        display = printable(text, _MAX_DISPLAYED)
+        raise InvalidNameError(f'"{display}" is not an interface name; expected package/msg/Name (or /srv/, /action/)')
     package, kind, name = parts
-    if not is_package_name(package):
-        raise InvalidNameError(
-            f'"{shown}": "{printable(package, _MAX_SHOWN)}" is not a package name; expected {PACKAGE_RULE}'
-        )
-    if kind not in KINDS:
-        raise InvalidNameError(
-            f'"{shown}": "{printable(kind, _MAX_SHOWN)}" is not a kind of interface; expected msg, srv or action'
-        )
-    if not all(_INTERFACE.match(part) for part in name.split("_")):
-        raise InvalidNameError(
-            f'"{shown}": "{printable(name, _MAX_SHOWN)}" is not an interface name; expected {INTERFACE_RULE}'
-        )
+    for part, is_valid, rule in (
+        (package, is_package_name(package), f"a package name; expected {PACKAGE_RULE}"),
+        (kind, kind in KINDS, "a kind of interface; expected msg, srv or action"),
+        (name, all(map(_INTERFACE.match, name.split("_"))), f"an interface name; expected {INTERFACE_RULE}"),
+    ):
+        if not is_valid:
+            display, wrong = printable(text, _MAX_DISPLAYED), printable(part, _MAX_DISPLAYED)
+            raise InvalidNameError(f'"{display}": "{wrong}" is not {rule}')
     return RosName(package, kind, name)
 
 
 def snake_case(name: str) -> str:
-    """The module name rosidl derives from an interface name: AddTwoInts -> add_two_ints.
-
-    Source: docs/internals/protocol.md 1.2 (two successive substitutions).
-    """
+    """Return the module name of an interface: AddTwoInts -> add_two_ints (docs/internals/protocol.md 1.2)."""
     name = re.sub(r"(.)([A-Z][a-z]+)", r"\1_\2", name)
     return re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", name).lower()
 
 
 def py_name(name: str) -> str:
-    """The Python spelling of a field, constant or class: keywords get a trailing underscore."""
+    """Return the Python name of a field, constant or class: keywords get a trailing underscore."""
     return name + "_" if keyword.iskeyword(name) else name
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """``; did you mean "x"?`` for the closest known word, or an empty string."""
-    from difflib import get_close_matches  # slow to import, and only errors need it
+    """Return ``; did you mean "x"?`` for the most similar known word, or an empty string."""
+    from difflib import get_close_matches  # slow to import
 
     word = word[:256]  # comparing costs the product of the lengths
     close = get_close_matches(word, known, n=1, cutoff=0.7)
@@ -116,7 +104,7 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def similar_name(name: str, known: Iterable[str]) -> str:
-    """Return `did_you_mean` of names of ROS, where the same name in another namespace is the closest.
+    """Return `did_you_mean` for ROS names; the same name in another namespace is the most similar.
 
     At most 1000 names, and 256 characters of each, are compared.
     """

@@ -1,7 +1,7 @@
-"""Text for people and JSON for programs, both of data that is not trusted.
+"""Text and JSON for terminals, made of untrusted data.
 
-The commands print only what passed through here, or through `errors.printable`: text of peers, of definition files
-and of recordings could otherwise steer a terminal, or reorder what it shows.
+Commands print only text of these functions or of `errors.printable`: text of peers, of definition files and of
+recordings could otherwise control a terminal, or reorder its output.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from typing import Any
 
 from rosidl_py_gen.errors import printable
 
-_SUSPECT = re.compile("[^\n -~]")
+_SPECIAL = re.compile("[^\n -~]")
 
 
 def printable_lines(text: str) -> str:
-    """Return the text with everything replaced that could steer a terminal, except line breaks and tabs."""
+    """Return the text without characters that control a terminal, except line breaks and tabs."""
     lines = text.replace("\r\n", "\n").split("\n")
     return "\n".join("\t".join(map(printable, line.split("\t"))) for line in lines)
 
@@ -28,10 +28,9 @@ def printable_line(text: str) -> str:
 
 
 def json_text(data: Any, *, indent: int | None = None) -> str:
-    """Return valid JSON on one line, or indented, that can be printed on a terminal without a loss.
+    """Return valid JSON on one line, or indented, for a terminal.
 
-    NaN and the infinities become the strings that `rosidl_py_gen.to_json` writes; control characters, bidirectional
-    ones too, become escapes.
+    NaN and the infinities become the strings of `rosidl_py_gen.to_json`; control characters become escapes.
     """
     try:
         text = json.dumps(data, ensure_ascii=False, allow_nan=False, indent=indent)
@@ -52,8 +51,8 @@ def json_value(value: Any) -> Any:
 
 
 def escape_json(text: str) -> str:
-    r"""Return JSON text with the characters that a terminal does not show as ``\u`` escapes: the same values."""
-    return _SUSPECT.sub(_escaped, text)
+    r"""Return equivalent JSON text with unprintable characters as ``\u`` escapes."""
+    return _SPECIAL.sub(_escaped, text)
 
 
 def _escaped(found: re.Match[str]) -> str:

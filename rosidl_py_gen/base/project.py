@@ -26,10 +26,10 @@ _MAX_BYTES = 1 << 20
 
 
 class GeneratedPackages(MetaPathFinder):
-    """Finds the generated message packages of one folder, and no other modules.
+    """Finds the generated message packages of one folder, but no other modules.
 
-    A folder on `sys.path` would also provide any module that is looked for in vain, such as an optional dependency of a
-    library: a downloaded folder could run code so in every command that is started in it.
+    A folder on `sys.path` would also provide other modules, such as an optional dependency of a library, so a
+    downloaded folder could run code in every command that is started in it.
     """
 
     def __init__(self, folder: str) -> None:
@@ -45,7 +45,7 @@ class GeneratedPackages(MetaPathFinder):
 
 @contextmanager
 def importable_current_folder() -> Iterator[None]:
-    """Make generated packages of the current folder importable inside the block; everything else comes first."""
+    """Make the generated packages of the current folder importable in a block, after all other packages."""
     try:
         finder = GeneratedPackages(os.getcwd())
     except OSError:  # it was deleted
@@ -59,7 +59,7 @@ def importable_current_folder() -> Iterator[None]:
 
 
 def with_project_path(paths: Sequence[str]) -> tuple[str, ...]:
-    """Return the folders of ``--path`` and those of the project behind them.
+    """Return the folders of ``--path``, then those of the project.
 
     Raises:
         DefinitionError: pyproject.toml cannot be read, or its table has another key or value.
@@ -82,7 +82,7 @@ def _project_path() -> list[str]:
 
 
 def _table(file: Path) -> object:
-    """Return the table of a file; None if there is none."""
+    """Return the table of a file; None if it has none."""
     try:
         if not stat.S_ISREG(file.stat().st_mode):  # opening a FIFO would wait for a writer
             return None
@@ -92,7 +92,7 @@ def _table(file: Path) -> object:
         return None
     except OSError as error:
         raise _wrong(file, f"cannot be read: {error.strerror or error}") from error
-    if _TABLE.encode() not in raw:  # no time is spent on other projects' files, nor on what is wrong with them
+    if _TABLE.encode() not in raw:  # files of other projects are not parsed, so their errors do not matter
         return None
     if len(raw) > _MAX_BYTES:
         raise _wrong(file, f"is longer than {_MAX_BYTES} bytes")

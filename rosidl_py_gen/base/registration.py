@@ -1,7 +1,4 @@
-"""What was handed in to be used later: keeping it in order, and taking it back.
-
-Decides that any thread may add and remove while another goes through what is there.
-"""
+"""Registered objects, such as callbacks, that can be removed. Thread: any."""
 
 from __future__ import annotations
 
@@ -16,7 +13,7 @@ T = TypeVar("T")
 
 
 class Registration:
-    """Something that was handed in, such as a callback; `close`, or the end of a ``with`` block, takes it back."""
+    """A registered object, such as a callback; `close` or the end of a ``with`` block removes it."""
 
     __slots__ = ("_remove",)
 
@@ -24,7 +21,7 @@ class Registration:
         self._remove: Callable[[], object] | None = remove
 
     def close(self) -> None:
-        """Take it back; may be called twice."""
+        """Remove the object; may be called twice."""
         remove, self._remove = self._remove, None
         if remove is not None:
             remove()
@@ -37,13 +34,13 @@ class Registration:
 
 
 class RegistrationSet(Generic[T]):
-    """What was added and not taken back, oldest first; what is taken back while somebody iterates is left out."""
+    """Registered objects, oldest first; an iteration skips objects that are removed during it."""
 
     def __init__(self) -> None:
         self._items: dict[object, T] = {}
 
     def add(self, item: T) -> Registration:
-        """Keep `item` until the answer is closed; one that is added twice counts twice."""
+        """Add an object until the registration is closed; an object may be added several times."""
         key = object()
         self._items[key] = item
         return Registration(lambda: self._items.pop(key, None))

@@ -1,8 +1,6 @@
-"""Where the files that are not Python live: the grammar beside the code, templates and interfaces in wheel or checkout.
-And how the package came here, so that what has to be installed besides can come the same way.
+"""Files of the package that are not Python, and installation commands for its extras.
 
-In a wheel `templates/` and `interfaces/` travel inside the package; in a checkout (editable install) they are at the
-top.
+In a wheel, `templates/` and `interfaces/` are inside the package; in a checkout (editable installation) next to it.
 """
 
 from __future__ import annotations
@@ -16,7 +14,7 @@ if TYPE_CHECKING:
     from importlib.metadata import Distribution
 
 ENTRY_POINTS = "rosidl_py_gen.interfaces"
-"""Group of entry points by which installed packages say that they hold definitions; names are those of ROS packages."""
+"""Group of the entry points of installed packages with definitions; their names are those of the ROS packages."""
 _PACKAGE = Path(__file__).resolve().parents[1]
 _NAME = "rosidl-py-gen"
 _EXTRA_OF = {
@@ -37,26 +35,26 @@ _EXTRA_OF = {
     "PIL": "images",
     "transforms3d": "transformations",
 }
-"""Modules that only extras bring."""
+"""Modules that only extras install."""
 
 
 def grammar_text(name: str) -> str:
-    """The text of a grammar file in `compiler/frontend/`."""
+    """Return the text of a grammar file in `compiler/frontend/`."""
     return (_PACKAGE / "compiler" / "frontend" / name).read_text(encoding="utf-8")
 
 
 def templates_dir() -> Path:
-    """The folder of the jinja templates."""
+    """Return the folder of the jinja2 templates."""
     return _find("templates")
 
 
 def compiled_templates_dir() -> Path:
-    """The folder of what jinja2 makes of them; only wheels have one."""
+    """Return the folder of the compiled templates, which only wheels have."""
     return _PACKAGE / "compiled_templates"
 
 
 def interfaces_dir() -> Path:
-    """The folder of the bundled interface packages."""
+    """Return the folder of the bundled interface packages."""
     return _find("interfaces")
 
 
@@ -65,11 +63,8 @@ def _find(name: str) -> Path:
     return inside if inside.is_dir() else _PACKAGE.parent / name
 
 
-# ------------------------------------------------------------------------------------------------ how it was installed
-
-
 def missing_extra_message(error: ImportError) -> ExtraMissingError | None:
-    """What to say of a module that is not there; None when no extra brings it."""
+    """Return the error for a missing module; None if no extra installs it."""
     name = (error.name or "").partition(".")[0]
     if name not in _EXTRA_OF:
         return None
@@ -78,9 +73,9 @@ def missing_extra_message(error: ImportError) -> ExtraMissingError | None:
 
 
 def require_modules(*modules: str) -> None:
-    """Raise `ExtraMissingError` for the first of these modules that is not there.
+    """Raise `ExtraMissingError` for the first missing module.
 
-    What needs several extras asks so for the one that brings the others, before it imports anything.
+    A feature that needs several extras requires the module of the extra that includes the others.
     """
     from importlib.util import find_spec
 
@@ -90,47 +85,47 @@ def require_modules(*modules: str) -> None:
 
 
 def install_command(extra: str) -> str:
-    """The command that installs an extra the way that this package was: from a folder, a wheel, a URL or an index.
+    """Return the command that installs an extra from the origin of this package: a folder, a wheel, a URL or an index.
 
-    Where that is gone, it names what the extra consists of.
+    If the origin does not exist any more, the command installs the requirements of the extra.
     """
-    import json  # these take a while, and only errors need them
+    import json  # slow to import
     import shlex
     from importlib.metadata import PackageNotFoundError, distribution
 
     try:
         found = distribution(_NAME)
-        told = json.loads(found.read_text("direct_url.json") or "null")
-    except (PackageNotFoundError, ValueError):  # a checkout on the path, or something broken
-        found, told = None, None
+        origin = json.loads(found.read_text("direct_url.json") or "null")
+    except (PackageNotFoundError, ValueError):  # a checkout on the path, or damaged metadata
+        found, origin = None, None
         if (_PACKAGE.parent / "pyproject.toml").is_file():
             return f"pip install -e {shlex.quote(f'{_PACKAGE.parent}[{extra}]')}"
-    if not isinstance(told, dict):
+    if not isinstance(origin, dict):
         return f"pip install '{_NAME}[{extra}]'"
-    return _from_url(told, extra) or f"pip install {' '.join(map(shlex.quote, _requirements(found, extra)))}"
+    return _from_url(origin, extra) or f"pip install {' '.join(map(shlex.quote, _requirements(found, extra)))}"
 
 
-def _from_url(told: dict[str, Any], extra: str) -> str:
-    """By PEP 610; empty when there is nothing any more."""
+def _from_url(origin: dict[str, Any], extra: str) -> str:
+    """Return the command for an origin (PEP 610); empty if it does not exist any more."""
     import shlex
     from urllib.parse import urlsplit
     from urllib.request import url2pathname
 
-    url = str(told.get("url", ""))
-    if "vcs_info" in told:
-        info = told["vcs_info"]
+    url = str(origin.get("url", ""))
+    if "vcs_info" in origin:
+        info = origin["vcs_info"]
         return f"pip install '{_NAME}[{extra}] @ {info.get('vcs', 'git')}+{url}@{info.get('commit_id', 'HEAD')}'"
     if urlsplit(url).scheme != "file":
         return f"pip install '{_NAME}[{extra}] @ {url}'" if url else ""
     path = url2pathname(urlsplit(url).path)
     if not Path(path).exists():
         return ""
-    editable = "-e " if told.get("dir_info", {}).get("editable") else ""
+    editable = "-e " if origin.get("dir_info", {}).get("editable") else ""
     return f"pip install {editable}{shlex.quote(f'{path}[{extra}]')}"
 
 
 def _requirements(found: Distribution | None, extra: str) -> list[str]:
-    """What the metadata say that an extra needs; extras of our own in it are followed."""
+    """Return the requirements of an extra from the metadata, with those of extras that it includes."""
     import re
 
     needed = []

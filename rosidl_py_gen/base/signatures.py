@@ -1,8 +1,7 @@
-"""Whether a function that is handed in can be called with what it will get.
+"""Check of the signatures of callbacks when they are registered, because their first call may be much later.
 
-Decides that this is asked when it is handed in, and not at its first call, which may come much later, where nobody
-listens. What `inspect.signature` cannot tell, as of some builtins, is let pass. A decorator is judged by what it takes
-itself: it may hand on something else than it gets.
+A function without a signature, such as some builtins, is accepted. For a decorated function, the signature of the
+wrapper counts, which may pass other arguments.
 """
 
 from __future__ import annotations
@@ -18,31 +17,38 @@ if TYPE_CHECKING:
 
 
 class CallbackSignatureError(RosidlError, TypeError):
-    """The caller handed in a function that cannot be called with what it would get."""
+    """A callback does not accept the arguments that it would be called with."""
 
 
-def require_signature(function: Callable[..., Any], what: str, *gets: str, hint: str = "") -> None:
-    """Raise `CallbackSignatureError` unless `function`, which `what` names, can be called with so many arguments.
+def require_signature(function: Callable[..., Any], subject: str, *arguments: str, hint: str = "") -> None:
+    """Raise `CallbackSignatureError` unless a function can be called with some positional arguments.
 
-    `gets` says in words what they are; `hint` ends the message.
+    Args:
+        function: the callback.
+        subject: its name in the error text.
+        arguments: descriptions of the arguments.
+        hint: end of the error text.
     """
-    if _accepts_arguments(function, len(gets)):
+    if _accepts_arguments(function, len(arguments)):
         return
     try:
         signature = inspect.signature(function, follow_wrapped=False)
     except (TypeError, ValueError):
         return
     try:
-        signature.bind(*gets)
+        signature.bind(*arguments)
     except TypeError as error:
         name = getattr(function, "__name__", type(function).__name__)
-        given = f"{len(gets)} argument{'s' * (len(gets) > 1)} ({', '.join(gets)})" if gets else "no argument"
-        shown = f"{name}{signature}"
-        raise CallbackSignatureError(f"{what} gets {given}, which {shown:.200} cannot take: {error}{hint}") from None
+        count = f"{len(arguments)} argument{'s' * (len(arguments) > 1)}"
+        given = f"{count} ({', '.join(arguments)})" if arguments else "no argument"
+        display = f"{name}{signature}"
+        raise CallbackSignatureError(
+            f"{subject} gets {given}, which {display:.200} cannot take: {error}{hint}"
+        ) from None
 
 
 def _accepts_arguments(function: object, count: int) -> bool:
-    """Whether it certainly can; a node serves a dozen functions of ours, and a signature takes 15 us to make."""
+    """Return True for a plain function that accepts the arguments: `inspect.signature` takes 15 us."""
     if isinstance(function, MethodType):
         function, count = function.__func__, count + 1
     code = function.__code__ if isinstance(function, FunctionType) else None

@@ -1,7 +1,4 @@
-"""Nanoseconds, and what messages have instead: seconds and the nanoseconds of the last one.
-
-Decides nothing about clocks, which are `runtime/time`; everything that counts nanoseconds takes their number from here.
-"""
+"""Conversion between nanoseconds and the stamps of messages, which have seconds and nanoseconds."""
 
 from __future__ import annotations
 
@@ -12,19 +9,19 @@ NS_PER_S = 1_000_000_000
 
 
 class SecNanosec(Protocol):
-    """What builtin_interfaces/Time and Duration look like, whoever generated them."""
+    """Protocol of builtin_interfaces/Time and Duration, of any class."""
 
     sec: int
     nanosec: int
 
 
 def stamp_ns(stamp: SecNanosec) -> int:
-    """Nanoseconds of a Time or a Duration, whose numbers may be numpy's; `TypeError` for those that are not whole."""
+    """Return the nanoseconds of a Time or Duration message; raises `TypeError` for numbers that are not integers."""
     return index(stamp.sec) * NS_PER_S + index(stamp.nanosec)
 
 
 def nanoseconds(time: Any) -> int:
-    """Nanoseconds of a `Time`, a Time message or a number of them; `TypeError` for anything else."""
+    """Return the nanoseconds of a `Time`, a Time message or a number; raises `TypeError` for another value."""
     if hasattr(time, "nanoseconds"):
         return index(time.nanoseconds)
     try:
@@ -34,10 +31,10 @@ def nanoseconds(time: Any) -> int:
 
 
 def sec_nanosec(nanoseconds: int) -> tuple[int, int]:
-    """The reverse: seconds rounded down, and the rest, which is never negative. Whether they fit is for the caller."""
+    """Return seconds rounded down, and the remaining nanoseconds, which are never negative."""
     return divmod(nanoseconds, NS_PER_S)
 
 
 def set_stamp(stamp: SecNanosec, nanoseconds: int) -> None:
-    """Let a Time or a Duration say so many nanoseconds."""
+    """Set a Time or Duration message to some nanoseconds."""
     stamp.sec, stamp.nanosec = sec_nanosec(nanoseconds)

@@ -1,10 +1,4 @@
-"""Waiting on an event loop: the loop of this thread, ends of futures from any thread, and `Waiters`.
-
-`Waiters` decide what `asyncio.Event` and `asyncio.Condition` leave open here: those who wait may be on different loops
-and may have a time limit that costs no task, whoever wakes them may be in any thread, and a loop that was closed with
-somebody waiting on it disturbs nobody. The state itself belongs to the user of this file; he changes it first and wakes
-then.
-"""
+"""Futures that are completed from any thread, and `Waiters`, a condition variable across event loops and threads."""
 
 from __future__ import annotations
 
@@ -20,28 +14,32 @@ T = TypeVar("T")
 
 
 def current_loop() -> asyncio.AbstractEventLoop | None:
-    """The loop that this thread runs just now."""
+    """Return the event loop that this thread runs; None if it runs none."""
     return asyncio._get_running_loop()
 
 
 def set_result_if_pending(future: asyncio.Future[T], result: T) -> None:
-    """Let whoever waits go on, on the future's loop; nothing happens when nobody can any more."""
+    """Complete a future unless it is done or its loop is closed. Thread: loop of the future."""
     if not future.done() and not future.get_loop().is_closed():
         future.set_result(result)
 
 
 def complete_threadsafe(future: asyncio.Future[Any], result: object, error: BaseException | None = None) -> None:
-    """`set_result_if_pending` from any thread, with an error if there is one."""
+    """Complete a future with a result or an error, unless it is done or its loop is closed. Thread: any."""
     loop = future.get_loop()
     if loop is not current_loop():
-        with contextlib.suppress(RuntimeError):  # it is closed
+        with contextlib.suppress(RuntimeError):  # the loop is closed
             loop.call_soon_threadsafe(complete_threadsafe, future, result, error)
     elif not future.done():
         future.set_result(result) if error is None else future.set_exception(error)
 
 
 class Waiters:
-    """Everybody who waits for one thing, in order of arrival."""
+    """Tasks that wait for a predicate, in order of arrival; a condition variable across event loops and threads.
+
+    A waiter appends its future and then checks the predicate again: a change that another thread makes after the first
+    check either is seen by the second check or finds the future. The caller of `wake` changes the state first.
+    """
 
     __slots__ = ("_futures",)
 
@@ -49,13 +47,16 @@ class Waiters:
         self._futures: deque[asyncio.Future[None]] = deque()
 
     def __bool__(self) -> bool:
-        """Whether anybody waits."""
+        """Return True if a task waits."""
         return any(not future.done() for future in tuple(self._futures))
 
     async def wait(self, predicate: Callable[[], object], timeout_s: float | None = None) -> bool:
-        """Wait until `predicate()` is true, which is looked at now and after each `wake`; False when the time passed.
+        """Wait until a predicate, which is checked at once and after each `wake`, is true.
 
-        A time limit of 0 lets the loop do once what it has to do.
+        The timeout is one `call_later` without a task; with a timeout of 0 the loop runs one iteration.
+
+        Returns:
+            False if the timeout elapsed.
         """
         loop = asyncio.get_running_loop()
         is_over = False
@@ -70,7 +71,6 @@ class Waiters:
             while not predicate():
                 if is_over:
                     return False
-                # Listed before another look: who changes something behind it, in another thread, finds us here.
                 future = loop.create_future()
                 self._futures.append(future)
                 try:
@@ -79,7 +79,7 @@ class Waiters:
                     await future
                 finally:
                     if future in self._futures:
-                        with contextlib.suppress(ValueError):  # woken in this moment
+                        with contextlib.suppress(ValueError):  # another thread wakes it up at the same time
                             self._futures.remove(future)
             return True
         finally:
@@ -87,7 +87,7 @@ class Waiters:
                 timer.cancel()
 
     def wake(self) -> None:
-        """Let all look again; from any thread."""
+        """Let all waiters check their predicates again. Thread: any."""
         futures = self._futures
         if not futures:
             return
@@ -97,9 +97,9 @@ class Waiters:
                 future = futures.popleft()
                 loop = future.get_loop()
                 if loop is not here:
-                    with contextlib.suppress(RuntimeError):  # closed with somebody waiting
+                    with contextlib.suppress(RuntimeError):  # the loop is closed
                         loop.call_soon_threadsafe(set_result_if_pending, future, None)
                 elif not future.done():
                     future.set_result(None)
-        except IndexError:  # that was the last one, or another thread took it in this moment
+        except IndexError:  # no future is left, or another thread has popped it
             pass

@@ -1,4 +1,5 @@
-"""Classes for types at run time: by name, or from what another node says of a type.
+"""Classes of types at run time: by name, by definition, or by the type description of another node.
 
-`by_name` finds them or compiles definitions, `from_description` compiles descriptions, which `cache` keeps.
+`class_lookup` finds classes or compiles definitions, `from_description` compiles type descriptions, which
+`description_cache` stores, and `import_hook` makes message packages importable without generated files.
 """

@@ -1,7 +1,7 @@
-"""Classes at run time: by name from what is importable or on the search path, and from the text bags carry.
+"""Classes by name, of importable packages or of the search path, and classes of definition texts of bags.
 
-There is one class per type in a process. A class already loaded for the same RIHS01 hash is used again; packages are
-imported only when this tool generated them, because importing runs code and names come from files and networks.
+There is one class per type in a process: a loaded class of the same RIHS01 hash is used again. Only packages that this
+tool generated are imported, because an import runs code, and names may be from files and networks.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import os
 import re
 import sys
 import threading
+from functools import cache
 from itertools import pairwise
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
@@ -30,26 +31,33 @@ T = TypeVar("T")
 SearchFolders: TypeAlias = "Sequence[str | os.PathLike[str]] | str | os.PathLike[str]"
 HashPredicate: TypeAlias = "Callable[[Mapping[str, str]], bool]"
 ClassFinder: TypeAlias = "Callable[[InterfaceRegistry, RosName], type | None]"
-"""Gives a class that is there already for a checked type."""
+"""Returns the existing class of a checked type; else None."""
 
-_MEMORY = "rosidl_py_gen_memory"  # top of the module names of classes compiled in memory
-_MAX_LEAVES = 10_000  # of one definition, for which code is generated; each takes up to 4 kB
+_MEMORY = "rosidl_py_gen_memory"
+"""Package of the modules of classes that are compiled in memory."""
+_MAX_LEAVES = 10_000
+"""Maximum leaves of a definition for which code is generated; each takes up to 4 kB."""
 _lock = threading.RLock()
-_loaded: dict[str, list[type]] = {}  # full name -> classes in use for it, one for each different definition
+_loaded: dict[str, list[type]] = {}
+"""Loaded classes by full name, one for each different definition."""
 _by_name: dict[tuple[str, tuple[str, ...]], type] = {}
 _registries: dict[tuple[str, ...], InterfaceRegistry] = {}
-_worlds = 0
+_compilations = 0
 
 
 def get_message(name: str, *, path: SearchFolders = ()) -> type[Message]:
-    """The class of ``std_msgs/msg/String`` (or short ``std_msgs/String``).
+    """Return the class of a message, such as ``std_msgs/msg/String`` or short ``std_msgs/String``.
 
-    The generated class if it is importable, else one made of the definition in `path`, AMENT_PREFIX_PATH or the bundled
-    interfaces. Messages of services and actions have names too: ``std_srvs/srv/SetBool_Request``. The answer is kept:
-    definitions edited, and packages that become importable later, are not noticed.
+    This is the generated class if it is importable, else a class of the definition in `path`, AMENT_PREFIX_PATH or the
+    bundled interfaces. Messages of services and actions have names such as ``std_srvs/srv/SetBool_Request``. The result
+    is cached: later changes of definitions and of importable packages have no effect.
+
+    Args:
+        name: name of the message.
+        path: package folders, folders of packages, or ``src`` of workspaces.
 
     Raises:
-        InvalidNameError: the name has another shape.
+        InvalidNameError: the name is invalid.
         TypeNotFoundError: there is no such message.
         DefinitionError: its definition has problems.
     """
@@ -57,29 +65,29 @@ def get_message(name: str, *, path: SearchFolders = ()) -> type[Message]:
 
 
 def get_service(name: str, *, path: SearchFolders = ()) -> type[Service[Any, Any]]:
-    """The class of ``std_srvs/srv/SetBool``; errors as `get_message`."""
+    """Return the class of a service, such as ``std_srvs/srv/SetBool``; see `get_message`."""
     return _get(name, "srv", Service, path)
 
 
 def get_action(name: str, *, path: SearchFolders = ()) -> type[Action[Any, Any, Any]]:
-    """The class of ``example_interfaces/action/Fibonacci``; errors as `get_message`."""
+    """Return the class of an action, such as ``example_interfaces/action/Fibonacci``; see `get_message`."""
     return _get(name, "action", Action, path)
 
 
 def compile_definition(name: str, text: str) -> type[Any]:
-    """A class from the definition text that bags and MCAP files carry.
+    """Return a class of the definition text of a bag or MCAP file.
 
     Args:
-        name: full name of the first definition; its kind (msg, srv, action) says how the text is read.
+        name: full name of the first definition; its kind (msg, srv, action) selects the parser.
         text: ros2msg text: the definition, then for each type it uses a line of ``=`` characters, a line
             ``MSG: package/Name`` and its definition; or the same with ``IDL: package/msg/Name``, and rosbag2's
-            ``SRV: package/srv/Name`` above a service. Types the text lacks are taken from the search path.
+            ``SRV: package/srv/Name`` above a service. Missing types are taken from the search path.
 
     Returns:
-        A message, service or action class; one that is loaded already if it says the same.
+        A message, service or action class; a loaded class if it has the same definition.
 
     Raises:
-        InvalidNameError: a name has another shape.
+        InvalidNameError: a name is invalid.
         DefinitionError: the text has problems, located as ``<name>:line:column``.
     """
     with _lock:
@@ -87,20 +95,22 @@ def compile_definition(name: str, text: str) -> type[Any]:
 
 
 def registry_of_text(name: str, text: str) -> InterfaceRegistry:
-    """The definitions of such a text, read and checked; arguments and errors as of `compile_definition`."""
+    """Return the checked definitions of a text; arguments and errors as for `compile_definition`."""
     from rosidl_py_gen.compiler.frontend.model import SourceText
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, raise_diagnostics
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
     if not isinstance(text, str):
         raise TypeError(f"expected the text of a definition, found {type(text).__name__}")
-    top, names = split_ros_name(name, "msg"), {}
+    top = split_ros_name(name, "msg")
+    names: list[RosName] = []
     with _lock:
         defaults = _registry(()).search
     registry = InterfaceRegistry(SearchPath(defaults.packages, [], ["the text", *defaults.searched]))
     for part, body, is_idl in _parts(top, text):
-        name_in_file, kind = _read_as(part, body, is_idl)
-        names[name_in_file] = registry.add_text(name_in_file, SourceText(f"<{part}>", body, kind))
+        owner, kind = _text_owner(part, body, is_idl)
+        registry.add_text(owner, SourceText(f"<{part}>", body, kind))
+        names.append(owner)
     check(registry, names)
     raise_diagnostics(registry)
     if registry.owner(top) is None or not registry.knows(str(top)):
@@ -108,11 +118,11 @@ def registry_of_text(name: str, text: str) -> InterfaceRegistry:
     return registry
 
 
-def _read_as(name: RosName, text: str, is_idl: bool) -> tuple[RosName, str]:
-    """Which interface a text defines, and its format.
+def _text_owner(name: RosName, text: str, is_idl: bool) -> tuple[RosName, str]:
+    """Return the interface that a text defines, and its format.
 
-    Topics of derived types (``X_Event``, ``A_FeedbackMessage``) carry either the text of the service or action, or that
-    of the derived message alone; the number of separators tells.
+    Topics of derived types (``X_Event``, ``A_FeedbackMessage``) have either the text of the service or action, or that
+    of the derived message; the number of separators shows which.
     """
     from rosidl_py_gen.compiler.frontend.interface_parser import separators
 
@@ -131,7 +141,7 @@ _PART_NAME = re.compile(r"^(MSG|IDL|SRV):\s*(\S+)\s*$")
 
 
 def _parts(top: RosName, text: str) -> list[tuple[RosName, str, bool]]:
-    """The definitions in a concatenated text; locations count from the first line of each."""
+    """Return the definitions in a concatenated text; locations count from the first line of each."""
     lines = text.splitlines()
     cuts = [
         index
@@ -160,15 +170,16 @@ def _parts(top: RosName, text: str) -> list[tuple[RosName, str, bool]]:
 
 
 def find_class(name: str, fits: HashPredicate, *, path: SearchFolders = ()) -> type[Any] | None:
-    """A class of this name that this process has, or can make of what is on the search path.
+    """Return a loaded class of a name, or a class of the search path; None if no class fits.
 
     Args:
         name: full name.
-        fits: is told the RIHS01 hashes of the type and of all it refers to, by name; says whether it is the right one.
-        path: looked through first, as by `get_message`.
+        fits: returns True for the RIHS01 hashes of the requested type and of all types that it refers to, by name.
+        path: searched first, as by `get_message`.
 
     Raises:
-        DefinitionError: `path` cannot be read. InvalidNameError: not a name.
+        DefinitionError: `path` cannot be read.
+        InvalidNameError: the name is invalid.
     """
     split_ros_name(name)
     with _lock:
@@ -190,7 +201,7 @@ def find_class(name: str, fits: HashPredicate, *, path: SearchFolders = ()) -> t
 
 
 def definition_origin(cls: type[Any], *, path: SearchFolders = ()) -> str:
-    """Where a class that was looked for in `path` comes from: the module or file of its definition, or ``bundled``."""
+    """Return the origin of a class of `find_class`: its module, the file of its definition, or ``bundled``."""
     module = cls.__module__
     if not module.startswith(_MEMORY):
         return "bundled" if module.startswith(PREGENERATED_PACKAGE) else f"module {module}"
@@ -206,9 +217,12 @@ def definition_origin(cls: type[Any], *, path: SearchFolders = ()) -> str:
 
 
 def class_of_registry(registry: InterfaceRegistry, name: RosName, *, path: SearchFolders = ()) -> type[Any]:
-    """The class of a checked type: for it, and for each type it refers to, one of that hash, compiled if there is none.
+    """Return the class of a checked type, made of existing classes of the same hash where possible.
 
-    `path` as for `find_class`.
+    Args:
+        registry: contains the type and all types that it refers to.
+        name: name of the type.
+        path: as for `find_class`.
     """
 
     def find(registry: InterfaceRegistry, part: RosName) -> type | None:
@@ -242,9 +256,9 @@ def _get(text: str, kind: str, base: type[T], path: SearchFolders) -> type[T]:
 
 
 def _pregenerated_class(name: RosName, path: tuple[str, ...]) -> type | None:
-    """The class that a wheel holds for a bundled definition: 10 ms, where compiling the first one takes 80.
+    """Return the pregenerated class of a bundled definition in a wheel: 10 ms, while a compilation takes 80 ms.
 
-    None where another definition comes before the bundled one, or another class stands for a part of it.
+    None if another definition precedes the bundled one, or if a type that it refers to has another class.
     """
     if path or os.environ.get("AMENT_PREFIX_PATH"):
         return None
@@ -262,7 +276,7 @@ def _pregenerated_class(name: RosName, path: tuple[str, ...]) -> type | None:
 
 
 def _registry(path: tuple[str, ...]) -> InterfaceRegistry:
-    """The parsed interfaces of a search path, kept; a file that changes afterwards is not read again."""
+    """Return the cached registry of a search path; files that change later are not read again."""
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
     from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 
@@ -273,7 +287,7 @@ def _registry(path: tuple[str, ...]) -> InterfaceRegistry:
 
 
 def registry_of(name: RosName) -> InterfaceRegistry | None:
-    """The interfaces of the search path, with this one read and checked; None when it is not there or has problems."""
+    """Return the registry of the search path with a checked interface; None if it does not exist or has problems."""
     from rosidl_py_gen.compiler.frontend.definition_text import read_checked
 
     with _lock:
@@ -296,7 +310,7 @@ def _from_definitions(name: RosName, path: tuple[str, ...]) -> type:
         return cls
     try:
         read_checked(registry, name)
-    except DefinitionError:  # what was read half must not be used: the next call reads it again
+    except DefinitionError:  # discard incomplete interfaces, so that the next call reads them again
         _registries.clear()
         raise
     return _class(registry, name, _same_definition_and_defaults)
@@ -306,7 +320,7 @@ def _from_definitions(name: RosName, path: tuple[str, ...]) -> type:
 
 
 def load_compiler() -> None:
-    """Import what making a class of a definition needs, which else the first of them waits for. In any thread."""
+    """Import the compiler, to save time when the first class is compiled. Thread: any."""
     from rosidl_py_gen.compiler.codegen import module_sources, render  # noqa: F401
     from rosidl_py_gen.compiler.frontend import (
         definition_text,  # noqa: F401
@@ -318,26 +332,23 @@ def load_compiler() -> None:
 
 
 def _class(registry: InterfaceRegistry, name: RosName, find: ClassFinder) -> type:
-    """The class of a checked type: in use already, importable, or compiled now."""
+    """Return the class of a checked type: loaded, importable, or compiled."""
     cls = find(registry, name)
-    if cls is not None:  # the compiler need not be loaded
+    if cls is not None:  # the compiler is not needed
         return cls
     from rosidl_py_gen.compiler.codegen.layout_planner import LayoutPlanner
 
-    layouts, known = LayoutPlanner(registry.message, max_leaves=_MAX_LEAVES), dict[str, type]()
+    planner = LayoutPlanner(registry.message, max_leaves=_MAX_LEAVES)
 
-    def made(part: RosName) -> type:
-        """Each type once: comparing or planning one costs as much as all it refers to."""
-        cls = known.get(str(part))
-        if cls is None:
-            cls = known[str(part)] = find(registry, part) or _compile(registry, part, layouts, made)
-        return cls
+    @cache  # the comparison or plan of a type costs as much as those of all types that it refers to
+    def get_class(part: RosName) -> type:
+        return find(registry, part) or _compile(registry, part, planner, get_class)
 
-    return made(name)
+    return get_class(name)
 
 
 def _same_definition_and_defaults(registry: InterfaceRegistry, name: RosName) -> type | None:
-    """A class in use, or importable, with the same defaults and constants, too."""
+    """Return a loaded or importable class of the same definition with defaults and constants; None without one."""
     in_use = _loaded.setdefault(str(name), [])
     found = next((cls for cls in in_use if _same_definition(registry, str(name), cls)), None)
     if found is None:
@@ -349,7 +360,7 @@ def _same_definition_and_defaults(registry: InterfaceRegistry, name: RosName) ->
 
 
 def _same_definition(registry: InterfaceRegistry, full_name: str, cls: type) -> bool:
-    """Whether a class has the same fields, default values and constants, down to the last nested type."""
+    """Return True if a class has the same fields, default values and constants, also in all nested types."""
     if type_hash(cls) != registry.type_hash(full_name):
         return False
     description, constants_of = registry.fingerprint(full_name)
@@ -361,30 +372,26 @@ def _same_definition(registry: InterfaceRegistry, full_name: str, cls: type) -> 
 
 
 def _compile(
-    registry: InterfaceRegistry, name: RosName, layouts: LayoutPlanner, made: Callable[[RosName], type]
+    registry: InterfaceRegistry, name: RosName, planner: LayoutPlanner, get_class: Callable[[RosName], type]
 ) -> type:
     from rosidl_py_gen.compiler.codegen.module_sources import module_source
     from rosidl_py_gen.compiler.codegen.template_model import Target, module_path
     from rosidl_py_gen.compiler.frontend.model import messages_of
 
-    global _worlds
-    _worlds += 1
-    root = f"{_MEMORY}.w{_worlds}."
-    modules: dict[str, str] = {}
-
-    def known(full_name: str) -> str | None:
-        """Compile what the type needs first, or find it."""
-        if full_name not in modules:
-            cls = made(needed) if (needed := split_ros_name(full_name)) != top else None
-            modules[full_name] = cls.__module__ if cls else root + module_path(full_name)
-        return modules[full_name]
-
+    global _compilations
+    _compilations += 1
+    root = f"{_MEMORY}.w{_compilations}."
     top = registry.owner(name)
     interface = registry.interface(top) if top else None
     assert top is not None and interface is not None
     own = {str(top), *(str(message.name) for message in messages_of(interface))}
-    target = Target(root, lambda full_name: None if full_name in own else known(full_name), registry.type_hash, False)
-    source = module_source(registry, top, layouts, target)
+
+    def known(full_name: str) -> str | None:
+        """Return the module of the class of another type, which is compiled first if necessary."""
+        return None if full_name in own else get_class(split_ros_name(full_name)).__module__
+
+    target = Target(root, known, registry.type_hash, is_typed=False)
+    source = module_source(registry, top, planner, target)
     module = _run(root + module_path(str(top)), source)
     for exported in module.__all__:
         cls = getattr(module, exported)
@@ -393,7 +400,7 @@ def _compile(
 
 
 def _run(module_name: str, source: str) -> ModuleType:
-    """Execute generated source as a module that pickle and typing can find again."""
+    """Execute generated source as a module in `sys.modules`, for pickle and typing."""
     for end in [index for index, char in enumerate(module_name) if char == "."]:
         parent = module_name[:end]
         if parent not in sys.modules:

@@ -1,8 +1,8 @@
-"""Compiled modules of message classes, kept on disk for the import hook.
+"""Disk cache of compiled modules of message classes for the import hook.
 
-What is read here is run, so it has to be what this user's own process wrote. Decides that the folder and the file
-belong to this user and that nobody else may write to them, and that content is compared with what it was made of before
-it is used. Where that cannot be said (Windows tells no owner), nothing is kept.
+Cached code is run, so a process of this user must have written it: folder and file must belong to the user and must not
+be writable for others. An entry is used only if all its definitions have the digests that they had when it was stored.
+Without owners of files, as on Windows, nothing is cached.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from types import CodeType
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.resources import templates_dir
-from rosidl_py_gen.type_loading.description_cache import cache_home, evict_oldest
+from rosidl_py_gen.type_loading.description_cache import cache_home, store_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 Parts = dict[str, str]
-"""What a module was made of: full name of each interface and the digest of its text."""
+"""Interfaces from which a module was compiled: full name -> digest of the text."""
 
 _SUFFIX = ".code"
 _MAX_FILES = 4000
@@ -38,7 +38,7 @@ def digest(data: bytes) -> str:
 
 @lru_cache(maxsize=1)
 def _version() -> str:
-    """Of all that decides what is printed, what that calls and how it is compiled, which takes 3 ms to read."""
+    """Return a digest of the generator, of the code that generated code calls, and of Python; takes 3 ms."""
     package = Path(__file__).parents[1]
     folders = [package / "base", package / "cdr", package / "compiler", templates_dir()]
     suffixes = (".py", ".lark", ".jinja")
@@ -54,17 +54,19 @@ def _name(interface: str, text_digest: str) -> str:
 
 
 def load(interface: str, text_digest: str, digest_of: Callable[[str], str]) -> tuple[Parts, CodeType] | None:
-    """The module of an interface; None when there is none that was made of the same texts.
+    """Return the cached module of an interface; None unless it was compiled from the same texts.
 
     Args:
-        digest_of: what the text of an interface has now; empty when there is none.
+        interface: full name.
+        text_digest: digest of its text.
+        digest_of: returns the digest of the text of another interface; empty if it does not exist.
     """
     folder = _folder()
     if folder is None:
         return None
     with suppress(OSError, ValueError, EOFError, TypeError):
         data = _read(folder / _name(interface, text_digest))
-        if digest(data[64:]).encode() != data[:64]:  # broken, by a disk that was full for example
+        if digest(data[64:]).encode() != data[:64]:  # damaged
             return None
         parts, code = marshal.loads(data[64:])
         if isinstance(code, CodeType) and all(digest_of(name) == wanted for name, wanted in parts.items()):
@@ -73,35 +75,22 @@ def load(interface: str, text_digest: str, digest_of: Callable[[str], str]) -> t
 
 
 def store(interface: str, text_digest: str, parts: Parts, code: CodeType) -> None:
-    """Keep a module; the oldest go when there are too many. A folder that cannot be used is no error."""
-    folder = _folder(make=True)
-    if folder is None:
-        return
-    import tempfile  # takes longer to import than a module that is kept
-
+    """Store a module, and remove the oldest modules if there are too many; does nothing without a usable folder."""
+    folder = _folder(create=True)
     content = marshal.dumps((parts, code))
-    if len(content) > _MAX_BYTES:
-        return
-    with suppress(OSError, ValueError):
-        evict_oldest(folder, _SUFFIX, _MAX_FILES)
-        handle, name = tempfile.mkstemp(dir=folder, prefix="new-")  # nobody else can read or write it
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(digest(content).encode() + content)
-            os.replace(name, folder / _name(interface, text_digest))
-        except BaseException:
-            os.unlink(name)
-            raise
+    if folder is not None and len(content) <= _MAX_BYTES:
+        file = folder / _name(interface, text_digest)
+        store_file(file, digest(content).encode() + content, max_files=_MAX_FILES)
 
 
-def _folder(make: bool = False) -> Path | None:
-    """The folder, if it can be trusted."""
+def _folder(create: bool = False) -> Path | None:
+    """Return the folder if it can be trusted."""
     home = cache_home()
     if home is None or not hasattr(os, "geteuid"):
         return None
     folder = home / "modules"
     try:
-        if make:
+        if create:
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         return folder if _is_own(os.lstat(folder), stat.S_ISDIR) else None
     except (OSError, ValueError):
@@ -116,5 +105,5 @@ def _read(path: Path) -> bytes:
     handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
     with os.fdopen(handle, "rb") as file:
         if not _is_own(os.fstat(handle), stat.S_ISREG):
-            raise ValueError("a file of somebody else")
+            raise ValueError("a file of another user")
         return file.read(_MAX_BYTES + 65)

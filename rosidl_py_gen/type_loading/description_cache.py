@@ -1,7 +1,7 @@
-"""Type descriptions kept on disk, by their RIHS01 hash, so that nobody has to be asked twice.
+"""Disk cache of type descriptions by RIHS01 hash.
 
-Decides the folder, and that a file appears whole or not at all. What is read may have been changed by anybody: who
-reads it has to look at its hash again. A folder that cannot be used is no error; then nothing is kept.
+Files are written completely or not at all. They may have been modified, so a reader must check the hash. Without a
+usable folder, nothing is cached.
 """
 
 from __future__ import annotations
@@ -16,26 +16,26 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 VARIABLE = "ROSIDL_PY_GEN_CACHE"
-"""Environment variable that names another folder; ``off`` keeps nothing."""
+"""Environment variable with another folder; ``off`` disables all caches."""
 MAX_FILES = 2000
 MAX_BYTES = 1 << 20
-"""Of one description with its sources; those of the largest actions have some 50 KB."""
+"""Maximum size of a description with its sources; those of the largest actions have 50 kB."""
 _SUFFIX = ".cdr"
 
 
 def cache_home() -> Path | None:
-    """The folder of all that is kept; None when nothing is to be kept."""
+    """Return the folder of all caches; None if caches are disabled."""
     chosen = os.environ.get(VARIABLE, "")
     if chosen:
         return None if chosen == "off" else Path(chosen)
     try:
         return _platform_folder() / "rosidl-py-gen"
-    except RuntimeError:  # there is no home
+    except RuntimeError:  # there is no home directory
         return None
 
 
 def cache_folder() -> Path | None:
-    """Where the descriptions are: the folder that was chosen, else one in ours; None when none are to be kept."""
+    """Return the folder of the descriptions; None if caches are disabled."""
     home = cache_home()
     return home if home is None or os.environ.get(VARIABLE) else home / "types"
 
@@ -45,12 +45,12 @@ def _platform_folder() -> Path:
         return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
     if sys.platform == "darwin":
         return Path.home() / "Library" / "Caches"
-    told = os.environ.get("XDG_CACHE_HOME", "")
-    return Path(told) if os.path.isabs(told) else Path.home() / ".cache"
+    cache = os.environ.get("XDG_CACHE_HOME", "")
+    return Path(cache) if os.path.isabs(cache) else Path.home() / ".cache"
 
 
 def load_description(type_hash: str) -> bytes | None:
-    """What was kept for a hash; None when there is nothing that can be read."""
+    """Return the cached description of a hash; None if there is none."""
     folder = cache_folder()
     if folder is None:
         return None
@@ -63,7 +63,7 @@ def load_description(type_hash: str) -> bytes | None:
 
 
 def cached_descriptions(containing: bytes) -> Iterator[tuple[str, bytes]]:
-    """Hash and data of everything that is kept and has these bytes in it, the newest first."""
+    """Yield hash and data of the cached descriptions that contain some bytes, newest first."""
     folder = cache_folder()
     if folder is None:
         return
@@ -80,28 +80,29 @@ def cached_descriptions(containing: bytes) -> Iterator[tuple[str, bytes]]:
 
 
 def store_description(type_hash: str, data: bytes) -> None:
-    """Keep an encoded description; the oldest go when there are too many."""
+    """Store an encoded description, and remove the oldest descriptions if there are too many."""
     folder = cache_folder()
-    if folder is None or len(data) > MAX_BYTES:
-        return
-    import tempfile  # takes longer to import than most of a node
+    if folder is not None and len(data) <= MAX_BYTES:
+        store_file(folder / f"{type_hash}{_SUFFIX}", data, max_files=MAX_FILES)
+
+
+def store_file(file: Path, data: bytes, *, max_files: int) -> None:
+    """Write a file that only the user can read, and remove the oldest files of its suffix; ignores errors."""
+    import tempfile  # slow to import
 
     with suppress(OSError, ValueError):
-        folder.mkdir(parents=True, exist_ok=True)
-        evict_oldest(folder, _SUFFIX, MAX_FILES)
-        handle, name = tempfile.mkstemp(dir=folder, prefix="new-")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with os.scandir(file.parent) as entries:
+            aged = sorted(
+                (entry.stat().st_mtime_ns, entry.path) for entry in entries if entry.name.endswith(file.suffix)
+            )
+        for _, path in aged[: max(0, len(aged) - max_files + 1)]:
+            os.unlink(path)
+        handle, name = tempfile.mkstemp(dir=file.parent, prefix="new-")
         try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(data)
-            os.replace(name, folder / f"{type_hash}{_SUFFIX}")
+            with os.fdopen(handle, "wb") as opened:
+                opened.write(data)
+            os.replace(name, file)
         except BaseException:
             os.unlink(name)
             raise
-
-
-def evict_oldest(folder: Path, suffix: str, most: int) -> None:
-    """Remove the oldest files of a kind, so that one more is not too many."""
-    with os.scandir(folder) as entries:
-        aged = sorted((entry.stat().st_mtime_ns, entry.path) for entry in entries if entry.name.endswith(suffix))
-    for _, path in aged[: max(0, len(aged) - most + 1)]:
-        os.unlink(path)

@@ -1,8 +1,7 @@
-"""``from x_msgs.msg import X`` without generating: one finder that makes message packages of definitions.
+"""Import hook for ``from x_msgs.msg import X`` without generated files.
 
-With rclpy's flavour the same finder has the shim: `rclpy` and its companions, which lie in a folder that is not on
-`sys.path`. Nothing installs it but `install_import_hook`. Decides which packages are ours to give: never one that can
-be imported already, unless that was asked for, and then with a warning that says so.
+With rclpy's API, the hook also provides `rclpy` and its companions, which are in a folder that is not on `sys.path`. An
+importable package is replaced only on request; either way, a warning names the package that is not used.
 """
 
 from __future__ import annotations
@@ -34,22 +33,22 @@ if TYPE_CHECKING:
     from rosidl_py_gen.type_loading.interface_modules import Interfaces
 
 _PARSER = ("rosidl_parser", "rosidl_parser.definition")
-"""What the `SLOT_TYPES` of rclpy's messages come from; ours stands in where it is not there."""
+"""Modules of the `SLOT_TYPES` of rclpy's messages; replaced if they are not installed."""
 RCLPY_COMPAT_DIR = Path(__file__).parents[1] / "ros_compat"
-"""What is imported by its own names where rclpy's flavour is: `rclpy`, `tf2_ros` and so on, as in site-packages."""
+"""Folder of the packages that are importable with rclpy's API: `rclpy`, `tf2_ros` and others."""
 
 
 class ImportHookWarning(UserWarning):
-    """Two packages of one name are there, and one of them is not used; the text says which."""
+    """Two packages have one name, and one of them is not used."""
 
 
 @dataclass(frozen=True)
 class FoundPackage:
-    """A package that the import hook knows.
+    """A package that the import hook has found.
 
     Attributes:
         name: the package name.
-        folder: the source folder, or ``share/<package>`` of a package that is installed.
+        folder: the source folder, or ``share/<package>`` of an installed package.
         interfaces: files below `folder` that define messages, services and actions, such as ``msg/String.msg``.
     """
 
@@ -59,7 +58,7 @@ class FoundPackage:
 
     @property
     def share(self) -> Path:
-        """The share folder: `folder`, or one of links where setup.py or CMakeLists.txt install files elsewhere."""
+        """Share folder: `folder`, or a folder of links if setup.py or CMakeLists.txt install files elsewhere."""
         from rosidl_py_gen.type_loading.package_files import share_folder
 
         return share_folder(self.name, self.folder)
@@ -76,32 +75,31 @@ def install_import_hook(
     workspace_of: str | os.PathLike[str] | None = None,
     override_installed: bool = False,
 ) -> Registration:
-    """Make ``import x_msgs.msg`` work for every package whose definitions are found, in this process, from now on.
+    """Make ``import x_msgs.msg`` work in this process for every package with definitions.
 
-    Definitions are looked for in `path`, in the workspace around `workspace_of`, in AMENT_PREFIX_PATH, in installed
-    wheels,
-    and among the bundled ones. Modules are compiled in memory when they are first imported; those of rclpy's flavour
-    are kept in the user's cache.
+    Definitions are searched in `path`, in the workspace of `workspace_of`, in AMENT_PREFIX_PATH, in installed wheels,
+    and in the bundled interfaces. Modules are compiled in memory on their first import; those of rclpy's API are cached
+    on disk.
 
     Args:
-        message_api: ``native`` gives the classes of `get_message`; ``rclpy`` gives classes that behave as those of a
-            ROS installation: `array.array` for sequences of numbers, bytes for `byte`, rclpy's `repr` and checks; and
-            with them `rclpy` itself and its companions.
-        path: package folders, folders of packages or workspaces' `src`.
-        workspace_of: a script or folder; upwards from it a folder with a package.xml is looked for, and the workspace
-            that it is in. A folder that is in no package is a workspace itself. Python packages of the workspace and of
-            `path`, which are called as the ROS package that has them, can then be imported, too.
-        override_installed: take ours also for packages that can be imported already, such as those of a sourced ROS
-            installation. Otherwise such packages stay what they are. Either way a warning says so.
+        message_api: ``native`` for the classes of `get_message`; ``rclpy`` for classes that behave as those of a ROS
+            installation (`array.array` for sequences of numbers, bytes for `byte`, rclpy's `repr` and checks), together
+            with `rclpy` itself and its companions.
+        path: package folders, folders of packages, or ``src`` of workspaces.
+        workspace_of: a script or folder. The workspace is that of the first folder upwards with a package.xml; a folder
+            outside of packages is a workspace itself. Python packages with the names of ROS packages of the workspace
+            and of `path` become importable, too.
+        override_installed: also replace importable packages, such as those of a sourced ROS installation. By default
+            they are used; either way, a warning is issued.
 
     Returns:
-        `close`, or the end of a ``with`` block, takes the hook away, and the modules it made out of `sys.modules`.
+        A registration. Its `close`, or the end of a ``with`` block, removes the hook and its modules.
 
     Raises:
-        DefinitionError: a folder of `path` holds no package, or two of one name; `workspace_of` is not there, or one
-            of them is no path.
-        RuntimeError: a hook with other settings is installed; the same settings again give that hook.
-        ValueError: an unknown flavour.
+        DefinitionError: a folder of `path` contains no package or two of one name, or `workspace_of` does not exist, or
+            one of them is not a path.
+        RuntimeError: a hook with other settings is installed; with the same settings, that hook is returned.
+        ValueError: `message_api` has another value.
     """
     global _installed
     if message_api not in ("native", "rclpy"):
@@ -128,11 +126,7 @@ def install_import_hook(
 
 
 def found_packages() -> dict[str, FoundPackage]:
-    """The packages that the import hook knows, by name: all with definitions, and all others of its workspace.
-
-    Returns:
-        Nothing without a hook.
-    """
+    """Return the packages of the import hook by name: all with definitions, and all others of its workspace."""
     finder = _installed
     return {} if finder is None else finder.found()
 
@@ -145,9 +139,8 @@ def _path_text(name: str, path: object) -> str:
 
 
 def _wrong(name: str, expected: str, found: object) -> DefinitionError:
-    return DefinitionError(
-        Diagnostic("<install_import_hook>", 0, 0, f"{name}: expected {expected}, found {found!r:.200}")
-    )
+    text = f"{name}: expected {expected}, found {found!r:.200}"
+    return DefinitionError(Diagnostic("<install_import_hook>", 0, 0, text))
 
 
 def _remove(finder: _Finder) -> None:
@@ -156,36 +149,35 @@ def _remove(finder: _Finder) -> None:
         if finder is not _installed:
             return
         _installed = None
-        # In place, and what others took away is away.
+        # In place, because other code may hold the list; other finders may be gone already.
         sys.meta_path[:] = [one for one in sys.meta_path if one is not finder and one not in finder.last]
     for name, module in list(sys.modules.items()):
         spec = getattr(module, "__spec__", None)
-        if spec is not None and (spec.loader is finder or _is_of_shim(spec)):
+        if spec is not None and (spec.loader is finder or _is_compat_package(spec)):
             del sys.modules[name]
             parent, _, child = name.rpartition(".")
             if parent in sys.modules and getattr(sys.modules[parent], child, None) is module:
                 delattr(sys.modules[parent], child)
 
 
-def _is_of_shim(spec: ModuleSpec) -> bool:
+def _is_compat_package(spec: ModuleSpec) -> bool:
     return spec.origin is not None and Path(spec.origin).is_relative_to(RCLPY_COMPAT_DIR)
 
 
 class _FallbackFinder(MetaPathFinder):
-    """Asked when nobody else knows a module: Python packages of what was given, and of the workspace."""
+    """Last finder of `sys.meta_path`: finds the Python packages of `path` and of the workspace."""
 
     def __init__(self, workspaces: Sequence[Workspace]) -> None:
         self._workspaces = workspaces
 
     @cached_property
     def packages(self) -> dict[str, Path]:
-        """The folder of each package, by its name; the first of two."""
+        """Folder of each package by name; the first of two."""
         return {name: folder for one in reversed(self._workspaces) for name, folder in one.packages.items()}
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """What `import` asks."""
         if path is not None or fullname not in self.packages:
             return None
         folder = self.packages[fullname]
@@ -204,7 +196,7 @@ class _Finder(MetaPathFinder, Loader):
         from rosidl_py_gen.type_loading.interface_modules import Interfaces
 
         self.settings = (message_api, tuple(path), workspace_of, override_installed)
-        self._is_rclpy, self._shadow = message_api == "rclpy", override_installed
+        self._is_rclpy, self._override = message_api == "rclpy", override_installed
         workspaces = [Workspace(Path(entry).resolve()) for entry in path]
         folders = [
             one for one, of in zip(path, workspaces, strict=True) if holds_packages(Path(one)) or not of.packages
@@ -219,26 +211,25 @@ class _Finder(MetaPathFinder, Loader):
             roots = (place for place in workspace.roots if not any(map(place.is_relative_to, given)))
             folders += [str(place) for place in roots if holds_packages(place)]
             workspaces.append(workspace)
-        self._python = _FallbackFinder(workspaces)
-        self.last = [self._python] if workspaces else []
-        self._shim = {entry.name for entry in os.scandir(RCLPY_COMPAT_DIR)} if self._is_rclpy else set()
+        self._fallback = _FallbackFinder(workspaces)
+        self.last = [self._fallback] if workspaces else []
+        self._compat = {entry.name for entry in os.scandir(RCLPY_COMPAT_DIR)} if self._is_rclpy else set()
         self._interfaces: Interfaces = Interfaces(scan_search_path(folders), folders)
-        self._others_of: dict[str, str] = {}
-        self._looking = threading.local()
+        self._other_origins: dict[str, str] = {}
+        self._search_state = threading.local()
 
     # --- finding ------------------------------------------------------------------------------------------------------
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """What `import` asks; None leaves the module to the other finders."""
         package, _, rest = fullname.partition(".")
-        if self.last and not rest and fullname in self._python.packages and self._is_plain_folder(fullname):
-            return self._python.find_spec(fullname)
+        if self.last and not rest and fullname in self._fallback.packages and self._is_plain_folder(fullname):
+            return self._fallback.find_spec(fullname)
         if fullname in _PARSER and self._is_rclpy:
-            return None if self._others(fullname, path) else self._parser(fullname)
-        if fullname in self._shim:
-            return self._of_shim(fullname)
+            return None if self._other_spec(fullname, path) else self._parser(fullname)
+        if fullname in self._compat:
+            return self._compat_package(fullname)
         if package not in self._interfaces.search.packages:
             return None
         kind, _, module = rest.partition(".")
@@ -247,37 +238,37 @@ class _Finder(MetaPathFinder, Loader):
         if kind not in KINDS or kind not in self._interfaces.kinds(package):
             return None
         if not module:
-            return None if self._is_others(package, kind, path) else ModuleSpec(fullname, self, is_package=True)
+            return None if self._uses_other(package, kind, path) else ModuleSpec(fullname, self, is_package=True)
         parent = sys.modules.get(f"{package}.{kind}")
         is_ours = parent is not None and getattr(parent.__spec__, "loader", None) is self
         return ModuleSpec(fullname, self) if is_ours and module in self._interfaces.modules(package, kind) else None
 
     def found(self) -> dict[str, FoundPackage]:
-        """What `found_packages` says."""
-        found = {name: FoundPackage(name, folder, ()) for name, folder in self._python.packages.items()}
+        """Return the packages of `found_packages`."""
+        found = {name: FoundPackage(name, folder, ()) for name, folder in self._fallback.packages.items()}
         for name, package in self._interfaces.search.packages.items():
             files = (os.path.relpath(file, package.folder).replace(os.sep, "/") for file in package.files.values())
             found[name] = FoundPackage(name, package.folder, tuple(sorted(files)))
         return dict(sorted(found.items()))
 
-    def _of_shim(self, name: str) -> ModuleSpec | None:
-        """A package of the shim, unless a real one stays."""
-        other, ours = self._others(name, None), PathFinder.find_spec(name, [str(RCLPY_COMPAT_DIR)])
+    def _compat_package(self, name: str) -> ModuleSpec | None:
+        """Return the spec of a companion of rclpy, unless an installed one is used."""
+        other, ours = self._other_spec(name, None), PathFinder.find_spec(name, [str(RCLPY_COMPAT_DIR)])
         if ours is None or other is None or other.origin is None:
             return ours
         self._warn_duplicate(name, name, other.origin, str(RCLPY_COMPAT_DIR / name))
-        return ours if self._shadow else None
+        return ours if self._override else None
 
     def _warn_duplicate(self, package: str, name: str, other: str, ours: str) -> None:
-        """Warn once that there are two of a package."""
-        if package not in self._others_of:
-            self._others_of[package] = other
-            used, unused = (ours, other) if self._shadow else (other, ours)
-            warnings.warn(ImportHookWarning(f"{name}: taken is {used}, not {unused}"), stacklevel=2)
+        """Warn once about two packages of one name."""
+        if package not in self._other_origins:
+            self._other_origins[package] = other
+            used, unused = (ours, other) if self._override else (other, ours)
+            warnings.warn(ImportHookWarning(f"{name}: using {used}, not {unused}"), stacklevel=2)
 
     def _package(self, package: str) -> ModuleSpec | None:
-        """A package: that of others, which then gets our folders; that in the workspace; or one of ours."""
-        other = self._others(package, None)
+        """Return the spec of a message package: of the workspace or made by the hook; None for an importable one."""
+        other = self._other_spec(package, None)
         if other is not None and other.loader is not None and other.origin:
             return None
         folder = self._interfaces.search.packages[package].folder
@@ -286,26 +277,26 @@ class _Finder(MetaPathFinder, Loader):
             return spec_from_file_location(package, inside, submodule_search_locations=[str(inside.parent)])
         return ModuleSpec(package, self, is_package=True)
 
-    def _is_others(self, package: str, kind: str, path: Sequence[str] | None) -> bool:
-        """Whether message modules of others are there, and stay."""
+    def _uses_other(self, package: str, kind: str, path: Sequence[str] | None) -> bool:
+        """Return True if importable message modules of another tool are used."""
         name = f"{package}.{kind}"
         if path is None:
-            found = self._others(package, None)
+            found = self._other_spec(package, None)
             path = found.submodule_search_locations if found is not None else None
-        other = self._others(name, path) if path is not None else None
+        other = self._other_spec(name, path) if path is not None else None
         if other is None or other.loader is None or not other.origin:
             return False
-        if is_generated(Path(other.origin)) and (self._shadow or not self._is_rclpy):
-            return not self._is_rclpy  # generated by this tool: the same classes, or the same in the other flavour
+        if is_generated(Path(other.origin)) and (self._override or not self._is_rclpy):
+            return not self._is_rclpy  # generated: the same classes, or those of the other API
         folder = self._interfaces.search.packages[package].folder
         self._warn_duplicate(package, name, other.origin, f"the definitions in {folder}")
-        return not self._shadow
+        return not self._override
 
-    def _others(self, fullname: str, path: Sequence[str] | None) -> ModuleSpec | None:
-        """What the other finders say."""
-        if getattr(self._looking, "name", "") == fullname:
+    def _other_spec(self, fullname: str, path: Sequence[str] | None) -> ModuleSpec | None:
+        """Return the spec of the other finders."""
+        if getattr(self._search_state, "name", "") == fullname:
             return None
-        self._looking.name = fullname
+        self._search_state.name = fullname
         try:
             for finder in sys.meta_path:
                 find = getattr(finder, "find_spec", None)
@@ -313,12 +304,12 @@ class _Finder(MetaPathFinder, Loader):
                 if found is not None:
                     return found
         finally:
-            self._looking.name = ""
+            self._search_state.name = ""
         return None
 
     def _is_plain_folder(self, name: str) -> bool:
-        """Return True if others find no more than a folder without ``__init__.py``, as that of a ROS package is."""
-        other = self._others(name, None)
+        """Return True if other finders find only a folder without ``__init__.py``, such as a ROS package."""
+        other = self._other_spec(name, None)
         is_folder = other is not None and other.origin is None and other.submodule_search_locations is not None
         return is_folder and name not in self._interfaces.search.packages
 
@@ -332,11 +323,10 @@ class _Finder(MetaPathFinder, Loader):
     # --- loading ------------------------------------------------------------------------------------------------------
 
     def create_module(self, spec: ModuleSpec) -> ModuleType | None:
-        """None: a plain module."""
         return None
 
     def exec_module(self, module: ModuleType) -> None:
-        """Fill a module of ours; raises `DefinitionError` and, where classes of others are in the way, ImportError."""
+        """Define the contents of a module; raises `DefinitionError`, and ImportError for a conflict of classes."""
         package, _, rest = module.__name__.partition(".")
         kind, _, name = rest.partition(".")
         if not kind:
@@ -352,14 +342,14 @@ class _Finder(MetaPathFinder, Loader):
         code = self._interfaces.code(names[0]) if self._is_rclpy else None
         for package in sorted({part.partition("/")[0] for part in code[0]} if code else ()):
             for kind in sorted(self._interfaces.kinds(package)):
-                if self._is_others(package, kind, None):
-                    origin = self._others_of[package]
+                if self._uses_other(package, kind, None):
+                    origin = self._other_origins[package]
                     text = f"{names[0]} needs {package}, and {origin} has others; override_installed=True hides them"
                     raise ImportError(text, name=module.__name__)
-        self._interfaces.fill(module, names[0], code)
+        self._interfaces.fill(module, names[0], code[1] if code else None)
 
     def _export_lazily(self, module: ModuleType, package: str, kind: str) -> None:
-        """Classes are made when they are first used, as in generated packages."""
+        """Export the classes of a package, which are made on first use."""
         from rosidl_py_gen.cdr.lazy import lazy_exports
 
         classes = self._interfaces.classes(package, kind)

@@ -1,7 +1,7 @@
-"""The module of one interface in rosidl's place, such as ``std_msgs.msg._string``, made in memory.
+"""Modules of interfaces with the names of rosidl, such as ``std_msgs.msg._string``, made in memory.
 
-Classes of rclpy's flavour are defined there, so that a program sees what a ROS installation would show it. Our own are
-those of `by_name`, which a module then only hands on. Decides what a module is made of, and that it is compiled once.
+A module defines the classes of rclpy's API, so that a program sees the same names as with a ROS installation, or
+exports the native classes of `class_lookup`.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
-_OF_SERVICES = ("", "_Request", "_Response", "_Event")
-_PARTS = {
+_SERVICE_SUFFIXES = ("", "_Request", "_Response", "_Event")
+_SUFFIXES = {
     "msg": ("",),
-    "srv": _OF_SERVICES,
+    "srv": _SERVICE_SUFFIXES,
     "action": (
         *("", "_Goal", "_Result", "_Feedback", "_FeedbackMessage"),
-        *(f"_{service}{part}" for service in ("SendGoal", "GetResult") for part in _OF_SERVICES),
+        *(f"_{service}{part}" for service in ("SendGoal", "GetResult") for part in _SERVICE_SUFFIXES),
     ),
 }
-"""What follows the name of an interface in the names of its classes, by kind."""
-_SERVICES = {"_SendGoal", "_GetResult"}
+"""Suffixes of an interface's classes by kind."""
+_SERVICES_OF_ACTIONS = {"_SendGoal", "_GetResult"}
 _GET: dict[str, Callable[..., type]] = {"msg": get_message, "srv": get_service, "action": get_action}
 
 
 class Interfaces:
-    """The interfaces of a search path, and their modules."""
+    """Interfaces of a search path and their modules."""
 
     def __init__(self, search: SearchPath, folders: Sequence[str]) -> None:
         self.search = search
@@ -45,15 +45,15 @@ class Interfaces:
         self._lock = threading.RLock()
         self._digests: dict[str, str] = {}
         self._registry: InterfaceRegistry | None = None
-        self._layouts: LayoutPlanner | None = None
+        self._planner: LayoutPlanner | None = None
 
     def kinds(self, package: str) -> set[str]:
-        """The kinds of interfaces in a package."""
+        """Return the kinds of interfaces in a package."""
         found = self.search.packages.get(package)
         return {name.kind for name in found.files} if found else set()
 
     def modules(self, package: str, kind: str) -> dict[str, list[RosName]]:
-        """Modules of a package's folder, and the interfaces in each: one, unless two have names too much alike."""
+        """Return the modules of a package with their interfaces: one each, unless two names give the same module."""
         found: dict[str, list[RosName]] = {}
         for name in self.search.packages[package].files:
             if name.kind == kind:
@@ -61,30 +61,30 @@ class Interfaces:
         return found
 
     def classes(self, package: str, kind: str) -> dict[str, str]:
-        """Every class of a package's folder, and the module that has it."""
+        """Return the classes of a package with the modules that define them."""
         return {
             py_name(name.name + part): module
             for module, names in self.modules(package, kind).items()
             for name in names
-            for part in _PARTS[kind]
+            for part in _SUFFIXES[kind]
         }
 
-    def fill(self, module: ModuleType, name: RosName, made: tuple[code_cache.Parts, CodeType] | None) -> None:
-        """Put the classes of an interface into its module: those that `code` made, or else our own.
+    def fill(self, module: ModuleType, name: RosName, code: CodeType | None) -> None:
+        """Define the classes of an interface in its module: by compiled code, or else the native classes.
 
         Raises:
             DefinitionError: the definition has problems.
         """
-        if made is not None:
-            exec(made[1], module.__dict__)
+        if code is not None:
+            exec(code, module.__dict__)
             return
-        for part in _PARTS[name.kind]:
-            get = get_service if part in _SERVICES else get_message if part else _GET[name.kind]
+        for part in _SUFFIXES[name.kind]:
+            get = get_service if part in _SERVICES_OF_ACTIONS else get_message if part else _GET[name.kind]
             module.__dict__[py_name(name.name + part)] = get(f"{name}{part}", path=self._folders)
-        module.__dict__["__all__"] = [py_name(name.name + part) for part in _PARTS[name.kind]]
+        module.__dict__["__all__"] = [py_name(name.name + part) for part in _SUFFIXES[name.kind]]
 
     def code(self, name: RosName) -> tuple[code_cache.Parts, CodeType]:
-        """The compiled module in rclpy's flavour, and what it was made of; from the cache if it is there.
+        """Return the interfaces and the code of a module of rclpy's API, from the cache if possible.
 
         Raises:
             DefinitionError: the definition has problems.
@@ -114,17 +114,17 @@ class Interfaces:
         from rosidl_py_gen.compiler.frontend.definition_text import read_checked
         from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
 
-        if self._registry is None or self._layouts is None:
+        if self._registry is None or self._planner is None:
             self._registry = InterfaceRegistry(self.search)
-            self._layouts = LayoutPlanner(self._registry.message, rclpy=True)
+            self._planner = LayoutPlanner(self._registry.message, rclpy=True)
         registry = self._registry
         try:
             read_checked(registry, name)
         except BaseException:
-            self._registry = None  # what was read half must not be used later
+            self._registry = None  # discard incomplete interfaces
             raise
         target = Target("", lambda _: None, registry.type_hash, is_typed=False)
-        source = module_source(registry, name, self._layouts, target)
+        source = module_source(registry, name, self._planner, target)
         owners = {registry.owner(split_ros_name(part)) for part in registry.all_hashes(str(name))}
         parts = {str(owner): self._digest(str(owner)) for owner in owners if owner is not None}
         return parts, compile(source, f"<{module_path(str(name))}>", "exec")

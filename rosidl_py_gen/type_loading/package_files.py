@@ -1,9 +1,9 @@
-"""Files that a source package installs, as its setup.py and CMakeLists.txt state, and its share folder made of links.
+"""Share folder of a source package with the files that its setup.py and CMakeLists.txt install.
 
-Nothing is run. Programs look for files below ``share/<package>`` where the installation puts them: `glob("launch/*")`
-of setup.py puts them without their folder. Where an installation only copies folders, the source folder is the share
-folder. Otherwise the share folder is one of links in the user's cache: it has what the source folder has, and the
-installed files at their places.
+No code is run. Programs expect files below ``share/<package>`` at their installed paths: `glob("launch/*")` of setup.py
+installs them without their folder. If an installation only copies folders, the source folder is the share folder.
+Otherwise the share folder is a folder of links in the user's cache: to the contents of the source folder, and to the
+installed files.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Install:
 
     Attributes:
         folder: of the package.
-        kind: the first word.
+        kind: FILES, PROGRAMS or DIRECTORY.
         paths: files and folders, relative to `folder`; a folder that ends with ``/`` is installed without its name.
         destination: relative to the prefix.
         rename: the new name of a file, or empty.
@@ -104,14 +104,14 @@ def share_folder(name: str, folder: Path) -> Path:
     try:
         made.mkdir(mode=0o700, parents=True, exist_ok=True)
         _link(tree, made, [_MAX_ENTRIES])
-    except OSError:  # no links here, as on Windows without the right to make them
+    except OSError:  # links are not permitted, as on Windows
         return folder
     return made
 
 
 @lru_cache(maxsize=1)
 def _temporary_home() -> Path:
-    """Return a folder for links where the user wants no cache; it goes when the process ends."""
+    """Return a folder for links if caches are disabled; it is removed when the process ends."""
     home = tempfile.mkdtemp(prefix="rosidl-py-gen-")
     atexit.register(shutil.rmtree, home, ignore_errors=True)
     return Path(home)
@@ -141,14 +141,12 @@ def _installed(name: str, folder: Path) -> Iterator[tuple[str, Path]]:
                 for path in row[1] if isinstance(row[1], list) and (place + "/").startswith(f"{share}/") else ():
                     source = inside(path) if isinstance(path, str) else None
                     if source is not None and (folder / source).is_file():
-                        yield (
-                            posixpath.join(place[len(share) :].lstrip("/"), posixpath.basename(source)),
-                            (folder / source),
-                        )
+                        below = posixpath.join(place[len(share) :].lstrip("/"), posixpath.basename(source))
+                        yield below, folder / source
 
 
 def _insert(tree: _Tree, parts: list[str], source: Path) -> bool:
-    """Put a file or folder at its place; True if it is there already."""
+    """Insert a file or folder at a path; returns True if it was there already."""
     for index, part in enumerate(parts[:-1], 1):
         below = tree.get(part, {})
         if isinstance(below, Path):
@@ -163,7 +161,7 @@ def _insert(tree: _Tree, parts: list[str], source: Path) -> bool:
 
 
 def _link(tree: _Tree, folder: Path, left: list[int]) -> None:
-    """Make a folder one of links; files that programs wrote there stay."""
+    """Create the links of a folder; files that programs wrote there remain."""
     for name, source in tree.items():
         left[0] -= 1
         if left[0] < 0:

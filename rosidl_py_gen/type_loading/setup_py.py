@@ -1,7 +1,7 @@
-"""Arguments of `setup` in a setup.py, read from its syntax tree: nothing is run.
+"""Arguments of `setup` in a setup.py, read from its syntax tree without running it.
 
-Values are strings, lists and dicts, made of literals, variables, formatting, `os.path.join` and `glob`. An expression
-that would have to be run is None.
+Values are strings, lists and dicts, made of literals, variables, formatting, `os.path.join` and `glob`. Another
+expression has the value None.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 from rosidl_py_gen.errors import RosidlError
 
 _MAX_FILES = 10_000
-"""Maximum number of files that one `glob` returns; more than a package installs."""
+"""Maximum files that one `glob` returns; more than a package installs."""
 _PATH_NAMES = ("join", "glob")
 
 
@@ -29,7 +29,7 @@ def setup_calls(text: str, folder: Path) -> list[dict[str, object]]:
 
     Args:
         text: content of the setup.py.
-        folder: where `glob` looks.
+        folder: the folder that `glob` searches.
 
     Raises:
         SetupSyntaxError: the text is not Python.
@@ -63,7 +63,7 @@ class _Reader:
         return found
 
     def _assign(self, node: ast.AST) -> None:
-        """Note what a variable holds, and what is added to a list."""
+        """Record the value of a variable, and values that are added to a list."""
         match node:
             case ast.Assign(targets=targets, value=value):
                 for target in targets:
@@ -114,7 +114,7 @@ class _Reader:
         return None
 
     def _list(self, parts: list[ast.expr]) -> list[object]:
-        """Return the values of a list; ``*more`` is written out."""
+        """Return the values of a list; ``*more`` is expanded."""
         found: list[object] = []
         for part in parts:
             if isinstance(part, ast.Starred):
@@ -125,7 +125,7 @@ class _Reader:
         return found
 
     def _path(self, name: str, values: list[object], node: ast.Call) -> object:
-        """Return what `os.path.join` or `glob` makes of texts; `glob` stays inside of the package's folder."""
+        """Return the result of `os.path.join` or `glob`; `glob` searches only the package's folder."""
         texts = [value for value in values if isinstance(value, str)]
         if not texts or len(texts) != len(values):
             return None

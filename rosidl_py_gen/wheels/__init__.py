@@ -1,5 +1,4 @@
-"""Message packages as pip packages: a wheel for each, made of its definitions, and installed or taken back by pip.
+"""Message packages as pip packages: a wheel for each, made of its definitions and installed by pip.
 
-`manifest` reads package.xml, `build` makes wheels, `environment` installs and uninstalls them. Needs the compiler;
-nothing here is imported by generated code.
+`manifest` reads package.xml, `build` makes wheels, `environment` installs and uninstalls them.
 """

@@ -1,10 +1,10 @@
 """Wheels of message packages, built by flit_core.
 
-A wheel has a whole package: the generated code, ``py.typed``, package.xml and the definitions, so that packages which
-use it can be made of it. The layout of nested messages is written into the code of packages that use them, so a wheel
-requires exactly the versions it was made with. A package that is already installed as a wheel is not made again.
+A wheel contains a whole package: the generated code, ``py.typed``, package.xml and the definitions, from which
+dependent packages can be generated. Code of a package contains the layout of nested messages of other packages, so a
+wheel requires exactly the versions that it was made with. A package that is installed as a wheel is not made again.
 
-The same contents make the same bytes, at any time and on any machine with the same version of flit_core.
+Equal contents give equal bytes with the same version of flit_core.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 _IMPORT = re.compile(r"^\s*(?:from|import) +([A-Za-z_][A-Za-z0-9_]*)[. ]", re.MULTILINE)
 _BUNDLED = "bundled"
 _EARLIEST = (1980, 1, 1, 0, 0, 0)
-"""Time of files in wheels where SOURCE_DATE_EPOCH is not set: the first that zip files can have."""
+"""Time of files without SOURCE_DATE_EPOCH: the first time of zip files."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,15 +41,15 @@ class BuiltWheel:
 
 
 def selected_packages(search: SearchPath, wanted: list[str]) -> list[str]:
-    """Names of the packages a user means: all of the given folders when none is named.
+    """Return the names of the requested packages; without a request, those of the given folders.
 
     Raises:
-        DefinitionError: no such package, or nothing but bundled ones where nothing is named.
+        DefinitionError: a package does not exist, or none is requested and there are only bundled ones.
     """
     for name in wanted:
         if name not in search.packages:
             known = ", ".join(search.packages)[:300]
-            raise DefinitionError(Diagnostic(name, 0, 0, f"there is no package of this name; there are {known}"))
+            raise DefinitionError(Diagnostic(name, 0, 0, f"there is no package of this name; expected one of {known}"))
     found = wanted or [name for name, one in search.packages.items() if one.origin not in (_BUNDLED, INSTALLED)]
     if not found:
         raise DefinitionError(
@@ -59,25 +59,23 @@ def selected_packages(search: SearchPath, wanted: list[str]) -> list[str]:
 
 
 def build(search: SearchPath, packages: list[str], out: Path, *, dependencies: bool = True) -> list[BuiltWheel]:
-    """Write the wheels of packages, and of those they use that are not installed as wheels, into a folder.
+    """Write the wheels of packages, and of their dependencies that are not installed as wheels, into a folder.
 
     Raises:
-        DefinitionError: problems in definitions or manifests.
+        DefinitionError: definitions or manifests have problems.
         OutputError: the temporary folder cannot be written.
         OSError: `out` cannot be written.
     """
     files, uses = _generated(search, packages)
-    chosen = [name for name in files if name in packages or (dependencies and _origin(search, name) != INSTALLED)]
+    chosen = [
+        name for name in files if name in packages or (dependencies and search.packages[name].origin != INSTALLED)
+    ]
     out.mkdir(parents=True, exist_ok=True)
     return [_build(search, search.packages[name], files[name], uses[name], out) for name in chosen]
 
 
-def _origin(search: SearchPath, name: str) -> str:
-    return search.packages[name].origin
-
-
 def _generated(search: SearchPath, packages: list[str]) -> tuple[dict[str, dict[str, bytes]], dict[str, set[str]]]:
-    """Generated files of each package of these and of all they use, and which others each imports."""
+    """Return the generated files of packages and of their dependencies, and the packages that each imports."""
     wanted = set(packages)
     while True:
         if more := {one for name in wanted for one in _declared(search, name)} - wanted:
@@ -87,16 +85,16 @@ def _generated(search: SearchPath, packages: list[str]) -> tuple[dict[str, dict[
             try:
                 run = generate(search, sorted(wanted), Path(top))
             except DefinitionError as error:
-                error.partial = False  # a wheel is whole or not made
+                error.partial = False  # a wheel needs the whole package
                 raise
             found = {name.package for name in run.names}
             if found <= wanted:
                 return _read(Path(top), found)
-        wanted |= found  # whole packages, not only what is used of them
+        wanted |= found  # whole packages, not only the required interfaces
 
 
 def _declared(search: SearchPath, name: str) -> set[str]:
-    """Interface packages that a package says it depends on."""
+    """Return the interface packages in the dependencies of a package.xml."""
     return set(read_manifest(search.packages[name].folder, name).depends) & search.packages.keys()
 
 
@@ -113,7 +111,7 @@ def _read(top: Path, packages: set[str]) -> tuple[dict[str, dict[str, bytes]], d
 
 
 def _build(search: SearchPath, package: Package, files: dict[str, bytes], uses: set[str], out: Path) -> BuiltWheel:
-    """Write a package into a temporary folder and build its wheel in `out`; an older wheel of the name is replaced."""
+    """Build the wheel of a package in `out`, replacing an older wheel of the same name."""
     from flit_core.common import Metadata, Module
     from flit_core.wheel import WheelBuilder
 
@@ -146,7 +144,7 @@ def _build(search: SearchPath, package: Package, files: dict[str, bytes], uses: 
 
 
 def _compatible_versions(version: str) -> str:
-    """Return the requirement on versions of this package that run what this one generated: the same minor number."""
+    """Return the requirement on the version of this package: generated code needs the same minor version."""
     major, minor = version.split(".")[:2]
     return f"rosidl-py-gen>={version},<{major}.{int(minor) + 1}"
 

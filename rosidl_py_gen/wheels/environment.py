@@ -1,7 +1,7 @@
-"""Message packages in this Python's environment: installed by pip, and taken back by it.
+"""Installation of message packages into this Python environment by pip.
 
-Decides that nothing of others is touched: a package that is importable and not ours, or a ROS installation, is a reason
-to refuse; and what somebody changed in an installed package is told before it goes.
+An installation is refused if it conflicts with a package of another tool or with a ROS installation. A package with
+modified files is not uninstalled.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
-_MAX_SHOWN = 10
+_MAX_LISTED = 10
 
 
 def installed_packages() -> dict[str, Distribution]:
-    """The message packages that were installed as wheels of ours, by name of the ROS package."""
+    """Return the installed message packages by name of the ROS package."""
     found: dict[str, Distribution] = {}
     for one in distributions():
         for entry in one.entry_points:
@@ -41,17 +41,19 @@ def installed_packages() -> dict[str, Distribution]:
 
 
 def install(search: SearchPath, packages: list[str], *, force: bool = False) -> list[str]:
-    """Make wheels of packages and of what they use, and let pip install them into this Python's environment.
+    """Make wheels of packages and of their dependencies, and install them by pip.
 
     Args:
-        force: beside a ROS installation, and over packages of others.
+        search: the search path.
+        packages: names of the packages.
+        force: install although rclpy is importable, and replace packages of other tools.
 
     Returns:
-        ``name version`` of each, as installed.
+        ``name version`` of each installed package.
 
     Raises:
-        OutputError: somebody else's packages are in the way, or pip refused; says what it said.
-        DefinitionError: problems in definitions or manifests.
+        OutputError: packages of other tools conflict, or pip failed.
+        DefinitionError: definitions or manifests have problems.
     """
     with TemporaryDirectory(prefix="rosidl-py-gen-install-") as folder:
         built = build(search, packages, Path(folder))
@@ -62,20 +64,24 @@ def install(search: SearchPath, packages: list[str], *, force: bool = False) -> 
 
 
 def uninstall(packages: Sequence[str] = (), *, force: bool = False) -> list[str]:
-    """Let pip remove message packages that were installed as wheels of ours; all of them when none is named.
+    """Uninstall message packages by pip; all installed ones if none is named.
+
+    Args:
+        packages: names of ROS packages.
+        force: also remove modified packages.
 
     Raises:
-        OutputError: no such package is installed, files of one were changed since, or pip refused.
+        OutputError: a package is not installed or has modified files, or pip failed.
     """
     known = installed_packages()
     for name in packages:
         if name not in known:
-            raise OutputError(f"{name} is not installed as a wheel of rosidl-py-gen; there are {_listed(known)}")
+            raise OutputError(f"{name} is not installed as a wheel of rosidl-py-gen; expected one of {_listed(known)}")
     chosen = sorted({*packages} or {*known})
     if not chosen:
         return []
     if not force and (changed := [text for name in chosen for text in _modified_files(known[name])]):
-        raise OutputError(f"changed since they were installed: {_listed(changed)}; --force removes them all the same")
+        raise OutputError(f"modified since the installation: {_listed(changed)}; --force removes them")
     _pip("uninstall", "--yes", *(known[name].metadata["Name"] for name in chosen))
     return chosen
 
@@ -83,10 +89,10 @@ def uninstall(packages: Sequence[str] = (), *, force: bool = False) -> list[str]
 def _check_no_conflict(packages: list[str]) -> None:
     ours = {_normalized(one.metadata["Name"]) for one in installed_packages().values()}
     rclpy = find_spec("rclpy")
-    if rclpy is not None and rclpy.origin is not None:  # a folder that is called so has none
+    if rclpy is not None and rclpy.origin is not None:  # a plain folder of this name has no origin
         raise OutputError(
-            f"rclpy is importable here, from {rclpy.origin}: its messages and ours have the same names, and one would "
-            "hide the other; use a virtual environment without it, or --force"
+            f"rclpy is importable from {rclpy.origin}: its message packages have the same names and would conflict; "
+            "use a virtual environment without it, or --force"
         )
     for name in packages:
         spec = find_spec(name)
@@ -94,9 +100,7 @@ def _check_no_conflict(packages: list[str]) -> None:
             continue
         origin = Path(spec.origin) if spec.origin else None
         if origin is None or not is_generated(origin):
-            raise OutputError(
-                f"{name} is here already, from {spec.origin}, and not of rosidl-py-gen; --force replaces it"
-            )
+            raise OutputError(f"{name} is importable from {spec.origin}, and not of rosidl-py-gen; --force replaces it")
 
 
 def _normalized(name: str) -> str:
@@ -118,18 +122,18 @@ def _modified_files(one: Distribution) -> list[str]:
 
 def _listed(texts: Iterable[str]) -> str:
     texts = list(texts)
-    more = f" and {len(texts) - _MAX_SHOWN} more" if len(texts) > _MAX_SHOWN else ""
-    return ", ".join(texts[:_MAX_SHOWN]) + more or "none"
+    more = f" and {len(texts) - _MAX_LISTED} more" if len(texts) > _MAX_LISTED else ""
+    return ", ".join(texts[:_MAX_LISTED]) + more or "none"
 
 
 def _pip(*arguments: str) -> None:
     if find_spec("pip") is None:
         raise OutputError(
             "this environment has no pip; make wheels with `rosidl-py-gen wheel --out dist` and install them with the "
-            "tool that made it, such as `uv pip install dist/*.whl`"
+            "tool of the environment, such as `uv pip install dist/*.whl`"
         )
     command = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--no-input", *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
-        said = (done.stderr.strip() or done.stdout.strip())[-2000:]
-        raise OutputError(f"pip {arguments[0]} failed: {said}")
+        output = (done.stderr.strip() or done.stdout.strip())[-2000:]
+        raise OutputError(f"pip {arguments[0]} failed: {output}")

@@ -1,7 +1,6 @@
-"""What a package.xml says of a package, as far as a pip package says it too.
+"""Metadata of a package.xml for a pip package.
 
-Decides that a manifest is data of strangers: no entities, no more than a megabyte, and what becomes a line of metadata
-is one line.
+A manifest is untrusted: entities are refused, the size is limited, and a value of the metadata is one line.
 """
 
 from __future__ import annotations
@@ -23,8 +22,8 @@ class PackageManifest:
     """A package.xml.
 
     Attributes:
-        version: as pip takes it.
-        maintainers: ``name <address>``, or one of both.
+        version: a valid version for pip.
+        maintainers: ``name <address>``, name or address of each.
         depends: names of packages.
     """
 
@@ -38,21 +37,21 @@ class PackageManifest:
 
 
 def read_manifest(folder: Path, name: str) -> PackageManifest:
-    """The manifest of a package in `folder`.
+    """Return the manifest of a package in a folder.
 
     Raises:
-        DefinitionError: there is none, it is no XML, or says no version that pip takes.
+        DefinitionError: there is none, it is not XML, or has no valid version for pip.
     """
     path = folder / "package.xml"
     try:
         with path.open("rb") as file:
             data = file.read(_MAX_BYTES + 1)
     except OSError as error:
-        raise _problem(path, f"cannot be read: {error.strerror}; a wheel has its name and version from there") from None
+        raise _problem(path, f"cannot be read: {error.strerror}; a wheel needs its name and version") from None
     if len(data) > _MAX_BYTES:
         raise _problem(path, f"more than {_MAX_BYTES} bytes")
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
-        raise _problem(path, "document types and entities are not read; package.xml needs none")
+        raise _problem(path, "document types and entities are not supported; package.xml needs none")
     try:
         root = ElementTree.fromstring(data)
     except (ElementTree.ParseError, ValueError, LookupError) as error:

@@ -49,7 +49,7 @@ def test_native_messages_bring_none() -> None:
 
 def test_a_real_one_stays_with_a_warning(real: Path) -> None:
     with install_import_hook(message_api="rclpy"):
-        with pytest.warns(ImportHookWarning, match=f"{NAME}: taken is {real}.*, not {RCLPY_COMPAT_DIR}"):
+        with pytest.warns(ImportHookWarning, match=f"{NAME}: using {real}.*, not {RCLPY_COMPAT_DIR}"):
             found = import_module(f"{NAME}.packages")
         assert found.REAL
     assert sys.modules[f"{NAME}.packages"] is found
@@ -58,7 +58,7 @@ def test_a_real_one_stays_with_a_warning(real: Path) -> None:
 
 def test_a_real_one_is_shadowed_with_a_warning(real: Path) -> None:
     with install_import_hook(message_api="rclpy", override_installed=True):
-        with pytest.warns(ImportHookWarning, match=f"{NAME}: taken is {RCLPY_COMPAT_DIR}.*, not {real}"):
+        with pytest.warns(ImportHookWarning, match=f"{NAME}: using {RCLPY_COMPAT_DIR}.*, not {real}"):
             found = import_module(f"{NAME}.packages")
         assert Path(str(found.__file__)).is_relative_to(RCLPY_COMPAT_DIR)
 

@@ -175,11 +175,9 @@ def test_real_packages_stay_and_it_says_so(tmp_path: Path, definitions: Path, mo
     write(tmp_path, REAL)
     monkeypatch.syspath_prepend(str(tmp_path / "real"))
     with _quiet_hook(message_api="rclpy", path=definitions):
-        with pytest.warns(
-            ImportHookWarning, match=r"std_msgs.msg: taken is .*real.std_msgs.msg.__init__.py, not the def"
-        ):
+        with pytest.warns(ImportHookWarning, match=r"std_msgs.msg: using .*real.std_msgs.msg.__init__.py, not the def"):
             assert import_module("std_msgs.msg").String.real
-        with pytest.raises(ImportError, match=r"hooked_msgs/msg/Path needs std_msgs, and .*shadow=True"):
+        with pytest.raises(ImportError, match=r"hooked_msgs/msg/Path needs std_msgs, and .*override_installed=True"):
             import_module("hooked_msgs.msg._path")
         assert import_module("hooked_msgs.msg").Point(x=1).x == 1
 
@@ -190,7 +188,7 @@ def test_real_packages_are_shadowed_on_request_and_it_says_so(
     write(tmp_path, REAL)
     monkeypatch.syspath_prepend(str(tmp_path / "real"))
     with _quiet_hook(message_api="rclpy", path=definitions, override_installed=True):
-        with pytest.warns(ImportHookWarning, match=r"std_msgs.msg: taken is the definitions in .*std_msgs, not .*real"):
+        with pytest.warns(ImportHookWarning, match=r"std_msgs.msg: using the definitions in .*std_msgs, not .*real"):
             assert not hasattr(import_module("std_msgs.msg").String, "real")
         assert import_module("hooked_msgs.msg").Path().header.frame_id == ""
 
