@@ -26,7 +26,7 @@ def of_python(name: str, entry: dict[str, Any]) -> bool:
     return entry["kind"] == "constant" and "value" not in entry and name in vars(typing)
 
 
-def found(holder: Any, name: str) -> tuple[bool, Any]:
+def find_member(holder: Any, name: str) -> tuple[bool, Any]:
     """Return True if a module or class has a name, and its value, which is None if only instances have it."""
     if not inspect.isclass(holder):
         return hasattr(holder, name), getattr(holder, name, None)
@@ -46,7 +46,7 @@ def compare(path: str, entry: dict[str, Any], thing: Any) -> Iterator[tuple[str,
     if "value" in entry and plain(getattr(thing, "value", thing)) != entry["value"]:
         yield path, "value", thing
     for name, member in entry.get("members", {}).items():
-        there, one = found(thing, name)
+        there, one = find_member(thing, name)
         if not there:
             yield f"{path}.{name}", "missing", None
         elif one is not None:
@@ -58,7 +58,7 @@ def differences() -> Iterator[tuple[str, str, Any]]:
     for module_name, names in REAL.items():
         module = modules[module_name]
         for name, entry in names.items():
-            there, thing = found(module, name)
+            there, thing = find_member(module, name)
             if not there:
                 yield f"{module_name}.{name}", "missing", None
             elif not of_python(name, entry):

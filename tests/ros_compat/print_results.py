@@ -14,27 +14,27 @@ from pathlib import Path
 from typing import Any
 
 
-def shown(value: object) -> str:
+def text_of(value: object) -> str:
     """Return the `repr`, with the values of parameters and without addresses."""
     if type(value).__module__ == "rclpy.parameter" and type(value).__name__ == "Parameter":
         held: Any = value
         plain = isinstance(held.value, (str, int, float, bool, type(None)))
         return f"Parameter({held.name!r}, {held.type_.name}, {held.value if plain else list(held.value)!r})"
     if isinstance(value, (list, tuple)):
-        return f"{type(value).__name__}({', '.join(map(shown, value))})"
+        return f"{type(value).__name__}({', '.join(map(text_of, value))})"
     if isinstance(value, dict):
-        return f"{{{', '.join(f'{key!r}: {shown(item)}' for key, item in value.items())}}}"
+        return f"{{{', '.join(f'{key!r}: {text_of(item)}' for key, item in value.items())}}}"
     return re.sub(r" at 0x[0-9a-f]+", "", repr(value))
 
 
-def told(source: str, name: str) -> dict[int, tuple[str, str]]:
+def results_of(source: str, name: str) -> dict[int, tuple[str, str]]:
     space: dict[str, object] = {}
     found = {}
     for node in ast.parse(source).body:
         try:
             if isinstance(node, ast.Expr):
                 value = eval(compile(ast.Expression(node.value), name, "eval"), space)
-                found[node.lineno] = ("value", shown(value))
+                found[node.lineno] = ("value", text_of(value))
             else:
                 exec(compile(ast.Module([node], []), name, "exec"), space)
         except Exception as error:
@@ -52,5 +52,5 @@ if __name__ == "__main__":
         from install_rclpy import install
 
         install()
-    result = told(path.read_text(encoding="utf-8"), path.name)
+    result = results_of(path.read_text(encoding="utf-8"), path.name)
     print("\n" + json.dumps(result))

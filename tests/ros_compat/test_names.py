@@ -77,8 +77,6 @@ MORE = {
         "rclpy.event_handler.rcl_publisher_event_type_t",
         "rclpy.event_handler.rcl_subscription_event_type_t",
         "rclpy.guard_condition.GuardConditionHandle",
-        "rclpy.impl.rcutils_logger.as_severity",
-        "rclpy.impl.rcutils_logger.set_level",
         "rclpy.time.TimeHandle.clock_type",
         "rclpy.time.TimeHandle.nanoseconds",
         "rclpy.timer.TimerHandle",

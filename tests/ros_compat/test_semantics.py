@@ -48,12 +48,12 @@ runpy.run_path(sys.argv[0], run_name="__main__")
 pytestmark = pytest.mark.real_time("programs are processes")
 
 
-Told = tuple[str, int, str]
+Outcome = tuple[str, int, str]
 """Output, exit code and errors of a program."""
-Everything = dict[str, "tuple[Told, Told] | BaseException"]
+Outcomes = dict[str, "tuple[Outcome, Outcome] | BaseException"]
 
 
-def ended(command: list[str], middleware: str, domain: int) -> Told:
+def run_program(command: list[str], middleware: str, domain: int) -> Outcome:
     """Run a program in a domain, on this machine only."""
     settings = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     kept = {key: value for key, value in os.environ.items() if not key.startswith(("ROS_", "RMW_"))}
@@ -62,12 +62,12 @@ def ended(command: list[str], middleware: str, domain: int) -> Told:
     return SHARED_MEMORY_LOST.sub("", done.stdout), done.returncode, done.stderr
 
 
-async def run_both(real: list[str], program: list[str], domain: int) -> tuple[Told, Told]:
+async def run_both(real: list[str], program: list[str], domain: int) -> tuple[Outcome, Outcome]:
     """Run a program under real rclpy and under ours, in separate domains."""
     ours = [sys.executable, "-c", OURS, str(FOLDER.parent)]
     return await asyncio.gather(
-        asyncio.to_thread(ended, [*real, *program], "rmw_fastrtps_cpp", domain),
-        asyncio.to_thread(ended, [*ours, *program], "rmw_cyclonedds_cpp", domain + DOMAINS),
+        asyncio.to_thread(run_program, [*real, *program], "rmw_fastrtps_cpp", domain),
+        asyncio.to_thread(run_program, [*ours, *program], "rmw_cyclonedds_cpp", domain + DOMAINS),
     )
 
 
@@ -81,7 +81,7 @@ def real() -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def told(request: pytest.FixtureRequest, real: list[str]) -> Everything:
+def outcomes(request: pytest.FixtureRequest, real: list[str]) -> Outcomes:
     """Return the output of all selected cases under both; those of `spinning` share a few processes."""
     chosen = [item.callspec.params["case"] for item in request.session.items if item.path == request.path]
     spinning, signals = ([case for case in chosen if case in all_of_them] for all_of_them in (CASES, SIGNALS))
@@ -93,21 +93,21 @@ def told(request: pytest.FixtureRequest, real: list[str]) -> Everything:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_the_same_lines_do_the_same(case: str, told: Everything) -> None:
-    both = told[case]
+def test_the_same_lines_do_the_same(case: str, outcomes: Outcomes) -> None:
+    both = outcomes[case]
     if isinstance(both, BaseException):
         raise both
-    shown = []
+    outputs = []
     for output, code, errors in both:
         assert code == 0, errors
-        shown.append(dict(part.split("\n", 1) for part in output.split("== ")[1:])[case])
-    expected, found = shown
+        outputs.append(dict(part.split("\n", 1) for part in output.split("== ")[1:])[case])
+    expected, found = outputs
     assert expected and found == expected
 
 
 @pytest.mark.parametrize("case", SIGNALS)
-def test_signals_and_shutdowns_do_the_same(case: str, told: Everything) -> None:
-    both = told[case]
+def test_signals_and_shutdowns_do_the_same(case: str, outcomes: Outcomes) -> None:
+    both = outcomes[case]
     if isinstance(both, BaseException):
         raise both
     expected, found = both

@@ -25,7 +25,7 @@ PROGRAMS = sorted((HERE / "programs").glob("values_*.py"))
 Both = tuple[dict[str, Any], dict[str, Any]]
 
 
-def told(python: Path | str, program: Path, *more: str, domain: int) -> dict[str, Any]:
+def results_of(python: Path | str, program: Path, *more: str, domain: int) -> dict[str, Any]:
     own = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     environ = {**os.environ, **own, "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp" if more else "rmw_fastrtps_cpp"}
     done = subprocess.run(
@@ -41,15 +41,15 @@ def told(python: Path | str, program: Path, *more: str, domain: int) -> dict[str
     return found
 
 
-async def told_by_both(python: Path, program: Path, domain: int) -> Both:
+async def results_of_both(python: Path, program: Path, domain: int) -> Both:
     return await asyncio.gather(
-        asyncio.to_thread(told, python, program, domain=domain),
-        asyncio.to_thread(told, sys.executable, program, "ours", domain=domain + DOMAINS),
+        asyncio.to_thread(results_of, python, program, domain=domain),
+        asyncio.to_thread(results_of, sys.executable, program, "ours", domain=domain + DOMAINS),
     )
 
 
 @pytest.fixture(scope="module")
-def seen(request: pytest.FixtureRequest) -> dict[Path, Both | BaseException]:
+def all_results(request: pytest.FixtureRequest) -> dict[Path, Both | BaseException]:
     """Return the results of the selected programs, in a Python with rclpy of Jazzy and in ours."""
     sys.path.insert(0, str(HERE.parent / "interop_rclpy"))
     from rclpy_peer import REQUIREMENTS
@@ -57,13 +57,13 @@ def seen(request: pytest.FixtureRequest) -> dict[Path, Both | BaseException]:
     made = os.environ.get("ROSIDL_PEER_JAZZY")
     python = Path(made, "bin", "python") if made else environment("rclpy-jazzy", REQUIREMENTS["jazzy"])
     programs = [item.callspec.params["program"] for item in request.session.items if item.path == request.path]
-    found = asyncio.run(at_once(partial(told_by_both, python, program) for program in programs))
+    found = asyncio.run(at_once(partial(results_of_both, python, program) for program in programs))
     return dict(zip(programs, found, strict=True))
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda path: path.stem)
-def test_both_give_the_same(seen: dict[Path, Both | BaseException], program: Path) -> None:
-    both = seen[program]
+def test_both_give_the_same(all_results: dict[Path, Both | BaseException], program: Path) -> None:
+    both = all_results[program]
     if isinstance(both, BaseException):
         raise both
     theirs, ours = both

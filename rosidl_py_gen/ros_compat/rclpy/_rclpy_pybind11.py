@@ -157,7 +157,7 @@ def rclpy_logging_get_logger_level(name: str, /) -> int:
 
 
 def _severity(level: int) -> int:
-    return min(level // 10 * 10, 50)  # programs may have set others by Python's `logging`
+    return min(level // 10 * 10, 50)  # programs may set other levels by Python's `logging`
 
 
 def rclpy_logging_logger_is_enabled_for(name: str, severity: int, /) -> bool:
@@ -167,10 +167,10 @@ def rclpy_logging_logger_is_enabled_for(name: str, severity: int, /) -> bool:
 
 def rclpy_logging_severity_level_from_string(severity: str, /) -> int:
     """Return the number of a severity's name, in any case."""
-    known = ("UNSET", "DEBUG", "INFO", "WARN", "ERROR", "FATAL")
-    if severity.upper() not in known:
-        raise RuntimeError(f"unknown severity {severity!r:.100}; expected one of {', '.join(known)}")
-    return known.index(severity.upper()) * 10
+    names = ("UNSET", "DEBUG", "INFO", "WARN", "ERROR", "FATAL")
+    if severity.upper() not in names:
+        raise RuntimeError(f"unknown severity {severity!r:.100}; expected one of {', '.join(names)}")
+    return names.index(severity.upper()) * 10
 
 
 def rclpy_logging_get_logging_directory() -> str:

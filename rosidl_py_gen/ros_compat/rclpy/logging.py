@@ -5,9 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Union  # noqa: F401
 
-from rclpy._rclpy_pybind11 import rclpy_logging_severity_level_from_string
+from rclpy._rclpy_pybind11 import (
+    rclpy_logging_get_logger_effective_level,
+    rclpy_logging_get_logger_level,
+    rclpy_logging_set_logger_level,
+    rclpy_logging_severity_level_from_string,
+)
 from rclpy.impl.logging_severity import LoggingSeverity
-from rclpy.impl.rcutils_logger import RcutilsLogger, as_severity, set_level
+from rclpy.impl.rcutils_logger import RcutilsLogger
 from rosidl_py_gen import runtime
 
 _root_logger = RcutilsLogger()
@@ -39,17 +44,17 @@ def clear_config() -> None:
 
 def set_logger_level(name: str, level: int | LoggingSeverity, detailed_error: bool = False) -> None:
     """Set the level of a logger and of its children without a level; raise ValueError for an unknown level."""
-    set_level(name, level)
+    rclpy_logging_set_logger_level(name, LoggingSeverity(level))
 
 
 def get_logger_effective_level(name: str) -> LoggingSeverity:
     """Return the lowest severity that a logger logs."""
-    return as_severity(runtime.get_logger(name).getEffectiveLevel())
+    return LoggingSeverity(rclpy_logging_get_logger_effective_level(name))
 
 
 def get_logger_level(name: str) -> LoggingSeverity:
     """Return the level that was set, UNSET if none was."""
-    return as_severity(runtime.get_logger_level(name))
+    return LoggingSeverity(rclpy_logging_get_logger_level(name))
 
 
 def get_logging_severity_from_string(log_severity: str) -> LoggingSeverity:

@@ -12,7 +12,7 @@ from rclpy.constants import S_TO_NS
 from rclpy.duration import Duration, _Ordered
 
 AnyClockType = ClockType | ClockTypeOfC
-_OF_C = {one: ClockTypeOfC(one) for one in ClockType}
+_TYPES_OF_C = {type_: ClockTypeOfC(type_) for type_ in ClockType}
 
 
 class TimeHandle(Protocol):
@@ -47,7 +47,7 @@ class Time(_Ordered):
         if total >= 2**63:
             raise OverflowError("Total nanoseconds value is too large to store in C time point.")
         self._rosidl_nanoseconds = total
-        self._rosidl_clock_type = clock_type if isinstance(clock_type, ClockTypeOfC) else _OF_C[clock_type]
+        self._rosidl_clock_type = clock_type if isinstance(clock_type, ClockTypeOfC) else _TYPES_OF_C[clock_type]
 
     @property
     def nanoseconds(self) -> int:

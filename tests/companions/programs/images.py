@@ -15,7 +15,7 @@ GENERIC = ["8UC1", "8UC3", "8SC1", "16UC1", "16SC1", "32SC1", "32FC1", "32FC3", 
 PACKED = ["yuv422", "yuv422_yuy2"]
 
 
-def told(value, off):
+def to_hex(value, off):
     """Return integers in hex, in memory order; `off` is the accepted difference."""
     if isinstance(value, Image):
         head = value.height, value.width, value.encoding, int(value.is_bigendian), value.step, value.header.frame_id
@@ -29,17 +29,17 @@ def told(value, off):
 
 def ask(question, *arguments, off=0, **named):
     try:
-        print(json.dumps(told(question(*arguments, **named), off)))
+        print(json.dumps(to_hex(question(*arguments, **named), off)))
     except Exception as error:
         print(json.dumps("TypeError" if isinstance(error, TypeError) else type(error).__name__))
 
 
-def inside(*arguments):
+def without_border(*arguments):
     """Remove the border of a Bayer pattern, which OpenCV and we interpolate differently."""
     return bridge.imgmsg_to_cv2(*arguments)[1:-1, 1:-1]
 
 
-def rounded(source, target):
+def approximate(source, target):
     """Print calculated values: brightness, YUV, Bayer."""
     is_reckoned = target in NAMED and (source in (*BAYER, *PACKED) or target.startswith("mono"))
     is_deep = source.endswith("16"), target.endswith("16")
@@ -77,8 +77,8 @@ for source in (*NAMED, *BAYER, *GENERIC, *PACKED):
     ask(bridge.imgmsg_to_cv2, image(source, padding=24, **size))
     for target in (*NAMED, *GENERIC):
         if not (source in BAYER and target.startswith(("rgba", "bgra"))):
-            question = inside if source in BAYER else bridge.imgmsg_to_cv2
-            ask(question, image(source, **size), target, off=rounded(source, target))
+            question = without_border if source in BAYER else bridge.imgmsg_to_cv2
+            ask(question, image(source, **size), target, off=approximate(source, target))
 for encoding in ("16UC1", "32SC1", "32FC3", "mono16", "bgr16"):
     ask(bridge.imgmsg_to_cv2, image(encoding, big=True))
 ask(bridge.imgmsg_to_cv2, Image(height=2, width=2, encoding="bgr8", step=6))

@@ -27,7 +27,7 @@ def numbers(count, much=3.0):
     return rng.uniform(-much, much, count).tolist()
 
 
-def again(make, take):
+def without_signs(make, take):
     """Return the result for a value whose signs do not matter."""
     return lambda *arguments, **named: make(*take(make(*arguments, **named)))
 
@@ -78,18 +78,18 @@ for _ in range(2):
     ask(tf.is_same_transform, matrix, matrix * 3)
     ask(tf.is_same_transform, matrix, np.eye(4))
     ask(tf.reflection_matrix, numbers(3), numbers(3))
-    ask(again(tf.reflection_matrix, tf.reflection_from_matrix), numbers(3), numbers(3))
+    ask(without_signs(tf.reflection_matrix, tf.reflection_from_matrix), numbers(3), numbers(3))
     ask(tf.rotation_matrix, numbers(1)[0], numbers(3))
     ask(tf.rotation_matrix, numbers(1)[0], numbers(3), numbers(3))
-    ask(again(tf.rotation_matrix, tf.rotation_from_matrix), numbers(1)[0], numbers(3), numbers(3))
+    ask(without_signs(tf.rotation_matrix, tf.rotation_from_matrix), numbers(1)[0], numbers(3), numbers(3))
     ask(tf.scale_matrix, numbers(1)[0], numbers(3))
     ask(tf.scale_matrix, numbers(1)[0], numbers(3), numbers(3))
-    ask(again(tf.scale_matrix, tf.scale_from_matrix), 2.5, numbers(3))
-    ask(again(tf.scale_matrix, tf.scale_from_matrix), -1.5, numbers(3), numbers(3))
+    ask(without_signs(tf.scale_matrix, tf.scale_from_matrix), 2.5, numbers(3))
+    ask(without_signs(tf.scale_matrix, tf.scale_from_matrix), -1.5, numbers(3), numbers(3))
     normal = numbers(3)
     along = np.cross(normal, numbers(3)).tolist()
     ask(tf.shear_matrix, 0.4, along, numbers(3), normal)
-    ask(again(tf.shear_matrix, tf.shear_from_matrix), 0.4, along, numbers(3), normal)
+    ask(without_signs(tf.shear_matrix, tf.shear_from_matrix), 0.4, along, numbers(3), normal)
     ask(tf.projection_matrix, numbers(3), numbers(3))
     for named in ({}, {"direction": numbers(3)}, {"perspective": numbers(3)}):
         ask(tf.projection_matrix, numbers(3), numbers(3), **named)

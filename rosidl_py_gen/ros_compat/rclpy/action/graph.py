@@ -3,20 +3,22 @@
 from typing import List, Tuple  # noqa: F401, UP035
 
 from rclpy.node import Node as Node
+from rclpy.node_graph import NamesAndTypes as _NamesAndTypes
 
-_Found = list[tuple[str, list[str]]]
 _TOPIC, _TYPE = "/_action/feedback", "_FeedbackMessage"
 
 
-def _actions(topics: _Found) -> _Found:
+def _actions(topics: _NamesAndTypes) -> _NamesAndTypes:
     return [
-        (name.removesuffix(_TOPIC), [one.removesuffix(_TYPE) for one in types if one.endswith(_TYPE)])
+        (name.removesuffix(_TOPIC), [type_.removesuffix(_TYPE) for type_ in types if type_.endswith(_TYPE)])
         for name, types in topics
         if name.endswith(_TOPIC)
     ]
 
 
-def get_action_client_names_and_types_by_node(node: Node, remote_node_name: str, remote_node_namespace: str) -> _Found:
+def get_action_client_names_and_types_by_node(
+    node: Node, remote_node_name: str, remote_node_namespace: str
+) -> _NamesAndTypes:
     """Return the actions a node has clients of, as ``('/turn', ['pkg/action/Turn'])``.
 
     Raises:
@@ -25,11 +27,13 @@ def get_action_client_names_and_types_by_node(node: Node, remote_node_name: str,
     return _actions(node.get_subscriber_names_and_types_by_node(remote_node_name, remote_node_namespace))
 
 
-def get_action_server_names_and_types_by_node(node: Node, remote_node_name: str, remote_node_namespace: str) -> _Found:
+def get_action_server_names_and_types_by_node(
+    node: Node, remote_node_name: str, remote_node_namespace: str
+) -> _NamesAndTypes:
     """Return the actions of a node's servers; see `get_action_client_names_and_types_by_node`."""
     return _actions(node.get_publisher_names_and_types_by_node(remote_node_name, remote_node_namespace))
 
 
-def get_action_names_and_types(node: Node) -> _Found:
+def get_action_names_and_types(node: Node) -> _NamesAndTypes:
     """Return the actions of all clients and servers."""
     return _actions(node.get_topic_names_and_types())

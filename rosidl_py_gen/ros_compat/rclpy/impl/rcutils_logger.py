@@ -9,7 +9,7 @@ from collections import OrderedDict, namedtuple  # noqa: F401
 from types import FrameType
 from typing import Any, ClassVar, NamedTuple
 
-from rclpy._rclpy_pybind11 import rclpy_logging_set_logger_level
+from rclpy._rclpy_pybind11 import rclpy_logging_get_logger_effective_level, rclpy_logging_set_logger_level
 from rclpy.clock import Clock
 from rclpy.impl.logging_severity import LoggingSeverity
 from rosidl_py_gen import runtime
@@ -18,16 +18,6 @@ runtime.print_logs()  # rclpy's loggers print before `rclpy.init`, too
 
 _internal_callers = [__file__, os.path.join(os.path.dirname(os.path.dirname(__file__)), "logging.py")]
 """Substrings of files whose frames are not call sites; wrappers of loggers may add their own."""
-
-
-def set_level(name: str, level: int) -> None:
-    """Set the level of a logger; UNSET of the root enables every record. Raises ValueError for an unknown level."""
-    rclpy_logging_set_logger_level(name, LoggingSeverity(level))
-
-
-def as_severity(level: int) -> LoggingSeverity:
-    """Return the severity of a level, which programs may have set by Python's `logging`."""
-    return max(severity for severity in LoggingSeverity if severity <= level)
 
 
 def _find_caller(frame: FrameType) -> tuple[FrameType, int]:
@@ -178,11 +168,11 @@ class RcutilsLogger:
 
     def set_level(self, level: int) -> None:
         """Set the lowest severity to log, UNSET to inherit it; raise ValueError for other numbers."""
-        set_level(self.name, level)
+        rclpy_logging_set_logger_level(self.name, LoggingSeverity(level))
 
     def get_effective_level(self) -> LoggingSeverity:
         """Return the lowest severity that is logged."""
-        return as_severity(runtime.get_logger(self.name).getEffectiveLevel())
+        return LoggingSeverity(rclpy_logging_get_logger_effective_level(self.name))
 
     def is_enabled_for(self, severity: int) -> bool:
         """Return True if a severity is logged; raise ValueError for an unknown number."""
