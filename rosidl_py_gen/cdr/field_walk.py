@@ -149,28 +149,30 @@ def _contiguous(message: M, strided: list[str]) -> M:
 def decode_slow(cls: type[M], data: Readable, copy: bool, error: Exception | None = None, arrays: bool = False) -> M:
     """Decode a message whose fast path failed, or whose data is big-endian; raises DecodeError."""
     name = cls._TYPE.name
-    try:
-        raw, view = readable(data, copy)
-    except TypeError as wrong:
-        raise DecodeError(name, 0, str(wrong)) from None
-    if len(raw) < HEADER_BYTES:
-        raise DecodeError(name, len(raw), f"expected a 4-byte encapsulation header, found {len(raw)} bytes")
-    if raw[0] != 0 or raw[1] > 1:
-        raise DecodeError(name, 0, f"expected encapsulation 0000 or 0001 (plain CDR), found {bytes(raw[:2]).hex()}")
-    message = _CdrReader(raw, view, big_endian=raw[1] == 0, arrays=arrays).message(cls, name)
-    if error is not None and raw[1] == 1:
+    reader = _open(name, data, copy, arrays)
+    message = reader.message(cls, name)
+    if error is not None and reader.order == "<":
         raise DecodeError(name, HEADER_BYTES, f"cannot be decoded: {error}") from error
     return message
 
 
 def encoded_length(cls: type[Message], data: Readable) -> int:
     """Return the size of an encoded message, header included and padding at the end excluded; raises DecodeError."""
-    raw, view = readable(data, False)
-    if len(raw) < HEADER_BYTES:
-        raise DecodeError(cls._TYPE.name, len(raw), "expected a 4-byte encapsulation header")
-    reader = _CdrReader(raw, view, big_endian=raw[1] == 0, arrays=True)
+    reader = _open(cls._TYPE.name, data, copy=False, arrays=True)
     reader.message(cls, cls._TYPE.name)
     return reader.pos
+
+
+def _open(name: str, data: Readable, copy: bool, arrays: bool) -> _CdrReader:
+    try:
+        raw, view = readable(data, copy)
+    except TypeError as error:
+        raise DecodeError(name, 0, str(error)) from None
+    if len(raw) < HEADER_BYTES:
+        raise DecodeError(name, len(raw), f"expected a 4-byte encapsulation header, found {len(raw)} bytes")
+    if raw[0] != 0 or raw[1] > 1:
+        raise DecodeError(name, 0, f"expected encapsulation 0000 or 0001 (plain CDR), found {bytes(raw[:2]).hex()}")
+    return _CdrReader(raw, view, big_endian=raw[1] == 0, arrays=arrays)
 
 
 def read_message(cls: type[M], data: Buffer, view: Buffer, pos: int, arrays: bool) -> tuple[M, int]:

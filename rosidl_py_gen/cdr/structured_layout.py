@@ -128,22 +128,20 @@ def _exact_dtype(cls: MessageClass, position: int, itemsize: int) -> np.dtype[np
     formats: list[Any] = []
     offsets: list[int] = []
     for field, begin, _ in _members(cls, position):
-        element = _exact_element(field, begin)
+        element: np.dtype[Any] | None
+        if field.cls is None:
+            element = _primitive_dtype(field.type)
+        else:
+            first, largest = alignments(field.cls)
+            end = end_offset(field.cls, begin)
+            if fixed_count(field.type) > 1 and ((end - begin) % largest or end % first):
+                return None
+            element = wire_dtype(field.cls, begin)
         if element is None:
             return None
         formats.append(_shaped(element, field.type))
         offsets.append(begin - position)
     return _struct(cls, formats, offsets, itemsize)
-
-
-def _exact_element(field: Field, begin: int) -> np.dtype[Any] | None:
-    if field.cls is None:
-        return _primitive_dtype(field.type)
-    first, largest = alignments(field.cls)
-    end = end_offset(field.cls, begin)
-    if fixed_count(field.type) > 1 and ((end - begin) % largest or end % first):
-        return None
-    return wire_dtype(field.cls, begin)
 
 
 def packed_dtype(cls: MessageClass) -> np.dtype[np.void]:

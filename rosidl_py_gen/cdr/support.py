@@ -7,7 +7,6 @@ Positions in generated encoders count from the byte after the 4-byte encapsulati
 from __future__ import annotations
 
 import sys
-from dataclasses import MISSING
 from struct import Struct
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -112,27 +111,6 @@ if TYPE_CHECKING:
 else:
     # Stores into slots after this are faster than a call of the dataclass's __init__ (figures in CONTRIBUTING.md).
     new = object.__new__
-
-
-def init_fields(message: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
-    """Set the fields of a message as the constructor of a dataclass does; raises TypeError for wrong arguments."""
-    fields = message.__dataclass_fields__
-    names = message.__match_args__
-    if len(args) > len(names):
-        raise TypeError(f"{type(message).__name__} takes {len(names)} values, found {len(args)}")
-    values = dict(zip(names, args, strict=False))
-    for name in kwargs:
-        if name in values or name not in fields:
-            problem = "two values for" if name in values else "an unexpected keyword argument"
-            raise TypeError(f"{type(message).__name__} got {problem} '{name}'")
-    values |= kwargs
-    for name in names:
-        field = fields[name]
-        if name in values:
-            value = values[name]
-        else:
-            value = field.default if field.default is not MISSING else field.default_factory()
-        setattr(message, name, value)
 
 
 PAD2, PAD4, PAD8 = PADDING[2], PADDING[4], PADDING[8]

@@ -6,10 +6,8 @@ from rosidl_py_gen.base.descriptions import Description, FieldRow, action_rows, 
 from rosidl_py_gen.cdr.message import Action, Message, Service
 from rosidl_py_gen.errors import TypeNotFoundError
 
-_NESTED_CLASSES = {
-    Service: ("Request", "Response", "Event"),
-    Action: ("Goal", "Result", "Feedback", "FeedbackMessage", "SendGoal", "GetResult"),
-}
+_SERVICE_CLASSES = ("Request", "Response", "Event")
+_ACTION_CLASSES = ("Goal", "Result", "Feedback", "FeedbackMessage", "SendGoal", "GetResult")
 
 
 def _info(subject: object) -> tuple[type, str, str]:
@@ -68,7 +66,11 @@ def referenced_classes(subject: object) -> dict[str, type]:
         name = _info(cls)[1]
         if name not in classes:
             classes[name] = cls
-            pending += _direct_references(cls)
+            if issubclass(cls, Message):
+                pending += [field.cls for field in cls._TYPE.fields if field.cls is not None]
+            else:
+                names = _SERVICE_CLASSES if issubclass(cls, Service) else _ACTION_CLASSES
+                pending += [getattr(cls, name) for name in names]
     return classes
 
 
@@ -83,10 +85,3 @@ def constants(cls: type) -> dict[str, bool | int | float | str]:
     # The type of a field may be called ClassVar as well; its class attribute is not a plain value.
     values = {name: getattr(cls, name) for name, kind in annotations.items() if "ClassVar" in str(kind)}
     return {name: value for name, value in values.items() if isinstance(value, (bool, int, float, str))}
-
-
-def _direct_references(cls: type) -> list[type]:
-    if issubclass(cls, Message):
-        return [field.cls for field in cls._TYPE.fields if field.cls is not None]
-    base = Service if issubclass(cls, Service) else Action
-    return [getattr(cls, name) for name in _NESTED_CLASSES[base]]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import re
 import sys
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field
 from struct import Struct
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
@@ -86,12 +86,26 @@ def wide_message(cls: type[M]) -> type[M]:
         annotations[item.py_name] = _annotation(item)
     is_short = len(info.fields) <= _MAX_INIT_FIELDS
     if not is_short:
-        cls.__init__ = _init  # type: ignore[method-assign, assignment]
+        cls.__init__ = _init  # type: ignore[method-assign]
     return dataclass(slots=True, eq=False, repr=False, init=is_short)(cls)
 
 
-def _init(self: Message, *args: Any, **kwargs: Any) -> None:
-    support.init_fields(self, args, kwargs)
+def _init(self: Any, *args: Any, **kwargs: Any) -> None:
+    """Set the fields as the constructor of a dataclass does."""
+    fields, names, cls = self.__dataclass_fields__, self.__match_args__, type(self).__name__
+    if len(args) > len(names):
+        raise TypeError(f"{cls} takes {len(names)} values, found {len(args)}")
+    values = dict(zip(names, args, strict=False))
+    for name in kwargs:
+        if name in values or name not in fields:
+            problem = "two values for" if name in values else "an unexpected keyword argument"
+            raise TypeError(f"{cls} got {problem} '{name}'")
+    values |= kwargs
+    for name in names:
+        field = fields[name]
+        if name not in values:
+            values[name] = field.default if field.default is not MISSING else field.default_factory()
+        setattr(self, name, values[name])
 
 
 def _annotation(item: Field) -> Any:

@@ -172,19 +172,11 @@ class FrameTree:
         return UnknownFrameError(f"the frames form a loop: {' -> '.join(names)}")
 
     def _connectivity_error(self, target: str, source: str) -> ConnectivityError:
-        roots = [_quoted(self._root(frame)) for frame in (target, source)]
+        roots = [_quoted([*self._near(frame, 0)][-1][0]) for frame in (target, source)]
         return ConnectivityError(
             f"{_quoted(target)} and {_quoted(source)} are not connected: "
             f"they are in the trees of {roots[0]} and {roots[1]}"
         )
-
-    def _root(self, frame: str) -> str:
-        for _ in range(len(self._frames)):
-            cache = self._frames.get(frame)
-            if cache is None or not (parent := cache.latest()[1]):
-                break
-            frame = parent
-        return frame
 
     def _latest_common(self, target: str, source: str) -> int:
         """Return the latest time at which all frames between the two are known; 0 if all are static."""
