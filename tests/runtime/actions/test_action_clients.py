@@ -359,20 +359,6 @@ def test_a_thousand_goals_leave_nothing_but_their_results(world: World) -> None:
     run(main, 60)
 
 
-async def test_questions_about_finished_and_unknown_goals_leave_nothing(world: World) -> None:
-    server, client = await pair(world)
-    handle = await client.send_goal(goal(1), timeout_s=5)
-    await handle.result(timeout_s=5)
-    ask = world.node().create_client(Fibonacci.GetResult, "fib/_action/get_result")
-    request = Fibonacci.GetResult.Request()
-    table = server._goals.table
-    before = sizes(server), sizes(table)
-    for goal_id in (handle.goal_id, bytes(range(16))) * 20:
-        request.goal_id.uuid = goal_id
-        await ask.call(request, timeout_s=5)
-    assert (sizes(server), sizes(table)) == before
-
-
 def test_nothing_is_pending_when_a_client_of_plain_code_closes(world: World, caplog: pytest.LogCaptureFixture) -> None:
     with served_in_thread(world, until_canceled):
         node = world.node()
@@ -408,16 +394,6 @@ def served_in_thread(world: World, execute: Any) -> Iterator[None]:
     finally:
         stop.set()
         thread.join()
-
-
-async def test_the_result_of_an_unfinished_goal_is_asked_for_without_a_task(world: World) -> None:
-    _, client = await pair(world, until_canceled)
-    before = len(client._scope._tasks)
-    handles = [await client.send_goal(goal()) for _ in range(20)]
-    assert len(client._scope._tasks) == before and client._result.pending_count == 20
-    await client.cancel_all(timeout_s=5)
-    assert {(await handle.result(timeout_s=5))[0] for handle in handles} == {S.CANCELED}
-    assert client._result.pending_count == client._result.client.in_flight_count == 0
 
 
 @pytest.mark.every_transport

@@ -31,9 +31,16 @@ async def test_answers_that_accept(world: World, answer: object) -> None:
     assert (await (await client.send_goal(goal())).result(timeout_s=5))[0] is S.SUCCEEDED
 
 
-@pytest.mark.parametrize("answer", [False, 0, np.False_, "", np.array([True, False]), GoalDecision.REJECT])
+@pytest.mark.parametrize(
+    "answer", [False, 0, np.False_, "", np.array([True, False]), GoalDecision.REJECT, RuntimeError("boom")]
+)
 async def test_answers_that_reject(world: World, answer: object) -> None:
-    server, client = await pair(world, goal_callback=lambda request: answer)
+    def decide(request: Any) -> object:
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    server, client = await pair(world, goal_callback=decide)
     with pytest.raises(GoalRejectedError):
         await client.send_goal(goal(), timeout_s=5)
     assert server.goals == [] and server._undecided == {}

@@ -85,36 +85,6 @@ def book(*stamps: int, timeout_ns: int = 100) -> Book:
     return made
 
 
-def test_a_known_id_is_refused_even_after_the_end() -> None:
-    goals = book(5)
-    assert goals.accept(gid(1), 6) is None
-    goals.apply(gid(1), E.EXECUTE)
-    goals.finish(gid(1), E.SUCCEED, "r", 7)
-    assert goals.accept(gid(1), 8) is None and len(goals) == 1
-
-
-def test_results_are_there_when_the_goal_has_ended() -> None:
-    goals = book(5)
-    assert goals.result(gid(1)) is goals.result(gid(9)) is None
-    goals.apply(gid(1), E.EXECUTE)
-    assert goals.result(gid(1)) is None
-    goals.finish(gid(1), E.SUCCEED, "result", 7)
-    assert goals.result(gid(1)) == "result"
-
-
-def test_ending_twice_is_an_error_and_keeps_the_first_result() -> None:
-    goals = book(5)
-    goals.apply(gid(1), E.EXECUTE)
-    goals.finish(gid(1), E.SUCCEED, "first", 7)
-    with pytest.raises(GoalTransitionError):
-        goals.finish(gid(1), E.ABORT, "second", 8)
-    assert goals.result(gid(1)) == "first"
-    with pytest.raises(UnknownGoalError):
-        goals.finish(gid(2), E.ABORT, "r", 8)
-    with pytest.raises(UnknownGoalError):
-        goals.apply(gid(2), E.EXECUTE)
-
-
 def test_results_are_forgotten_when_their_time_is_over() -> None:
     """r2r keeps every result for ever."""
     goals = book(0, 0, timeout_ns=100)

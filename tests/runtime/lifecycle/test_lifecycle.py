@@ -7,6 +7,7 @@ import gc
 import weakref
 from typing import Any
 
+import numpy as np
 import pytest
 from support.node_fixtures import World, until
 
@@ -102,6 +103,7 @@ async def test_the_round_trip_with_its_events(world: World) -> None:
         (True, TransitionCallbackReturn.SUCCESS, State.INACTIVE),
         (RuntimeError("no motor"), TransitionCallbackReturn.ERROR, State.FINALIZED),
         (TransitionCallbackReturn.ERROR, TransitionCallbackReturn.ERROR, State.FINALIZED),
+        (np.array([1, 2]), TransitionCallbackReturn.ERROR, State.FINALIZED),  # has no truth value
     ],
 )
 async def test_what_a_callback_answers_decides(

@@ -6,7 +6,6 @@ import asyncio
 import inspect
 from typing import Any
 
-import numpy as np
 import pytest
 from support.node_fixtures import World, until
 
@@ -132,34 +131,6 @@ class ClosesItself(LifecycleNode):
 async def test_a_callback_may_close_the_node(world: World) -> None:
     node = ClosesItself("n", context=world.context())
     assert await node.shutdown() is TransitionCallbackReturn.SUCCESS and node.state is State.FINALIZED
-
-
-class Answers(LifecycleNode):
-    answer: Any = None
-
-    def on_configure(self, state: State) -> Any:
-        return self.answer
-
-    def on_error(self, state: State) -> Any:
-        return True
-
-
-@pytest.mark.parametrize(
-    ("answer", "outcome", "state"),
-    [
-        (np.bool_(False), TransitionCallbackReturn.FAILURE, State.UNCONFIGURED),
-        (0, TransitionCallbackReturn.FAILURE, State.UNCONFIGURED),
-        ("", TransitionCallbackReturn.FAILURE, State.UNCONFIGURED),
-        (np.bool_(True), TransitionCallbackReturn.SUCCESS, State.INACTIVE),
-        (Transition.TRANSITION_CALLBACK_FAILURE, TransitionCallbackReturn.FAILURE, State.UNCONFIGURED),
-        (np.array([1, 2]), TransitionCallbackReturn.ERROR, State.UNCONFIGURED),  # has no truth
-    ],
-)
-async def test_odd_answers(world: World, answer: Any, outcome: TransitionCallbackReturn, state: State) -> None:
-    node = Answers("n", context=world.context())
-    world.nodes.append(node)
-    node.answer = answer
-    assert await node.configure() is outcome and node.state is state
 
 
 def test_the_constructor_takes_what_a_node_takes(world: World) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import ctypes as ct
 import importlib
-import logging
 import os
 import signal
 import socket
@@ -283,53 +282,6 @@ asyncio.run(main())
 # ------------------------------------------------------------------------------------------------ ordinary callbacks
 
 seen_by = ContextVar("seen_by", default="unset")
-
-
-@pytest.mark.every_transport
-@loops
-def test_each_callback_has_its_own_context(world: World, kind: str) -> None:
-    alice, bob = world.pair()
-    seen: list[str] = []
-
-    def callback(message: Int32) -> None:
-        seen.append(seen_by.get())
-        seen_by.set(f"message {message.data}")
-
-    bob.create_subscription(Int32, "n", callback)
-    publisher = alice.create_publisher(Int32, "n")
-
-    async def main() -> None:
-        await publisher.wait_for_subscribers(timeout_s=5)
-        seen_by.set("the publisher")  # is not the callback's either
-        for number in range(3):
-            publisher.publish(Int32(data=number))
-            if number:
-                await until(lambda number=number: len(seen) > number)  # type: ignore[misc]
-
-    run_on(kind, main())
-    assert seen == ["unset"] * 3
-
-
-@pytest.mark.every_transport
-@pytest.mark.parametrize("kind", ["ours", "asyncio", "no readers"])  # uvloop has no such mode
-def test_debug_mode_tells_of_slow_callbacks(world: World, kind: str, caplog: pytest.LogCaptureFixture) -> None:
-    alice, bob = world.pair()
-    heard: list[int] = []
-
-    bob.create_subscription(Int32, "n", lambda message: heard.append(message.data))
-    publisher = alice.create_publisher(Int32, "n")
-
-    async def main() -> None:
-        await publisher.wait_for_subscribers(timeout_s=5)
-        asyncio.get_running_loop().set_debug(True)
-        asyncio.get_running_loop().slow_callback_duration = 0.0  # each is slow
-        publisher.publish(Int32(data=1))
-        await until(lambda: heard)
-        await asyncio.sleep(0)
-
-    with caplog.at_level(logging.WARNING, "asyncio"):
-        run_on(kind, main())
-    assert "Executing <Handle LoopBinding." in caplog.text or "Executing <Handle Subscription." in caplog.text
 
 
 @pytest.mark.every_transport

@@ -85,17 +85,6 @@ def test_a_post_set_callback_that_raises_changes_nothing_and_the_others_still_he
     assert world.failures == ["the post-set callback 'broken'"] * 2
 
 
-@pytest.mark.parametrize("kind", ["pre-set", "on-set"])
-def test_what_a_callback_raises_goes_on_to_whoever_sets(kind: str) -> None:
-    world = World("a")
-    with world.store.callbacks.add(kind, broken, raises=True):
-        for use in (world.store.set_atomically, world.store.set_individually):
-            with pytest.raises(KeyError, match="gone"):
-                use([p("a", 2)])
-    assert world.values() == {"a": 1} and world.events == [] and world.failures == []
-    assert world.store.set_atomically([p("a", 2)]) == OK
-
-
 def test_what_a_callback_raises_goes_on_to_whoever_declares() -> None:
     world = World()
     with world.store.callbacks.add("on-set", broken, raises=True), pytest.raises(KeyError, match="gone"):

@@ -9,9 +9,8 @@ from typing import Annotated, Any
 import pytest
 from support.node_fixtures import World, run
 
-from rosidl_py_gen.msgs.rcl_interfaces.msg import SetParametersResult
-from rosidl_py_gen.runtime import CallbackAnswerError, SetResult
-from rosidl_py_gen.runtime.parameters.values import InvalidParameterValueError, Parameter, parameter_value
+from rosidl_py_gen.runtime import SetResult
+from rosidl_py_gen.runtime.parameters.values import InvalidParameterValueError
 
 
 def reciprocal(value: int) -> str | None:
@@ -76,48 +75,3 @@ async def test_callbacks_that_fail_are_answered(world: World, kind: str, callbac
     second = await remote.set_atomically({"a": 2}, timeout_s=5)
     assert first == second and not first.successful and reason in first.reason
     assert node.get_parameter("a", int) == 1
-
-
-def test_a_wrong_answer_is_a_type_error_for_code_of_the_node(world: World) -> None:
-    node = world.node("n")
-    node.declare_parameter("a", 1)
-    node.add_on_set_callback(lambda ps: None)  # type: ignore[arg-type,return-value]
-    for change in (node.set_parameters, node.set_parameters_atomically):
-        with pytest.raises(CallbackAnswerError, match="returned None, expected a SetResult"):
-            change({"a": 2})
-    with pytest.raises(TypeError, match="returned None, expected a SetResult"):
-        node.set_parameter("a", 2)
-    assert node.get_parameter("a") == 1
-
-
-def test_the_result_message_of_rclpys_callbacks_will_do(world: World) -> None:
-    node = world.node("n")
-    node.declare_parameter("a", 1)
-    node.add_on_set_callback(lambda ps: SetParametersResult(successful=False, reason="no"))  # type: ignore[arg-type,return-value]
-    assert node.set_parameters({"a": 2}) == [SetResult(False, "no")]
-
-
-def test_a_post_set_callback_that_raises_is_logged(world: World, caplog: pytest.LogCaptureFixture) -> None:
-    heard: list[list[Parameter]] = []
-
-    async def main() -> None:
-        node = world.node("n")
-        node.declare_parameter("a", 1)
-        node.add_post_set_callback(heard.append)
-        node.add_post_set_callback(broken)
-        remote = world.node("other").create_parameter_client("/n")
-        assert await remote.set({"a": 2}, timeout_s=5) == [OK]
-        assert node.get_parameter("a") == 2 and heard == [[Parameter("a", parameter_value(2))]]
-
-    with caplog.at_level(logging.ERROR):
-        run(main)
-    assert "the post-set callback 'broken' failed" in caplog.text
-
-
-def test_async_callbacks_are_refused_at_once(world: World) -> None:
-    async def later(parameters: list[Parameter]) -> Any: ...
-
-    node = world.node("n")
-    for add in (node.add_pre_set_callback, node.add_on_set_callback, node.add_post_set_callback):
-        with pytest.raises(TypeError, match="'later' is async, but a set cannot wait for it"):
-            add(later)  # type: ignore[arg-type]
