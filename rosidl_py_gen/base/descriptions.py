@@ -129,7 +129,6 @@ class TypeHasher:
         return self._hashes[name]
 
     def _text(self, name: str) -> tuple[str, tuple[str, ...]]:
-        """Return the hashed text of a type, and the types of its fields."""
         if name not in self._texts:
             rows = tuple(self._lookup(name))
             below = dict.fromkeys(kind.base for _, kind, _ in rows if kind.is_message)

@@ -82,7 +82,6 @@ def _project_path() -> list[str]:
 
 
 def _table(file: Path) -> object:
-    """Return the table of a file; None if it has none."""
     try:
         if not stat.S_ISREG(file.stat().st_mode):  # opening a FIFO would wait for a writer
             return None

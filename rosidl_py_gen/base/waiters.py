@@ -87,7 +87,7 @@ class Waiters:
                 timer.cancel()
 
     def wake(self) -> None:
-        """Let all waiters check their predicates again. Thread: any."""
+        """Wake up all waiters, so that they check their predicates again. Thread: any."""
         futures = self._futures
         if not futures:
             return

@@ -144,7 +144,6 @@ _add_resolvers()
 
 
 def _as_number(text: str) -> int | float:
-    """Return the int or float that a number is."""
     try:
         return int(text, 0)
     except ValueError:

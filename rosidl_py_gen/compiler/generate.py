@@ -235,7 +235,6 @@ def generate_pregenerated(folder: Path) -> GenerationResult:
 
 
 def _hash_table(registry: InterfaceRegistry, names: list[RosName]) -> str:
-    """Return the module `rosidl_py_gen.msgs.hashes`."""
     hashes = {name: text for top in names for name, text in registry.all_hashes(str(top)).items()}
     rows = "".join(f'    "{name}": "{hashes[name]}",\n' for name in sorted(hashes))
     return f"""{GENERATED_HEADER}. Do not edit.

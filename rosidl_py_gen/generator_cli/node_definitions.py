@@ -140,7 +140,6 @@ def _from_description(type_name: str, answer: Any) -> DefinitionSet:
 
 
 def _from_class(type_name: str, cls: type[Any]) -> DefinitionSet:
-    """Return the definitions of the class of a service or action, whose constants are unknown."""
     name = split_ros_name(type_name)
     individuals = individual_descriptions(type_description(cls))
     return collect_with_dependencies(

@@ -167,7 +167,6 @@ class _Fish(_Safe, FishComplete):
 
 
 def _last_word(line: str) -> str:
-    """Return the last word as it was typed, with its quotes."""
     begin, quote, skip = 0, "", False
     for index, char in enumerate(line):
         if skip:

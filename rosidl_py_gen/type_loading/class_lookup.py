@@ -332,7 +332,6 @@ def load_compiler() -> None:
 
 
 def _class(registry: InterfaceRegistry, name: RosName, find: ClassFinder) -> type:
-    """Return the class of a checked type: loaded, importable, or compiled."""
     cls = find(registry, name)
     if cls is not None:  # the compiler is not needed
         return cls
@@ -360,7 +359,6 @@ def _same_definition_and_defaults(registry: InterfaceRegistry, name: RosName) ->
 
 
 def _same_definition(registry: InterfaceRegistry, full_name: str, cls: type) -> bool:
-    """Return True if a class has the same fields, default values and constants, also in all nested types."""
     if type_hash(cls) != registry.type_hash(full_name):
         return False
     description, constants_of = registry.fingerprint(full_name)

@@ -84,7 +84,6 @@ def store(interface: str, text_digest: str, parts: Parts, code: CodeType) -> Non
 
 
 def _folder(create: bool = False) -> Path | None:
-    """Return the folder if it can be trusted."""
     home = cache_home()
     if home is None or not hasattr(os, "geteuid"):
         return None

@@ -172,7 +172,6 @@ class _FallbackFinder(MetaPathFinder):
 
     @cached_property
     def packages(self) -> dict[str, Path]:
-        """Folder of each package by name; the first of two."""
         return {name: folder for one in reversed(self._workspaces) for name, folder in one.packages.items()}
 
     def find_spec(
@@ -244,7 +243,6 @@ class _Finder(MetaPathFinder, Loader):
         return ModuleSpec(fullname, self) if is_ours and module in self._interfaces.modules(package, kind) else None
 
     def found(self) -> dict[str, FoundPackage]:
-        """Return the packages of `found_packages`."""
         found = {name: FoundPackage(name, folder, ()) for name, folder in self._fallback.packages.items()}
         for name, package in self._interfaces.search.packages.items():
             files = (os.path.relpath(file, package.folder).replace(os.sep, "/") for file in package.files.values())
@@ -260,7 +258,6 @@ class _Finder(MetaPathFinder, Loader):
         return ours if self._override else None
 
     def _warn_duplicate(self, package: str, name: str, other: str, ours: str) -> None:
-        """Warn once about two packages of one name."""
         if package not in self._other_origins:
             self._other_origins[package] = other
             used, unused = (ours, other) if self._override else (other, ours)
@@ -293,7 +290,6 @@ class _Finder(MetaPathFinder, Loader):
         return not self._override
 
     def _other_spec(self, fullname: str, path: Sequence[str] | None) -> ModuleSpec | None:
-        """Return the spec of the other finders."""
         if getattr(self._search_state, "name", "") == fullname:
             return None
         self._search_state.name = fullname
@@ -349,7 +345,6 @@ class _Finder(MetaPathFinder, Loader):
         self._interfaces.fill(module, names[0], code[1] if code else None)
 
     def _export_lazily(self, module: ModuleType, package: str, kind: str) -> None:
-        """Export the classes of a package, which are made on first use."""
         from rosidl_py_gen.cdr.lazy import lazy_exports
 
         classes = self._interfaces.classes(package, kind)

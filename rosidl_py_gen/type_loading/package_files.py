@@ -39,7 +39,7 @@ _Tree = dict[str, "Path | _Tree"]
 
 @dataclass(frozen=True)
 class Install:
-    """One ``install(FILES | PROGRAMS | DIRECTORY ...)`` of a CMakeLists.txt.
+    """A command ``install(FILES | PROGRAMS | DIRECTORY ...)`` of a CMakeLists.txt.
 
     Attributes:
         folder: of the package.

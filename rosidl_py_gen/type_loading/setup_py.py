@@ -114,7 +114,6 @@ class _Reader:
         return None
 
     def _list(self, parts: list[ast.expr]) -> list[object]:
-        """Return the values of a list; ``*more`` is expanded."""
         found: list[object] = []
         for part in parts:
             if isinstance(part, ast.Starred):

@@ -94,7 +94,6 @@ def _generated(search: SearchPath, packages: list[str]) -> tuple[dict[str, dict[
 
 
 def _declared(search: SearchPath, name: str) -> set[str]:
-    """Return the interface packages in the dependencies of a package.xml."""
     return set(read_manifest(search.packages[name].folder, name).depends) & search.packages.keys()
 
 

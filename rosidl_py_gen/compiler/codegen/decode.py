@@ -12,26 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.cdr.layout import HEADER_BYTES, HEADER_CODE, HEADER_VALUE, WSTRING_UNIT_BYTES
-from rosidl_py_gen.compiler.codegen.layout_ir import (
-    AlignmentState,
-    EmptyMessageByte,
-    FixedNumberArray,
-    InlineMessage,
-    LayoutPlan,
-    LayoutStep,
-    LengthPrefix,
-    Loop,
-    LoopMode,
-    NestedCall,
-    NumberArray,
-    PackedRun,
-    Ref,
-    Scalar,
-    StringArray,
-    StringContent,
-    StringTerminator,
-    assert_never,
-)
+from rosidl_py_gen.compiler.codegen import layout_ir as ir
 from rosidl_py_gen.compiler.codegen.naming import Locals, singular
 from rosidl_py_gen.compiler.codegen.statements import Structs, block, check, plus, read_string
 
@@ -60,11 +41,11 @@ class DecoderView(NamedTuple):
     structured_arrays: bool
 
 
-def decoder_view(plan: LayoutPlan, api: MessageApi, structs: Structs, classes: dict[str, str]) -> DecoderView:
+def decoder_view(plan: ir.LayoutPlan, api: MessageApi, structs: Structs, classes: dict[str, str]) -> DecoderView:
     """Return the decoder of a message; for an outlined message the body of `_read`."""
-    first = next(step for step in plan.steps if not isinstance(step, InlineMessage))
-    with_header = not plan.outlined and isinstance(first, PackedRun)
-    bulk = not plan.outlined and any(isinstance(step, NumberArray) for step in plan.steps)
+    first = next(step for step in plan.steps if not isinstance(step, ir.InlineMessage))
+    with_header = not plan.outlined and isinstance(first, ir.PackedRun)
+    bulk = not plan.outlined and any(isinstance(step, ir.NumberArray) for step in plan.steps)
     emitter = _DecoderEmitter(api, structs, classes, with_header, bulk, plan.structured_arrays)
     emitter.objects[0] = "message"
     body = emitter.scope(plan.steps, keep_pos=plan.outlined)
@@ -92,23 +73,23 @@ class _DecoderEmitter:
     is_after_string: bool = False
     uses_view: bool = False
     objects: dict[int, str] = field(default_factory=dict)
-    counts: dict[Ref, str] = field(default_factory=dict)
+    counts: dict[ir.Ref, str] = field(default_factory=dict)
     names: Locals = field(default_factory=Locals)
 
-    def attribute(self, ref: Ref) -> str:
+    def attribute(self, ref: ir.Ref) -> str:
         return f"{self.objects[ref.owner]}.{self.api.attribute(ref.name)}"
 
-    def at(self, start: AlignmentState) -> str:
+    def at(self, start: ir.AlignmentState) -> str:
         """Return the position where a step starts, as an expression."""
         return "pos" if start.static is None else str(start.static + HEADER_BYTES)
 
-    def scope(self, steps: Sequence[LayoutStep], keep_pos: bool) -> list[str]:
+    def scope(self, steps: Sequence[ir.LayoutStep], keep_pos: bool) -> list[str]:
         """Return the statements of some steps; with `keep_pos`, ``pos`` is the position after the last one."""
         out: list[str] = []
-        reading = [not isinstance(step, InlineMessage | StringTerminator) for step in steps]
+        reading = [not isinstance(step, ir.InlineMessage | ir.StringTerminator) for step in steps]
         last = max((index for index, is_reading in enumerate(reading) if is_reading), default=-1)
         for index, step in enumerate(steps):
-            if reading[index] and not (isinstance(step, PackedRun) and step.align > 1):
+            if reading[index] and not (isinstance(step, ir.PackedRun) and step.align > 1):
                 self.update_pos(out)
             self.step(step, keep_pos or index < last, out)
         if keep_pos:
@@ -120,41 +101,41 @@ class _DecoderEmitter:
             self.is_after_string = False
             out.append("pos = end + 1")
 
-    def step(self, step: LayoutStep, needed: bool, out: list[str]) -> None:
+    def step(self, step: ir.LayoutStep, needed: bool, out: list[str]) -> None:
         """Emit a step; `needed`: a later step uses ``pos``."""
         match step:
-            case InlineMessage():
+            case ir.InlineMessage():
                 self.create(step, out)
-            case PackedRun():
+            case ir.PackedRun():
                 self.run(step, needed, out)
-            case StringContent():
+            case ir.StringContent():
                 self.string(step, needed, out)
-            case StringTerminator():
+            case ir.StringTerminator():
                 pass  # read with the characters
-            case NumberArray():
+            case ir.NumberArray():
                 self.numbers(step, needed, out)
-            case StringArray():
+            case ir.StringArray():
                 function = self.api.support("unpack_wstrings" if step.type.base == "wstring" else "unpack_strings")
                 count = self.count(step.ref, step.type, out)
                 target = f"{self.attribute(step.ref)}, {'pos' if needed else '_'}"
                 out.append(f"{target} = {function}(raw, {self.at(step.start)}, {count})")
-            case Loop():
+            case ir.Loop():
                 self.loop(step, needed, out)
-            case NestedCall():
+            case ir.NestedCall():
                 if step.start.static is not None:
                     out.append(f"pos = {self.at(step.start)}")
                 self.call(self.attribute(step.ref), step, step.type, needed, out)
             case _:
-                assert_never(step)
+                ir.assert_never(step)
 
-    def create(self, step: InlineMessage, out: list[str]) -> None:
+    def create(self, step: ir.InlineMessage, out: list[str]) -> None:
         value = f"{self.api.support('new')}({self.classes[step.type]})"
         if not step.empty:
             name = self.objects[step.number] = self.names.name(step.ref.name)
             value = f"{name} = {value}"
         out.append(f"{self.attribute(step.ref)} = {value}")
 
-    def call(self, target: str, step: NestedCall | Loop, cls: str, needed: bool, out: list[str]) -> None:
+    def call(self, target: str, step: ir.NestedCall | ir.Loop, cls: str, needed: bool, out: list[str]) -> None:
         self.uses_view = True
         arrays = ", arrays" if step.structured_arrays else ""
         out.append(f"{target}, {'pos' if needed else '_'} = {self.classes[cls]}._read(raw, view, pos{arrays})")
@@ -184,7 +165,7 @@ class _DecoderEmitter:
 
     # --- steps ----------------------------------------------------------------------------------------------------
 
-    def run(self, run: PackedRun, needed: bool, out: list[str]) -> None:
+    def run(self, run: ir.PackedRun, needed: bool, out: list[str]) -> None:
         if run.align > 1:
             self.align(run.align, "", out)
         at = self.at(run.start)
@@ -192,17 +173,17 @@ class _DecoderEmitter:
         arrays: list[str] = []
         for item in run.items:
             match item:
-                case Scalar(ref, _, _):
+                case ir.Scalar(ref, _, _):
                     targets.append(self.attribute(ref))
-                case LengthPrefix(ref, _):
+                case ir.LengthPrefix(ref, _):
                     name = self.counts[ref] = self.names.name(f"{ref.name}_count")
                     targets.append(name)
-                case FixedNumberArray(ref, code, count, offset):
+                case ir.FixedNumberArray(ref, code, count, offset):
                     arrays.append(f"{self.attribute(ref)} = {self.view(code, str(count), plus(at, offset), True)}")
-                case EmptyMessageByte():
+                case ir.EmptyMessageByte():
                     pass
                 case _:
-                    assert_never(item)
+                    ir.assert_never(item)
         code, offset_argument = run.unpack, f", {at}"
         if self.header:
             code, offset_argument = HEADER_CODE + code, ""
@@ -224,7 +205,7 @@ class _DecoderEmitter:
         self.uses_view = True
         return self.api.numbers(code, count, at, is_array=is_array)
 
-    def count(self, ref: Ref, kind: FieldType, out: list[str]) -> str:
+    def count(self, ref: ir.Ref, kind: FieldType, out: list[str]) -> str:
         """Return the number of elements, after the check of a bounded sequence."""
         if kind.arity is Arity.ARRAY:
             return str(kind.capacity)
@@ -232,7 +213,7 @@ class _DecoderEmitter:
             out += check(">", self.api.support("check_max_length"), self.counts[ref], kind.capacity)
         return self.counts[ref]
 
-    def string(self, step: StringContent, needed: bool, out: list[str]) -> None:
+    def string(self, step: ir.StringContent, needed: bool, out: list[str]) -> None:
         at, count, target = self.at(step.start), self.counts[step.ref], self.attribute(step.ref)
         if step.type.base == "wstring":
             out.append(f"{target} = {self.api.support('from_utf16')}(raw, {at}, {count})")
@@ -243,7 +224,7 @@ class _DecoderEmitter:
         out += read_string(target, at, end, self.bulk)
         self.is_after_string = needed
 
-    def numbers(self, step: NumberArray, needed: bool, out: list[str]) -> None:
+    def numbers(self, step: ir.NumberArray, needed: bool, out: list[str]) -> None:
         count = self.count(step.ref, step.type, out)
         at = self.padded(step, count, out)
         out.append(f"{self.attribute(step.ref)} = {self.view(step.code, count, at, step.type.arity is Arity.ARRAY)}")
@@ -251,7 +232,7 @@ class _DecoderEmitter:
             size = f"{step.item_size} * {count}" if step.item_size > 1 else count
             self.move(at, str(step.item_size * int(count)) if count.isdigit() else size, out)
 
-    def padded(self, step: NumberArray | Loop, count: str, out: list[str]) -> str:
+    def padded(self, step: ir.NumberArray | ir.Loop, count: str, out: list[str]) -> str:
         """Skip the padding, which exists only before elements, and return the position of the first element."""
         at = self.at(step.start)
         is_array = step.type.arity is Arity.ARRAY
@@ -268,7 +249,7 @@ class _DecoderEmitter:
             return "pos"
         return at
 
-    def loop(self, step: Loop, needed: bool, out: list[str]) -> None:
+    def loop(self, step: ir.Loop, needed: bool, out: list[str]) -> None:
         count = self.count(step.ref, step.type, out)
         if not step.fixed:
             self.messages(step, count, needed, out)
@@ -281,22 +262,21 @@ class _DecoderEmitter:
         self.messages(step, count, needed, messages)
         out += block("else", messages)
 
-    def messages(self, step: Loop, count: str, needed: bool, out: list[str]) -> None:
-        """Emit the code that reads the elements as a list of messages."""
+    def messages(self, step: ir.Loop, count: str, needed: bool, out: list[str]) -> None:
         values = self.names.name(step.ref.name)
         item = self.objects[step.number] = self.names.name(singular(step.ref.name))
         cls = self.classes[step.type.base]
         new_list = [f"{values}: list[{cls}] = []", f"{self.attribute(step.ref)} = {values}"]
         append = f"{values}.append({item})"
         body = [f"{item} = {self.api.support('new')}({cls})", append]
-        if step.mode is LoopMode.PACKED:
+        if step.mode is ir.LoopMode.PACKED:
             self.packed(step, count, new_list, body, needed, out)
             return
         if step.start.static is not None:
             out.append(f"pos = {self.at(step.start)}")
         self.check_remaining(f"pos + {step.min_size} * {count}" if step.min_size > 1 else f"pos + {count}", out)
         out += new_list
-        if step.mode is LoopMode.CALL:
+        if step.mode is ir.LoopMode.CALL:
             body = []
             self.call(item, step, step.type.base, True, body)
             body.append(append)
@@ -305,15 +285,14 @@ class _DecoderEmitter:
         out += block(f"for _ in range({count})", body)
 
     def check_remaining(self, end: str, out: list[str]) -> None:
-        """Emit the check that refuses a count for which the data has too few bytes."""
         out.append(f"{self.api.support('check_remaining')}({end}, raw)")
 
     def packed(
-        self, step: Loop, count: str, new_list: list[str], body: list[str], needed: bool, out: list[str]
+        self, step: ir.Loop, count: str, new_list: list[str], body: list[str], needed: bool, out: list[str]
     ) -> None:
         at = self.padded(step, count, out)
-        run = next(inner for inner in step.body if isinstance(inner, PackedRun))
-        arrays = [item for item in run.items if isinstance(item, FixedNumberArray)]
+        run = next(inner for inner in step.body if isinstance(inner, ir.PackedRun))
+        arrays = [item for item in run.items if isinstance(item, ir.FixedNumberArray)]
         if at != "pos" and arrays:
             out.append(f"pos = {at}")
             at = "pos"
@@ -321,11 +300,11 @@ class _DecoderEmitter:
         self.check_remaining("end", out)
         out += new_list
         for inner in step.body:
-            if isinstance(inner, InlineMessage):
+            if isinstance(inner, ir.InlineMessage):
                 self.create(inner, body)
         targets: list[str] = []
         for item in run.items:
-            if isinstance(item, Scalar):
+            if isinstance(item, ir.Scalar):
                 local = self.names.name(f"{self.objects[item.ref.owner]}_{item.ref.name}")
                 targets.append(local)
                 body.append(f"{self.attribute(item.ref)} = {local}")
@@ -341,6 +320,6 @@ class _DecoderEmitter:
             out.append("pos = end")
 
 
-def _has_static_end(step: NumberArray | Loop) -> bool:
+def _has_static_end(step: ir.NumberArray | ir.Loop) -> bool:
     """Return True if the next step has a static position, so ``pos`` need not be updated."""
     return step.type.arity is Arity.ARRAY and step.start.static is not None

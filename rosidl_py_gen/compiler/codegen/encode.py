@@ -12,26 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.cdr.layout import HEADER, HEADER_CODE, HEADER_VALUE, MAX_ALIGN, NUL
-from rosidl_py_gen.compiler.codegen.layout_ir import (
-    AlignmentState,
-    EmptyMessageByte,
-    FixedNumberArray,
-    InlineMessage,
-    LayoutPlan,
-    LayoutStep,
-    LengthPrefix,
-    Loop,
-    LoopMode,
-    NestedCall,
-    NumberArray,
-    PackedRun,
-    Ref,
-    Scalar,
-    StringArray,
-    StringContent,
-    StringTerminator,
-    assert_never,
-)
+from rosidl_py_gen.compiler.codegen import layout_ir as ir
 from rosidl_py_gen.compiler.codegen.naming import Locals, singular
 from rosidl_py_gen.compiler.codegen.statements import Structs, block, check, plus
 
@@ -40,7 +21,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.compiler.codegen.message_api import MessageApi
 
-Content = StringContent | NumberArray | StringArray | Loop
+Content = ir.StringContent | ir.NumberArray | ir.StringArray | ir.Loop
 
 
 class EncoderView(NamedTuple):
@@ -55,14 +36,14 @@ class EncoderView(NamedTuple):
     result: str
 
 
-def encoder_view(plan: LayoutPlan, api: MessageApi, structs: Structs, classes: dict[str, str]) -> EncoderView:
+def encoder_view(plan: ir.LayoutPlan, api: MessageApi, structs: Structs, classes: dict[str, str]) -> EncoderView:
     """Return the encoder of a message; for an outlined message the body of `_write`."""
-    collect = plan.outlined or any(isinstance(step, Loop | NestedCall) for step in plan.steps)
+    collect = plan.outlined or any(isinstance(step, ir.Loop | ir.NestedCall) for step in plan.steps)
     emitter = _EncoderEmitter(api, structs, classes, collect, header=not plan.outlined)
     emitter.objects[0] = "self"
-    first = next(step for step in plan.steps if not isinstance(step, InlineMessage))
+    first = next(step for step in plan.steps if not isinstance(step, ir.InlineMessage))
     body: list[str] = []
-    if emitter.header and not isinstance(first, PackedRun):
+    if emitter.header and not isinstance(first, ir.PackedRun):
         emitter.header = False
         emitter.segment(_literal(HEADER), body)
     body += emitter.scope(plan.steps, keep_pos=plan.outlined)
@@ -81,19 +62,19 @@ def _literal(data: bytes) -> str:
     return 'b"' + "".join(f"\\{byte:o}" for byte in data) + '"'
 
 
-def _reads_pos(step: LayoutStep) -> bool:
+def _reads_pos(step: ir.LayoutStep) -> bool:
     match step:
-        case PackedRun() | NumberArray() | StringArray():
+        case ir.PackedRun() | ir.NumberArray() | ir.StringArray():
             return step.align > 1
-        case Loop():
-            is_read_inside = step.mode is LoopMode.INLINE and any(map(_reads_pos, step.body))
-            return step.align > 1 or step.mode is LoopMode.CALL or is_read_inside
-        case NestedCall():
+        case ir.Loop():
+            is_read_inside = step.mode is ir.LoopMode.INLINE and any(map(_reads_pos, step.body))
+            return step.align > 1 or step.mode is ir.LoopMode.CALL or is_read_inside
+        case ir.NestedCall():
             return True
-        case InlineMessage() | StringContent() | StringTerminator():
+        case ir.InlineMessage() | ir.StringContent() | ir.StringTerminator():
             return False
         case _:
-            assert_never(step)
+            ir.assert_never(step)
 
 
 @dataclass(slots=True)
@@ -114,17 +95,17 @@ class _EncoderEmitter:
     collect: bool
     header: bool
     objects: dict[int, str] = field(default_factory=dict)
-    contents: dict[Ref, Content] = field(default_factory=dict)
-    values: dict[Ref, str] = field(default_factory=dict)
+    contents: dict[ir.Ref, Content] = field(default_factory=dict)
+    values: dict[ir.Ref, str] = field(default_factory=dict)
     segments: list[str] = field(default_factory=list)
     pos: str = "pos"
     moves: int = 0
     names: Locals = field(default_factory=Locals)
 
-    def attribute(self, ref: Ref) -> str:
+    def attribute(self, ref: ir.Ref) -> str:
         return f"{self.objects[ref.owner]}.{self.api.attribute(ref.name)}"
 
-    def scope(self, steps: Sequence[LayoutStep], keep_pos: bool) -> list[str]:
+    def scope(self, steps: Sequence[ir.LayoutStep], keep_pos: bool) -> list[str]:
         """Return the statements of some steps; with `keep_pos`, ``pos`` is the position after the last one."""
         out: list[str] = []
         self.contents |= {step.ref: step for step in steps if isinstance(step, Content)}
@@ -133,37 +114,37 @@ class _EncoderEmitter:
             self.step(step, keep_pos or index < last, out)
         return out
 
-    def step(self, step: LayoutStep, needed: bool, out: list[str]) -> None:
+    def step(self, step: ir.LayoutStep, needed: bool, out: list[str]) -> None:
         """Emit a step; `needed`: a later step uses ``pos``."""
         match step:
-            case InlineMessage():
+            case ir.InlineMessage():
                 name = self.names.name(step.ref.name)
                 out += self.load(name, step.type, self.attribute(step.ref))
                 self.objects[step.number] = name
-            case PackedRun():
+            case ir.PackedRun():
                 self.run(step, needed, out)
-            case StringContent():
+            case ir.StringContent():
                 value = self.values[step.ref]
                 self.segment(value, out)
                 self.move(step.start, f"len({value})", needed, out)
-            case StringTerminator():
+            case ir.StringTerminator():
                 self.segment(_literal(NUL), out)
                 self.move(step.start, str(len(NUL)), needed, out)
-            case NumberArray():
+            case ir.NumberArray():
                 value = self.fetch(step, out)
                 size = f"{step.item_size} * len({value})" if step.item_size > 1 else f"len({value})"
                 self.padded(step, value, value, size, needed, out)
-            case StringArray():
+            case ir.StringArray():
                 self.strings(step, needed, out)
-            case Loop():
+            case ir.Loop():
                 self.loop(step, needed, out)
-            case NestedCall():
+            case ir.NestedCall():
                 name = self.names.name(step.ref.name)
                 out += self.load(name, step.type, self.attribute(step.ref))
                 self.set_static_pos(step.start, out)
                 out.append(self.call(step.type, name))
             case _:
-                assert_never(step)
+                ir.assert_never(step)
 
     def load(self, name: str, cls: str, expression: str = "") -> list[str]:
         """Return the code that checks the class of a nested message, after it was fetched by an expression."""
@@ -182,7 +163,7 @@ class _EncoderEmitter:
 
     # --- position -------------------------------------------------------------------------------------------------
 
-    def move(self, start: AlignmentState, distance: str, needed: bool, out: list[str]) -> None:
+    def move(self, start: ir.AlignmentState, distance: str, needed: bool, out: list[str]) -> None:
         """Add a distance to ``pos``; where ``pos`` is not up to date, `start` is static."""
         if not needed or (start.static is not None and distance.isdigit()):  # the next step has a static position
             return
@@ -200,13 +181,13 @@ class _EncoderEmitter:
             self.pos = "pos" if self.moves == 1 else self.names.name(f"pos{self.moves}")
         out.append(f"{self.pos} = {expression}")
 
-    def set_static_pos(self, start: AlignmentState, out: list[str]) -> None:
+    def set_static_pos(self, start: ir.AlignmentState, out: list[str]) -> None:
         if start.static is not None:
             self.set_pos(str(start.static), out)
 
     # --- steps ----------------------------------------------------------------------------------------------------
 
-    def run(self, run: PackedRun, needed: bool, out: list[str]) -> None:
+    def run(self, run: ir.PackedRun, needed: bool, out: list[str]) -> None:
         arguments: list[str] = []
         code = run.pack
         if self.header:
@@ -215,18 +196,18 @@ class _EncoderEmitter:
             arguments.append(str(HEADER_VALUE))
         for item in run.items:
             match item:
-                case Scalar(ref, "?", _):
+                case ir.Scalar(ref, "?", _):
                     arguments.append(f"{self.api.support('BOOL')}[{self.attribute(ref)}]")
-                case Scalar(ref, _, _):
+                case ir.Scalar(ref, _, _):
                     arguments.append(self.attribute(ref))
-                case FixedNumberArray(ref, kind, count, _):
+                case ir.FixedNumberArray(ref, kind, count, _):
                     arguments.append(f"{self.api.fixed(kind)}({self.attribute(ref)}, {count})")
-                case LengthPrefix(ref, _):
+                case ir.LengthPrefix(ref, _):
                     arguments.append(self.prepare(self.contents[ref], out))
-                case EmptyMessageByte():
+                case ir.EmptyMessageByte():
                     pass
                 case _:
-                    assert_never(item)
+                    ir.assert_never(item)
         if run.nul and run.align == 1:
             code = "x" + code
         pack = self.structs.name("pack", code, run.align, run.nul and run.align > 1)
@@ -242,18 +223,18 @@ class _EncoderEmitter:
         """Fetch and convert a content before the run that has its count, and return the expression of the count."""
         source, kind = self.attribute(step.ref), step.type
         name = self.values[step.ref] = self.names.name(step.ref.name)
-        if isinstance(step, StringContent):
+        if isinstance(step, ir.StringContent):
             if kind.string_bound:
                 out += check(">", self.api.support("check_max_length"), f"len({source})", kind.string_bound)
             is_wide = kind.base == "wstring"
             out.append(f"{name} = {self.api.support('utf16' if is_wide else 'utf8')}({source})")
             return f"len({name}) >> 2" if is_wide else f"len({name}) + 1"
-        if isinstance(step, NumberArray):
+        if isinstance(step, ir.NumberArray):
             function = self.api.sequence(step.code, is_array=kind.arity is Arity.ARRAY)
             out.append(f"{name} = {function}({source})")
         else:
             out.append(f"{name} = {self.api.listed(source)}")
-            if isinstance(step, Loop):
+            if isinstance(step, ir.Loop):
                 function = self.api.support("list_or_records" if step.fixed else "coerce_message_list")
                 target = f"{name} = " if step.fixed else ""
                 out += block(f"if type({name}) is not list", [f"{target}{function}({name})"])
@@ -261,14 +242,14 @@ class _EncoderEmitter:
             out += check(">", self.api.support("check_max_length"), f"len({name})", kind.capacity)
         return f"len({name})"
 
-    def fetch(self, step: NumberArray | StringArray | Loop, out: list[str]) -> str:
+    def fetch(self, step: ir.NumberArray | ir.StringArray | ir.Loop, out: list[str]) -> str:
         """Return the variable of a content; a fixed array has no count, so it is prepared here."""
         if step.ref not in self.values:
             count = self.prepare(step, out)
             out += check("!=", self.api.support("check_length"), count, step.type.capacity)
         return self.values[step.ref]
 
-    def strings(self, step: StringArray, needed: bool, out: list[str]) -> None:
+    def strings(self, step: ir.StringArray, needed: bool, out: list[str]) -> None:
         value = self.fetch(step, out)
         if step.type.string_bound:
             out.append(f"{self.api.support('check_max_lengths')}({value}, {step.type.string_bound})")
@@ -279,7 +260,7 @@ class _EncoderEmitter:
 
     def padded(
         self,
-        step: NumberArray | StringArray | Loop,
+        step: ir.NumberArray | ir.StringArray | ir.Loop,
         value: str,
         content: str,
         size: str,
@@ -296,7 +277,7 @@ class _EncoderEmitter:
             self.segment(f"{_literal(bytes(step.pad))}{condition}", out)
         if content:
             self.segment(content, out)
-        if not needed or (is_array and start.static is not None and not isinstance(step, StringArray)):
+        if not needed or (is_array and start.static is not None and not isinstance(step, ir.StringArray)):
             return  # the step after an array of fixed size has a static position
         if step.align == 1 and (is_array or not step.pad):
             self.move(start, f"{step.pad} + {size}" if step.pad else size, needed, out)
@@ -314,7 +295,7 @@ class _EncoderEmitter:
                 self.set_pos(old, out)
             out += block(f"if len({value})", [f"{self.pos} = {expression}"])
 
-    def loop(self, step: Loop, needed: bool, out: list[str]) -> None:
+    def loop(self, step: ir.Loop, needed: bool, out: list[str]) -> None:
         value = self.fetch(step, out)
         if not step.fixed:
             self.messages(step, value, needed, out)
@@ -327,20 +308,19 @@ class _EncoderEmitter:
         out += block(f"if type({value}) is {ndarray}", [f"pos = {write}" if needed else write])
         out += block("else", messages)
 
-    def known_pos(self, step: Loop, needed: bool) -> str:
+    def known_pos(self, step: ir.Loop, needed: bool) -> str:
         """Return the position of the elements, or a number of the same alignment where ``pos`` is not updated."""
         if step.start.static is not None:
             return str(step.start.static)
         return self.pos if needed or _reads_pos(step) else str(step.start.remainder)
 
-    def messages(self, step: Loop, value: str, needed: bool, out: list[str]) -> None:
-        """Emit the loop over a list of messages."""
+    def messages(self, step: ir.Loop, value: str, needed: bool, out: list[str]) -> None:
         item = self.objects[step.number] = self.names.name(singular(step.ref.name))
         body = self.load(item, step.type.base)
-        if step.mode is LoopMode.PACKED:
+        if step.mode is ir.LoopMode.PACKED:
             self.padded(step, value, "", f"{step.stride} * len({value})", needed, out)
             body += self.scope(step.body, keep_pos=False)
-        elif step.mode is LoopMode.INLINE:
+        elif step.mode is ir.LoopMode.INLINE:
             keep_pos = needed or any(map(_reads_pos, step.body))
             if keep_pos:
                 self.set_static_pos(step.start, out)

@@ -27,26 +27,7 @@ from rosidl_py_gen.cdr.layout import (
     known_modulus,
     min_element_size,
 )
-from rosidl_py_gen.compiler.codegen.layout_ir import (
-    AlignmentState,
-    EmptyMessageByte,
-    FixedNumberArray,
-    InlineMessage,
-    Item,
-    LayoutPlan,
-    LayoutStep,
-    LengthPrefix,
-    Loop,
-    LoopMode,
-    NestedCall,
-    NumberArray,
-    PackedRun,
-    Ref,
-    Scalar,
-    StringArray,
-    StringContent,
-    StringTerminator,
-)
+from rosidl_py_gen.compiler.codegen import layout_ir as ir
 from rosidl_py_gen.compiler.codegen.weights import Weights, cached_per_name
 
 if TYPE_CHECKING:
@@ -77,13 +58,15 @@ class LayoutPlanner(Weights):
         self.rclpy, self.codes = rclpy, _RCLPY_CODES if rclpy else _CODES
 
     @cached_per_name
-    def plan(self, name: str) -> LayoutPlan:
+    def plan(self, name: str) -> ir.LayoutPlan:
         """Return the plan of a message whose references all exist."""
         is_outlined = self.is_outlined(name)
-        builder = _PlanBuilder(self, AlignmentState(None, 1, 0) if is_outlined else AlignmentState(0, MAX_ALIGN, 0))
+        builder = _PlanBuilder(
+            self, ir.AlignmentState(None, 1, 0) if is_outlined else ir.AlignmentState(0, MAX_ALIGN, 0)
+        )
         builder.message(name, 0, "")
         builder.close()
-        return LayoutPlan(name, tuple(builder.steps), is_outlined, self.has_structured_arrays(name))
+        return ir.LayoutPlan(name, tuple(builder.steps), is_outlined, self.has_structured_arrays(name))
 
     @cached_per_name
     def min_size(self, name: str) -> int:
@@ -102,9 +85,9 @@ class LayoutPlanner(Weights):
 class _OpenRun:
     """Run of fixed-size values to which more can be added."""
 
-    start: AlignmentState
+    start: ir.AlignmentState
     nul: bool
-    items: list[Item] = field(default_factory=list)
+    items: list[ir.Item] = field(default_factory=list)
     pack: list[tuple[str, int]] = field(default_factory=list)  # code and repetitions; padding has code x
     unpack: list[tuple[str, int]] = field(default_factory=list)
     size: int = 0
@@ -125,10 +108,10 @@ def _struct_code(codes: list[tuple[str, int]]) -> str:
 class _PlanBuilder:
     """Emits steps for the fields of a message, in one pass; `now` is what is known of the position."""
 
-    def __init__(self, planner: LayoutPlanner, start: AlignmentState, first_object: int = 1) -> None:
+    def __init__(self, planner: LayoutPlanner, start: ir.AlignmentState, first_object: int = 1) -> None:
         self.planner = planner
         self.now = start
-        self.steps: list[LayoutStep] = []
+        self.steps: list[ir.LayoutStep] = []
         self.run: _OpenRun | None = None
         self.nul = False  # the terminator of a string is pending
         self.next_object = first_object
@@ -138,7 +121,7 @@ class _PlanBuilder:
     def _advance(self, size: int) -> None:
         now = self.now
         static = None if now.static is None else now.static + size
-        self.now = AlignmentState(static, now.modulus, (now.remainder + size) % now.modulus)
+        self.now = ir.AlignmentState(static, now.modulus, (now.remainder + size) % now.modulus)
 
     def _known_padding(self, align: int) -> int | None:
         """Return the padding up to `align`; None if it is not known."""
@@ -146,7 +129,7 @@ class _PlanBuilder:
 
     def _lose_offset(self, modulus: int) -> None:
         """Record content of variable size that ends at a multiple of `modulus`."""
-        self.now = AlignmentState(None, modulus, 0)
+        self.now = ir.AlignmentState(None, modulus, 0)
 
     # --- runs -----------------------------------------------------------------------------------------------------
 
@@ -164,7 +147,7 @@ class _PlanBuilder:
         run = self.run
         if gap is None:
             run.align = align
-            self.now = AlignmentState(None, align, 0)
+            self.now = ir.AlignmentState(None, align, 0)
         elif gap:
             run.append("x", gap)
             run.size += gap
@@ -179,14 +162,14 @@ class _PlanBuilder:
         run, self.run = self.run, None
         if run is not None:
             codes = _struct_code(run.pack), _struct_code(run.unpack)
-            self.steps.append(PackedRun(tuple(run.items), *codes, run.size, run.align, run.nul, run.start))
+            self.steps.append(ir.PackedRun(tuple(run.items), *codes, run.size, run.align, run.nul, run.start))
 
     def close(self) -> None:
         """Finish the current run and a pending terminator."""
         self.end_run()
         if self.nul:
             self.nul = False
-            self.steps.append(StringTerminator(self.now))
+            self.steps.append(ir.StringTerminator(self.now))
             self._advance(len(NUL))
 
     # --- fields ---------------------------------------------------------------------------------------------------
@@ -195,51 +178,51 @@ class _PlanBuilder:
         definition = self.planner.message(name)
         for item in definition.fields:
             spelling = py_name(item.name)
-            self.value(Ref(owner, spelling, f"{path}.{item.name}" if path else item.name), item.type)
+            self.value(ir.Ref(owner, spelling, f"{path}.{item.name}" if path else item.name), item.type)
         if not definition.fields:
-            self._items(EmptyMessageByte(self._append_to_run(1, len(EMPTY_MESSAGE), "x", len(EMPTY_MESSAGE))))
+            self._items(ir.EmptyMessageByte(self._append_to_run(1, len(EMPTY_MESSAGE), "x", len(EMPTY_MESSAGE))))
 
-    def _items(self, item: Item) -> None:
+    def _items(self, item: ir.Item) -> None:
         assert self.run is not None
         self.run.items.append(item)
 
-    def value(self, ref: Ref, kind: FieldType) -> None:
+    def value(self, ref: ir.Ref, kind: FieldType) -> None:
         if kind.arity is not Arity.SCALAR:
             self._many(ref, kind)
         elif kind.primitive is not None:
             size, code = kind.primitive.size, self.planner.codes[kind.base]
-            self._items(Scalar(ref, code, self._append_to_run(size, size, code, 1)))
+            self._items(ir.Scalar(ref, code, self._append_to_run(size, size, code, 1)))
         elif kind.is_string:
             self._count(ref)
-            self.steps.append(StringContent(ref, kind, self.now))
+            self.steps.append(ir.StringContent(ref, kind, self.now))
             self._lose_offset(known_modulus(kind))
             self.nul = kind.base == "string"
         elif self.planner.is_outlined(kind.base):
             self.close()
-            self.steps.append(NestedCall(ref, kind.base, self.now, self.planner.has_structured_arrays(kind.base)))
+            self.steps.append(ir.NestedCall(ref, kind.base, self.now, self.planner.has_structured_arrays(kind.base)))
             self._lose_offset(1)
         else:
             number = self._new_object()
             # Has no bytes, so an open run continues after it. Emitters load or create objects before the run.
             empty = not self.planner.message(kind.base).fields
-            self.steps.append(InlineMessage(ref, kind.base, number, empty))
+            self.steps.append(ir.InlineMessage(ref, kind.base, number, empty))
             self.message(kind.base, number, ref.path)
 
     def _new_object(self) -> int:
         self.next_object += 1
         return self.next_object - 1
 
-    def _count(self, ref: Ref) -> None:
-        self._items(LengthPrefix(ref, self._append_to_run(COUNT_BYTES, COUNT_BYTES, COUNT_CODE, 1)))
+    def _count(self, ref: ir.Ref) -> None:
+        self._items(ir.LengthPrefix(ref, self._append_to_run(COUNT_BYTES, COUNT_BYTES, COUNT_CODE, 1)))
         self.end_run()
 
-    def _many(self, ref: Ref, kind: FieldType) -> None:
+    def _many(self, ref: ir.Ref, kind: FieldType) -> None:
         fixed = kind.arity is Arity.ARRAY
         primitive = kind.primitive
         if primitive is not None and fixed and primitive.size * kind.capacity <= BLOCK_BYTES:
             size = primitive.size * kind.capacity
             offset = self._append_to_run(primitive.size, size, "s", size, "x")
-            self._items(FixedNumberArray(ref, self.planner.codes[kind.base], kind.capacity, offset))
+            self._items(ir.FixedNumberArray(ref, self.planner.codes[kind.base], kind.capacity, offset))
             return
         if fixed:
             self.close()
@@ -249,7 +232,7 @@ class _PlanBuilder:
             self._numbers(ref, kind, self.planner.codes[kind.base], primitive.size)
         elif kind.is_string:
             pad, align = self._padding_before(element_alignment(kind))
-            self.steps.append(StringArray(ref, kind, pad, align, self.now))
+            self.steps.append(ir.StringArray(ref, kind, pad, align, self.now))
             self._lose_offset(known_modulus(kind))
         else:
             self._loop(ref, kind)
@@ -258,19 +241,19 @@ class _PlanBuilder:
         gap = self._known_padding(align)
         return (0, align) if gap is None else (gap, 1)
 
-    def _numbers(self, ref: Ref, kind: FieldType, code: str, size: int) -> None:
+    def _numbers(self, ref: ir.Ref, kind: FieldType, code: str, size: int) -> None:
         pad, align = self._padding_before(size)
-        self.steps.append(NumberArray(ref, kind, code, size, pad, align, self.now))
+        self.steps.append(ir.NumberArray(ref, kind, code, size, pad, align, self.now))
         if kind.arity is Arity.ARRAY:
             if align > 1:
-                self.now = AlignmentState(None, size, 0)
+                self.now = ir.AlignmentState(None, size, 0)
             self._advance(pad + size * kind.capacity)
         else:
             self._lose_offset(known_modulus(kind))
 
     # --- sequences and arrays of messages -------------------------------------------------------------------------
 
-    def _loop(self, ref: Ref, kind: FieldType) -> None:
+    def _loop(self, ref: ir.Ref, kind: FieldType) -> None:
         """Append the loop over messages.
 
         A loop body must be valid for every iteration: it is planned for the state before the loop, then the state at
@@ -280,7 +263,7 @@ class _PlanBuilder:
         number = self._new_object()
         loop = self._packed_loop(ref, kind, number)
         if loop is None and self.planner.is_outlined(kind.base):
-            loop = self._make_loop(ref, kind, number, LoopMode.CALL)
+            loop = self._make_loop(ref, kind, number, ir.LoopMode.CALL)
             self._lose_offset(1)
         elif loop is None:
             entry = self.now._replace(static=None)
@@ -292,31 +275,31 @@ class _PlanBuilder:
                     break
                 entry = merged
             self.next_object = inner.next_object
-            loop = self._make_loop(ref, kind, number, LoopMode.INLINE, inner.steps)
+            loop = self._make_loop(ref, kind, number, ir.LoopMode.INLINE, inner.steps)
             self.now = entry
         self.steps.append(loop)
 
     def _make_loop(
         self,
-        ref: Ref,
+        ref: ir.Ref,
         kind: FieldType,
         number: int,
-        mode: LoopMode,
-        body: Sequence[LayoutStep] = (),
+        mode: ir.LoopMode,
+        body: Sequence[ir.LayoutStep] = (),
         stride: int = 0,
         padding: tuple[int, int] = (0, 1),
-    ) -> Loop:
+    ) -> ir.Loop:
         planner, base = self.planner, kind.base
         facts = planner.is_fixed(base), planner.has_structured_arrays(base)
-        return Loop(ref, kind, number, mode, tuple(body), stride, planner.min_size(base), *padding, self.now, *facts)
+        return ir.Loop(ref, kind, number, mode, tuple(body), stride, planner.min_size(base), *padding, self.now, *facts)
 
-    def _element(self, ref: Ref, kind: FieldType, number: int, entry: AlignmentState) -> _PlanBuilder:
+    def _element(self, ref: ir.Ref, kind: FieldType, number: int, entry: ir.AlignmentState) -> _PlanBuilder:
         """Plan an element of a loop that starts in the state `entry`."""
         inner = _PlanBuilder(self.planner, entry, self.next_object)
         inner.message(kind.base, number, f"{ref.path}[]")
         return inner
 
-    def _packed_loop(self, ref: Ref, kind: FieldType, number: int) -> Loop | None:
+    def _packed_loop(self, ref: ir.Ref, kind: FieldType, number: int) -> ir.Loop | None:
         """Return the loop over elements of one stride; None if the elements have none.
 
         A loop is packed if its body is one run without unknown padding that ends at the remainder where it started.
@@ -327,16 +310,16 @@ class _PlanBuilder:
         entries = [(self.now._replace(static=None), (0, 1))]
         first = self._first_alignment(kind.base)
         if first in (8, 4, 2):
-            entries.append((AlignmentState(None, first, 0), self._padding_before(first)))
+            entries.append((ir.AlignmentState(None, first, 0), self._padding_before(first)))
         for entry, padding in entries:
             inner = self._element(ref, kind, number, entry)
             inner.end_run()
-            runs = [step for step in inner.steps if isinstance(step, PackedRun)]
-            is_plain = all(isinstance(step, PackedRun | InlineMessage) for step in inner.steps)
+            runs = [step for step in inner.steps if isinstance(step, ir.PackedRun)]
+            is_plain = all(isinstance(step, ir.PackedRun | ir.InlineMessage) for step in inner.steps)
             if not is_plain or len(runs) != 1 or runs[0].align != 1 or inner.now.remainder != entry.remainder:
                 continue
             self.next_object = inner.next_object
-            loop = self._make_loop(ref, kind, number, LoopMode.PACKED, inner.steps, runs[0].size, padding)
+            loop = self._make_loop(ref, kind, number, ir.LoopMode.PACKED, inner.steps, runs[0].size, padding)
             if kind.arity is not Arity.ARRAY:
                 self.now = _common_alignment(self.now, entry)
             else:
@@ -354,9 +337,9 @@ class _PlanBuilder:
         return self._first_alignment(kind.base) if kind.is_message else element_alignment(kind)
 
 
-def _common_alignment(left: AlignmentState, right: AlignmentState) -> AlignmentState:
+def _common_alignment(left: ir.AlignmentState, right: ir.AlignmentState) -> ir.AlignmentState:
     """Return what is known if either of two states is true."""
     modulus = min(left.modulus, right.modulus)
     while modulus > 1 and left.remainder % modulus != right.remainder % modulus:
         modulus //= 2
-    return AlignmentState(None, modulus, left.remainder % modulus)
+    return ir.AlignmentState(None, modulus, left.remainder % modulus)

@@ -242,7 +242,6 @@ def _type_info(message: MessageDef, imports: Imports, digest: str, classes: dict
 
 
 def _wide_info(message: MessageDef, imports: Imports, digest: str, classes: dict[str, str]) -> str:
-    """Return the type information with all fields and constants in one literal."""
     nested = {item.type.base: classes[item.type.base] for item in message.fields if item.type.is_message}
     numbers = {base: str(number) for number, base in enumerate(nested)}
     fields: list[tuple[object, ...]] = []

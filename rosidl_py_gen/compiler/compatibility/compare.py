@@ -207,7 +207,6 @@ def _changed(old: DefinitionSet, new: DefinitionSet, names: Sequence[str]) -> It
 
 
 def _contained_types(message: str, sides: Iterable[Mapping[str, MessageDefinition]]) -> set[str]:
-    """Return the names of all types that a message contains in either set."""
     found: set[str] = set()
     for messages in sides:
         pending, seen = [message], set[str]()
@@ -283,7 +282,6 @@ def _probable_renames(old: Sequence[FieldDefinition], new: Sequence[FieldDefinit
 
 
 def _unmatched_runs(fields: Sequence[FieldDefinition], common: set[str]) -> dict[str, list[FieldDefinition]]:
-    """Return the fields that only one set has, by the preceding common field."""
     found: dict[str, list[FieldDefinition]] = {}
     previous = ""
     for one in fields:

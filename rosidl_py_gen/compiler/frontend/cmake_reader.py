@@ -133,12 +133,10 @@ class CMakeScript:
             self._values |= dict.fromkeys(re.findall(r"[\w./+-]+", text))
 
     def _only(self, word: CMakeArgument) -> str:
-        """Return the one value of a word."""
         values = self._expand(word)
         return values[0].text if len(values) == 1 else UNKNOWN
 
     def _expand(self, *words: CMakeArgument) -> list[CMakeArgument]:
-        """Return the elements that the words stand for."""
         found: list[CMakeArgument] = []
         for word in words:
             parts = _REFERENCE.split(word.text)

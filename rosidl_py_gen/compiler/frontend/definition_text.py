@@ -156,7 +156,6 @@ def _lines(registry: InterfaceRegistry, name: RosName) -> Iterator[tuple[str, Fi
 
 
 def _msg_lines(message: MessageDef) -> Iterator[tuple[str, FieldDef | None]]:
-    """Yield the lines of a message in the notation of .msg files."""
     for text in message.comment:
         yield f"# {text}".rstrip(), None
     for constant in message.constants:

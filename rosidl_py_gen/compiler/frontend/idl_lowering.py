@@ -169,7 +169,6 @@ def _refuse_clashes(elements: list[FieldDef | ConstantDef]) -> None:
 def _declared(
     kind: IdlType, declarator: IdlDeclarator, scope: _IdlSymbolTable, name: RosName, depth: int = 0
 ) -> FieldType:
-    """Return the type of a member or typedef."""
     result = _type(kind, scope, name, depth)
     if not declarator.sizes:
         return result

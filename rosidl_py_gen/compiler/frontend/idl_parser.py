@@ -136,7 +136,6 @@ def _token(token: LarkToken) -> Token:
 
 
 def _split(children: list[Any], kind: type) -> tuple[tuple[Any, ...], list[Any]]:
-    """Return the leading children of one type, and the rest."""
     leading = tuple(takewhile(lambda child: isinstance(child, kind), children))
     return leading, children[len(leading) :]
 

@@ -110,7 +110,6 @@ def _has_interfaces(package: str, folder: Path, from_source: bool) -> bool:
 
 
 def _generated_package(package: str) -> Path | None:
-    """Return the folder of an importable generated package, without an import."""
     try:
         spec = find_spec(package) if package.isidentifier() else None
     except (ImportError, ValueError, AttributeError):

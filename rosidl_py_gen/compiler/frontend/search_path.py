@@ -147,7 +147,6 @@ def preload() -> None:
 
 
 def _installed() -> Iterator[Package]:
-    """Yield the packages of installed wheels, without an import of them."""
     from importlib.metadata import entry_points  # slow to import
 
     for name, module in sorted({(entry.name, entry.value) for entry in entry_points(group=ENTRY_POINTS)}):
@@ -208,7 +207,6 @@ def _is_for_interfaces(folder: Path) -> bool:
 
 
 def _groups_packages(folder: Path) -> bool:
-    """Return True if the folders msg, srv and action contain packages instead of interface files."""
     inside = [Path(entry.path) for kind in KINDS for entry in _entries(folder / kind)]
     return any(os.path.isfile(path / "package.xml") for path in inside)
 

@@ -148,7 +148,6 @@ def _from_source(
 
 
 def _elements(encoding: str, text: str) -> int:
-    """Return the approximate number of fields and constants without parsing them."""
     if encoding == "idl":
         return text.count(";")
     return sum(line[:1] not in ("", "#") for line in map(str.lstrip, text.splitlines()))
@@ -181,7 +180,6 @@ class _DescriptionConverter:
         self._left = MAX_TEXT
 
     def message(self, name: str) -> MessageDef:
-        """Return the message of a type; raises `DefinitionError`."""
         one = self._individuals.get(name)
         if one is None:
             raise _problem(name, "the type is not described")
@@ -235,7 +233,6 @@ def _type(where: str, description: Description) -> FieldType:
 
 
 def _default(kind: FieldType, text: str) -> Default:
-    """Return the default value of a text of `default_text`."""
     if kind.is_message:
         raise LiteralProblem(f'a field of type "{kind}" cannot have a default')
     if kind.arity is Arity.SCALAR:

@@ -7,22 +7,7 @@ import struct
 import pytest
 from support.interface_packages import texts
 
-from rosidl_py_gen.compiler.codegen.layout_ir import (
-    EmptyMessageByte,
-    FixedNumberArray,
-    InlineMessage,
-    LayoutPlan,
-    LayoutStep,
-    LengthPrefix,
-    Loop,
-    NestedCall,
-    NumberArray,
-    PackedRun,
-    Scalar,
-    StringArray,
-    StringContent,
-    StringTerminator,
-)
+from rosidl_py_gen.compiler.codegen import layout_ir as ir
 from rosidl_py_gen.compiler.codegen.layout_planner import LayoutPlanner
 
 WORLD = {
@@ -34,46 +19,46 @@ WORLD = {
 }
 
 
-def plan(text: str) -> LayoutPlan:
+def plan(text: str) -> ir.LayoutPlan:
     library = texts({"a_msgs/msg/Sample": text, **WORLD})
     return LayoutPlanner(library.message).plan("a_msgs/msg/Sample")
 
 
-def show(steps: tuple[LayoutStep, ...]) -> list[str]:
+def show(steps: tuple[ir.LayoutStep, ...]) -> list[str]:
     return [_show(step) for step in steps]
 
 
-def _show(step: LayoutStep) -> str:
+def _show(step: ir.LayoutStep) -> str:
     match step:
-        case PackedRun(items, pack, unpack, size, align, nul, _):
+        case ir.PackedRun(items, pack, unpack, size, align, nul, _):
             inside = " ".join(_item(item) for item in items)
             extra = f" align{align}" * (align > 1) + " nul" * nul
             return f"run {pack} {unpack} {size}{extra}: {inside}"
-        case InlineMessage(ref, kind, _, empty):
+        case ir.InlineMessage(ref, kind, _, empty):
             return f"enter {ref.path} {kind}" + " empty" * empty
-        case StringContent(ref, kind, _):
+        case ir.StringContent(ref, kind, _):
             return f"text {ref.path}"
-        case StringTerminator():
+        case ir.StringTerminator():
             return "nul"
-        case NumberArray(ref, kind, code, _, pad, align, _):
+        case ir.NumberArray(ref, kind, code, _, pad, align, _):
             return f"numbers {ref.path} {code} pad{pad} align{align}"
-        case StringArray(ref, _, pad, align, _):
+        case ir.StringArray(ref, _, pad, align, _):
             return f"strings {ref.path} pad{pad} align{align}"
-        case Loop(ref, _, _, mode, body, stride, _, pad, align, _):
+        case ir.Loop(ref, _, _, mode, body, stride, _, pad, align, _):
             return f"loop {ref.path} {mode.value} stride{stride} pad{pad} align{align} [{'; '.join(show(body))}]"
-        case NestedCall(ref, kind, _):
+        case ir.NestedCall(ref, kind, _):
             return f"call {ref.path} {kind}"
 
 
 def _item(item: object) -> str:
     match item:
-        case Scalar(ref, _, offset):
+        case ir.Scalar(ref, _, offset):
             return f"{ref.path}@{offset}"
-        case FixedNumberArray(ref, _, count, offset):
+        case ir.FixedNumberArray(ref, _, count, offset):
             return f"{ref.path}[{count}]@{offset}"
-        case LengthPrefix(ref, offset):
+        case ir.LengthPrefix(ref, offset):
             return f"#{ref.path}@{offset}"
-        case EmptyMessageByte(offset):
+        case ir.EmptyMessageByte(offset):
             return f"dummy@{offset}"
     raise AssertionError(item)
 
@@ -109,18 +94,18 @@ def test_a_message_is_planned_like_this(text: str, steps: list[str]) -> None:
 
 def test_sequences_of_fixed_messages_are_packed_at_a_stride() -> None:
     (_, loop) = plan("Point[] points").steps
-    assert isinstance(loop, Loop)
+    assert isinstance(loop, ir.Loop)
     assert (loop.mode.value, loop.stride, loop.pad, loop.align) == ("packed", 16, 4, 1)
 
 
 def test_sequences_of_varying_messages_are_written_in_line() -> None:
     (_, loop) = plan("Named[] names").steps
-    assert isinstance(loop, Loop)
+    assert isinstance(loop, ir.Loop)
     assert (loop.mode.value, loop.stride) == ("inline", 0)
 
 
 def test_struct_codes_have_the_size_the_plan_says() -> None:
     for text, _ in PLANS:
         for step in plan(text).steps:
-            if isinstance(step, PackedRun):
+            if isinstance(step, ir.PackedRun):
                 assert struct.calcsize("<" + step.pack) == struct.calcsize("<" + step.unpack) == step.size
