@@ -372,42 +372,42 @@ class Packet:
 
 
 WRITER = b"\0\0\x14\x03"
-WRITTEN = bytes(8) + b"\0\0\0\0" + WRITER + bytes(8)
+
+
+def packet(kind: int = rtps.DATA, *, writer: bytes = WRITER, number: int = 0, source: int = rtps.INFO_SRC) -> Packet:
+    submessage = bytes((kind, 1)) + bytes(10) + writer + bytes(4) + number.to_bytes(4, "little")
+    return Packet(submessage + bytes(12) if kind == rtps.DATA_FRAG else bytes(12) + submessage, source=source)
 
 
 @pytest.mark.parametrize(
-    ("packet", "is_known"),
+    ("made", "is_known"),
     [
-        (Packet(bytes(12) + bytes((rtps.DATA, 1)) + WRITTEN[2:]), True),
-        (Packet(bytes((rtps.DATA_FRAG, 1)) + WRITTEN[2:] + bytes(12)), True),
-        (Packet(bytes(12) + bytes((0x17, 1)) + WRITTEN[2:]), False),
-        (Packet(bytes(12) + bytes((rtps.DATA, 1)) + WRITTEN[2:12] + b"\0\0\x15\x03" + bytes(8)), False),
-        (Packet(bytes(12) + bytes((rtps.DATA, 1)) + WRITTEN[2:], source=0), False),
+        (packet(), True),
+        (packet(rtps.DATA_FRAG), True),
+        (packet(0x17), False),
+        (packet(writer=b"\0\0\x15\x03"), False),
+        (packet(source=0), False),
     ],
     ids=["DATA", "DATA_FRAG", "another submessage", "of another writer", "another head"],
 )
-def test_only_packets_as_known_are_changed_and_one_that_is_not_ends_it(packet: Packet, is_known: bool) -> None:
+def test_only_packets_as_known_are_changed_and_one_that_is_not_ends_it(made: Packet, is_known: bool) -> None:
     fast_dds = FastDdsInterop(cyclone._api)
-    before = packet.data.raw
-    assert fast_dds.set_inline_qos_flag(packet.iov, WRITER) is is_known
-    changed = [index for index, (old, new) in enumerate(zip(before, packet.data.raw, strict=True)) if old != new]
+    before = made.data.raw
+    assert fast_dds.set_inline_qos_flag(made.iov, WRITER) is is_known
+    changed = [index for index, (old, new) in enumerate(zip(before, made.data.raw, strict=True)) if old != new]
     assert len(changed) == is_known
     assert (fast_dds.refusal is None) is is_known
 
 
-def written(number: int) -> Packet:
-    return Packet(bytes(12) + bytes((rtps.DATA, 1)) + WRITTEN[2:16] + bytes(4) + number.to_bytes(4, "little"))
-
-
 def test_what_earlier_packets_left_is_not_taken_for_the_place_of_the_packet() -> None:
     # Cyclone does not clear that memory: it may contain the address twice, or that of an older packet.
-    fast_dds, packet, older = FastDdsInterop(cyclone._api), written(7), written(6)
-    packet.words[18] = packet.words[19]
-    packet.words[16] = packet.words[30] = older.words[19]
+    fast_dds, first, older = FastDdsInterop(cyclone._api), packet(number=7), packet(number=6)
+    first.words[18] = first.words[19]
+    first.words[16] = first.words[30] = older.words[19]
     before = older.data.raw
-    assert fast_dds.set_inline_qos_flag(packet.iov, WRITER)
-    assert packet.data.raw[53] == 1 | rtps.INLINE_QOS_FLAG and older.data.raw == before
-    other = written(8)
+    assert fast_dds.set_inline_qos_flag(first.iov, WRITER)
+    assert first.data.raw[53] == 1 | rtps.INLINE_QOS_FLAG and older.data.raw == before
+    other = packet(number=8)
     other.words[18] = ct.addressof(ct.create_string_buffer(256))
     for _ in range(2):
         assert fast_dds.set_inline_qos_flag(other.iov, WRITER)
@@ -418,50 +418,50 @@ def test_what_earlier_packets_left_is_not_taken_for_the_place_of_the_packet() ->
 @pytest.mark.parametrize(("word", "value"), [(1, 1), (3, 1), (4, 1)], ids=["room", "other parameters", "has a message"])
 def test_what_is_no_packet_being_made_is_left_alone_without_distrust(word: int, value: int) -> None:
     fast_dds = FastDdsInterop(cyclone._api)
-    packet = Packet(bytes(12) + bytes((rtps.DATA, 1)) + WRITTEN[2:])
-    packet.words[word] = value
-    before = packet.data.raw
-    assert not fast_dds.set_inline_qos_flag(packet.iov, WRITER)
-    assert packet.data.raw == before and fast_dds.refusal is None
+    made = packet()
+    made.words[word] = value
+    before = made.data.raw
+    assert not fast_dds.set_inline_qos_flag(made.iov, WRITER)
+    assert made.data.raw == before and fast_dds.refusal is None
+
+
+@contextmanager
+def interrupted(*hooks: Any) -> Iterator[list[Any]]:
+    """Expect a KeyboardInterrupt by a SIGINT inside the send hook; yield the calls of the hook."""
+    calls: list[Any] = []
+
+    def to_ser_ref(*arguments: int) -> Any:
+        signal.raise_signal(signal.SIGINT)
+        calls.append(arguments)
+        return original(*arguments)
+
+    original = hooks[0]._plain_to_ser_ref
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    with pytest.MonkeyPatch.context() as patch:
+        for one in hooks:
+            patch.setattr(one, "_plain_to_ser_ref", to_ser_ref)
+        try:
+            with pytest.raises(KeyboardInterrupt):
+                yield calls
+        finally:
+            signal.signal(signal.SIGINT, before)
 
 
 async def test_ctrl_c_waits_until_cyclone_is_back(dds: World, as_fast_dds: None) -> None:
     client = with_service(dds.node("ours")).create_client(SetBool, "set_bool")
     fast_dds: Any = cyclone._fast_dds
     await client.call(SetBool.Request(), timeout_s=10)
-    samples = next(hooks for hooks in fast_dds._tables.values() if hooks.sends)
-    plain, inside = samples._plain_to_ser_ref, []
-
-    def interrupted(*arguments: int) -> Any:
-        signal.raise_signal(signal.SIGINT)
-        inside.append(arguments)
-        return plain(*arguments)
-
     with program(SERVER):
         types = dds.node("other").create_client(GetParameterTypes, "types")
         assert await types.wait_for_service(timeout_s=20)
-        for hooks in fast_dds._tables.values():
-            hooks._plain_to_ser_ref = interrupted
-        before = signal.signal(signal.SIGINT, signal.default_int_handler)
-        try:
-            with pytest.raises(KeyboardInterrupt):
-                types._start_request(GetParameterTypes.Request(names=["x"]), list, list)
-        finally:
-            signal.signal(signal.SIGINT, before)
-            for hooks in fast_dds._tables.values():
-                hooks._plain_to_ser_ref = plain
-        assert len(inside) == 1
+        with interrupted(*fast_dds._tables.values()) as calls:
+            types._start_request(GetParameterTypes.Request(names=["x"]), list, list)
+        assert len(calls) == 1
         assert (await types.call(GetParameterTypes.Request(names=["abc"]), timeout_s=10)).types.tolist() == [3]
         writer: Any = types._port._writer
-        writer._fast_dds_hooks._plain_to_ser_ref = interrupted
-        before = signal.signal(signal.SIGINT, signal.default_int_handler)
-        try:
-            with pytest.raises(KeyboardInterrupt):  # the hook is called for a sample without identity, too
-                writer.write(correlation.add_request_header(GetParameterTypes.Request(names=["y"]).encode(), 1, 1))
-        finally:
-            signal.signal(signal.SIGINT, before)
-            writer._fast_dds_hooks._plain_to_ser_ref = plain
-        assert len(inside) == 2
+        with interrupted(writer._fast_dds_hooks) as calls:  # the hook is called for a sample without identity, too
+            writer.write(correlation.add_request_header(GetParameterTypes.Request(names=["y"]).encode(), 1, 1))
+        assert len(calls) == 1
 
 
 async def test_after_something_that_is_not_as_known_calls_are_refused_instead_of_lost(

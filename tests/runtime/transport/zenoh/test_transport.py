@@ -17,7 +17,7 @@ from std_msgs.msg import String
 from support.node_fixtures import ROOT, World, until, zenoh_environment, zenoh_router
 
 from rosidl_py_gen import compile_definition, type_hash
-from rosidl_py_gen.runtime import CallTimeoutError, Context, Node, QoSProfile, ServerLostError
+from rosidl_py_gen.runtime import Context, Node, QoSProfile, ServerLostError
 from rosidl_py_gen.runtime.node.context_core import resolve_transport
 from rosidl_py_gen.runtime.transport.api import TransportError
 from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
@@ -144,12 +144,6 @@ async def test_a_call_ends_early_when_the_process_of_its_server_is_killed(zenoh:
     finally:
         process.kill()
         process.communicate()
-
-
-async def test_without_server_a_call_runs_into_its_time_limit(zenoh: World) -> None:
-    client = zenoh.node().create_client(AddTwoInts, "add")
-    with pytest.raises(CallTimeoutError, match="no server of /add"):
-        await client.call(AddTwoInts.Request(), timeout_s=0.1)
 
 
 async def test_of_two_servers_the_first_answer_counts(zenoh: World) -> None:
