@@ -6,8 +6,6 @@ import asyncio
 import gc
 import os
 import signal
-import subprocess
-import sys
 import threading
 import time
 from typing import TYPE_CHECKING, Any
@@ -15,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from std_msgs.msg import String, UInt8MultiArray
 from std_srvs.srv import SetBool
-from support.node_fixtures import ROOT, rests, until
+from support.node_fixtures import python_process, rests, until
 
 from rosidl_py_gen import compile_definition
 from rosidl_py_gen.errors import ClosedError
@@ -96,9 +94,7 @@ async def test_calls_to_a_stopped_server_end_in_time(dds: World, caplog: pytest.
     )
     from rosidl_py_gen.msgs.rcl_interfaces.srv import DescribeParameters
 
-    command, environment = [sys.executable, "-c", program], {**os.environ, "PYTHONPATH": str(ROOT)}
-    server = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE)
-    try:
+    with python_process(program) as server:
         assert server.stdout is not None
         server.stdout.readline()
         client = dds.node("caller").create_client(DescribeParameters, "d")
@@ -116,9 +112,6 @@ async def test_calls_to_a_stopped_server_end_in_time(dds: World, caplog: pytest.
         ends = await asyncio.gather(*pending, return_exceptions=True)
         assert all(isinstance(end, ClosedError) for end in ends)
         assert client.in_flight_count == 0
-    finally:
-        server.kill()
-        server.wait()
     gc.collect()
     assert not [record for record in caplog.records if "never retrieved" in record.getMessage()]
 

@@ -6,11 +6,9 @@ import asyncio
 import contextlib
 import gc
 import logging
-import os
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 import warnings
@@ -18,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from std_msgs.msg import Int32
-from support.node_fixtures import ROOT, until
+from support.node_fixtures import python_process, until
 
 from rosidl_py_gen.base.interrupts import CommandInterrupts
 from rosidl_py_gen.errors import RosidlError
@@ -26,7 +24,7 @@ from rosidl_py_gen.runtime import Context, MemoryTransport, Node, run, runner, s
 from rosidl_py_gen.runtime.loop.loop_binding import WrongEventLoopError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
     from pathlib import Path
 
     from support.node_fixtures import World
@@ -37,22 +35,8 @@ from rosidl_py_gen.runtime import Context, MemoryTransport, Node, run, spin
 """
 
 
-@contextlib.contextmanager
-def program(text: str) -> Iterator[subprocess.Popen[str]]:
-    """Python program that runs until the block ends, or shorter."""
-    process = subprocess.Popen(
-        [sys.executable, "-W", "default", "-c", IMPORTS + text],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
+def program(text: str) -> contextlib.AbstractContextManager[subprocess.Popen[str]]:
+    return python_process(IMPORTS + text)
 
 
 def lines_until(process: subprocess.Popen[str], word: str) -> None:

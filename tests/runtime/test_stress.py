@@ -8,8 +8,6 @@ import gc
 import os
 import re
 import signal
-import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
@@ -18,10 +16,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import Int32, String, UInt8MultiArray
-from support.node_fixtures import ROOT, SHORT_LEASE, until, wait_until
+from support.node_fixtures import python_process, until, wait_until
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime import CallTimeoutError, Context, Node, QoSProfile, WaitTimeoutError
+from rosidl_py_gen.runtime import Context, Node, QoSProfile, WaitTimeoutError
 
 if TYPE_CHECKING:
     from support.node_fixtures import World
@@ -59,10 +57,7 @@ async def test_a_stalled_reliable_reader_stops_neither_the_loop_nor_other_tasks(
         "        async for m in s: print(len(m['data']), flush=True)\n"
         "asyncio.run(main())\n"
     )
-    reader = subprocess.Popen(
-        [sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, text=True
-    )
-    try:
+    with python_process(program) as reader:
         publisher = dds.node("talker").create_publisher(UInt8MultiArray, "big", QoSProfile().keep_all())
         assert await publisher.wait_for_subscribers(timeout_s=10)
         publisher.publish(UInt8MultiArray(data=bytes(1)))
@@ -86,9 +81,6 @@ async def test_a_stalled_reliable_reader_stops_neither_the_loop_nor_other_tasks(
         assert reader.stdout is not None
         sizes = [await asyncio.to_thread(reader.stdout.readline) for _ in range(101)]
         assert sizes == ["1\n"] + ["200000\n"] * 100
-    finally:
-        reader.kill()
-        reader.communicate()
 
 
 async def test_a_blocked_publish_in_a_thread_leaves_the_interpreter_running(dds: World) -> None:
@@ -96,10 +88,7 @@ async def test_a_blocked_publish_in_a_thread_leaves_the_interpreter_running(dds:
     program += (
         "n.create_subscription('std_msgs/msg/UInt8MultiArray','big',qos=1)\nprint('up',flush=True); signal.pause()"
     )
-    reader = subprocess.Popen(
-        [sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, text=True
-    )
-    try:
+    with python_process(program) as reader:
         publisher = dds.node("talker").create_publisher(UInt8MultiArray, "big", QoSProfile().keep_all())
         assert await publisher.wait_for_subscribers(timeout_s=10)
         reader.send_signal(signal.SIGSTOP)
@@ -121,35 +110,6 @@ async def test_a_blocked_publish_in_a_thread_leaves_the_interpreter_running(dds:
         publisher.close()
         thread.join(10)
         assert not thread.is_alive()
-    finally:
-        reader.kill()
-        reader.communicate()
-
-
-async def test_a_killed_server_leaves_and_its_pending_calls_time_out(dds: World) -> None:
-    program = (
-        "import asyncio\nfrom rosidl_py_gen.runtime import Node\n"
-        "async def main():\n    async with Node('server') as node:\n"
-        "        node.create_service('example_interfaces/srv/AddTwoInts', 'add')\n"
-        "        await asyncio.Event().wait()\n"
-        "asyncio.run(main())\n"
-    )
-    node = dds.node("client")
-    client = node.create_client(AddTwoInts, "add")
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), **SHORT_LEASE}
-    server = subprocess.Popen([sys.executable, "-c", program], env=environment)
-    try:
-        assert await client.wait_for_service(timeout_s=10)
-        call = asyncio.create_task(client.call(AddTwoInts.Request(), timeout_s=1))
-        await until(lambda: client.in_flight_count == 1)
-        server.kill()
-        with pytest.raises(CallTimeoutError):
-            await call
-        await until(lambda: not client.service_is_available() and "/server" not in node.get_node_names(), 60)
-        assert client.in_flight_count == 0
-    finally:
-        server.kill()
-        server.wait()
 
 
 @pytest.mark.every_transport

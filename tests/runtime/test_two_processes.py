@@ -5,21 +5,17 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import os
 import subprocess
-import sys
 import threading
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from std_msgs.msg import Int32
-from support.node_fixtures import ROOT
+from support.node_fixtures import python_process
 
 from rosidl_py_gen.runtime import QoSProfile
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from support.node_fixtures import World
 
     from rosidl_py_gen.runtime import Publisher
@@ -49,22 +45,9 @@ asyncio.run(main(int(sys.argv[1]), float(sys.argv[2])))
 """
 
 
-@contextlib.contextmanager
-def counter(pause_s: float) -> Iterator[subprocess.Popen[str]]:
+def counter(pause_s: float) -> contextlib.AbstractContextManager[subprocess.Popen[str]]:
     """Process that subscribes, and prints what it received after `COUNT` messages."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", COUNTER, str(COUNT), str(pause_s)],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
+    return python_process(COUNTER, str(COUNT), str(pause_s))
 
 
 async def result(process: subprocess.Popen[str]) -> dict[str, Any]:

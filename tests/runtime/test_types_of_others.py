@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
-import subprocess
-import sys
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from support.node_fixtures import ROOT
+from support.node_fixtures import python_process
 
 from rosidl_py_gen import TypeNotFoundError, get_message
 
@@ -59,26 +55,13 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def robot(network: World) -> Iterator[None]:
     """Process with a node and its own definitions."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", ROBOT],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdin is not None and process.stdout is not None
-    try:
+    with python_process(ROBOT) as process:
+        assert process.stdin is not None and process.stdout is not None
         assert process.stdout.readline() == "READY\n"
         yield
         process.stdin.write("end\n")
         process.stdin.flush()
         assert process.wait(10) == 0
-    finally:
-        process.kill()
-        process.wait()
-        for pipe in (process.stdin, process.stdout):
-            with contextlib.suppress(BrokenPipeError):
-                pipe.close()
 
 
 @pytest.mark.usefixtures("robot")

@@ -16,6 +16,7 @@ import inspect
 import itertools
 import os
 import re
+import subprocess
 import sys
 import tempfile
 import threading
@@ -429,3 +430,21 @@ async def start_process(*command: str | Path, **options: Any) -> asyncio.subproc
 async def take(stream: Any) -> Any:
     """The next item."""
     return await asyncio.wait_for(stream.__anext__(), 20)
+
+
+@contextlib.contextmanager
+def python_process(program: str, *arguments: str, **environment: str) -> Iterator[subprocess.Popen[str]]:
+    """Run a Python program with pipes for its input, output and errors; kill it at the end of the block."""
+    process = subprocess.Popen(
+        [sys.executable, "-W", "default", "-c", program, *arguments],
+        env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()

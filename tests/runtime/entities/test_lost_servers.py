@@ -5,14 +5,13 @@ from __future__ import annotations
 import asyncio
 import os
 import subprocess
-import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from example_interfaces.action import Fibonacci
 from example_interfaces.srv import AddTwoInts
-from support.node_fixtures import GENERATED, ROOT, until
+from support.node_fixtures import GENERATED, ROOT, python_process, until
 
 from rosidl_py_gen.runtime import ActionServerLostError, CallTimeoutError, ServerLostError
 
@@ -44,11 +43,8 @@ asyncio.run(main())
 def mortal() -> Iterator[subprocess.Popen[str]]:
     """Process with a server that never replies; its loss is detected a second after it was killed."""
     path = os.pathsep.join([str(ROOT), GENERATED.name])
-    env = {**os.environ, "PYTHONPATH": path, "CYCLONEDDS_URI": _SHORT_LEASE}
-    process = subprocess.Popen([sys.executable, "-c", _SILENT_SERVER], env=env, stdout=subprocess.PIPE, text=True)
-    yield process
-    process.kill()
-    process.communicate()
+    with python_process(_SILENT_SERVER, PYTHONPATH=path, CYCLONEDDS_URI=_SHORT_LEASE) as process:
+        yield process
 
 
 def add(request: AddTwoInts.Request) -> AddTwoInts.Response:
@@ -146,13 +142,14 @@ async def test_requests_that_wait_for_their_turn_go_to_the_server_that_comes_nex
 
 
 async def test_a_killed_server_is_missed_after_its_lease(network: World, mortal: subprocess.Popen[str]) -> None:
-    client = network.node("caller").create_client(AddTwoInts, "add")
+    node = network.node("caller")
+    client = node.create_client(AddTwoInts, "add")
     call = asyncio.ensure_future(client.call(Request(a=1, b=2)))
     assert mortal.stdout is not None and await asyncio.to_thread(mortal.stdout.readline) == "asked\n"
     mortal.kill()
     with pytest.raises(ServerLostError, match=_LOST):
         await asyncio.wait_for(call, 10)
-    await until(lambda: not client.service_is_available())  # on Zenoh a moment later
+    await until(lambda: not client.service_is_available() and node.get_node_names() == ["/caller"])
     with pytest.raises(CallTimeoutError, match="no server of /add"):
         await client.call(Request(), timeout_s=0.1)
 
