@@ -26,7 +26,7 @@ class RandomMessages:
     """Values for messages of the packages in a folder."""
 
     def __init__(self, share: Path) -> None:
-        self._library = InterfaceRegistry(scan_search_path([share], ament="", bundled=False))
+        self._registry = InterfaceRegistry(scan_search_path([share], ament="", bundled=False))
 
     def make(self, name: str, count: int) -> list[dict[str, Any]]:
         """Return values in the format of `to_json`."""
@@ -34,28 +34,28 @@ class RandomMessages:
         return [self._message(random, name) for _ in range(count)]
 
     def _message(self, random: Random, name: str) -> dict[str, Any]:
-        found: MessageDef | None = self._library.message(name)
-        assert found is not None, name
-        return {field.name: self._field(random, field.type) for field in found.fields}
+        definition: MessageDef | None = self._registry.message(name)
+        assert definition is not None, name
+        return {field.name: self._field(random, field.type) for field in definition.fields}
 
     def _field(self, random: Random, kind: FieldType) -> Any:
         match kind.arity:
             case Arity.SCALAR:
-                return self._one(random, kind)
+                return self._value(random, kind)
             case Arity.ARRAY:
                 count = kind.capacity
             case Arity.BOUNDED:
                 count = random.choice((0, kind.capacity, random.randint(0, kind.capacity)))
             case _:
                 count = random.choice((0, 1, 4))
-        return [self._one(random, kind) for _ in range(count)]
+        return [self._value(random, kind) for _ in range(count)]
 
-    def _one(self, random: Random, kind: FieldType) -> Any:
+    def _value(self, random: Random, kind: FieldType) -> Any:
         if kind.is_string:
-            most = min(kind.string_bound or 30, 30)
-            text = "".join(random.choices(LETTERS, k=random.choice((0, most, random.randint(0, most)))))
+            max_bytes = min(kind.string_bound or 30, 30)
+            text = "".join(random.choices(LETTERS, k=random.choice((0, max_bytes, random.randint(0, max_bytes)))))
             # Bounds count bytes in rclpy and characters in the standard.
-            return text.encode()[:most].decode(errors="ignore") if kind.string_bound else text
+            return text.encode()[:max_bytes].decode(errors="ignore") if kind.string_bound else text
         if kind.base not in NUMBERS:
             return self._message(random, kind.base)
         if kind.base == "bool":

@@ -77,7 +77,7 @@ def share(shared_peer: Peer) -> str:
 
 
 @dataclass(frozen=True)
-class Looked:
+class Overview:
     """Entities of a peer, and the output of commands that wait for a fixed time, which all run at once."""
 
     topic: str
@@ -85,14 +85,14 @@ class Looked:
     action: str
     node: str
     managed: str
-    said: dict[str, str]
+    outputs: dict[str, str]
 
 
-_looked: dict[Peer, Looked] = {}
+_overviews: dict[Peer, Overview] = {}
 
 
-async def looked(peer: Peer, tool: Tool) -> Looked:
-    if peer not in _looked:
+async def overview_of(peer: Peer, tool: Tool) -> Overview:
+    if peer not in _overviews:
         topic, service, action, node, managed = map(fresh, ("words", "answers", "counts", "holder", "managed"))
         await peer.do("publisher", topic=topic, type=STRINGS)
         await peer.do("serve", name=service, type=BASIC, how="echo")
@@ -103,33 +103,33 @@ async def looked(peer: Peer, tool: Tool) -> Looked:
         about = (f"action info {action}", f"node info /{peer.name} --json", f"graph --json --node {peer.name}")
         words = (*lists, "lifecycle get", *about, "doctor --json")
         answers = await asyncio.gather(*(tool(*one.split(), "--spin-time", "10") for one in words))
-        said = {" ".join(one.split()[:2]): answer for one, answer in zip(words, answers, strict=True)}
-        _looked[peer] = Looked(topic, service, action, node, managed, said)
-    return _looked[peer]
+        outputs = {" ".join(one.split()[:2]): answer for one, answer in zip(words, answers, strict=True)}
+        _overviews[peer] = Overview(topic, service, action, node, managed, outputs)
+    return _overviews[peer]
 
 
 async def test_everything_is_listed(shared_peer: Peer, tool: Tool) -> None:
-    there = await looked(shared_peer, tool)
+    overview = await overview_of(shared_peer, tool)
     expected = {
-        "topic list": f"{there.topic} [{STRINGS}]",
-        "service list": f"{there.service} [{BASIC}]",
-        "action list": f"{there.action} [{FIBONACCI}]",
-        "node list": there.node,
-        "lifecycle nodes": there.managed,
-        "param list": f"{there.node}:",
-        "lifecycle get": f"{there.managed}: unconfigured [1]",
+        "topic list": f"{overview.topic} [{STRINGS}]",
+        "service list": f"{overview.service} [{BASIC}]",
+        "action list": f"{overview.action} [{FIBONACCI}]",
+        "node list": overview.node,
+        "lifecycle nodes": overview.managed,
+        "param list": f"{overview.node}:",
+        "lifecycle get": f"{overview.managed}: unconfigured [1]",
     }
     for words, one in expected.items():
-        assert one in there.said[words].splitlines()
+        assert one in overview.outputs[words].splitlines()
 
 
 async def test_everything_has_information(shared_peer: Peer, tool: Tool) -> None:
-    there = await looked(shared_peer, tool)
-    action = there.action
+    overview = await overview_of(shared_peer, tool)
+    action = overview.action
     of_action = f"Action: {action}\nAction clients: 0\nAction servers: 1\n    /{shared_peer.name}\n"
-    assert there.said["action info"] == of_action
-    found = json.loads(there.said["node info"])
-    assert (found["publishers"][there.topic], found["service_servers"][there.service]) == ([STRINGS], [BASIC])
+    assert overview.outputs["action info"] == of_action
+    found = json.loads(overview.outputs["node info"])
+    assert (found["publishers"][overview.topic], found["service_servers"][overview.service]) == ([STRINGS], [BASIC])
     assert found["action_servers"][action] == [FIBONACCI]
 
 
@@ -143,13 +143,17 @@ async def test_topics_and_services_have_information(shared_peer: Peer, tool: Too
 
 
 async def test_the_graph_shows_them_and_the_doctor_tells_their_make(shared_peer: Peer, tool: Tool) -> None:
-    there = await looked(shared_peer, tool)
-    (node,) = json.loads(there.said["graph --json"])["nodes"]
+    overview = await overview_of(shared_peer, tool)
+    (node,) = json.loads(overview.outputs["graph --json"])["nodes"]
     shown = {(row["kind"], row["name"], *row["types"]) for role in ("publishes", "serves") for row in node[role]}
-    wanted = {("topic", there.topic, STRINGS), ("service", there.service, BASIC), ("action", there.action, FIBONACCI)}
+    wanted = {
+        ("topic", overview.topic, STRINGS),
+        ("service", overview.service, BASIC),
+        ("action", overview.action, FIBONACCI),
+    }
     assert wanted <= shown
     assert not any("parameter" in name for _, name, *_ in shown)
-    texts = [row["text"] for row in json.loads(there.said["doctor --json"])["peers"]]
+    texts = [row["text"] for row in json.loads(overview.outputs["doctor --json"])["peers"]]
     (peers,) = [text for text in texts if text.startswith("Fast DDS, ROS Iron or later: ")]
     assert f"/{shared_peer.name}" in peers
     assert any("a message went there and back" in text for text in texts)
@@ -255,43 +259,43 @@ async def test_a_topic_of_an_unknown_type_is_echoed(shared_peer: Peer, tool: Too
 
 
 async def test_what_is_published_arrives_and_what_they_publish_is_measured(shared_peer: Peer, tool: Tool) -> None:
-    heard, said = fresh("heard"), fresh("said")
-    await shared_peer.do("subscribe", topic=heard, type=STRINGS)
-    await shared_peer.do("publisher", topic=said, type=STRINGS)
-    await tool("topic", "pub", heard, "string_value: grüße", "--times", "2", "--rate", "20")
-    taken = await shared_peer.do("take", topic=heard, count=2)
+    received, published = fresh("received"), fresh("published")
+    await shared_peer.do("subscribe", topic=received, type=STRINGS)
+    await shared_peer.do("publisher", topic=published, type=STRINGS)
+    await tool("topic", "pub", received, "string_value: grüße", "--times", "2", "--rate", "20")
+    taken = await shared_peer.do("take", topic=received, count=2)
     assert [one["string_value"] for one in taken] == ["grüße", "grüße"]
-    process = await tool.start("topic", "hz", said, "--times", "1", "--json")
+    process = await tool.start("topic", "hz", published, "--times", "1", "--json")
     while process.returncode is None:
-        await shared_peer.do("publish", topic=said, messages_=[{}])
+        await shared_peer.do("publish", topic=published, messages_=[{}])
         await asyncio.sleep(0.05)
     report = json.loads((await tool.end(process)).out)
-    assert (report["topic"], report["window"] > 1) == (said, True)
+    assert (report["topic"], report["window"] > 1) == (published, True)
 
 
 async def test_a_topic_of_an_unknown_type_is_recorded_and_played_to_them(
     shared_peer: Peer, tool: Tool, tmp_path: Path
 ) -> None:
-    said, heard, bag = fresh("said"), fresh("heard"), str(tmp_path / "bag")
-    await shared_peer.do("publisher", topic=said, type=STRINGS)
-    process = await tool.start("bag", "record", said, "-o", bag)
+    published, received, bag = fresh("published"), fresh("received"), str(tmp_path / "bag")
+    await shared_peer.do("publisher", topic=published, type=STRINGS)
+    process = await tool.start("bag", "record", published, "-o", bag)
     assert process.stderr is not None
     while (
         line := await asyncio.wait_for(process.stderr.readline(), WITHIN_S)
-    ) != f"recording {said} [{STRINGS}]\n".encode():
-        assert line.startswith(b"nobody publishes")  # yet, as far as this process has heard
-    await shared_peer.do("matched", topic=said)
+    ) != f"recording {published} [{STRINGS}]\n".encode():
+        assert line.startswith(b"nobody publishes")  # as far as this process knows yet
+    await shared_peer.do("matched", topic=published)
     for number in range(5):
-        await shared_peer.do("publish", topic=said, messages_=[{"string_value": f"grüße {number}"}])
+        await shared_peer.do("publish", topic=published, messages_=[{"string_value": f"grüße {number}"}])
     await until(lambda: count_of(bag) == 5, WITHIN_S)  # flushed once a second
     process.send_signal(signal.SIGTERM)
     assert (await tool.end(process)).code == 0
     (topic,) = json.loads(await tool("bag", "info", bag, "--json"))["topics"]
     assert (topic["type"], topic["count"], topic["has_definition"]) == (STRINGS, 5, True)
-    await shared_peer.do("subscribe", topic=heard, type=STRINGS)
-    played = await tool.end(await tool.start("bag", "play", bag, "--remap", f"{said}:={heard}"))
+    await shared_peer.do("subscribe", topic=received, type=STRINGS)
+    played = await tool.end(await tool.start("bag", "play", bag, "--remap", f"{published}:={received}"))
     assert (played.code, played.err) == (0, "published 5 messages of 1 topics\n")
-    taken = await shared_peer.do("take", topic=heard, count=5)
+    taken = await shared_peer.do("take", topic=received, count=5)
     assert [one["string_value"] for one in taken] == [f"grüße {number}" for number in range(5)]
 
 
@@ -319,11 +323,11 @@ async def test_events_of_a_service_and_an_action_of_theirs_are_recorded(
     options = ("--services", service, "--actions", action, "-o", str(bag), "--max-cache-size", "0")
     process = await tool.start("bag", "record", *options)
     assert process.stderr is not None
-    left, said = {f"recording {name} [{kind}]" for name, kind in expected.items()}, []
-    while left:
-        said.append((await asyncio.wait_for(process.stderr.readline(), WITHIN_S)).decode())
-        assert said[-1], (left, said, await tool.end(process))
-        left.discard(said[-1].strip())
+    pending, lines = {f"recording {name} [{kind}]" for name, kind in expected.items()}, []
+    while pending:
+        lines.append((await asyncio.wait_for(process.stderr.readline(), WITHIN_S)).decode())
+        assert lines[-1], (pending, lines, await tool.end(process))
+        pending.discard(lines[-1].strip())
     for topic in expected:
         listeners = 1 if topic.endswith("_event") else 2  # their client of the action, too
         await shared_peer.do("until_subscribed", topic=topic, count=listeners)

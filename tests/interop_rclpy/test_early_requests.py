@@ -25,7 +25,7 @@ KIND = "std_srvs/srv/Trigger"
 _Listener = ct.CFUNCTYPE(None, ct.c_int32, c_api.DdsMatchedStatus, ct.c_void_p)
 
 
-def connect_late(reader: Any, delay_s: float) -> Any:
+def delay_match(reader: Any, delay_s: float) -> Any:
     """Delay Cyclone's match of a reader; return the object to keep alive."""
     function = _Listener(lambda *_: time.sleep(delay_s))  # Cyclone does not notify of a suitable moment
     api, listener = cyclone._api, cyclone._api.create_listener(None)
@@ -42,7 +42,7 @@ async def test_a_request_is_answered_that_came_before_its_writer_was_connected(d
     """
     name, cls = fresh("early"), service(shared_peer, KIND)
     server = dds.node("server").create_service(cls, name, lambda _: cls.Response(success=True, message="heard"))
-    function = connect_late(server._port._reader, 0.2)
+    function = delay_match(server._port._reader, 0.2)
     await shared_peer.do("client", name=name, type=KIND)
     answers = await shared_peer.do("call", name=name, requests_=[{}, {}], within_s=10)
     assert [answer["message"] for answer in answers] == ["heard", "heard"]

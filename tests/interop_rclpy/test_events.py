@@ -47,21 +47,21 @@ def test_policies_have_the_names_and_numbers_of_rclpy(peer_python: Path) -> None
 async def test_their_publishers_that_do_not_fit(
     dds: Any, shared_peer: Peer, theirs: dict[str, Any], ours: QoSProfile, kind: QoSPolicyKind
 ) -> None:
-    topic = fresh("apart")
-    heard: list[IncompatibleStatus] = []
+    topic = fresh("incompatible")
+    events: list[IncompatibleStatus] = []
     await shared_peer.do("publisher", topic=topic, type=STRING, qos=theirs)
-    callbacks = SubscriptionEventCallbacks(incompatible_qos=heard.append)
+    callbacks = SubscriptionEventCallbacks(incompatible_qos=events.append)
     dds.node().create_subscription(String, topic, qos=ours, event_callbacks=callbacks)
-    await until(lambda: bool(heard))
-    assert [(one.total_count, one.last_policy_kind) for one in heard] == [(1, kind)]
+    await until(lambda: bool(events))
+    assert [(one.total_count, one.last_policy_kind) for one in events] == [(1, kind)]
 
 
 async def test_their_publisher_comes_falls_silent_and_goes(dds: Any, shared_peer: Peer) -> None:
     topic = fresh("silent")
     matched: list[MatchedStatus] = []
     alive: list[LivelinessStatus] = []
-    late: list[CountStatus] = []
-    callbacks = SubscriptionEventCallbacks(matched=matched.append, liveliness=alive.append, deadline=late.append)
+    missed: list[CountStatus] = []
+    callbacks = SubscriptionEventCallbacks(matched=matched.append, liveliness=alive.append, deadline=missed.append)
     qos = QoSProfile().deadline(0.5).manual_liveliness(1.0)
     dds.node().create_subscription(String, topic, qos=qos, event_callbacks=callbacks)
     theirs = {"deadline_s": 0.5, "lease_s": 1, "liveliness": "MANUAL_BY_TOPIC"}
@@ -69,8 +69,8 @@ async def test_their_publisher_comes_falls_silent_and_goes(dds: Any, shared_peer
     await shared_peer.do("matched", topic=topic)
     await until(lambda: bool(matched))
     await shared_peer.do("publish", topic=topic, messages_=[{"data": "once"}])
-    await until(lambda: bool(late) and bool(alive) and alive[-1].not_alive_count == 1)
-    assert late[0].total_count >= late[0].total_count_change >= 1
+    await until(lambda: bool(missed) and bool(alive) and alive[-1].not_alive_count == 1)
+    assert missed[0].total_count >= missed[0].total_count_change >= 1
     await shared_peer.do("unpublish", topic=topic)
     await until(lambda: len(matched) == 2 and alive[-1].not_alive_count == 0)
     assert matched == [MatchedStatus(1, 1, 1, 1), MatchedStatus(1, 0, 0, -1)]
@@ -79,14 +79,14 @@ async def test_their_publisher_comes_falls_silent_and_goes(dds: Any, shared_peer
 async def test_their_subscriptions_come_and_do_not_fit(dds: Any, shared_peer: Peer) -> None:
     topic = fresh("both")
     matched: list[MatchedStatus] = []
-    apart: list[IncompatibleStatus] = []
-    callbacks = PublisherEventCallbacks(matched=matched.append, incompatible_qos=apart.append)
+    incompatible: list[IncompatibleStatus] = []
+    callbacks = PublisherEventCallbacks(matched=matched.append, incompatible_qos=incompatible.append)
     dds.node().create_publisher(String, topic, QoSProfile().best_effort(), event_callbacks=callbacks)
     await shared_peer.do("subscribe", topic=topic, type=STRING, qos={"reliability": "RELIABLE"})
-    await until(lambda: bool(apart))
-    assert (apart[0].total_count, apart[0].last_policy_kind) == (1, QoSPolicyKind.RELIABILITY)
+    await until(lambda: bool(incompatible))
+    assert (incompatible[0].total_count, incompatible[0].last_policy_kind) == (1, QoSPolicyKind.RELIABILITY)
     assert matched == []
     await shared_peer.do("unsubscribe", topic=topic)
     await shared_peer.do("subscribe", topic=topic, type=STRING, qos={"reliability": "BEST_EFFORT"})
     await until(lambda: bool(matched))
-    assert matched == [MatchedStatus(1, 1, 1, 1)] and len(apart) == 1
+    assert matched == [MatchedStatus(1, 1, 1, 1)] and len(incompatible) == 1

@@ -26,12 +26,14 @@ async def test_we_read_their_rosout(dds: Any, shared_peer: Peer) -> None:
     node, text = dds.node("reader"), fresh("words from them")
     subscription = node.create_subscription(message(shared_peer, LOG), "/rosout", qos=ROSOUT)
     await shared_peer.do("log", text=text)
-    heard: list[Any] = []
-    while len(heard) < len(LEVELS):
+    records: list[Any] = []
+    while len(records) < len(LEVELS):
         record = await subscription.receive(timeout_s=WAIT_S)
-        heard += [record] if record.msg == text else []
-    assert [(one.level, one.name) for one in heard] == [(level, shared_peer.name) for level in LEVELS]
-    assert heard[0].stamp.sec > 1_600_000_000 and heard[0].file.endswith("nodes.py") and heard[0].function == "log"
+        records += [record] if record.msg == text else []
+    assert [(one.level, one.name) for one in records] == [(level, shared_peer.name) for level in LEVELS]
+    assert (
+        records[0].stamp.sec > 1_600_000_000 and records[0].file.endswith("nodes.py") and records[0].function == "log"
+    )
 
 
 async def test_they_read_our_rosout(dds: Any, shared_peer: Peer) -> None:
@@ -40,12 +42,12 @@ async def test_they_read_our_rosout(dds: Any, shared_peer: Peer) -> None:
     for level in LEVELS:
         node.logger.log(level, text)
     await shared_peer.do("subscribe", topic="/rosout", type=LOG, qos=THEIR_ROSOUT)
-    heard: list[Any] = []
-    while len(heard) < len(LEVELS):
+    records: list[Any] = []
+    while len(records) < len(LEVELS):
         (record,) = await shared_peer.do("take", topic="/rosout")
-        heard += [record] if record["msg"] == text else []
+        records += [record] if record["msg"] == text else []
     expected = [(level, f"deep{name.replace('/', '.')}") for level in LEVELS]
-    assert [(one["level"], one["name"]) for one in heard] == expected
+    assert [(one["level"], one["name"]) for one in records] == expected
 
 
 async def test_their_clock_drives_our_node(dds: Any, shared_peer: Peer) -> None:
@@ -187,7 +189,7 @@ async def check_events(node: Node, peer: Peer, name: str, state: str, call: Any)
         assert len({event["info"]["sequence_number"] for event in events}) == 1
         requests = [event["request"] for event in events]
         responses = [event["response"] for event in events]
-        told = state == "CONTENTS"
-        assert requests == ([[{"data": True}]] * 2 if told else [[]] * 2) + [[]] * 2
-        assert [len(one) for one in responses] == [0, 0, told, told]
+        has_contents = state == "CONTENTS"
+        assert requests == ([[{"data": True}]] * 2 if has_contents else [[]] * 2) + [[]] * 2
+        assert [len(one) for one in responses] == [0, 0, has_contents, has_contents]
     assert ours == theirs

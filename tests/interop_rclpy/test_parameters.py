@@ -41,81 +41,81 @@ def member(answer: dict[str, Any]) -> Any:
     return answer[names.split()[answer["type"] - 1]]
 
 
-def ours_with_all_kinds(dds: Any) -> Node:
+def node_with_all_types(dds: Any) -> Node:
     node: Node = dds.node(fresh("ours").strip("/"))
     for name, value in VALUES.items():
         node.declare_parameter(name, value)
     return node
 
 
-async def ask_ours(peer: Peer, node: Node, method: str, argument: Any) -> Any:
+async def call_ours(peer: Peer, node: Node, method: str, argument: Any) -> Any:
     """Return the response that rclpy's AsyncParameterClient gets from our node."""
     return await peer.do("remote", node=node.fully_qualified_name, method=method, argument=argument)
 
 
 async def test_their_client_gets_our_values_types_and_descriptions(dds: Any, shared_peer: Peer) -> None:
-    ours = ours_with_all_kinds(dds)
+    ours = node_with_all_types(dds)
     names = list(VALUES)
-    answer = await ask_ours(shared_peer, ours, "get_parameters", names)
+    answer = await call_ours(shared_peer, ours, "get_parameters", names)
     assert [member(value) for value in answer["values"]] == list(VALUES.values())
-    assert (await ask_ours(shared_peer, ours, "get_parameter_types", names))["types"] == TYPES
-    described = (await ask_ours(shared_peer, ours, "describe_parameters", names))["descriptors"]
+    assert (await call_ours(shared_peer, ours, "get_parameter_types", names))["types"] == TYPES
+    described = (await call_ours(shared_peer, ours, "describe_parameters", names))["descriptors"]
     assert [(one["name"], one["type"]) for one in described] == list(zip(names, TYPES, strict=True))
-    assert (await ask_ours(shared_peer, ours, "get_parameters", ["flag", "missing"]))["values"] == []
+    assert (await call_ours(shared_peer, ours, "get_parameters", ["flag", "missing"]))["values"] == []
 
 
 async def test_their_client_lists_our_parameters(dds: Any, shared_peer: Peer) -> None:
-    ours = ours_with_all_kinds(dds)
-    result = (await ask_ours(shared_peer, ours, "list_parameters", None))["result"]
+    ours = node_with_all_types(dds)
+    result = (await call_ours(shared_peer, ours, "list_parameters", None))["result"]
     assert set(VALUES) <= set(result["names"])
-    result = (await ask_ours(shared_peer, ours, "list_parameters", ["arm"]))["result"]
+    result = (await call_ours(shared_peer, ours, "list_parameters", ["arm"]))["result"]
     assert (result["names"], result["prefixes"]) == (["arm.left.labels"], ["arm.left"])
 
 
 async def test_their_client_sets_our_parameters(dds: Any, shared_peer: Peer) -> None:
-    ours = ours_with_all_kinds(dds)
-    answer = await ask_ours(shared_peer, ours, "set_parameters", {**NEW, "missing": 1, "gain": "text"})
+    ours = node_with_all_types(dds)
+    answer = await call_ours(shared_peer, ours, "set_parameters", {**NEW, "missing": 1, "gain": "text"})
     assert [one["successful"] for one in answer["results"]] == [True] * 4 + [False] * 2
     assert as_lists(ours.get_parameters(list(NEW))) == list(NEW.values())
 
 
 async def test_their_client_sets_ours_all_or_none(dds: Any, shared_peer: Peer) -> None:
-    ours = ours_with_all_kinds(dds)
-    answer = await ask_ours(shared_peer, ours, "set_parameters_atomically", {"count": 8, "gain": "text"})
+    ours = node_with_all_types(dds)
+    answer = await call_ours(shared_peer, ours, "set_parameters_atomically", {"count": 8, "gain": "text"})
     assert not answer["result"]["successful"] and ours.get_parameter("count") == VALUES["count"]
-    answer = await ask_ours(shared_peer, ours, "set_parameters_atomically", NEW)
+    answer = await call_ours(shared_peer, ours, "set_parameters_atomically", NEW)
     assert answer["result"] == {"successful": True, "reason": ""}
     assert as_lists(ours.get_parameters(list(NEW))) == list(NEW.values())
 
 
 async def test_their_whole_number_is_our_double_and_ours_theirs(dds: Any, shared_peer: Peer, theirs: Any) -> None:
-    ours = ours_with_all_kinds(dds)
+    ours = node_with_all_types(dds)
     wanted = {"gain": 3, "gains": [1, 2], "count": 4}
-    answer = await ask_ours(shared_peer, ours, "set_parameters", wanted)
+    answer = await call_ours(shared_peer, ours, "set_parameters", wanted)
     assert [one["successful"] for one in answer["results"]] == [True] * 3
     assert repr(as_lists(ours.get_parameters(list(wanted)))) == "[3.0, [1.0, 2.0], 4]"
     assert [one.successful for one in await theirs.set(wanted, WAIT_S)] == [True] * 3
     assert (await theirs.set_atomically({"gain": 5, "count": 6}, WAIT_S)).successful
-    assert repr(await held_by_them(shared_peer, theirs, list(wanted))) == "[5.0, [1.0, 2.0], 6]"
+    assert repr(await their_values(shared_peer, theirs, list(wanted))) == "[5.0, [1.0, 2.0], 6]"
 
 
 async def test_their_client_loads_a_file_into_our_node(dds: Any, shared_peer: Peer, tmp_path: Path) -> None:
-    ours = ours_with_all_kinds(dds)
+    ours = node_with_all_types(dds)
     file = tmp_path / "parameters.yaml"
     file.write_text(FILE.format(ours.fully_qualified_name))
-    await ask_ours(shared_peer, ours, "load_parameter_file", str(file))
+    await call_ours(shared_peer, ours, "load_parameter_file", str(file))
     assert as_lists(ours.get_parameters(["count", "arm.left.labels"])) == [11, ["ab", "cd"]]
 
 
 async def test_their_client_undeclares_our_dynamic_parameter(dds: Any, shared_peer: Peer) -> None:
-    ours = ours_with_all_kinds(dds)
+    ours = node_with_all_types(dds)
     ours.declare_parameter("dynamic", 1, ParameterDescriptor(dynamic_typing=True))
-    answer = await ask_ours(shared_peer, ours, "delete_parameters", ["dynamic"])
+    answer = await call_ours(shared_peer, ours, "delete_parameters", ["dynamic"])
     assert [one["successful"] for one in answer["results"]] == [True] and not ours.has_parameter("dynamic")
 
 
 async def test_they_hear_of_changes_of_our_parameters(dds: Any, shared_peer: Peer) -> None:
-    ours = ours_with_all_kinds(dds)
+    ours = node_with_all_types(dds)
     topic, name = "/parameter_events", ours.fully_qualified_name
     await shared_peer.do("subscribe", topic=topic, type="rcl_interfaces/msg/ParameterEvent", qos=THEIR_QOS)
     await shared_peer.do("matched", topic=topic, count=2)  # their own node is one
@@ -139,7 +139,7 @@ def theirs(dds: Any, shared_peer: Peer) -> Any:
     return dds.node("tester").create_parameter_client(name)
 
 
-async def held_by_them(peer: Peer, client: Any, names: list[str]) -> Any:
+async def their_values(peer: Peer, client: Any, names: list[str]) -> Any:
     return await peer.do("parameters", node=client.node.strip("/"), names=names)
 
 
@@ -161,21 +161,21 @@ async def test_our_client_lists_their_parameters(theirs: Any) -> None:
 async def test_our_client_sets_their_parameters(theirs: Any, shared_peer: Peer) -> None:
     results = await theirs.set({**NEW, "missing": 1, "gain": "text"}, WAIT_S)
     assert [one.successful for one in results] == [True] * 4 + [False] * 2
-    assert await held_by_them(shared_peer, theirs, list(NEW)) == list(NEW.values())
+    assert await their_values(shared_peer, theirs, list(NEW)) == list(NEW.values())
 
 
 async def test_our_client_sets_theirs_all_or_none(theirs: Any, shared_peer: Peer) -> None:
     assert not (await theirs.set_atomically({"count": 8, "gain": "text"}, WAIT_S)).successful
-    assert await held_by_them(shared_peer, theirs, ["count"]) == [VALUES["count"]]
+    assert await their_values(shared_peer, theirs, ["count"]) == [VALUES["count"]]
     assert (await theirs.set_atomically(NEW, WAIT_S)).successful
-    assert await held_by_them(shared_peer, theirs, list(NEW)) == list(NEW.values())
+    assert await their_values(shared_peer, theirs, list(NEW)) == list(NEW.values())
 
 
 async def test_our_client_loads_and_dumps_a_file_of_their_node(theirs: Any, shared_peer: Peer, tmp_path: Path) -> None:
     file = tmp_path / "parameters.yaml"
     file.write_text(FILE.format(theirs.node))
     assert all(result.successful for result in (await theirs.load_yaml(file, WAIT_S)).values())
-    assert await held_by_them(shared_peer, theirs, ["count", "arm.left.labels"]) == [11, ["ab", "cd"]]
+    assert await their_values(shared_peer, theirs, ["count", "arm.left.labels"]) == [11, ["ab", "cd"]]
     assert "count: 11" in await theirs.dump_yaml(WAIT_S)
 
 

@@ -41,7 +41,7 @@ def rss_mb() -> float:
         return int(statm.read().split()[1]) * 4096 / 1e6
 
 
-async def answered(once: Callable[[], Awaitable[Any]]) -> Any:
+async def retried(once: Callable[[], Awaitable[Any]]) -> Any:
     """Return the result of a call that is repeated if there is no reply.
 
     Servers on Fast DDS, and ours as well, drop the first reply for a client whose reader they have not found after 0.1
@@ -145,7 +145,7 @@ class Soak:
     async def repeat(self, name: str, once: Callable[[int], Awaitable[None]]) -> None:
         """Repeat an activity until the end."""
         try:
-            await answered(partial(once, 0))
+            await retried(partial(once, 0))
             while not self.is_over:
                 await once(self.count[name])
                 self.count[name] += 1
@@ -169,9 +169,9 @@ class Soak:
             await peer.do("serve", name=name, type=TRIGGER, how="trigger", note="alive")
             await peer.do("client", name=self.names["ours_mortal"], type=BASIC)
             await until(partial(self.is_replaced, client, dead), WAIT_S)
-            assert (await answered(partial(client.call, self.trigger.Request()))).message == "alive"
+            assert (await retried(partial(client.call, self.trigger.Request()))).message == "alive"
             request: dict[str, Any] = {"name": self.names["ours_mortal"], "requests_": [{"int64_value": 5}]}
-            await answered(partial(peer.do, "call", **request))
+            await retried(partial(peer.do, "call", **request))
             end = asyncio.get_running_loop().time() + KILLED_EVERY_S
             while asyncio.get_running_loop().time() < end and not self.is_over:
                 (answer,) = await peer.do("call", **request)

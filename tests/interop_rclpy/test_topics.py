@@ -31,7 +31,9 @@ KEYED = ["test_msgs/msg/KeyedLong", "test_msgs/msg/KeyedString", "test_msgs/msg/
 MEGABYTE = 1_048_576
 
 
-async def heard_by_peer(node: Node, peer: Peer, cls: Any, topic: str, qos: QoSProfile, theirs: dict[str, Any]) -> Any:
+async def matched_publisher(
+    node: Node, peer: Peer, cls: Any, topic: str, qos: QoSProfile, theirs: dict[str, Any]
+) -> Any:
     """Return our publisher that is matched with a subscription of the peer."""
     await peer.do("subscribe", topic=topic, type=cls._TYPE.name, qos=theirs)
     publisher = node.create_publisher(cls, topic, qos)
@@ -40,7 +42,9 @@ async def heard_by_peer(node: Node, peer: Peer, cls: Any, topic: str, qos: QoSPr
     return publisher
 
 
-async def hearing_peer(node: Node, peer: Peer, cls: Any, topic: str, qos: QoSProfile, theirs: dict[str, Any]) -> Any:
+async def matched_subscription(
+    node: Node, peer: Peer, cls: Any, topic: str, qos: QoSProfile, theirs: dict[str, Any]
+) -> Any:
     """Return our subscription that is matched with a publisher of the peer."""
     subscription = node.create_subscription(cls, topic, qos=qos)
     await peer.do("publisher", topic=topic, type=cls._TYPE.name, qos=theirs)
@@ -49,18 +53,18 @@ async def hearing_peer(node: Node, peer: Peer, cls: Any, topic: str, qos: QoSPro
     return subscription
 
 
-KEEP = QoSProfile().keep_last(100)
-THEY_KEEP = {"depth": 100}
+DEEP = QoSProfile().keep_last(100)
+THEIR_DEEP = {"depth": 100}
 
 
 async def exchange(node: Node, peer: Peer, name: str, sent: list[dict[str, Any]]) -> None:
     cls = message(peer, name)
     topic, back = fresh("to_them"), fresh("to_us")
-    publisher = await heard_by_peer(node, peer, cls, topic, KEEP, THEY_KEEP)
+    publisher = await matched_publisher(node, peer, cls, topic, DEEP, THEIR_DEEP)
     for values in sent:
         publisher.publish(from_dict(cls, values))
     assert await peer.do("take", topic=topic, count=len(sent)) == sent
-    subscription = await hearing_peer(node, peer, cls, back, KEEP, THEY_KEEP)
+    subscription = await matched_subscription(node, peer, cls, back, DEEP, THEIR_DEEP)
     await peer.do("publish", topic=back, messages_=sent)
     arrived = [await subscription.receive(timeout_s=10) for _ in sent]
     assert [plain(one) for one in arrived] == sent
@@ -89,13 +93,15 @@ async def test_endpoints_are_found_after_peers_told_each_other_their_types(
     """
     node, name = dds.node("tester"), "test_msgs/msg/Arrays"
     cls, first = message(shared_peer, name), fresh("before")
-    await hearing_peer(node, shared_peer, cls, first, KEEP, THEY_KEEP)
+    await matched_subscription(node, shared_peer, cls, first, DEEP, THEIR_DEEP)
     other = start_peer("other_peer")  # asks for the types of all that shared_peer has
-    await hearing_peer(node, other, message(shared_peer, "std_msgs/msg/String"), first + "_other", KEEP, THEY_KEEP)
+    await matched_subscription(
+        node, other, message(shared_peer, "std_msgs/msg/String"), first + "_other", DEEP, THEIR_DEEP
+    )
     await other.do("subscribe", topic=first + "_both", type="std_msgs/msg/String")
     await shared_peer.do("publisher", topic=first + "_both", type="std_msgs/msg/String")
     await other.do("matched", topic=first + "_both")
-    await hearing_peer(node, shared_peer, cls, fresh("after"), KEEP, THEY_KEEP)
+    await matched_subscription(node, shared_peer, cls, fresh("after"), DEEP, THEIR_DEEP)
 
 
 @pytest.mark.only_with("kilted")  # Jazzy's test_msgs have no keys
@@ -113,12 +119,12 @@ async def test_a_megabyte_arrives_whole(dds: Any, shared_peer: Peer) -> None:
     node, data = dds.node("tester"), random_bytes(MEGABYTE, 1)
     cls = message(shared_peer, "std_msgs/msg/UInt8MultiArray")
     topic, back = fresh("big_to_them"), fresh("big_to_us")
-    publisher = await heard_by_peer(node, shared_peer, cls, topic, KEEP, THEY_KEEP)
+    publisher = await matched_publisher(node, shared_peer, cls, topic, DEEP, THEIR_DEEP)
     for _ in range(3):
         publisher.publish(cls(data=data))
     taken = await shared_peer.do("take", topic=topic, count=3)
     assert [one["data"] for one in taken] == [digest(data)] * 3
-    subscription = await hearing_peer(node, shared_peer, cls, back, KEEP, THEY_KEEP)
+    subscription = await matched_subscription(node, shared_peer, cls, back, DEEP, THEIR_DEEP)
     order = {"data": {"random_bytes": MEGABYTE, "seed": 1}}
 
     await shared_peer.do("publish", topic=back, messages_=[order] * 3)
@@ -132,7 +138,7 @@ async def test_the_first_message_of_a_publisher_may_be_large(dds: Any, shared_pe
     """
     node, order = dds.node("tester"), {"data": {"random_bytes": 200_000, "seed": 1}}
     cls, topics = message(shared_peer, "std_msgs/msg/UInt8MultiArray"), [fresh("big_at_once") for _ in range(10)]
-    subscriptions = [await hearing_peer(node, shared_peer, cls, topic, KEEP, THEY_KEEP) for topic in topics]
+    subscriptions = [await matched_subscription(node, shared_peer, cls, topic, DEEP, THEIR_DEEP) for topic in topics]
     for topic in topics:
         await shared_peer.do("publish", topic=topic, messages_=[order])
     for subscription in subscriptions:
@@ -143,7 +149,7 @@ async def test_the_first_message_of_a_publisher_may_be_large(dds: Any, shared_pe
 async def test_a_camera_image_arrives_whole(dds: Any, shared_peer: Peer) -> None:
     cls, topic, data = message(shared_peer, "sensor_msgs/msg/Image"), fresh("image"), random_bytes(640 * 480 * 3, 1)
     image = cls(height=480, width=640, encoding="rgb8", step=1920, data=data)
-    publisher = await heard_by_peer(dds.node("tester"), shared_peer, cls, topic, KEEP, THEY_KEEP)
+    publisher = await matched_publisher(dds.node("tester"), shared_peer, cls, topic, DEEP, THEIR_DEEP)
     publisher.publish(image)
     (taken,) = await shared_peer.do("take", topic=topic)
     assert taken == {**plain(cls(height=480, width=640, encoding="rgb8", step=1920)), "data": digest(data)}
@@ -154,10 +160,10 @@ async def test_best_effort_topics_deliver(dds: Any, shared_peer: Peer) -> None:
     node, cls = dds.node("tester"), message(shared_peer, "std_msgs/msg/String")
     topic, back = fresh("lossy_to_them"), fresh("lossy_to_us")
     theirs = {"depth": 5, "reliability": "BEST_EFFORT"}
-    publisher = await heard_by_peer(node, shared_peer, cls, topic, SENSOR_DATA, theirs)
+    publisher = await matched_publisher(node, shared_peer, cls, topic, SENSOR_DATA, theirs)
     taken = shared_peer.do("take", topic=topic)
     assert await repeated(lambda: publisher.publish(cls(data="out")), taken) == [{"data": "out"}]
-    subscription = await hearing_peer(node, shared_peer, cls, back, SENSOR_DATA, theirs)
+    subscription = await matched_subscription(node, shared_peer, cls, back, SENSOR_DATA, theirs)
 
     async def send() -> None:
         await shared_peer.do("publish", topic=back, messages_=[{"data": "back"}])
@@ -166,7 +172,7 @@ async def test_best_effort_topics_deliver(dds: Any, shared_peer: Peer) -> None:
 
 
 LATCHED = QoSProfile().keep_last(3).transient_local()
-THEY_LATCH = {"depth": 3, "durability": "TRANSIENT_LOCAL"}
+THEIR_LATCHED = {"depth": 3, "durability": "TRANSIENT_LOCAL"}
 FIVE = [{"data": f"message {number}"} for number in range(5)]
 
 
@@ -175,13 +181,13 @@ async def test_our_latched_messages_reach_a_late_joiner_as_deep_as_the_history_i
     publisher = dds.node("tester").create_publisher(cls, topic, LATCHED)
     for values in FIVE:
         publisher.publish(from_dict(cls, values))
-    await shared_peer.do("subscribe", topic=topic, type="std_msgs/msg/String", qos=THEY_LATCH)
+    await shared_peer.do("subscribe", topic=topic, type="std_msgs/msg/String", qos=THEIR_LATCHED)
     assert await shared_peer.do("take", topic=topic, count=3) == FIVE[-3:]
 
 
 async def test_their_latched_messages_reach_us_as_deep_as_the_history_is(dds: Any, shared_peer: Peer) -> None:
     cls, topic = message(shared_peer, "std_msgs/msg/String"), fresh("latched_by_them")
-    await shared_peer.do("publisher", topic=topic, type="std_msgs/msg/String", qos=THEY_LATCH)
+    await shared_peer.do("publisher", topic=topic, type="std_msgs/msg/String", qos=THEIR_LATCHED)
     await shared_peer.do("publish", topic=topic, messages_=FIVE)
     subscription = dds.node("tester").create_subscription(cls, topic, qos=LATCHED)
     assert [plain(await subscription.receive(timeout_s=10)) for _ in range(3)] == FIVE[-3:]
@@ -190,7 +196,7 @@ async def test_their_latched_messages_reach_us_as_deep_as_the_history_is(dds: An
 async def test_a_busy_subscriber_keeps_the_newest(dds: Any, shared_peer: Peer) -> None:
     node, cls = dds.node("tester"), message(shared_peer, "std_msgs/msg/String")
     topic, last = fresh("newest"), {"data": "message 499"}
-    subscription = await hearing_peer(node, shared_peer, cls, topic, QoSProfile().keep_last(2), {"depth": 1000})
+    subscription = await matched_subscription(node, shared_peer, cls, topic, QoSProfile().keep_last(2), {"depth": 1000})
     many = [{"data": f"message {number}"} for number in range(500)]
     await shared_peer.do("publish", topic=topic, messages_=many)
     await until(lambda: subscription.latest() == from_dict(cls, last))
@@ -205,14 +211,16 @@ QOS_PAIRS = [
 ]
 
 
-@pytest.mark.parametrize(("offered", "wanted", "fits"), [row[1:] for row in QOS_PAIRS], ids=[r[0] for r in QOS_PAIRS])
+@pytest.mark.parametrize(
+    ("offered", "requested", "is_match"), [row[1:] for row in QOS_PAIRS], ids=[r[0] for r in QOS_PAIRS]
+)
 async def test_policies_decide_who_is_matched(
-    dds: Any, shared_peer: Peer, offered: dict[str, Any], wanted: QoSProfile, fits: bool
+    dds: Any, shared_peer: Peer, offered: dict[str, Any], requested: QoSProfile, is_match: bool
 ) -> None:
     node, cls = dds.node("tester"), message(shared_peer, "std_msgs/msg/String")
-    topic, apart = fresh("policies"), list[Any]()
-    events = SubscriptionEventCallbacks(incompatible_qos=apart.append)
-    subscription = node.create_subscription(cls, topic, qos=wanted, event_callbacks=events)
+    topic, incompatible = fresh("policies"), list[Any]()
+    events = SubscriptionEventCallbacks(incompatible_qos=incompatible.append)
+    subscription = node.create_subscription(cls, topic, qos=requested, event_callbacks=events)
     await shared_peer.do("publisher", topic=topic, type="std_msgs/msg/String", qos=offered)
-    await until(lambda: subscription.publisher_count > 0 or apart)
-    assert (subscription.publisher_count > 0, apart == []) == (fits, fits)
+    await until(lambda: subscription.publisher_count > 0 or incompatible)
+    assert (subscription.publisher_count > 0, incompatible == []) == (is_match, is_match)

@@ -10,7 +10,7 @@ def action_server(peer, name, type, how, feedback=(), result=None, cancels=True)
     `how`: `succeed`, `abort`, `raise`, or `cancel`, which waits for a cancellation; `reject` refuses goals.
     """
     cls = messages.load(type)
-    goals = peer.things["goals", name] = []
+    goals = peer.entities["goals", name] = []
 
     def decide(goal):
         goals.append(messages.to_plain(goal))
@@ -28,7 +28,7 @@ def action_server(peer, name, type, how, feedback=(), result=None, cancels=True)
             getattr(goal, how)()
         return messages.build(cls.Result, result or {})
 
-    peer.things["action server", name] = ActionServer(
+    peer.entities["action server", name] = ActionServer(
         peer.node,
         cls,
         name,
@@ -40,40 +40,41 @@ def action_server(peer, name, type, how, feedback=(), result=None, cancels=True)
 
 def goals(peer, name):
     """Return the requested goals, oldest first."""
-    return peer.things["goals", name]
+    return peer.entities["goals", name]
 
 
 async def action_client(peer, name, type):
-    made = peer.things["action client", name] = ActionClient(peer.node, messages.load(type), name)
-    await peer.until(made.server_is_ready)
+    client = peer.entities["action client", name] = ActionClient(peer.node, messages.load(type), name)
+    await peer.until(client.server_is_ready)
 
 
 async def send_goal(peer, name, key, goal):
     """Send a goal, which `key` names; return True if it was accepted."""
-    made = peer.things["action client", name]
-    heard = peer.things["feedback", key] = []
-    handle = await made.send_goal_async(
-        messages.build(made._action_type.Goal, goal), lambda one: heard.append(messages.to_plain(one.feedback))
+    client = peer.entities["action client", name]
+    received = peer.entities["feedback", key] = []
+    handle = await client.send_goal_async(
+        messages.build(client._action_type.Goal, goal),
+        lambda message: received.append(messages.to_plain(message.feedback)),
     )
-    peer.things["goal", key] = handle
+    peer.entities["goal", key] = handle
     return handle.accepted
 
 
 async def feedback(peer, key, count):
-    heard = peer.things["feedback", key]
-    await peer.until(lambda: len(heard) >= count)
-    return heard
+    received = peer.entities["feedback", key]
+    await peer.until(lambda: len(received) >= count)
+    return received
 
 
 async def goal_status(peer, key, expected):
-    await peer.until(lambda: peer.things["goal", key].status == expected)
+    await peer.until(lambda: peer.entities["goal", key].status == expected)
 
 
 async def cancel(peer, key):
-    response = await peer.things["goal", key].cancel_goal_async()
+    response = await peer.entities["goal", key].cancel_goal_async()
     return {"code": response.return_code, "goals": len(response.goals_canceling)}
 
 
 async def result(peer, key):
-    answer = await peer.things["goal", key].get_result_async()
+    answer = await peer.entities["goal", key].get_result_async()
     return {"status": answer.status, "result": messages.to_plain(answer.result)}

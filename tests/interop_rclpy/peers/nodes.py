@@ -25,13 +25,13 @@ def clear(peer):
     """Destroy all entities except the node of the peer; actions stay, because goals may still be executed."""
     for name in [name for name, node in peer.nodes.items() if node is not peer.node]:
         remove_node(peer, name)
-    for kind, name in list(peer.things):
+    for kind, name in list(peer.entities):
         if kind == "subscription":
-            peer.node.destroy_subscription(peer.things.pop((kind, name)).subscription)
+            peer.node.destroy_subscription(peer.entities.pop((kind, name)).subscription)
         elif kind in ("publisher", "service", "client"):
-            getattr(peer.node, f"destroy_{kind}")(peer.things.pop((kind, name)))
+            getattr(peer.node, f"destroy_{kind}")(peer.entities.pop((kind, name)))
         elif kind == "slow":
-            executor, node, thread = peer.things.pop((kind, name))
+            executor, node, thread = peer.entities.pop((kind, name))
             executor.shutdown()
             thread.join()
             node.destroy_node()
@@ -138,7 +138,7 @@ async def now_ns(peer, node, at_least):
 
 
 def introspect(peer, kind, name, state):
-    peer.things[kind, name].configure_introspection(
+    peer.entities[kind, name].configure_introspection(
         peer.node.get_clock(), qos_profile_system_default, getattr(ServiceIntrospectionState, state)
     )
 

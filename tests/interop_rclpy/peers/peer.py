@@ -29,12 +29,12 @@ STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
 class Peer:
-    """Node and its entities; `things` is for the modules, by kind and name."""
+    """Node and its entities; `entities` is for the modules, by kind and name."""
 
     def __init__(self, name):
         self.executor = SingleThreadedExecutor()
         self.nodes = {}
-        self.things = {}
+        self.entities = {}
         self.node = self.add_node(rclpy.create_node(name))
 
     def add_node(self, node):

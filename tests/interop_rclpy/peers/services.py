@@ -31,7 +31,7 @@ def _echo(request, response):
 
 def serve(peer, name, type, how, values=None, node="", note="", depth=10):
     """Serve: `how` is `echo`, `fixed` (with `values`) or `set_bool`; with `note`, the response of a Trigger."""
-    requests = peer.things["requests", name] = []
+    requests = peer.entities["requests", name] = []
     handlers = {"echo": _echo, "fixed": _answer(values), "set_bool": _set_bool}
 
     def handler(request, response):
@@ -42,7 +42,7 @@ def serve(peer, name, type, how, values=None, node="", note="", depth=10):
         return handlers[how](request, response)
 
     node = peer.nodes.get(node, peer.node)
-    peer.things["service", name] = node.create_service(
+    peer.entities["service", name] = node.create_service(
         messages.load(type), name, handler, qos_profile=QoSProfile(depth=depth)
     )
 
@@ -60,38 +60,38 @@ def serve_slowly(peer, name, type, threads, seconds):
     node.create_service(messages.load(type), name, handler, callback_group=ReentrantCallbackGroup())
     thread = threading.Thread(target=executor.spin, daemon=True)
     thread.start()
-    peer.things["slow", name] = executor, node, thread
+    peer.entities["slow", name] = executor, node, thread
 
 
 def unserve(peer, name):
-    made = peer.things.pop(("service", name))
+    made = peer.entities.pop(("service", name))
     peer.owner("services", made).destroy_service(made)
 
 
 def requests(peer, name):
     """Return the received requests, oldest first."""
-    return peer.things["requests", name]
+    return peer.entities["requests", name]
 
 
 async def client(peer, name, type, node="", wait=True):
     node = peer.nodes.get(node, peer.node)
-    made = peer.things["client", name] = node.create_client(messages.load(type), name)
+    made = peer.entities["client", name] = node.create_client(messages.load(type), name)
     if wait:
         await peer.until(made.service_is_ready)
 
 
 async def ready(peer, name, expected=True):
-    await peer.until(lambda: peer.things["client", name].service_is_ready() == expected)
+    await peer.until(lambda: peer.entities["client", name].service_is_ready() == expected)
 
 
 def unclient(peer, name):
-    made = peer.things.pop(("client", name))
+    made = peer.entities.pop(("client", name))
     peer.owner("clients", made).destroy_client(made)
 
 
 async def call(peer, name, requests_):
     """Send all requests at once and wait for all responses."""
-    made = peer.things["client", name]
+    made = peer.entities["client", name]
     futures = [made.call_async(messages.build(made.srv_type.Request, values)) for values in requests_]
     return [messages.to_plain(await future) for future in futures]
 
