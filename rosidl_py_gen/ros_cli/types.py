@@ -93,8 +93,18 @@ async def action_class(
     return await session.node.resolve_action_type(action, name, path=paths, timeout_s=_DESCRIPTION_TIMEOUT_S)
 
 
+def opaque_message_class(type_name: str, type_hash: str) -> type[Message]:
+    """Return a class without fields that has the name and hash of a type, for serialized messages."""
+
+    class OpaqueMessage(Message):
+        __slots__ = ()
+        _TYPE = TypeInfo(str(split_ros_name(type_name, "msg")), type_hash, ())
+
+    return OpaqueMessage
+
+
 def opaque_class(session: CommandNode, topic: str, type_name: str | None = None) -> type[Message]:
-    """Return a class without fields that has the name and hash of a topic's messages, for subscriptions to bytes.
+    """Return a class for the serialized messages of a topic.
 
     Raises:
         ToolError: the topic has several types.
@@ -106,12 +116,7 @@ def opaque_class(session: CommandNode, topic: str, type_name: str | None = None)
         *session.node.get_subscriptions_info_by_topic(topic),
     ]
     hashes = [one.topic_type_hash for one in endpoints if one.topic_type == name and one.topic_type_hash]
-
-    class OpaqueMessage(Message):
-        __slots__ = ()
-        _TYPE = TypeInfo(name, hashes[0] if hashes else "", ())
-
-    return OpaqueMessage
+    return opaque_message_class(name, hashes[0] if hashes else "")
 
 
 def interface_names(kind: str = "msg", paths: Sequence[str] = ()) -> list[str]:

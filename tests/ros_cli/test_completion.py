@@ -39,7 +39,7 @@ async def complete(tool: Tool, line: str, **environment: str) -> list[str]:
 
 async def offered(what: str, incomplete: str, **params: Any) -> list[str]:
     context = click.Context(click.Command("x"))
-    context.params.update(params, network={"spin_time_s": 5})
+    context.params.update(params, network={"spin_time_s": 3})
     items = await asyncio.to_thread(complete_names, what, context, incomplete)
     return [item.value for item in items]
 
@@ -54,12 +54,12 @@ async def test_names_come_from_the_live_graph(dds: World, tool: Tool) -> None:
     await until(lambda: other.count_services("/drive/_action/get_result") == 1)
     other.create_publisher(get_message("nav_msgs/msg/Odometry"), "/odom")
     topics, hidden, services, nodes, recorded, excluded, actions, parameters, nobody = await asyncio.gather(
-        complete(tool, "rosidl-py topic echo --spin-time 5 /"),
-        complete(tool, "rosidl-py topic echo --spin-time 5 /_"),
-        complete(tool, "rosidl-py service call --spin-time 5 /st"),
-        complete(tool, "rosidl-py graph --spin-time 5 --node /"),
-        complete(tool, "rosidl-py bag record --spin-time 5 --topics /rosout /sp"),
-        complete(tool, "rosidl-py bag record --spin-time 5 --all --exclude-actions /other /"),
+        complete(tool, "rosidl-py topic echo --spin-time 3 /"),
+        complete(tool, "rosidl-py topic echo --spin-time 3 /_"),
+        complete(tool, "rosidl-py service call --spin-time 3 /st"),
+        complete(tool, "rosidl-py graph --spin-time 3 --node /"),
+        complete(tool, "rosidl-py bag record --spin-time 3 --topics /rosout /sp"),
+        complete(tool, "rosidl-py bag record --spin-time 3 --all --exclude-actions /other /"),
         offered("actions", "/"),
         offered("parameters", "max", node="base"),
         offered("parameters", "max", node="/nobody"),

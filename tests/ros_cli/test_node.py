@@ -43,7 +43,7 @@ async def test_info_shows_what_a_node_has(network: World, tool: Tool) -> None:
     node.create_action_server(Fibonacci, "count", lambda goal: None)
     node.create_action_client(Fibonacci, "ask")
     plain, as_json = await asyncio.gather(
-        *(tool("node", "info", *words, "--spin-time", "5") for words in (["busy"], ["/busy", "--json", "-a"]))
+        *(tool("node", "info", *words, "--spin-time", "3") for words in (["busy"], ["/busy", "--json", "-a"]))
     )
     type_services = "/busy/get_type_description: type_description_interfaces/srv/GetTypeDescription"
     assert [line for line in plain.out.splitlines() if type_services not in line] == [

@@ -70,7 +70,7 @@ def test_info_describes_each_end_as_rclpy_does(topic_peer: tuple[str, str], run_
 
 
 def test_an_unknown_topic_is_named_with_the_one_that_was_meant(topic_peer: tuple[str, str], run_here: Any) -> None:
-    code, _, error = run_here("topic", "type", "/demo/wrods", "--timeout", "5", *topic_peer)
+    code, _, error = run_here("topic", "type", "/demo/wrods", "--timeout", "3", *topic_peer)
     assert code == 1
     expected = f'error: no topic /demo/wrods was found in domain {topic_peer[1]}; did you mean "/demo/words"?\n'
     assert error.splitlines(keepends=True)[-1] == expected

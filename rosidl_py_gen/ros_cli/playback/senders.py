@@ -11,16 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.cdr import Message, TypeInfo
 from rosidl_py_gen.errors import DecodeError, EncodeError, RosidlError
 from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.ros_cli.bag.output_definitions import guess_mismatch
+from rosidl_py_gen.ros_cli.types import opaque_message_class
 from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability, WaitTimeoutError, validate_full_name
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable, Mapping
 
     from rosidl_py_gen.bags import BagReader, BagTopic
+    from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.runtime import Node, Publisher
 
 _MIN_DEPTH = 10
@@ -124,21 +125,11 @@ def _class_of(reader: BagReader, channel: BagTopic) -> type[Message]:
     """Return the class of a channel; a class without fields if its definition is missing or wrong."""
     if reason := guess_mismatch(reader, channel):
         terminal_output.note(reason)
-        return _opaque_class(channel)
+        return opaque_message_class(channel.type_name, channel.type_hash)
     try:
         return reader.definition(channel).message_class
     except RosidlError:
-        return _opaque_class(channel)
-
-
-def _opaque_class(topic: BagTopic) -> type[Message]:
-    """Return a class with name and hash of a type, for publishing serialized messages."""
-
-    class OpaqueMessage(Message):
-        __slots__ = ()
-        _TYPE = TypeInfo(str(split_ros_name(topic.type_name, "msg")), topic.type_hash, ())
-
-    return OpaqueMessage
+        return opaque_message_class(channel.type_name, channel.type_hash)
 
 
 def _offered_qos(topic: BagTopic) -> QoSProfile:

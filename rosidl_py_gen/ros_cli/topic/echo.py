@@ -104,7 +104,7 @@ def echo(
     from rosidl_py_gen.ros_cli.command_node import CommandNode, now_s
     from rosidl_py_gen.ros_cli.message_expressions import compile_filter
     from rosidl_py_gen.ros_cli.name_lookup import find_topic, full_topic_name
-    from rosidl_py_gen.ros_cli.topic.formats import Format
+    from rosidl_py_gen.ros_cli.topic.formats import value_printer
     from rosidl_py_gen.runtime import AdaptiveSubscription, WaitTimeoutError
     from rosidl_py_gen.runtime import qos as presets
 
@@ -114,7 +114,13 @@ def echo(
         async with CommandNode(network) as session:
             naming = full_name(session)
             name = await (naming if raw else types.preload_while_waiting(naming))
-            printer = Format(style or "yaml", full_length, truncate_length, arrays, strings).printer()
+            printer = value_printer(
+                style or "yaml",
+                full_length=full_length,
+                truncate_length=truncate_length,
+                arrays=arrays,
+                strings=strings,
+            )
             cls: Any
             if raw:
                 cls = types.opaque_class(session, name, type_name)

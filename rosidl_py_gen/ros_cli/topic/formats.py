@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
 
@@ -19,46 +18,31 @@ from rosidl_py_gen.ros_cli.message_text import TRUNCATE, to_plain, to_yaml
 Style = Literal["yaml", "flow", "csv", "json"]
 
 
-@dataclass(frozen=True, slots=True)
-class Format:
-    """Format options of ``topic echo``."""
+def value_printer(
+    style: Style, *, full_length: bool, truncate_length: int | None, arrays: bool, strings: bool
+) -> Callable[[Any], None]:
+    """Return a function that prints a message, the value of a field, or the bytes of a message."""
+    default = None if style == "json" else TRUNCATE
+    truncate = default if truncate_length is None else truncate_length
+    plain = partial(to_plain, truncate=None if full_length else truncate, arrays=arrays, strings=strings)
 
-    style: Style = "yaml"
-    full_length: bool = False
-    truncate_length: int | None = None
-    arrays: bool = True
-    strings: bool = True
-
-    def printer(self) -> Callable[[Any], None]:
-        """Return a function that prints a message, the value of a field, or the bytes of a message."""
-        default = None if self.style == "json" else TRUNCATE
-        truncate = default if self.truncate_length is None else self.truncate_length
-        plain = partial(
-            to_plain,
-            truncate=None if self.full_length else truncate,
-            arrays=self.arrays,
-            strings=self.strings,
-        )
-        match self.style:
-            case "json":
-                return lambda value: terminal_output.document(plain(_hex(value)), in_stream=True)
-            case "csv":
-                return lambda value: terminal_output.line(to_csv(plain(_hex(value))))
-        return lambda value: terminal_output.block(self._document(value, plain) + "\n---")
-
-    def _document(self, value: Any, plain: Callable[[Any], Any]) -> str:
+    def yaml_text(value: Any) -> str:
         if isinstance(value, bytes):
             return repr(value)
-        if isinstance(value, str) and self.truncate_length is None and self.strings:
+        if isinstance(value, str) and truncate_length is None and strings:
             return value
         value = plain(value)
-        if isinstance(value, dict | list):
-            return to_yaml(value, flow=self.style == "flow").removesuffix("\n")
-        return str(value)
+        return to_yaml(value, flow=style == "flow").removesuffix("\n") if isinstance(value, dict | list) else str(value)
+
+    match style:
+        case "json":
+            return lambda value: terminal_output.document(plain(_hex(value)), in_stream=True)
+        case "csv":
+            return lambda value: terminal_output.line(_csv_line(plain(_hex(value))))
+    return lambda value: terminal_output.block(yaml_text(value) + "\n---")
 
 
-def to_csv(value: Any) -> str:
-    """Return all scalars of a plain value as a line of CSV."""
+def _csv_line(value: Any) -> str:
     text = io.StringIO()
     csv.writer(text, lineterminator="").writerow(_scalars(value))
     return text.getvalue()
