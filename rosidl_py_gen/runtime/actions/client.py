@@ -78,13 +78,13 @@ class ClientGoal(Generic[ActionT_co]):
         goal: object,
         feedback_depth: int,
         cancel: Callable[[bytes, float | None], Coroutine[Any, Any, None]],
-        run_sync: Callable[[Coroutine[Any, Any, Any]], Any],
+        scope: EntityScope,
     ) -> None:
         self.goal_id = goal_id
         """16 bytes."""
         self._goal: Any = goal
         self._cancel = cancel
-        self._run_sync = run_sync
+        self._scope = scope
         self._status = GoalStatus.UNKNOWN
         self._accepted_stamp: Time | None = None
         self._accepted_s: float | None = None
@@ -173,6 +173,8 @@ class ClientGoal(Generic[ActionT_co]):
         assert self._outcome is not None
         return self._outcome
 
+    result_sync = blocking(result)
+
     async def cancel(self, timeout_s: float | None = None) -> None:
         """Request to cancel the goal, and wait for the server's consent. The goal ends later, see `result`.
 
@@ -184,16 +186,7 @@ class ClientGoal(Generic[ActionT_co]):
         """
         await self._cancel(self.goal_id, timeout_s)
 
-    def result_sync(
-        self: ClientGoal[Action[Any, ResultT, Any]], timeout_s: float | None = None
-    ) -> tuple[GoalStatus, ResultT]:
-        """Return `result()` in plain code; see `ActionClient.send_goal_sync`."""
-        result: tuple[GoalStatus, ResultT] = self._run_sync(self.result(timeout_s))
-        return result
-
-    def cancel_sync(self, timeout_s: float | None = None) -> None:
-        """Call `cancel()` in plain code; see `ActionClient.send_goal_sync`."""
-        self._run_sync(self.cancel(timeout_s))
+    cancel_sync = blocking(cancel)
 
     def __repr__(self) -> str:
         return f"ClientGoal({self.goal_id.hex()}, {self.status.name})"
@@ -317,7 +310,7 @@ class ActionClient(CompositeEntity, Generic[ActionT_co]):
         set_goal_id(request, goal_id)
         request.goal = self._type.goal.to_message(goal)
         client_goal: ClientGoal[ActionT_co] = ClientGoal(
-            goal_id, goal, self._feedback_depth, self.cancel_goal, self._run_sync
+            goal_id, goal, self._feedback_depth, self.cancel_goal, self._scope
         )
         self._goals[goal_id] = client_goal
         try:
@@ -330,6 +323,8 @@ class ActionClient(CompositeEntity, Generic[ActionT_co]):
             self._goals.pop(goal_id, None)
             raise
         return client_goal
+
+    send_goal_sync = blocking(send_goal)
 
     async def _call_send_goal(self, request: Any, deadline: Deadline, timeout_s: float | None) -> Any:
         if not self._is_available.get():
@@ -347,24 +342,6 @@ class ActionClient(CompositeEntity, Generic[ActionT_co]):
             raise ActionTimeoutError(f"action {self.name}: no reply to the goal in {timeout_s} s") from error
         except ServerLostError as error:
             raise ActionServerLostError(f"action {self.name}: no reply to the goal: {error}") from error
-
-    def send_goal_sync(
-        self: ActionClient[Action[GoalT, Any, Any]],
-        goal: GoalT,
-        timeout_s: float | None = None,
-        *,
-        goal_id: bytes | None = None,
-    ) -> ClientGoal[ActionT_co]:
-        """Call `send_goal` in plain code: without an event loop, or in another thread than the loop's.
-
-        The goal has `result_sync` and `cancel_sync`. Raises `WouldDeadlockError` in the loop, else as `send_goal`.
-        """
-        coroutine: Coroutine[Any, Any, Any] = self.send_goal(goal, timeout_s, goal_id=goal_id)
-        client_goal: ClientGoal[ActionT_co] = self._run_sync(coroutine)
-        return client_goal
-
-    def _run_sync(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        return self._scope.run_blocking(coroutine, f"a blocking call of action {self.name}", "'await'")
 
     # ------------------------------------------------------------------------------------------------------ result
 

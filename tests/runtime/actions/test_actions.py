@@ -702,7 +702,7 @@ def test_plain_code(world: World) -> None:
 
 async def test_plain_code_inside_the_loop_is_refused_instead_of_hanging(world: World) -> None:
     _, client = await pair(world)
-    with pytest.raises(WouldDeadlockError, match="use 'await'"):
+    with pytest.raises(WouldDeadlockError, match="use 'await"):
         client.send_goal_sync(goal())
 
 
