@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from support.environments import environment
 from support.interface_packages import write
-from support.program_processes import PACKAGE_XML, run, started
+from support.program_processes import PACKAGE_XML, output_lines, run, started
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "interop_rclpy"))
 
@@ -18,16 +18,6 @@ from rclpy_peer import REQUIREMENTS
 
 pytestmark = pytest.mark.real_time("programs are processes")
 
-
-def lines(tmp_path: Path, text: str, **settings: str) -> list[str]:
-    """Return the output of a program under our rclpy."""
-    write(tmp_path, {"program.py": textwrap.dedent(text)})
-    found = run("program.py", cwd=tmp_path, **settings)
-    assert found.returncode == 0, found.stderr
-    return found.stdout.splitlines()
-
-
-# --- ament_index_python -----------------------------------------------------------------------------------------------
 
 INDEX = "share/ament_index/resource_index"
 ASKED = """
@@ -132,9 +122,6 @@ def test_packages_that_are_not_installed_are_found_by_their_sources(tmp_path: Pa
     ], found.stderr
 
 
-# --- rosidl_runtime_py ------------------------------------------------------------------------------------------------
-
-
 def test_messages_as_text_and_back(tmp_path: Path) -> None:
     text = """
         from rosidl_runtime_py import *
@@ -167,7 +154,7 @@ def test_messages_as_text_and_back(tmp_path: Path) -> None:
             print(error)
     """
     zero = "0.0,0.0,0.0,0.0,0.0,0.0,0.0"
-    assert lines(tmp_path, text) == [
+    assert output_lines(tmp_path, text) == [
         *("header:", "  stamp:", "    sec: 0", "    nanosec: 0", "  frame_id: laser"),
         *("angle_min: 0.0", "angle_max: 0.0", "angle_increment: 0.0", "time_increment: 0.0", "scan_time: 0.0"),
         *("range_min: 0.0", "range_max: 0.0", "ranges:", "- 1.0", "- 2.0", "- 3.0", "intensities: []"),
@@ -186,9 +173,6 @@ def test_messages_as_text_and_back(tmp_path: Path) -> None:
         "float",
         "Expected the full name of a message, got 'std_srvs/srv/SetBool'",
     ]
-
-
-# --- message_filters, tf2_ros -----------------------------------------------------------------------------------------
 
 
 def test_messages_that_belong_together(tmp_path: Path) -> None:
@@ -243,7 +227,7 @@ def test_messages_that_belong_together(tmp_path: Path) -> None:
         ApproximateTimeSynchronizer([b], 5, 0.1).add(String(), 0)
         rclpy.shutdown()
     """
-    assert lines(tmp_path, text) == [
+    assert output_lines(tmp_path, text) == [
         "near [10, 13]",
         "exact [10, 10] ('more', 3)",
         "exact [50, 50] ('more', 3)",
@@ -314,7 +298,7 @@ def test_transforms(tmp_path: Path) -> None:
         listener.unregister()
         rclpy.shutdown()
     """
-    assert lines(tmp_path, text) == [
+    assert output_lines(tmp_path, text) == [
         "11.0 map laser",
         "6.0",
         "-10.0",

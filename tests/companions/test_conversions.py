@@ -8,17 +8,9 @@ from pathlib import Path
 import pytest
 from support.environments import environment
 from support.interface_packages import write
-from support.program_processes import run
+from support.program_processes import output_lines, run
 
 pytestmark = pytest.mark.real_time("programs are processes")
-
-
-def lines(tmp_path: Path, text: str, **settings: str) -> list[str]:
-    """Return the output of a program under our rclpy."""
-    write(tmp_path, {"program.py": textwrap.dedent(text)})
-    found = run("program.py", cwd=tmp_path, **settings)
-    assert found.returncode == 0, found.stderr
-    return found.stdout.splitlines()
 
 
 def test_what_goes_in_comes_out(tmp_path: Path) -> None:
@@ -112,7 +104,7 @@ def test_what_goes_in_comes_out(tmp_path: Path) -> None:
             check()
             print(check.__name__)
     """
-    assert lines(tmp_path, text) == ["cloud", "image", "rotation", "moved"]
+    assert output_lines(tmp_path, text) == ["cloud", "image", "rotation", "moved"]
 
 
 def test_what_the_real_packages_get_wrong(tmp_path: Path) -> None:
@@ -152,7 +144,7 @@ def test_what_the_real_packages_get_wrong(tmp_path: Path) -> None:
         image = Image(height=2, width=1, encoding="bgr8", step=4, data=[1, 2, 3, 9, 4, 5, 6, 9])
         print(CvBridge().imgmsg_to_cv2(image).tolist())
     """
-    assert lines(tmp_path, text) == [
+    assert output_lines(tmp_path, text) == [
         "[True, True]",
         "[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]",
         "32 [1.0, 2.0, 3.0, 4.0]",
@@ -212,7 +204,7 @@ ALIKE = [
 
 def test_compressed_images_without_opencv(tmp_path: Path) -> None:
     write(tmp_path, {"hidden/cv2.py": 'raise ImportError("not here")'})
-    found = lines(tmp_path, COMPRESSED, PYTHONPATH=str(tmp_path / "hidden"))
+    found = output_lines(tmp_path, COMPRESSED, PYTHONPATH=str(tmp_path / "hidden"))
     assert found == [
         *ALIKE,
         "bmp of uint8 with shape (5, 8, 3) needs OpenCV; install opencv-python-headless",
@@ -246,7 +238,7 @@ def test_compressed_images_with_opencv(tmp_path: Path) -> None:
         print(all(getCvType(name) == getattr(cv2, f"CV_{name}") for name in bridge.cvtype_to_name.values()))
         print((bridge.compressed_imgmsg_to_cv2(message) == cv2.imdecode(np.array(message.data), -1)).all())
     """
-    found = lines(tmp_path, textwrap.dedent(COMPRESSED) + textwrap.dedent(more), PYTHONPATH=str(packages))
+    found = output_lines(tmp_path, textwrap.dedent(COMPRESSED) + textwrap.dedent(more), PYTHONPATH=str(packages))
     assert found == [*ALIKE, "174", "True", "True"]
 
 
@@ -358,7 +350,7 @@ BUFFERS = """
 
 
 def test_buffers_transform_tell_velocities_and_are_asked_by_action(tmp_path: Path) -> None:
-    assert lines(tmp_path, BUFFERS) == [
+    assert output_lines(tmp_path, BUFFERS) == [
         *("PointStamped map", "Vector3Stamped map", "PoseStamped map", "PoseWithCovarianceStamped map"),
         "map [[2.0, 1.0, 0.0]]",
         "[[0.946, -0.903, 0.0], [0.0, 0.0, 0.5]]",

@@ -7,12 +7,11 @@ same tables; if it does not, a failed test prints the expected text.
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from support.program_processes import run
 from support.record_rclpy_names import RECORD
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "rclpy.md"
@@ -113,14 +112,7 @@ MORE = {
 
 @pytest.fixture(scope="module")
 def compared() -> dict[str, Any]:
-    command = [
-        sys.executable,
-        "-m",
-        "rosidl_py_gen.ros_cli",
-        "run",
-        str(Path(__file__).with_name("compare_names.py")),
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = run(Path(__file__).with_name("compare_names.py"))
     assert done.returncode == 0, done.stderr
     found: dict[str, Any] = json.loads(done.stdout)
     return found
