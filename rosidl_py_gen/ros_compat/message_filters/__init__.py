@@ -74,8 +74,6 @@ class Cache(SimpleFilter):
     """Filter that stores the last messages, in the order of their arrival.
 
     Args:
-        f: input filter.
-        cache_size: maximum number of messages.
         allow_headerless: use the time of arrival for messages without a stamp, which otherwise are ignored.
     """
 
@@ -135,7 +133,6 @@ class TimeSynchronizer(SimpleFilter):
     """Sets of messages with equal stamps, one of each filter; callbacks take them in the order of the filters.
 
     Args:
-        fs: input filters.
         queue_size: maximum number of messages of each filter that wait for others.
     """
 
@@ -164,7 +161,6 @@ class ApproximateTimeSynchronizer(TimeSynchronizer):
     """Sets of messages whose stamps are less than `slop` seconds apart.
 
     Args:
-        fs: input filters.
         queue_size: maximum number of messages of each filter that wait for others.
         slop: maximum difference in seconds.
         allow_headerless: use the time of arrival for messages without a stamp, which otherwise are ignored.

@@ -37,7 +37,6 @@ def init(
 
     Args:
         args: command line with ``--ros-args``. [default: `sys.argv`]
-        context: context to open. [default: the default context]
         domain_id: domain. [default: ``ROS_DOMAIN_ID``, else 0]
         signal_handler_options: signals that shut contexts down. [default: both for the default context, else none]
 
@@ -78,7 +77,6 @@ def shutdown(*, context: Context | None = None, uninstall_handlers: bool | None 
     """Shut a context down, by default the default one, which a new context replaces.
 
     Args:
-        context: context to shut down.
         uninstall_handlers: restore the signal handlers from before `init`. [default: for the default context only]
 
     Raises:
@@ -126,7 +124,6 @@ def spin_once(node: Node, *, executor: Executor | None = None, timeout_sec: floa
     """Run one callback of a node, or wait for it.
 
     Args:
-        node: node to serve.
         executor: executor to use. [default: the global one]
         timeout_sec: maximum time to wait; None or negative: unlimited; 0: do not wait.
     """

@@ -91,10 +91,8 @@ class NodeParameters:
         """Declare a parameter with a default value, or with a `Parameter.Type` and no value.
 
         Args:
-            name: full name.
             value: value unless the program, the command line or a file has an initial value.
             descriptor: an rcl_interfaces/ParameterDescriptor.
-            ignore_override: ignore initial values.
 
         Raises:
             ParameterAlreadyDeclaredException: the parameter is declared.
@@ -115,7 +113,6 @@ class NodeParameters:
         Args:
             namespace: prefix of each name, followed by a dot.
             parameters: tuples of name, value or type, and descriptor; the last two are optional.
-            ignore_override: ignore initial values.
 
         Raises:
             TypeError: a tuple is invalid. Others as `declare_parameter`.
@@ -320,7 +317,6 @@ class NodeParameters:
         """Replace the descriptor of a parameter and return its rcl_interfaces/ParameterValue.
 
         Args:
-            name: name of the parameter.
             descriptor: an rcl_interfaces/ParameterDescriptor.
             alternative_value: rcl_interfaces/ParameterValue to set if the descriptor refuses the current value.
 

@@ -176,7 +176,6 @@ def parameter_dict_from_yaml_file(
     """Read the parameters of a file as rcl_interfaces/Parameter by name.
 
     Args:
-        parameter_file: path of the file.
         use_wildcard: include the section ``/**``; sections of nodes take precedence.
         target_nodes: names of the sections to read. [default: all]
         namespace: prefix of each name.

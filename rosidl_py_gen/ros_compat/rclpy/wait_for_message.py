@@ -14,9 +14,6 @@ def wait_for_message(
     """Wait for the next message of a topic, without running other callbacks of the node.
 
     Args:
-        msg_type: class of the message.
-        node: node that subscribes.
-        topic: name of the topic.
         qos_profile: profile or depth.
         time_to_wait: maximum time to wait, in seconds; negative: unlimited.
 

@@ -60,7 +60,6 @@ def message_to_ordereddict(
     """Return a message as dicts, lists, numbers and texts, in the order of its fields.
 
     Args:
-        msg: the message.
         truncate_length: maximum length of arrays and texts, after which they end in ``...``.
         no_arr: describe the types of arrays in place of their elements.
         no_str: describe the lengths of texts in place of their contents.

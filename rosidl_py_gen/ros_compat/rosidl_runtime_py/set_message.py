@@ -22,8 +22,6 @@ def set_message_fields(
     """Set the fields in `values`, also in nested messages.
 
     Args:
-        msg: the message.
-        values: field names and values.
         expand_header_auto: accept ``auto`` for a Header, whose stamp the caller sets later.
         expand_time_now: accept ``now`` for a Time, which the caller sets later.
 

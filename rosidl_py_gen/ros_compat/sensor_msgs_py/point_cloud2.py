@@ -45,7 +45,6 @@ def read_points(
     """Return the points as a structured array of one axis, which shares the memory of the cloud if possible.
 
     Args:
-        cloud: the cloud.
         field_names: fields to read. [default: all]
         skip_nans: skip points with a NaN in one of the fields, unless the cloud is dense.
         uvs: indices of the points to read. [default: all]
@@ -145,8 +144,6 @@ def create_cloud(
     """Create a cloud.
 
     Args:
-        header: header of the cloud.
-        fields: fields of the points.
         points: tuples in the order of the fields; an array of shape ``(n, fields)`` or ``(width, height, fields)`` if
             all fields have the same type; or a structured array with exactly these fields.
         point_step: bytes of a point. [default: as many as the fields need]

@@ -24,12 +24,9 @@ def velocity(
     """Return the linear and angular velocity in m/s and rad/s.
 
     Args:
-        buffer: buffer of the transforms.
         frames: the moving frame, the frame in which it is observed, and the frame of the result.
         point: point to which the linear velocity applies, in `point_frame`.
-        point_frame: frame of `point`.
         time_s: middle of the interval; earlier if the latest transform is too old.
-        interval_s: length of the interval.
     """
     tracked, observed, reference = frames
     end = min(time_s + interval_s * 0.5, buffer.lookup_transform(observed, tracked).stamp / 1e9)

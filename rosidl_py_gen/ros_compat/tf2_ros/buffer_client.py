@@ -43,7 +43,6 @@ class BufferClient(BufferInterface):
     """Client of a buffer server; another thread has to spin the node during a call.
 
     Args:
-        node: node of the action client.
         ns: name of the server's action.
         check_frequency: without effect, because results are not polled.
         timeout_padding: time in addition to `timeout` that a server may take.

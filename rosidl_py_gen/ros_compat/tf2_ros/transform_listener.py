@@ -20,9 +20,6 @@ class TransformListener:
     """Subscriptions that fill a buffer, in a callback group of their own.
 
     Args:
-        buffer: buffer to fill.
-        node: node of the subscriptions.
-        spin_thread: spin the node in a thread.
         qos: profile or depth for ``/tf``. [default: depth 100]
         static_qos: profile or depth for ``/tf_static``. [default: depth 100, transient local]
     """

@@ -152,15 +152,8 @@ class ActionClient(ActionWaitable):
     """Client of an action; the executor of the node receives responses and feedback.
 
     Args:
-        node: node of the client.
         action_type: class such as `example_interfaces.action.Fibonacci`.
         action_name: name, expanded and remapped like those of topics.
-        callback_group: group. [default: the node's]
-        goal_service_qos_profile: profile of the service ``send_goal``.
-        result_service_qos_profile: profile of the service ``get_result``.
-        cancel_service_qos_profile: profile of the service ``cancel_goal``.
-        feedback_sub_qos_profile: profile of the topic of feedback.
-        status_sub_qos_profile: profile of the topic of states.
     """
 
     def __init__(

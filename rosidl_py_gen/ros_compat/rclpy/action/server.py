@@ -70,19 +70,12 @@ class ActionServer(ActionWaitable):
     """Server of an action; the executor of the node takes its requests and runs its callbacks.
 
     Args:
-        node: node of the server.
         action_type: class such as `example_interfaces.action.Fibonacci`.
         action_name: name, expanded and remapped like those of topics.
         execute_callback: function that takes a `ServerGoalHandle` and returns a result of the action.
-        callback_group: group. [default: the node's]
         goal_callback: function that takes the goal and returns a `GoalResponse`.
         handle_accepted_callback: function that takes the `ServerGoalHandle` and executes it, now or later.
         cancel_callback: function that takes the `ServerGoalHandle` and returns a `CancelResponse`.
-        goal_service_qos_profile: profile of the service ``send_goal``.
-        result_service_qos_profile: profile of the service ``get_result``.
-        cancel_service_qos_profile: profile of the service ``cancel_goal``.
-        feedback_pub_qos_profile: profile of the topic of feedback.
-        status_pub_qos_profile: profile of the topic of states.
         result_timeout: seconds for which a result is retained; negative: unlimited.
     """
 
