@@ -15,14 +15,13 @@ from enum import Enum
 from typing import TYPE_CHECKING, Protocol
 
 from rosidl_py_gen.errors import ExtraMissingError, RosidlError
-from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
+from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent, NodeEntities, TopicKey
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from rosidl_py_gen.runtime.transport.clock_functions import ClockFunctions
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent, NodeEntities
     from rosidl_py_gen.runtime.transport.incompatibility import IncompatibilityKind
     from rosidl_py_gen.runtime.transport.samples import Payload, ReceiveQueue, Sink
     from rosidl_py_gen.runtime.transport.service_api import ServiceClientTransport, ServiceServerTransport, ServiceSpec

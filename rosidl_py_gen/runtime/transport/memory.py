@@ -15,18 +15,21 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.transport.clock_functions import SYSTEM_CLOCKS
+from rosidl_py_gen.runtime.transport.clock_functions import SYSTEM_CLOCKS, ClockFunctions
 from rosidl_py_gen.runtime.transport.discovery_events import (
     DiscoveredEndpoint,
+    DiscoveryEvent,
     EntityLost,
+    NodeEntities,
     NodesAnnounced,
     ParticipantDiscovered,
+    TopicKey,
 )
 from rosidl_py_gen.runtime.transport.incompatibility import IncompatibilityKind
-from rosidl_py_gen.runtime.transport.qos import Durability, History, effective
+from rosidl_py_gen.runtime.transport.qos import Durability, History, QoSProfile, effective
 from rosidl_py_gen.runtime.transport.qos_matching import check_compatible
-from rosidl_py_gen.runtime.transport.samples import ReceiveQueue, pad_to_4_bytes
-from rosidl_py_gen.runtime.transport.service_api import ServerAvailability
+from rosidl_py_gen.runtime.transport.samples import Payload, ReceiveQueue, Sample, Sink, pad_to_4_bytes
+from rosidl_py_gen.runtime.transport.service_api import Reply, Request, ServerAvailability, ServiceSpec
 from rosidl_py_gen.runtime.transport.service_endpoints import (
     EndpointPairClient,
     EndpointPairServer,
@@ -38,11 +41,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from rosidl_py_gen.runtime.transport.api import DomainSettings, EndpointSpec, Writer
-    from rosidl_py_gen.runtime.transport.clock_functions import ClockFunctions
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent, NodeEntities, TopicKey
-    from rosidl_py_gen.runtime.transport.qos import QoSProfile
-    from rosidl_py_gen.runtime.transport.samples import Payload, Sample, Sink
-    from rosidl_py_gen.runtime.transport.service_api import Reply, Request, ServiceSpec
 
 _VENDOR = b"\x01\x10"
 """Vendor id of Cyclone DDS: other code must not apply the rules for other vendors to these endpoints."""

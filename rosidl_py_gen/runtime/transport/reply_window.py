@@ -17,14 +17,12 @@ import threading
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.runtime.transport.clock_functions import SYSTEM_CLOCKS
-from rosidl_py_gen.runtime.transport.qos import History
+from rosidl_py_gen.runtime.transport.clock_functions import SYSTEM_CLOCKS, ClockFunctions
+from rosidl_py_gen.runtime.transport.qos import History, QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable
 
-    from rosidl_py_gen.runtime.transport.clock_functions import ClockFunctions
-    from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 MAX_REPLIES = 8
 """Maximum number of replies that may be in flight. A client of ROS keeps 10."""

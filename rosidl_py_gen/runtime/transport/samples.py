@@ -6,12 +6,11 @@ from collections import deque
 from typing import TYPE_CHECKING, TypeAlias
 
 from rosidl_py_gen.cdr.layout import NETWORK_ALIGN, PADDING
-from rosidl_py_gen.runtime.transport.qos import History
+from rosidl_py_gen.runtime.transport.qos import History, QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 Payload: TypeAlias = "bytes | memoryview"
 """A sample with its 4-byte encapsulation header. Large ones are read-only views of memory that DDS allocated."""

@@ -9,13 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
 
-from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
+from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.errors import DecodeError
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
     from rosidl_py_gen.runtime.transport.samples import Payload, Sink
 
 

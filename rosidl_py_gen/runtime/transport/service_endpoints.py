@@ -9,18 +9,15 @@ from __future__ import annotations
 from collections import defaultdict, deque
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, EntityLost
+from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent, EntityLost, TopicKey
 from rosidl_py_gen.runtime.transport.match_cache import MatchCache
-from rosidl_py_gen.runtime.transport.qos import History
-from rosidl_py_gen.runtime.transport.service_api import NoReply
+from rosidl_py_gen.runtime.transport.qos import History, QoSProfile
+from rosidl_py_gen.runtime.transport.service_api import NoReply, Reply, ServerAvailability, ServiceSpec
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from rosidl_py_gen.runtime.transport.api import Reader, Writer
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent, TopicKey
-    from rosidl_py_gen.runtime.transport.qos import QoSProfile
-    from rosidl_py_gen.runtime.transport.service_api import Reply, ServerAvailability, ServiceSpec
 
 
 def fair_queue_share(servers: Iterable[QoSProfile], clients: Iterable[DiscoveredEndpoint]) -> int:

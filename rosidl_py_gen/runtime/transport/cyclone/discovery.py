@@ -29,6 +29,7 @@ from rosidl_py_gen.runtime.transport.dds.names import channel_of, parse_user_dat
 from rosidl_py_gen.runtime.transport.discovery_events import (
     GUID_PREFIX_BYTES,
     DiscoveredEndpoint,
+    DiscoveryEvent,
     EntityLost,
     ParticipantDiscovered,
 )
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import FastDdsInterop
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent
 
 _BATCH = 64
 """Length of all arrays for a builtin reader, because 0.10 writes as many pointers as it has ever lent."""

@@ -26,7 +26,7 @@ from rosidl_py_gen.runtime.transport.cyclone.c_api import SAMPLE_NOT_CONSUMED, S
 from rosidl_py_gen.runtime.transport.cyclone.private_layout import bytes_at, payload_array
 from rosidl_py_gen.runtime.transport.cyclone.sockets import LARGE_BYTES, warn_about_socket_buffers
 from rosidl_py_gen.runtime.transport.qos import Reliability
-from rosidl_py_gen.runtime.transport.samples import ReceiveQueue, pad_to_4_bytes
+from rosidl_py_gen.runtime.transport.samples import Payload, ReceiveQueue, Sink, pad_to_4_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneParticipant
     from rosidl_py_gen.runtime.transport.dds.correlation import SampleIdentity
     from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
-    from rosidl_py_gen.runtime.transport.samples import Payload, Sink
 
 _BATCH = 32
 """Maximum number of samples per take. A larger one helps only with deeper queues; each costs 72 bytes."""

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.transport.api import DiscoveryRange
+from rosidl_py_gen.runtime.transport.api import DiscoveryRange, DomainSettings
 from rosidl_py_gen.runtime.transport.clock_functions import SYSTEM_CLOCKS
 from rosidl_py_gen.runtime.transport.cyclone import c_api, library
 from rosidl_py_gen.runtime.transport.cyclone.config import DEFAULT_CONFIG, IGNORE_TYPE_INFORMATION, cyclone_xml
@@ -36,17 +36,14 @@ from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity im
 from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, new_qos
 from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import WakeupPipe, putw
 from rosidl_py_gen.runtime.transport.dds.names import participant_user_data
-from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant
-from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
+from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint, DdsParticipant
+from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent
 from rosidl_py_gen.runtime.transport.qos import Reliability, effective
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.api import DomainSettings
     from rosidl_py_gen.runtime.transport.cyclone.topics import Sertype
-    from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent
     from rosidl_py_gen.runtime.transport.samples import Sink
 
 _MAX_IDLE_TOPICS = 256

@@ -23,13 +23,12 @@ from contextlib import nullcontext
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
-from rosidl_py_gen.runtime.transport.cyclone.c_api import SAMPLE_WITH_DATA, Iov, address_of, pack_iov
+from rosidl_py_gen.runtime.transport.cyclone.c_api import SAMPLE_WITH_DATA, CycloneApi, Iov, address_of, pack_iov
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import rtps
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-    from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi
 
 Vtable: TypeAlias = "ct.Array[ct.c_void_p]"
 WORD = ct.sizeof(ct.c_void_p)

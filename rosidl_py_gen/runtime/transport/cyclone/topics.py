@@ -21,12 +21,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.runtime.transport.api import TransportError
 from rosidl_py_gen.runtime.transport.cyclone import private_layout
-from rosidl_py_gen.runtime.transport.cyclone.c_api import TopicDescriptor
+from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi, TopicDescriptor
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi
 
 _MAX_TYPE_CHARS = 255
 """Maximum length of a type name: a limit of earlier versions and maybe of peers."""

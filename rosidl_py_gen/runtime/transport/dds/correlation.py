@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from rosidl_py_gen.cdr.layout import HEADER_BYTES, NETWORK_ALIGN, PADDING
 from rosidl_py_gen.errors import DecodeError
-from rosidl_py_gen.runtime.transport.discovery_events import GUID_PREFIX_BYTES
+from rosidl_py_gen.runtime.transport.discovery_events import GUID_PREFIX_BYTES, DiscoveredEndpoint
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer, ServerAvailability
 from rosidl_py_gen.runtime.transport.service_endpoints import fair_queue_share
@@ -25,7 +25,6 @@ from rosidl_py_gen.runtime.transport.service_endpoints import fair_queue_share
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable
 
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
     from rosidl_py_gen.runtime.transport.samples import Payload
 
 SampleIdentity: TypeAlias = "tuple[bytes, int]"

@@ -12,24 +12,23 @@ from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
-from rosidl_py_gen.runtime.transport.api import EndpointSpec
+from rosidl_py_gen.runtime.transport.api import EndpointSpec, Reader
 from rosidl_py_gen.runtime.transport.dds import discovery_info_message
 from rosidl_py_gen.runtime.transport.discovery_events import (
     GUID_PREFIX_BYTES,
     DiscoveredEndpoint,
+    DiscoveryEvent,
     EntityLost,
+    NodeEntities,
     NodesAnnounced,
     TopicKey,
 )
-from rosidl_py_gen.runtime.transport.qos import DEFAULT
+from rosidl_py_gen.runtime.transport.qos import DEFAULT, QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from rosidl_py_gen.runtime.transport.api import Reader
     from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent, NodeEntities
-    from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 _TOPIC = TopicKey("unmangled", "ros_discovery_info")
 _TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.transport.dds.discovery_info import DiscoveryInfoTopic
 from rosidl_py_gen.runtime.transport.dds.names import entity_gid, entity_id, wire_name
-from rosidl_py_gen.runtime.transport.dds.services import DdsClient, DdsServer
+from rosidl_py_gen.runtime.transport.dds.services import DdsClient, DdsServer, ServiceWriter
 from rosidl_py_gen.runtime.transport.incompatibility import IncompatibilityKind
 from rosidl_py_gen.runtime.transport.qos_matching import check_compatible
 from rosidl_py_gen.runtime.transport.service_endpoints import ServicePeers
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.transport.api import EndpointSpec, Reader, Writer
     from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import FastDdsInterop
-    from rosidl_py_gen.runtime.transport.dds.services import ServiceWriter
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent, NodeEntities
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
     from rosidl_py_gen.runtime.transport.service_api import ServiceSpec

@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
-from rosidl_py_gen.runtime.transport.api import Writer
+from rosidl_py_gen.runtime.transport.api import Reader, Writer
 from rosidl_py_gen.runtime.transport.dds.correlation import (
     ClientCorrelation,
+    ClientId,
+    SampleIdentity,
     add_request_header,
     client_gid,
     extract_identity,
@@ -21,15 +23,18 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
 from rosidl_py_gen.runtime.transport.match_cache import MatchCache
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
-from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer
+from rosidl_py_gen.runtime.transport.service_api import (
+    IncompatiblePeer,
+    Reply,
+    Request,
+    ServerAvailability,
+    ServiceSpec,
+)
 from rosidl_py_gen.runtime.transport.service_endpoints import EndpointPairClient, EndpointPairServer
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.api import Reader
-    from rosidl_py_gen.runtime.transport.dds.correlation import ClientId, SampleIdentity
     from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant
     from rosidl_py_gen.runtime.transport.samples import Payload
-    from rosidl_py_gen.runtime.transport.service_api import Reply, Request, ServerAvailability, ServiceSpec
 
 _RequestOrigin: TypeAlias = "tuple[ClientId, int, bytes | None, int]"
 """Contents of a `RequestId`: client, number of its request, GUID of its request writer (None if it disappeared before

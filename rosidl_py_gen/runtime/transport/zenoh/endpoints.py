@@ -37,8 +37,8 @@ from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
 from rosidl_py_gen.runtime.transport.api import TransportError
 from rosidl_py_gen.runtime.transport.foreign_threads import retain_thread_state
-from rosidl_py_gen.runtime.transport.qos import Durability, History, Reliability
-from rosidl_py_gen.runtime.transport.samples import ReceiveQueue
+from rosidl_py_gen.runtime.transport.qos import Durability, History, QoSProfile, Reliability
+from rosidl_py_gen.runtime.transport.samples import Payload, ReceiveQueue, Sink
 from rosidl_py_gen.runtime.transport.zenoh.attachment import AttachmentError, pack, unpack
 from rosidl_py_gen.runtime.transport.zenoh.keys import cpu_buffer_key
 from rosidl_py_gen.runtime.transport.zenoh.qos import DEFAULT_DEPTH
@@ -47,8 +47,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
-    from rosidl_py_gen.runtime.transport.qos import QoSProfile
-    from rosidl_py_gen.runtime.transport.samples import Payload, Sink
     from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
 
 _HEARTBEAT_S = 0.5

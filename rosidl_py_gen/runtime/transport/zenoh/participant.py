@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import zenoh
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.transport.api import TransportError
-from rosidl_py_gen.runtime.transport.qos import Durability
+from rosidl_py_gen.runtime.transport.api import EndpointSpec, TransportError
+from rosidl_py_gen.runtime.transport.qos import Durability, QoSProfile
 from rosidl_py_gen.runtime.transport.type_names import wire_type
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import (
     ZenohReader,
@@ -50,10 +50,8 @@ from rosidl_py_gen.runtime.transport.zenoh.token_graph import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from rosidl_py_gen.runtime.transport.api import EndpointSpec
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent, NodeEntities
     from rosidl_py_gen.runtime.transport.incompatibility import IncompatibilityKind
-    from rosidl_py_gen.runtime.transport.qos import QoSProfile
     from rosidl_py_gen.runtime.transport.samples import Sink
     from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 

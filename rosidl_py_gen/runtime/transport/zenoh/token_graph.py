@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.transport.discovery_events import (
     DiscoveredEndpoint,
+    DiscoveryEvent,
     EntityLost,
     NodeEntities,
     NodesAnnounced,
@@ -38,7 +39,6 @@ from rosidl_py_gen.runtime.transport.zenoh.liveliness_tokens import (
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent
 
 _TOPIC_OF_ALL_NODES = TopicKey("topic", "/parameter_events")
 _FLIPPED = (1 << 128) - 1

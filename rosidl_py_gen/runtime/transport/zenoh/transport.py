@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import os
 import time
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.transport.api import BackendMissingError, TransportError
+from rosidl_py_gen.runtime.transport.api import BackendMissingError, DomainSettings, TransportError
 from rosidl_py_gen.runtime.transport.clock_functions import SYSTEM_CLOCKS
 
 try:
@@ -33,9 +33,6 @@ except ImportError as err:
         f"The import failed with: {err}. To install them: {install_command('zenoh')}",
         name=err.name,
     ) from err
-
-if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.api import DomainSettings
 
 _ROUTER_RETRY_INTERVAL_S = 1.0
 """Interval between two attempts of rmw_zenoh_cpp."""

@@ -8,12 +8,8 @@ Source: docs/internals/protocol.md 5.3, docs/internals/dds.md 2; OMG DDSI-RTPS 2
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING
 
-from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR, IDENTITY_BYTES
-
-if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.dds.correlation import SampleIdentity
+from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR, IDENTITY_BYTES, SampleIdentity
 
 DATA = 0x15
 """Kind of a submessage, like the following three."""

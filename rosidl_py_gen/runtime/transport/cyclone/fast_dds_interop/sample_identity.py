@@ -38,21 +38,23 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.runtime.transport.cyclone import c_api, private_layout
-from rosidl_py_gen.runtime.transport.cyclone.c_api import SAMPLE_WITH_DATA, address_of, pack_iov
+from rosidl_py_gen.runtime.transport.cyclone.c_api import SAMPLE_WITH_DATA, CycloneApi, address_of, pack_iov
 from rosidl_py_gen.runtime.transport.cyclone.config import IGNORE_TYPE_INFORMATION
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import rtps
 from rosidl_py_gen.runtime.transport.cyclone.private_layout import SAMPLE_FUNCTIONS, TYPE_FUNCTIONS, bytes_at
-from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR, IDENTITY_BYTES, embed_identity
-from rosidl_py_gen.runtime.transport.discovery_events import EntityLost
+from rosidl_py_gen.runtime.transport.dds.correlation import (
+    FAST_DDS_VENDOR,
+    IDENTITY_BYTES,
+    SampleIdentity,
+    embed_identity,
+)
+from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent, EntityLost
 from rosidl_py_gen.runtime.transport.foreign_threads import retain_thread_state
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
 
-    from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi
     from rosidl_py_gen.runtime.transport.cyclone.topics import Sertype
-    from rosidl_py_gen.runtime.transport.dds.correlation import SampleIdentity
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent
 
 _BAD_PARAMETER = -3
 _DISCARDED = 1
