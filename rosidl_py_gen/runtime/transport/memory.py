@@ -60,14 +60,14 @@ class MemoryTransport:
 
     def __init__(self, clocks: ClockFunctions = SYSTEM_CLOCKS) -> None:
         self.clocks = clocks
-        self.lock = threading.RLock()
-        self.counter = itertools.count(1)
+        self._lock = threading.RLock()
+        self._counter = itertools.count(1)
         self._number = next(_TRANSPORT_NUMBERS)
         self._domains: dict[int, list[MemoryParticipant]] = {}
 
     def open(self, settings: DomainSettings, enclave: str = "/") -> MemoryParticipant:
-        with self.lock:
-            prefix = _VENDOR + bytes(2) + self._number.to_bytes(4, "big") + next(self.counter).to_bytes(4, "big")
+        with self._lock:
+            prefix = _VENDOR + bytes(2) + self._number.to_bytes(4, "big") + next(self._counter).to_bytes(4, "big")
             peers = self._domains.setdefault(settings.domain_id, [])
             participant = MemoryParticipant(self, peers, prefix, enclave)
             peers.append(participant)
@@ -86,12 +86,12 @@ class MemoryParticipant:
 
     def __init__(self, transport: MemoryTransport, peers: list[MemoryParticipant], prefix: bytes, enclave: str) -> None:
         self.time_ns = transport.clocks.system_ns
-        self.lock = transport.lock
+        self.lock = transport._lock
         self.peers = peers
         self.prefix = prefix
         self.guid = prefix + b"\x00\x00\x01\xc1"
         self.enclave = enclave
-        self.counter = transport.counter
+        self.counter = transport._counter
         self.writers: list[MemoryWriter] = []
         self.readers: list[MemoryReader] = []
         self.service_peers = ServicePeers()
