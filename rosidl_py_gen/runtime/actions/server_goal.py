@@ -281,15 +281,15 @@ class ServerGoals:
             self._status.publish()
         return info
 
-    def reject_garbage_collected(self, answer: asyncio.Future[GoalInfo | None]) -> None:
+    def reject_garbage_collected(self, reply: asyncio.Future[GoalInfo | None]) -> None:
         """Reject a request that the program has dropped without a decision. Thread: any."""
 
         def reject() -> None:
-            if not answer.done():
+            if not reply.done():
                 self._scope.logger.warning(
                     f"goal request of action {self._name}: dropped without accept(), defer() or reject(); rejected"
                 )
-                set_result_if_pending(answer, None)
+                set_result_if_pending(reply, None)
 
         self._scope.bridge.call_soon(reject)
 

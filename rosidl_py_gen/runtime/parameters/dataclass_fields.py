@@ -139,7 +139,7 @@ class ParameterField:
             choices = ", ".join(repr(choice) for choice in self.choices)
             raise InvalidParameterValueError(f"Parameter {self.name} must be one of {choices}, got {plain!r}")
         if self.enum is not None:
-            return _enum_member(self.enum, plain)
+            return self.enum(plain) if _enum_by_value(self.enum) else self.enum[plain]  # type: ignore[index]
         return self.container(plain) if self.container is not None else plain  # type: ignore[arg-type]
 
     def check(self, value: Any) -> None:
@@ -169,10 +169,6 @@ def _enum_by_value(enum: type[Enum]) -> bool:
 
 def _enum_plain(enum: type[Enum], member: Enum) -> Any:
     return member.value if _enum_by_value(enum) else member.name
-
-
-def _enum_member(enum: type[Enum], plain: Any) -> Enum:
-    return enum(plain) if _enum_by_value(enum) else enum[plain]
 
 
 # --------------------------------------------------------------------------------------------------------- planning

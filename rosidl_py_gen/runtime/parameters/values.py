@@ -308,36 +308,26 @@ def _infer(value: object) -> ParameterValue:
 
 def _infer_scalar(value: object) -> tuple[ParameterType, bool | int | float | str]:
     if isinstance(value, str):
-        # A str enum would not compare or print like a str.
-        return ParameterType.STRING, _utf8(str.__str__(value))
+        text = str.__str__(value)  # a str enum would not compare or print like a str
+        try:
+            str.encode(text)
+        except UnicodeEncodeError as error:
+            reason = f"{error.reason} at character {error.start}"
+            raise InvalidParameterValueError(f"{text!r} cannot be encoded as UTF-8: {reason}") from None
+        return ParameterType.STRING, text
     if isinstance(value, bool):
         return ParameterType.BOOL, value
     if isinstance(value, int):
-        return ParameterType.INTEGER, _int64(value)
+        number = operator.index(value)
+        if not INT64_MIN <= number <= INT64_MAX:
+            raise InvalidParameterValueError(f"{number} does not fit an int64")
+        return ParameterType.INTEGER, number
     if isinstance(value, float):
         return ParameterType.DOUBLE, float(value)
     raise InvalidParameterValueError(
         f"{value!r} of type {type(value).__name__} is not a parameter value; expected None, bool, int, float, str, "
         "bytes or a list of one of these types"
     )
-
-
-def _utf8(text: str) -> str:
-    if not text.isascii():
-        try:
-            str.encode(text)
-        except UnicodeEncodeError as error:
-            raise InvalidParameterValueError(
-                f"{text!r} cannot be encoded as UTF-8: {error.reason} at character {error.start}"
-            ) from None
-    return text
-
-
-def _int64(value: object) -> int:
-    number = operator.index(value)  # type: ignore[arg-type]
-    if not INT64_MIN <= number <= INT64_MAX:
-        raise InvalidParameterValueError(f"{number} does not fit an int64")
-    return number
 
 
 def _infer_array(items: tuple[object, ...]) -> ParameterValue:

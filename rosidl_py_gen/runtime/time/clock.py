@@ -5,6 +5,7 @@ ROS time is system time until an override is enabled, then the last override, 0 
 
 from __future__ import annotations
 
+import contextlib
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -26,7 +27,7 @@ from rosidl_py_gen.runtime.time.values import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from rosidl_py_gen.base.registration import Registration
 
@@ -101,9 +102,8 @@ class Clock:
             return
         delta = Duration(nanoseconds=now.nanoseconds - self._override_ns)
         jump = TimeJump(ClockChange.ROS_TIME_NO_CHANGE, delta)
-        matching = self._call_before(jump)
-        self._override_ns = now.nanoseconds
-        self._call_after(matching, jump)
+        with self._calling_back(jump):
+            self._override_ns = now.nanoseconds
 
     def create_jump_callback(
         self,
@@ -197,20 +197,18 @@ class Clock:
         if active == self._active:
             return
         change = ClockChange.ROS_TIME_ACTIVATED if active else ClockChange.ROS_TIME_DEACTIVATED
-        jump = TimeJump(change, Duration())
-        matching = self._call_before(jump)
-        self._active = active
-        self._call_after(matching, jump)
+        with self._calling_back(TimeJump(change, Duration())):
+            self._active = active
 
-    def _call_before(self, jump: TimeJump) -> set[_JumpCallbacks]:
+    @contextlib.contextmanager
+    def _calling_back(self, jump: TimeJump) -> Iterator[None]:
+        """Call the matching callbacks before and after the change of time in the block."""
         matching = set()
         for callbacks in self._jump_callbacks:
             if callbacks.matches(jump):
                 matching.add(callbacks)
                 self._call(callbacks.pre, jump)
-        return matching
-
-    def _call_after(self, matching: set[_JumpCallbacks], jump: TimeJump) -> None:
+        yield
         for callbacks in self._jump_callbacks:
             if callbacks in matching:
                 self._call(callbacks.post, jump)
