@@ -196,7 +196,7 @@ def _private_uses(tree: ast.AST, shared: set[str] = SHARED) -> Iterator[ast.Attr
 
 
 def _is_private(name: str) -> bool:
-    return name.startswith("_") and not name.endswith("__")
+    return name.startswith("_") and not name.endswith("__") and name != "_asdict"  # public in named tuples
 
 
 def _is_own(node: ast.AST) -> bool:

@@ -45,7 +45,8 @@ class Clock:
     """Clock of a clock type.
 
     Args:
-        system_ns, steady_ns: functions that replace the clocks of the machine, for tests.
+        system_ns: replaces the system clock, in nanoseconds, for tests.
+        steady_ns: replaces the steady clock, in nanoseconds, for tests.
         on_failure: called with a description while the exception of a jump callback is handled; logs by default.
     """
 
