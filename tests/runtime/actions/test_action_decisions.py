@@ -79,9 +79,9 @@ async def test_a_callback_that_raises_cancelled_error_refuses(world: World) -> N
 
 
 @pytest.mark.parametrize("agreed", [True, False])
-async def test_goals_that_end_while_a_cancel_is_decided_leave_an_empty_list(world: World, agreed: bool) -> None:
-    """docs/internals/protocol.md 8.4: a zero id always gets code 0, which here once was 3."""
-
+@pytest.mark.parametrize("by_id", [True, False])
+async def test_goals_that_end_while_their_cancel_is_decided(world: World, by_id: bool, agreed: bool) -> None:
+    """docs/internals/protocol.md 8.4: GOAL_TERMINATED for a goal named by its id, else code 0 with an empty list."""
     asked, decide = asyncio.Event(), asyncio.Event()
 
     async def on_cancel(handle: Any) -> bool:
@@ -90,35 +90,20 @@ async def test_goals_that_end_while_a_cancel_is_decided_leave_an_empty_list(worl
         return agreed
 
     server, client = await pair(world, None, cancel_callback=on_cancel)
-    sent = [asyncio.ensure_future(client.send_goal(goal())) for _ in range(2)]
-    accepted = [(await take(aiter_of(server))).accept() for _ in range(2)]
-    waiting = asyncio.ensure_future(client.cancel_all(timeout_s=5))
+    sent = [asyncio.ensure_future(client.send_goal(goal())) for _ in range(1 if by_id else 2)]
+    accepted = [(await take(aiter_of(server))).accept() for _ in sent]
+    handles = [await one for one in sent]
+    waiting = asyncio.ensure_future(handles[0].cancel(timeout_s=5) if by_id else client.cancel_all(timeout_s=5))
     await asyncio.wait_for(asked.wait(), 5)
     for handle in accepted:
         handle.succeed(result(1))
     decide.set()
-    assert await waiting == []
-    assert [(await (await one).result(timeout_s=5))[0] for one in sent] == [S.SUCCEEDED] * 2
-
-
-@pytest.mark.parametrize("agreed", [True, False])
-async def test_one_goal_that_ends_while_its_cancel_is_decided_is_terminated(world: World, agreed: bool) -> None:
-    asked, decide = asyncio.Event(), asyncio.Event()
-
-    async def on_cancel(handle: Any) -> bool:
-        asked.set()
-        await decide.wait()
-        return agreed
-
-    server, client = await pair(world, None, cancel_callback=on_cancel)
-    sent = asyncio.ensure_future(client.send_goal(goal()))
-    accepted = (await take(aiter_of(server))).accept()
-    waiting = asyncio.ensure_future((await sent).cancel(timeout_s=5))
-    await asyncio.wait_for(asked.wait(), 5)
-    accepted.succeed(result(1))
-    decide.set()
-    with pytest.raises(AlreadyTerminatedError):
-        await waiting
+    if by_id:
+        with pytest.raises(AlreadyTerminatedError):
+            await waiting
+    else:
+        assert await waiting == []
+    assert [(await handle.result(timeout_s=5))[0] for handle in handles] == [S.SUCCEEDED] * len(handles)
 
 
 def aiter_of(server: Any) -> Any:

@@ -44,13 +44,6 @@ def test_ctrl_c_ends_a_program_whose_handler_runs_in_a_thread(style: str, handle
     assert b"Task was destroyed" not in errors and b"Fatal" not in errors
 
 
-def test_the_tests_that_press_ctrl_c_pass_in_a_background_job_too() -> None:
-    one = "test_ctrl_c_ends_a_program_whose_handler_runs_in_a_thread[asyncio-until_cancelled]"
-    job = ["sh", "-c", 'trap "" INT; exec "$@"', "sh", sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
-    done = subprocess.run([*job, f"{Path(__file__)}::{one}"], cwd=ROOT, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 0, done.stdout
-
-
 async def test_closing_asks_plain_handlers_to_end(world: World, caplog: pytest.LogCaptureFixture) -> None:
     outcomes: list[Any] = []
     entered = threading.Event()
