@@ -111,7 +111,7 @@ async def test_a_node_lives_in_a_notebook(tmp_path: Path, transport: str) -> Non
         await notebook.cell("received = [(await subscription.receive(5)).data for _ in range(2)]")
         await notebook.cell("assert received == heard == [1, 2], (received, heard)")
         assert (await notebook.error("client.call_sync(SetBool.Request(), 5)")).startswith(
-            "WouldDeadlockError: call_sync on /s inside the event loop would deadlock; use 'await client.call"
+            "WouldDeadlockError: call_sync of Client(/s, "
         )
         await notebook.cell("assert (await asyncio.to_thread(client.call_sync, SetBool.Request(data=True), 5)).success")
         assert "one runs here already (Jupyter always has one)" in await notebook.error("run(client.call)")

@@ -170,15 +170,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         finally:
             self._abandon_request(pending.key)
 
-    def call_sync(self, request: RequestT, timeout_s: float | None = None) -> ResponseT:
-        """Call the service from code without event loop, or from another thread than the event loop's.
-
-        Raises:
-            WouldDeadlockError: called on the event loop's thread; use ``await client.call(...)`` there, or run the
-                callback in a thread (`asyncio.to_thread`). Otherwise like `call`.
-        """
-        call = self.call(request, timeout_s)
-        return self._scope.run_blocking(call, f"call_sync on {self.name}", "'await client.call(...)'")
+    call_sync = blocking(call)
 
     def send_request(self, request: RequestT) -> concurrent.futures.Future[ResponseT]:
         """Send a request to the servers that are connected now, and return at once; from any thread.

@@ -298,11 +298,11 @@ class EntityScope:
         task.add_done_callback(self._tasks.discard)
         return task
 
-    def run_blocking(self, coroutine: Coroutine[Any, Any, T], activity: str, alternative: str) -> T:
-        """Run a coroutine on the context's event loop, and block until it has ended.
+    def run_blocking(self, coroutine: Coroutine[Any, Any, T], caller: object, name: str) -> T:
+        """Run a coroutine of a caller's method on the context's event loop, and block until it has ended.
 
         Raises:
-            WouldDeadlockError: `activity` was called on the event loop's thread; the text names the `alternative`.
+            WouldDeadlockError: called on the event loop's thread.
             ClosedError: the node is closed.
         """
         in_loop = self.bridge.in_loop_thread() or current_loop() is not None
@@ -310,8 +310,8 @@ class EntityScope:
             coroutine.close()
             self.require_open(False, "the node")
             raise WouldDeadlockError(
-                f"{activity} inside the event loop would deadlock; use {alternative} in an async function, or call "
-                "it from another thread"
+                f"{name}_sync of {caller!r} inside the event loop would deadlock; use 'await ...{name}(...)' in an "
+                "async function, or call it from another thread"
             )
         raises = self.failures.on_error == "raise"
         return self.bridge.run(self.failures.run_guarded(coroutine) if raises else coroutine)

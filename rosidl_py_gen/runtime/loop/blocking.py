@@ -23,9 +23,7 @@ def blocking(method: Callable[Concatenate[S, P], Coroutine[Any, Any, R]]) -> Cal
     @functools.wraps(method)
     def run(self: S, /, *arguments: P.args, **keywords: P.kwargs) -> R:
         coroutine = getattr(self, name)(*arguments, **keywords)  # the method of a subclass, if it has one
-        result: R = self._scope.run_blocking(  # type: ignore[attr-defined]
-            coroutine, f"{name}_sync of {self!r}", f"'await ...{name}(...)'"
-        )
+        result: R = self._scope.run_blocking(coroutine, self, name)  # type: ignore[attr-defined]
         return result
 
     run.__name__, run.__qualname__ = f"{name}_sync", f"{method.__qualname__}_sync"

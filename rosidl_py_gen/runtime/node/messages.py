@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar, overload
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.entities.message_types import DictMessage, message_type
+from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.node.node_base import NodeBase
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.transport.qos import SENSOR_DATA, Durability, Reliability
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine, Sequence
+    from collections.abc import Callable, Sequence
 
     from typing_extensions import Self
 
@@ -246,34 +247,4 @@ class MessageMethods(NodeBase):
         async with subscription as messages:
             return (await messages.receive_with_info(timeout_s))[0]
 
-    @overload
-    def wait_for_message_sync(
-        self, msg_type: type[MessageT], topic: str, timeout_s: float | None = ..., *, qos: QoSLike | None = ...,
-        raw: Literal[False] = ..., arrays: bool = ...,
-    ) -> MessageT: ...  # fmt: skip
-    @overload
-    def wait_for_message_sync(
-        self, msg_type: type[Message] | str, topic: str, timeout_s: float | None = ..., *, qos: QoSLike | None = ...,
-        raw: Literal[True],
-    ) -> bytes: ...  # fmt: skip
-    @overload
-    def wait_for_message_sync(
-        self, msg_type: str, topic: str, timeout_s: float | None = ..., *, qos: QoSLike | None = ...,
-        raw: Literal[False] = ...,
-    ) -> DictMessage: ...  # fmt: skip
-    def wait_for_message_sync(
-        self,
-        msg_type: type[Message] | str,
-        topic: str,
-        timeout_s: float | None = None,
-        *,
-        qos: QoSLike | None = None,
-        raw: bool = False,
-        arrays: bool = False,
-    ) -> Any:
-        """Block until `wait_for_message` returns; raises `WouldDeadlockError` on the event loop's thread."""
-        options: Any = {"qos": qos, "raw": raw, "arrays": arrays}
-        waiting: Coroutine[Any, Any, Any] = self.wait_for_message(msg_type, topic, timeout_s, **options)
-        return self._scope.run_blocking(
-            waiting, f"wait_for_message_sync of {self!r}", "'await ...wait_for_message(...)'"
-        )
+    wait_for_message_sync = blocking(wait_for_message)
