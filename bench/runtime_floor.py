@@ -225,8 +225,8 @@ def floor_serve() -> None:
     """Answer requests until it is killed."""
     floor, reply, number = ServiceFloor(is_client=False), b"\0\1\0\0\1\0\0\0\1\0\0\0\0\0\0\0", 0
     client = floor.writer.matched_readers()[0]
-    floor.fast_dds._look_into_received(False)
-    floor.fast_dds._look_into_received = lambda look: None
+    floor.fast_dds._enable_receive_hooks(False)
+    floor.fast_dds._enable_receive_hooks = lambda is_enabled: None
     while True:
         floor.take()
         number += 1
