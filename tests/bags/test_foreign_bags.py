@@ -361,7 +361,6 @@ def test_two_definitions_of_one_name_in_a_database_are_told_apart_by_hash(tmp_pa
 
 
 def packed(folder: Path, mode: str) -> None:
-    """As rosbag2_compression leaves a bag."""
     told = yaml.safe_load((folder / "metadata.yaml").read_text())
     information = told["rosbag2_bagfile_information"]
     information |= {"compression_format": "zstd", "compression_mode": mode}

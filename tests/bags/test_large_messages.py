@@ -1,4 +1,4 @@
-"""What `BagWriter` writes, `BagReader` reads, however large it is and however well it compresses."""
+"""`BagReader` reads all messages of `BagWriter`, of any size and compression ratio."""
 
 from __future__ import annotations
 

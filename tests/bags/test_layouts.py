@@ -49,7 +49,6 @@ def database(path: Path, release: str) -> None:
 
 
 def metadata(version: int, name: str) -> dict[str, Any]:
-    """As rosbag2 writes it in that version."""
     topic: dict[str, Any] = {"name": "/s", "type": "std_msgs/msg/String", "serialization_format": "cdr"}
     told: dict[str, Any] = {
         "version": version,

@@ -1,4 +1,4 @@
-"""What is handed in is used in order until it is taken back, whoever does so and whenever."""
+"""Registrations are used in order until they are removed, at any time."""
 
 from __future__ import annotations
 

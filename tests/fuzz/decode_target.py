@@ -1,4 +1,4 @@
-"""What the fuzzers do with one input, and an atheris program that does it for ever.
+"""Fuzz target for one input, and an atheris program that calls it repeatedly.
 
 Run by hand, with atheris installed::
 

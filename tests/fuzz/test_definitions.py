@@ -220,7 +220,6 @@ sources = st.dictionaries(
 
 
 def tried(make: Any) -> Any:
-    """What comes of it, None for one of our errors; nothing else is raised, and neither time nor memory is wasted."""
     start = time.process_time()
     tracemalloc.start()
     try:
@@ -236,7 +235,6 @@ def tried(make: Any) -> Any:
 
 
 def used(cls: Any) -> None:
-    """What users do with a class."""
     if cls is None or not hasattr(cls, "encode"):
         return
 

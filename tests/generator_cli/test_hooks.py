@@ -27,7 +27,6 @@ FILES = {"src/team_msgs/package.xml": MANIFEST, "src/team_msgs/msg/Wheel.msg": "
 
 
 def run(hook: str) -> int:
-    """What pre-commit runs, in this process."""
     program, *words = [*HOOKS[hook]["entry"].split(), *HOOKS[hook]["args"]]
     assert program == "rosidl-py-gen"
     try:

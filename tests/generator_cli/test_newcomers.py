@@ -1,4 +1,4 @@
-"""What people do who have not read the help: it works, or the answer says what to do."""
+"""Command lines of users who have not read the help: they work, or the error names the fix."""
 
 from __future__ import annotations
 

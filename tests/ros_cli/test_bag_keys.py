@@ -90,7 +90,6 @@ class Terminal:
 
     @property
     def last(self) -> str:
-        """What was shown last of how far it is."""
         return ["", *re.findall(r"\d s of [^;]*;", self.seen)][-1]
 
     def press(self, keys: bytes) -> None:

@@ -72,7 +72,7 @@ def strings(path: Path, topics: dict[str, Any], step_ns: int = S // 10) -> Path:
 
 
 class Heard:
-    """What a node hears on some topics, with the times of the loop."""
+    """Received messages of some topics, with the times of the loop."""
 
     def __init__(self, node: Node, *topics: str, kind: Any = String, qos: QoSProfile = KEEP) -> None:
         self.items: list[tuple[float, Any]] = []
@@ -570,7 +570,7 @@ async def test_actions_are_sent_as_a_client_does(memory: World, node: Node, tool
 
 
 async def test_events_of_a_live_service_are_played_as_they_were(node: Node, tool: Any, tmp_path: Path) -> None:
-    """What introspection of our own servers publishes is what is sent again."""
+    """The events that our own servers publish are replayed."""
     recorded: list[Any] = []
     node.create_subscription(Add.Event, "add/_service_event", recorded.append, qos=KEEP)
     answers = []

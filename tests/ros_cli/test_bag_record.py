@@ -102,7 +102,6 @@ OTHER = {"/other/_action/feedback", "/other/_action/status"}
 
 
 def publish_all(node: Node) -> None:
-    """What a robot has: topics, hidden ones, events of two services, two actions of which one is introspected."""
     publishers = {
         "/camera/left": String,
         "/camera/depth": String,

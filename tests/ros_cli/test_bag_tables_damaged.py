@@ -65,7 +65,6 @@ class Told:
         self._run, self._out = run_here, folder / "out"
 
     def run(self, *arguments: str) -> str | None:
-        """What a command prints; None when it ends with an error of ours, in one line that names the bag."""
         code, out, err = self._run("bag", *arguments)
         assert code in (0, 1), (code, err)
         if code == 0:

@@ -56,7 +56,6 @@ async def front(access: Access | None = None, **limits: int) -> AsyncIterator[st
 
 
 async def visit(address: str, origin: str | None, **how: Any) -> str:
-    """What a viewer is told first, or the status and text of the refusal."""
     protocols: Any = ["foxglove.sdk.v1"]
     how.setdefault("additional_headers", {} if origin is None else {"Origin": origin})
     try:

@@ -44,7 +44,6 @@ async def robot(dds: World) -> None:
 
 
 def with_names(answer: dict[str, Any], node: str, role: str) -> list[tuple[str, str, list[str]]]:
-    """What a node has of a role: kind, name and who is on the other side."""
     (found,) = [one for one in answer["nodes"] if one["name"] == node]
     return [(row["kind"], row["name"], row["with"]) for row in found[role]]
 

@@ -41,7 +41,6 @@ def run(capsys: pytest.CaptureFixture[str]) -> Run:
 
 
 def failing(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """What a command that fails says."""
     with pytest.raises(SystemExit) as end:
         ros_cli.main(["interface", *arguments])
     assert end.value.code == 1

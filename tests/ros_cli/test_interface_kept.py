@@ -42,7 +42,6 @@ def run(capsys: pytest.CaptureFixture[str], cache: Path) -> Run:
 
 
 def keep(told: Told, *parts: str, sources: bool = True) -> None:
-    """What `resolve_type` leaves on disk of a type, or of parts of it."""
     for part in parts or ("",):
         name = told.name + part
         store_description(told.library.type_hash(name), encode(told.answer(name if part else "", sources=sources)))

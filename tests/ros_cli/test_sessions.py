@@ -1,4 +1,4 @@
-"""What commands have in common: waiting, and the words of a command line."""
+"""Nodes of commands: waiting for discovery, and words of a command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What commands say when nothing comes: another type, a quality of service that does not fit, another definition."""
+"""Notes of commands if no messages arrive: another type, incompatible QoS, another definition."""
 
 from __future__ import annotations
 

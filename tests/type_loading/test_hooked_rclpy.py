@@ -18,7 +18,6 @@ PACKAGE_XML = "<package><name>{}</name></package>"
 
 @pytest.fixture(autouse=True)
 def _modules(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is imported here is forgotten."""
     for name in [name for name in sys.modules if name.split(".")[0] == NAME]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setattr(sys, "path", [entry for entry in sys.path if not entry.endswith("rosidl_py_gen/ros_compat")])

@@ -291,7 +291,6 @@ def test_parts_of_rosidl_parser_are_there_when_it_is_not() -> None:
 
 
 def made(definitions: Path) -> bool:
-    """Whether importing a message compiled it; else it came from the cache."""
     calls: list[object] = []
     keep = code_cache.store
     with pytest.MonkeyPatch.context() as patch:

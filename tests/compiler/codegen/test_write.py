@@ -1,4 +1,4 @@
-"""What a run does to the output folder: only what changed, never what others wrote, never half a file."""
+"""Writing generated files: only changed ones, none of other tools, and no partial files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is said of old messages under new definitions is what happens when they are decoded."""
+"""Statements about old messages under new definitions agree with decoding."""
 
 from __future__ import annotations
 
