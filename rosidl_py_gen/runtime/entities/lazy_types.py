@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 
-def late_service_type(name: str) -> ServiceType[Any, Any]:
+def lazy_service_type(name: str) -> ServiceType[Any, Any]:
     """Return the type that `service_type` returns for a service of the bundled packages."""
     load = cache(lambda: service_type(_bundled_class(name)))
     request = _lazy_type(f"{name}_Request", lambda: load().request)

@@ -6,7 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen.msgs.rcl_interfaces import msg, srv
-from rosidl_py_gen.runtime.entities.lazy_types import late_service_type, lazy_message_type
+from rosidl_py_gen.runtime.entities.lazy_types import lazy_message_type, lazy_service_type
 from rosidl_py_gen.runtime.entities.publisher import Publisher
 from rosidl_py_gen.runtime.entities.server import ServiceServer
 from rosidl_py_gen.runtime.loop.deferred_send import DeferredSender
@@ -98,7 +98,7 @@ class ParameterServices:
     def serve(self, names: NodeNames) -> None:
         """Create the services; the node owns them."""
         for name, title, handler in self._table:
-            service_type = late_service_type(f"rcl_interfaces/srv/{title}")
+            service_type = lazy_service_type(f"rcl_interfaces/srv/{title}")
             ServiceServer(self._scope, service_type, names.resolve_service(f"~/{name}"), handler, PARAMETERS)
 
     def handlers(self) -> list[ParameterService]:

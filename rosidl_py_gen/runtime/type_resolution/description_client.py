@@ -14,7 +14,7 @@ from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import RosidlError, printable
 from rosidl_py_gen.msgs.type_description_interfaces import srv
 from rosidl_py_gen.runtime.entities.client import Client
-from rosidl_py_gen.runtime.entities.lazy_types import late_service_type
+from rosidl_py_gen.runtime.entities.lazy_types import lazy_service_type
 from rosidl_py_gen.runtime.entities.message_types import raw_type
 from rosidl_py_gen.runtime.entities.service_common import CallTimeoutError
 from rosidl_py_gen.runtime.time.deadline import Deadline
@@ -98,7 +98,7 @@ async def request_type_description(
         CallTimeoutError: the service does not exist, or did not reply in time.
         IncompatibleServiceError: the node uses Fast DDS, and the installed Cyclone DDS cannot call it.
     """
-    service_type = late_service_type(SERVICE)
+    service_type = lazy_service_type(SERVICE)
     client: Client[srv.GetTypeDescription_Request, bytes] = Client(
         scope, replace(service_type, response=raw_type(service_type.response)), service, SERVICES_DEFAULT
     )

@@ -19,7 +19,7 @@ from rosidl_py_gen.cdr.typesupport import referenced_classes, type_description, 
 from rosidl_py_gen.errors import TypeNotFoundError
 from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.msgs.type_description_interfaces import msg, srv
-from rosidl_py_gen.runtime.entities.lazy_types import late_service_type
+from rosidl_py_gen.runtime.entities.lazy_types import lazy_service_type
 from rosidl_py_gen.runtime.entities.message_types import class_of
 from rosidl_py_gen.runtime.entities.server import ServiceServer
 from rosidl_py_gen.runtime.parameters.values import ParameterDescriptor, ParameterType, parameter_value
@@ -49,7 +49,7 @@ def start_type_descriptions(scope: EntityScope, names: NodeNames, store: Paramet
         store.declare(PARAMETER, parameter_value(True), descriptor)
     if store.get(PARAMETER).value is True:
         name, handler = names.resolve_service("~/get_type_description"), _DescriptionService(scope).handle
-        ServiceServer(scope, late_service_type(SERVICE), name, handler, SERVICES_DEFAULT)
+        ServiceServer(scope, lazy_service_type(SERVICE), name, handler, SERVICES_DEFAULT)
 
 
 class _DescriptionService:

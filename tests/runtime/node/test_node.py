@@ -32,7 +32,7 @@ from rosidl_py_gen.runtime import (
     TransitionCallbackReturn,
     WaitTimeoutError,
 )
-from rosidl_py_gen.runtime.entities.lazy_types import late_service_type, lazy_message_type
+from rosidl_py_gen.runtime.entities.lazy_types import lazy_message_type, lazy_service_type
 from rosidl_py_gen.runtime.entities.message_types import message_type, service_type
 from rosidl_py_gen.runtime.loop.loop_binding import WrongEventLoopError
 from rosidl_py_gen.runtime.parameters.values import ParameterError
@@ -198,7 +198,7 @@ def test_types_that_are_imported_late_are_the_bundled_ones() -> None:
     services = [name for name in HASHES if f"{name}_Request" in HASHES]
     assert "rcl_interfaces/srv/SetParameters" in services
     for name in services:
-        early, late = service_type(get_service(name)), late_service_type(name)
+        early, late = service_type(get_service(name)), lazy_service_type(name)
         for one, other in ((early, late), (early.request, late.request), (early.response, late.response)):
             assert (one.ros_name, one.type_hash) == (other.ros_name, other.type_hash)
         message = get_service(name).Request()
@@ -351,7 +351,7 @@ def test_one_context_cannot_serve_two_running_loops(world: World) -> None:
         async def inner() -> None:
             node.context._core.bridge.running_loop()
 
-        with pytest.raises(WrongEventLoopError, match="Context of their own"):
+        with pytest.raises(WrongEventLoopError, match="create a Context for the nodes of each loop"):
             await asyncio.to_thread(lambda: asyncio.run(inner()))
 
     asyncio.run(outer())
