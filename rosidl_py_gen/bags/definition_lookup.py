@@ -207,9 +207,6 @@ def _compiled(topic: BagTopic) -> type[Any]:
     raise BagError(f"{topic.name}: {topic.type_name} is not a message type")
 
 
-# ----------------------------------------------------------------------------------------------------------- measuring
-
-
 class WrongDefinitionError(BagError):
     """Raised when a message does not fit the definition that was guessed."""
 

@@ -114,7 +114,6 @@ class SplittingWriter:
             raise BagError(f"{self.path} is one file; only a folder can be split")
 
     def _next_path(self) -> Path:
-        """Return the path of the next file, which becomes the current one."""
         name = f"{self.path.name}_{len(self._statistics)}{self._suffix}" if self._is_folder else self.path.name
         self._statistics.append(FileStatistics(name))
         self._file_bytes = 0

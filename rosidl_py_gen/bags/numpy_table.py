@@ -118,7 +118,6 @@ def _copying_getter(column: Column, pad: Any) -> Get:
 
 
 def _value_or_pad(column: Column, get: Get, message: Any, pad: Any, place: str) -> Any:
-    """Return a value of an incomplete message; raises `BagError` without `pad`."""
     try:
         return get(message)
     except IndexError as error:
@@ -126,9 +125,6 @@ def _value_or_pad(column: Column, get: Get, message: Any, pad: Any, place: str) 
             text = f"has {error.args[0]} elements; pass pad= to fill missing elements"
             raise BagError(f"{place}: {column.name}: {text}") from None
         return None if column.length is None else []
-
-
-# ------------------------------------------------------------------------------------------------------------ columns
 
 
 def _columns(cls: type[Any], fields: Sequence[str] | None) -> list[Column]:
@@ -149,7 +145,6 @@ def _scalar_columns(cls: type[Any], path: str, ops: list[Op], length: int | None
 
 
 def _value_columns(field: Field, name: str, ops: list[Op], length: int | None) -> Iterator[Column]:
-    """Yield the columns of a value, or of a value of each element if there is a `length`."""
     if field.cls is None:
         primitive = PRIMITIVES.get(field.type.base)
         yield Column(name, _combined(ops), "U" if primitive is None else primitive.numpy, length)
@@ -160,7 +155,6 @@ def _value_columns(field: Field, name: str, ops: list[Op], length: int | None) -
 
 
 def _columns_of_path(cls: type[Any], path: str) -> list[Column]:
-    """Return the columns of a path; raises `BagError` with the existing names."""
     ops: list[Op] = []
     length, at, done = None, cls, ""
     parts = path.split(".")
@@ -256,7 +250,6 @@ def _chain(ops: list[Op]) -> Get:
 
 
 def _unknown_path_text(cls: type[Any], at: type[Any], path: str, done: str) -> str:
-    """Return the error text for an invalid path, with similar and existing names."""
     columns = list(islice(_path_names(cls), _MAX_LISTED_NAMES))
     plain = re.sub(r"\[[^\]]*\]", "[:]", path)
     below = [name for name in columns if name.startswith(re.sub(r"\[[^\]]*\]", "[:]", done))] or columns
@@ -264,16 +257,12 @@ def _unknown_path_text(cls: type[Any], at: type[Any], path: str, done: str) -> s
 
 
 def _path_names(cls: type[Any], path: str = "", depth: int = 0) -> Iterator[str]:
-    """Yield all paths of a class, with ``[:]`` for arrays."""
     for field in cls._TYPE.fields:
         name = path + field.ros_name + ("" if field.type.arity is Arity.SCALAR else "[:]")
         if field.cls is None or field.cls._TYPE.name in _TIMES or depth > 20:
             yield name
         else:
             yield from _path_names(field.cls, f"{name}.", depth + 1)
-
-
-# --------------------------------------------------------------------------------------------------------------- rows
 
 
 def _as_array(
@@ -304,7 +293,6 @@ def _as_array(
 
 
 def _padded_column(column: Column, values: list[Any], pad: Any) -> tuple[str, tuple[int, ...], list[Any]]:
-    """Return dtype, shape and padded values of a column; raises ValueError."""
     length = column.length
     if length is None:
         if any(value is None for value in values):
@@ -360,9 +348,6 @@ def _typed_pad(column: Column, pad: Any) -> Any:
     if not (is_nan or is_close or array == pad):
         raise ValueError(f"pad={pad!r:.50} is not a {kind}; {_PAD_ADVICE}")
     return array[()]
-
-
-# ------------------------------------------------------------------------------------------------------------- pandas
 
 
 def frame(array: np.ndarray[Any, np.dtype[np.void]]) -> Any:

@@ -126,8 +126,6 @@ class BagReader:
             self.close()
             raise
 
-    # ------------------------------------------------------------------------------------------------------ reading
-
     def message_class(self, topic: str | BagTopic) -> type[Any]:
         """Return the class of a topic's messages: of the definition in the bag, else of one with its name and hash.
 
@@ -270,7 +268,6 @@ class BagReader:
         return decode if definition.is_recorded else checked_decoder(topic, definition, decode, may_skip)
 
     def _count_skipped(self, topic: str, error: RosidlError | None = None, count: int = 1) -> None:
-        """Count skipped messages; report the first `error` of a topic."""
         before = self.skipped.get(topic)
         if before is None:
             reason = str(error).removeprefix(f"{topic}: ")
@@ -405,8 +402,6 @@ class BagReader:
     ) -> Any:
         """Return the messages of a topic as a ``pyarrow.Table`` in memory; arguments as for `batches`."""
         return self.batches(topic, columns, start_ns=start_ns, end_ns=end_ns, on_error=on_error).read_all()
-
-    # ------------------------------------------------------------------------------------------------------ closing
 
     def close(self) -> None:
         """Close the files; may be called repeatedly."""

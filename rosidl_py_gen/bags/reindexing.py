@@ -123,7 +123,6 @@ def reindex_file(file: Path) -> Reindexed:
 
 
 def _with_hash(reader: BagReader, channel: BagTopic) -> BagTopic:
-    """Return the channel with the hash of its definition, if the file has only the definition."""
     if channel.type_hash or not has_definition(channel):
         return channel
     try:

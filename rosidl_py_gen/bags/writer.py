@@ -118,8 +118,6 @@ class BagWriter(SplittingWriter):
             self.path.mkdir(parents=True)
         self._open()
 
-    # ------------------------------------------------------------------------------------------------------ writing
-
     def add_topic(
         self,
         topic: str,
@@ -280,8 +278,6 @@ class BagWriter(SplittingWriter):
             )
         told = {"offered_qos_profiles": topic.offered_qos, "topic_type_hash": topic.type_hash}
         return self._writer.register_channel(topic.name, topic.message_encoding, self._schemas[key], told)
-
-    # ------------------------------------------------------------------------------------------------------- files
 
     def _open(self) -> None:
         self._stream = self._next_path().open("xb", buffering=1 << 16)

@@ -1,4 +1,4 @@
-"""Who may connect to ``rosidl-py foxglove``, and how much viewers may send: real WebSocket clients, on loopback."""
+"""Access to ``rosidl-py foxglove``, and limits of viewers, with real WebSocket clients."""
 
 from __future__ import annotations
 

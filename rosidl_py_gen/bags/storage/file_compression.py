@@ -168,7 +168,6 @@ def _is_decompressible(path: Path) -> bool:
 
 
 def _decompressed(path: Path, resources: ExitStack, max_bytes: int) -> Path:
-    """Return the file, or its content in a temporary folder that `resources` removes."""
     if path.suffix == SUFFIX or (path.suffix == ".db3" and not isinstance(path, Path)):
         folder = Path(resources.enter_context(TemporaryDirectory(prefix="rosidl-py-gen-bag-")))
         path = local_copy(path, folder)
@@ -210,8 +209,6 @@ def _require_size(path: Path, size: int, max_size: int) -> None:
 
 
 class _CompressedMessages:
-    """File whose messages are compressed individually."""
-
     def __init__(self, storage: Storage, path: Path, max_bytes: int) -> None:
         self._storage = storage
         self._path = path

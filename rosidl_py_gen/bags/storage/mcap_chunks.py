@@ -215,9 +215,6 @@ class ChunkDecompressor:
         return np.concatenate([*found, np.array(single, np.int64)])
 
 
-# ----------------------------------------------------------------------------------------------------------- in pieces
-
-
 def read_chunk_header(read: Read, body: int, end: int, where: str) -> ChunkHeader:
     """Return the header of a chunk. Raises `BagError`, and exceptions of the libraries."""
     _, _, size, crc, name = _HEAD.unpack(read(body, _HEAD.size))
@@ -286,8 +283,6 @@ def _end_of_whole_records(data: bytes | bytearray) -> tuple[int, int]:
 
 
 class _Stored:
-    """Stored records of a chunk as a stream."""
-
     def __init__(self, read: Read, head: ChunkHeader) -> None:
         self._read, self._at, self._end = read, head.at, head.end
 

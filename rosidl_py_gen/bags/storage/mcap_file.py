@@ -139,7 +139,6 @@ class McapFile:
             self._report_damage(one, index)
 
     def _report_damage(self, damage: Damage, index: Index) -> None:
-        """Report a damaged part, or raise `BagError` if the reader does not skip it."""
         names = None
         if damage.channels is not None:
             names = tuple(sorted({index.channels[one].topic for one in damage.channels if one in index.channels}))
@@ -151,7 +150,6 @@ class McapFile:
         self._on_skipped(segment)
 
     def _reporting_damage(self, segment: MessageSegment, contents: Iterator[T]) -> Iterator[T]:
-        """Yield the contents of a segment, and report damage."""
         try:
             with library_errors_as_bag_error(self._path):
                 yield from contents
@@ -162,8 +160,6 @@ class McapFile:
             self._report_damage(
                 Damage(begin, segment.end, error, segment.first, segment.last, segment.channels), self._index
             )
-
-    # ------------------------------------------------------------------------------------------------------ contents
 
     @property
     def unread_bytes(self) -> int:
@@ -194,8 +190,6 @@ class McapFile:
             return []
         with library_errors_as_bag_error(self._path):
             return [(one.first, one.end - one.offset) for one in self._segments]
-
-    # ------------------------------------------------------------------------------------------------------ messages
 
     def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
         with library_errors_as_bag_error(self._path):
@@ -282,7 +276,6 @@ class McapFile:
     def _select_rows(
         self, block: MessageBlock, segment: MessageSegment, start: int, end: int
     ) -> Iterator[MessageBlock]:
-        """Yield the requested messages of a segment by log time."""
         times = block.log_times
         self._require_span(segment, int(times.min()), int(times.max()))
         rows = np.arange(len(times))

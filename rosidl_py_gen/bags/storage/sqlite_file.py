@@ -81,8 +81,6 @@ class SqliteFile:
             if any(row[6] for row in self._database.execute(f"pragma table_xinfo({name})")):
                 raise BagError(f"{self._path}: {name} has columns that are not stored")
 
-    # ------------------------------------------------------------------------------------------------------ contents
-
     def channels(self) -> list[BagTopic]:
         with library_errors_as_bag_error(self._path):
             counts = dict(self._database.execute("select topic_id, count(*) from messages group by topic_id"))
@@ -93,7 +91,6 @@ class SqliteFile:
             return merge_channels([*topics.values(), *self._without_topic.values()])
 
     def _topics(self, counts: dict[Any, int]) -> dict[Any, BagTopic]:
-        """Return topics by the id that messages refer to."""
         texts = self._definitions()
         columns = self._columns("topics")
         optional = [name if name in columns else "''" for name in ("offered_qos_profiles", "type_description_hash")]
@@ -109,7 +106,6 @@ class SqliteFile:
         return {row[1] for row in self._database.execute(f"pragma table_info({table})")}
 
     def _definitions(self) -> dict[str, list[tuple[str, str, str]]]:
-        """Return hash, text and encoding by name; a type may have several versions."""
         columns = self._columns("message_definitions")
         if not columns:
             return {}
@@ -130,8 +126,6 @@ class SqliteFile:
             if not isinstance(first, int) or not isinstance(last, int):
                 raise BagError(f"{self._path}: a message has no time")
             return first, last
-
-    # ------------------------------------------------------------------------------------------------------ messages
 
     def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
         with library_errors_as_bag_error(self._path):

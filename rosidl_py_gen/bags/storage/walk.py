@@ -115,7 +115,6 @@ class Walk:
         return next_chunk(self._read, at + 1, self._end, self._size) if self._skips else self._end
 
     def _skip(self, at: int, after: int, error: BagError, head: ChunkHead | None = None) -> int:
-        """Report a damage; return its end."""
         if head is None:
             self._on_damage(Damage(at, after, error))
         else:
@@ -194,7 +193,6 @@ def _truncated_size(head: bytes, at: int, size: int) -> int:
 
 
 def _check_follows_data(stream: IO[bytes], at: int, end: int, size: int) -> None:
-    """Raise `BagError` if neither the summary nor the footer follows the data."""
     if end < size:
         is_right = at == end
     else:
@@ -215,7 +213,6 @@ def _check_crc(stream: IO[bytes], unpacker: ChunkDecompressor, at: int, length: 
 
 
 def _records(data: bytes | bytearray) -> Iterator[tuple[int, int, int]]:
-    """Yield opcode, start and end of each record."""
     at, size = 0, len(data)
     while at < size:
         opcode, length = RECORD.unpack_from(data, at)
@@ -227,8 +224,6 @@ def _records(data: bytes | bytearray) -> Iterator[tuple[int, int, int]]:
 
 
 def _chunk_blocks(stream: IO[bytes], unpacker: ChunkDecompressor, body: int, end: int) -> Iterator[bytes | bytearray]:
-    """Yield the records of a chunk, in blocks if it is large."""
-
     def read(at: int, size: int) -> bytes:
         stream.seek(at)
         return stream.read(size)

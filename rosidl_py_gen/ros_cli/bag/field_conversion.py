@@ -30,7 +30,6 @@ def message_converter(plans: Plans, old: type[Message], new: type[Message]) -> C
     old_classes, new_classes = referenced_classes(old), referenced_classes(new)
 
     def maker(pair: tuple[str, str]) -> Converter:
-        """Return the converter of a nested pair; recursion ends, as types do not contain themselves."""
         if pair not in makers:
             makers[pair] = _maker(pair)
         return makers[pair]

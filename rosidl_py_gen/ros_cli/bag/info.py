@@ -42,7 +42,6 @@ def info(path: str, is_verbose: bool, paths: Sequence[str], as_json: bool) -> in
 
 
 def _with_counts(reader: BagReader) -> list[BagTopic]:
-    """Return the channels with message counts; a file without counts is read."""
     from collections import Counter
 
     if all(one.count is not None for one in reader.channels):

@@ -230,7 +230,6 @@ def fields_of(cls: type[Message]) -> dict[str, list[tuple[str, Any]]]:
 
 
 def _warn_unused_rules(rules: MigrationRules, planned: dict[tuple[str, ...], _Topic]) -> None:
-    """Note rules for types without messages, which are probably misspelled."""
     used = {one.old for topic in planned.values() for one in topic.plans}
     used |= {topic.old.type_name for topic in planned.values()}
     for name in sorted({*rules.types, *rules.fields} - used):

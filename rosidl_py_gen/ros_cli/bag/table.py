@@ -85,7 +85,6 @@ def table(
 
 @contextmanager
 def _task_bar() -> Iterator[Callable[[float, int], None]]:
-    """Display a progress bar whose length is known with the first report."""
     from rosidl_py_gen.ros_cli.bag.selection import progress_bar
 
     with ExitStack() as stack:

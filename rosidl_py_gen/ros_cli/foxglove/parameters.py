@@ -54,8 +54,6 @@ class ParameterBridge:
         self._listening: asyncio.Task[None] | None = None
         self._first: asyncio.Task[None] | None = None
 
-    # -------------------------------------------------------------------------------------------------- what they are
-
     def refresh(self) -> None:
         """Query new nodes, and remove those that have disappeared."""
         if self._listening is None:
@@ -111,8 +109,6 @@ class ParameterBridge:
             if value is not None:
                 found[name] = value
         return found
-
-    # ------------------------------------------------------------------------------------------------- what is wanted
 
     async def get(self, names: list[str]) -> dict[str, Any]:
         """Return values by name, of all parameters if `names` is empty; unset and unknown ones are omitted."""

@@ -32,9 +32,6 @@ class ProtocolError(RosidlError):
     """Raised for a message that is invalid, or not permitted in the current state."""
 
 
-# ----------------------------------------------------------------------------------------------------- what viewers say
-
-
 class ClientAdvertisement(NamedTuple):
     """Topic that a viewer wants to publish on."""
 
@@ -185,9 +182,6 @@ _READ: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "fetchAsset": ("", _text),
 }
 """Key of a list, and parser of an element."""
-
-
-# ------------------------------------------------------------------------------------------------ what viewers are told
 
 
 def control(op: str, **fields: Any) -> str:

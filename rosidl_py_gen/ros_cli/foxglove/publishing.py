@@ -36,8 +36,6 @@ _ENCODINGS = ("cdr", "json")
 
 
 class _ClientPublisher:
-    """Topic that a viewer publishes on; the publisher is created when the type is known."""
-
     def __init__(self, offer: ClientAdvertisement) -> None:
         self.offer = offer
         self.opening: asyncio.Task[None] | None = None

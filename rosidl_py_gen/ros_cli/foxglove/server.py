@@ -95,8 +95,6 @@ class Server:
         """Topics that viewers publish on."""
         self._warned_at: dict[str, float] = {}
 
-    # -------------------------------------------------------------------------------------------------- who connects
-
     async def start(self, listening: Listening, handlers: Handlers) -> int:
         """Listen, and return the port.
 
@@ -174,8 +172,6 @@ class Server:
             raise
         finally:
             del self._viewers[viewer.number]
-
-    # ------------------------------------------------------------------------------------------ what there is to see
 
     def _broadcast(self, text: str | bytes) -> None:
         for viewer in self._viewers.values():

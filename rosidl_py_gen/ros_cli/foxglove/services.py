@@ -32,8 +32,6 @@ _RESPONSE = re.compile(r"^---[ \t\r]*\n", re.MULTILINE)
 
 
 class _AdvertisedService:
-    """Service that is shown to viewers once its definition is known."""
-
     def __init__(self, type_name: str) -> None:
         self.type_name = type_name
         self.opening: asyncio.Task[None] | None = None
@@ -123,7 +121,6 @@ class ServiceBridge:
 
 
 def _definitions(cls: Any) -> tuple[str, str]:
-    """Return the definitions of request and response, each with the types it uses."""
     parts = _SECTION.split(definition_text(cls))
     texts = [*_RESPONSE.split(parts[0], maxsplit=1), ""]
     for index, half in enumerate((cls.Request, cls.Response)):

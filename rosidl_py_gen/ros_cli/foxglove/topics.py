@@ -34,8 +34,6 @@ class _Key(NamedTuple):
 
 
 class _AdvertisedTopic:
-    """Topic that is shown to viewers once its definition is known."""
-
     def __init__(self) -> None:
         self.opening: asyncio.Task[None] | None = None
         self.channel: AdvertisedChannel | None = None
@@ -109,7 +107,6 @@ class TopicBridge:
             self._server.close_channel(entry.channel)
 
     async def _definition(self, key: _Key) -> str:
-        """Return the definition; empty if it is unknown."""
         try:
             cls = await types.message_class(self._session, key.topic, key.type_name, self._paths)
             return await asyncio.to_thread(definition_text, cls)

@@ -139,8 +139,6 @@ class Viewer:
         self.followed: set[str] | None = set()
         """Names of parameters whose changes are sent to the viewer; None stands for all."""
 
-    # ----------------------------------------------------------------------------------------------------- to and fro
-
     def send(self, subscription: int, time_ns: int, data: bytes) -> None:
         """Queue a message of a topic; the oldest is dropped if the queue is full."""
         self._messages.append((subscription, time_ns, data))
@@ -209,8 +207,6 @@ class Viewer:
             job.cancel()
         if self._publishing is not None:
             self._publishing.cancel()
-
-    # -------------------------------------------------------------------------------------------------- what it wants
 
     async def _handle(self, message: str | bytes, pace: RateLimit) -> None:
         """Handle a message, then pause for as long as it took, which leaves half of the time to other viewers."""

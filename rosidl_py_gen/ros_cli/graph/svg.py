@@ -85,8 +85,6 @@ def svg(picture: Picture) -> str:
 
 
 class _ColumnLayout:
-    """Three columns and the lines between them."""
-
     def __init__(self, edges: list[Edge], headings: tuple[str, str, str]) -> None:
         self.edges = edges
         self.bottom = self.right = 0.0
@@ -103,7 +101,6 @@ class _ColumnLayout:
         self._columns = [list(sides[0].values()), list(middle.values()), list(sides[1].values())]
 
     def place(self, top: float) -> None:
-        """Determine order and positions of all boxes."""
         self._reduce_crossings()
         tallest = max(map(len, self._columns)) * (_ROW_HEIGHT + _ROW_GAP)
         x = float(_MARGIN)
@@ -133,7 +130,6 @@ class _ColumnLayout:
                 box.y = (number + 0.5) / len(column)
 
     def draw(self) -> Iterator[str]:
-        """Yield the elements, lines first."""
         for left, right in self._lines:
             start, end = left.x + left.width, right.x
             bend = (end - start) / 2

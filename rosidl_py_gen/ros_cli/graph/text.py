@@ -56,9 +56,6 @@ def _row(picture: Picture, edge: Edge) -> dict[str, Any]:
     return {"kind": edge.kind, "name": edge.name, "types": edge.types, "with": picture.counterparts(edge)}
 
 
-# ------------------------------------------------------------------------------------------------------------- Mermaid
-
-
 def mermaid(picture: Picture) -> str:
     """Return a flowchart: nodes are boxes, topics round, services hexagons, actions boxes with double sides."""
     nodes = {name: f"n{number}" for number, name in enumerate(sorted({*picture.nodes, *_connected_nodes(picture)}))}

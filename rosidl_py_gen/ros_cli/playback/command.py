@@ -19,8 +19,6 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 class _Finite(click.FloatRange):
-    """Number in a range that excludes infinity and NaN."""
-
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         found = super().convert(value, param, ctx)
         if not isfinite(found):

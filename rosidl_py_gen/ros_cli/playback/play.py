@@ -6,12 +6,13 @@ import asyncio
 from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.stamps import stamp_ns
 from rosidl_py_gen.ros_cli import DAMAGED, AsyncCommand, ToolError, terminal_output
 from rosidl_py_gen.ros_cli.bag.qos_overrides import read_qos_overrides
+from rosidl_py_gen.ros_cli.bag.rosbag2_services import serve_rosbag2
 from rosidl_py_gen.ros_cli.bag.selection import progress
 from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, first_of
 from rosidl_py_gen.ros_cli.keyboard import read_keys
-from rosidl_py_gen.ros_cli.playback.controls import PLAYER, serve
 from rosidl_py_gen.ros_cli.playback.player import Player
 from rosidl_py_gen.ros_cli.playback.recording import Recording
 from rosidl_py_gen.ros_cli.playback.selection import select_messages, selected_topics
@@ -22,11 +23,13 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.ros_cli.bag.selection import BagSelection
     from rosidl_py_gen.ros_cli.playback.command import PlayOptions
-    from rosidl_py_gen.runtime import QoSProfile
+    from rosidl_py_gen.runtime import Node, QoSProfile
 
 _SUBSCRIBER_DISCOVERY_S = 2.0
 """Time for discovering subscribers; Fast DDS takes up to a second longer (docs/internals/dds.md 6)."""
 _RATE_STEP = 0.1
+_PLAYER = "/rosbag2_player"
+_NEED_START = ("Burst", "PlayNext", "Seek")
 
 
 def play_bag(network: NetworkOptions, options: PlayOptions) -> AsyncCommand:
@@ -72,7 +75,7 @@ async def _play(
     node_options = {"start_type_description_service": True}  # peers may not have the types
     async with CommandNode(network, parameter_overrides=node_options) as session:
         player = Player(session, recording, part, options, overrides)
-        serve(session.node, player)
+        _serve(session.node, player)
         await session.wait_for_discovery()
         if network.get("spin_time_s") is None:
             await asyncio.gather(
@@ -99,7 +102,7 @@ async def _play_with_keys(player: Player, options: PlayOptions) -> None:
         if has_keys and not terminal_output.is_terminal():
             terminal_output.note(usage)
         if options.start_paused and not has_keys:
-            terminal_output.note(f"paused, until the service {PLAYER}/resume is called")
+            terminal_output.note(f"paused, until the service {_PLAYER}/resume is called")
 
         def show_state() -> None:
             show(f"{player.state()}; {usage}")
@@ -122,3 +125,31 @@ async def _repeat(show: Callable[[], None], every_s: float) -> None:
     while True:
         show()
         await asyncio.sleep(every_s)
+
+
+def _serve(node: Node, player: Player) -> None:
+    """Create the services of a player."""
+    timeline = player.timeline
+
+    async def wait_for_start(kind: str) -> None:
+        if kind in _NEED_START:
+            await player.started()
+
+    serve_rosbag2(
+        node,
+        f"{_PLAYER}/",
+        (
+            ("pause", "Pause", lambda _: timeline.pause()),
+            ("resume", "Resume", lambda _: timeline.resume()),
+            ("toggle_paused", "TogglePaused", lambda _: player.toggle()),
+            ("is_paused", "IsPaused", lambda _: {"paused": timeline.is_paused}),
+            ("get_rate", "GetRate", lambda _: {"rate": timeline.rate}),
+            ("set_rate", "SetRate", lambda request: {"success": timeline.set_rate(request.rate)}),
+            ("play", "Play", lambda _: {"success": False}),  # it is playing already
+            ("play_next", "PlayNext", lambda _: {"success": player.step()}),
+            ("burst", "Burst", lambda request: {"actually_burst": player.burst(request.num_messages)}),
+            ("seek", "Seek", lambda request: {"success": player.seek(stamp_ns(request.time))}),
+            ("stop", "Stop", lambda _: player.stop()),
+        ),
+        wait_for_start,
+    )

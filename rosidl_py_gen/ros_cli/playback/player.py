@@ -68,10 +68,7 @@ class Player:
         self.on_change: Callable[[], None] = lambda: None
         """Called when `state` has changed."""
 
-    # --------------------------------------------------------------------------------------------------------- sending
-
     def _sender(self, reader: BagReader, channel: BagTopic) -> Callable[[bytes], bool]:
-        """Return a function that sends a message of a channel, and returns True if it did."""
         if cannot_play_reason(channel):
             return lambda data: False
         kind, name, service = self._recording.owners[channel.name]
@@ -114,8 +111,6 @@ class Player:
             self._clock(self.timeline.now_ns())
             await rate.sleep()
 
-    # --------------------------------------------------------------------------------------------------------- playing
-
     async def play(self) -> None:
         """Publish all messages once, or until `stop`; at the end, wait while paused."""
         self._begin(self._part.start_ns)
@@ -152,8 +147,6 @@ class Player:
 
     def _advance(self) -> None:
         self._next = next(self._messages, None)
-
-    # -------------------------------------------------------------------------------------------------------- steering
 
     async def started(self) -> None:
         """Wait until `play` has started; before, there is no next message."""

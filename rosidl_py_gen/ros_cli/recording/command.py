@@ -75,7 +75,6 @@ def _several(*names: str, of: str = "", **settings: Any) -> Callable[[F], F]:
 
 
 def _pairs(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> dict[str, str]:
-    """Parse KEY=VALUE; the last value of a key counts."""
     found = {}
     for one in value:
         key, equals, text = one.partition("=")

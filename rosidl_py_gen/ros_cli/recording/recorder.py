@@ -73,8 +73,6 @@ class Recorder:
         self.early = 0
         """Number of skipped messages before the first time of ``/clock``."""
 
-    # ------------------------------------------------------------------------------------------------------- steering
-
     def pause(self) -> None:
         """Skip received messages."""
         if not self.is_paused:
@@ -106,8 +104,6 @@ class Recorder:
     def _note(self, text: str) -> None:
         if not self._options.as_json:
             terminal_output.note(text)
-
-    # ------------------------------------------------------------------------------------------------------- recording
 
     @property
     def dropped(self) -> int:
@@ -219,7 +215,6 @@ class Recorder:
         self._writer.enqueue(topic, data, received_ns, published_ns)
 
     async def _bag_topic(self, topic: str, kind: str, qos: Sequence[Any]) -> BagTopic:
-        """Return the topic as the bag stores it; without definition if it cannot be found."""
         async with self._compile_lock:
             with suppress(RosidlError):  # in a thread, so that messages get their own times
                 await asyncio.to_thread(get_message, kind, path=tuple(self._options.paths))
