@@ -151,7 +151,7 @@ class BagReader:
         """
         if isinstance(topic, BagTopic):
             return self._definitions.find(topic)
-        definitions = {found.message_class: found for found in map(self._definitions.find, self._channels_of(topic))}
+        definitions = {entry.message_class: entry for entry in map(self._definitions.find, self._channels_of(topic))}
         if len(definitions) > 1:
             raise BagError(
                 f"{self.path}: {topic} was recorded with {len(definitions)} definitions; pass one of `channels`, "

@@ -276,8 +276,8 @@ class BagWriter(SplittingWriter):
             self._schemas[key] = self._writer.register_schema(
                 topic.type_name, topic.encoding, topic.definition.encode()
             )
-        told = {"offered_qos_profiles": topic.offered_qos, "topic_type_hash": topic.type_hash}
-        return self._writer.register_channel(topic.name, topic.message_encoding, self._schemas[key], told)
+        metadata = {"offered_qos_profiles": topic.offered_qos, "topic_type_hash": topic.type_hash}
+        return self._writer.register_channel(topic.name, topic.message_encoding, self._schemas[key], metadata)
 
     def _open(self) -> None:
         self._stream = self._next_path().open("xb", buffering=1 << 16)

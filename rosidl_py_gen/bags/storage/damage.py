@@ -120,13 +120,13 @@ def next_chunk(read: Read, at: int, end: int, size: int) -> int:
     """Return the offset of the next chunk of a file of `size` bytes, from `at` on; `end` if there is none before."""
     while at < end:
         window = read(at, min(_WINDOW, end - at) + _MAX_HEAD)
-        for found in _CANDIDATE.finditer(window, 0, min(_WINDOW, end - at) + RECORD.size):
-            head = ChunkHead.within(window, found.start(), at + found.start())
+        for match in _CANDIDATE.finditer(window, 0, min(_WINDOW, end - at) + RECORD.size):
+            head = ChunkHead.within(window, match.start(), at + match.start())
             if head is None or head.end > size:
                 continue
             embedded = _embedding_end(read, head.end, size)
             if not embedded:
-                return min(at + found.start(), end)
+                return min(at + match.start(), end)
             at = embedded
             break
         else:
@@ -154,14 +154,14 @@ def is_known(opcode: int) -> bool:
 
 def indexed_channels(read: Read, at: int, size: int) -> set[int] | None:
     """Return the channels of a chunk whose message indexes begin at `at`; None if there are none."""
-    found = set()
+    channels = set()
     while at + _INDEX.size <= size:
         opcode, length, channel = _INDEX.unpack(read(at, _INDEX.size))
         if opcode != Opcode.MESSAGE_INDEX or length < 2:
             break
-        found.add(channel)
+        channels.add(channel)
         at += RECORD.size + length
-    return found or None
+    return channels or None
 
 
 def are_zeros(read: Read, at: int, size: int) -> bool:

@@ -58,7 +58,7 @@ def open_files(
         BagError: the bag is damaged beyond reading, or of an unknown kind.
         OSError: a file cannot be opened.
     """
-    found: list[Storage] = []
+    storages: list[Storage] = []
     with unreachable_as_error(path):
         files, may_compress_messages, hashes = _files_of(path)
         for file in files:
@@ -67,8 +67,8 @@ def open_files(
                 SqliteFile(plain) if plain.suffix == ".db3" else McapFile(plain, validate_crcs, max_bytes, on_skipped)
             )
             resources.callback(storage.close)
-            found.append(_CompressedMessages(storage, file, max_bytes) if may_compress_messages else storage)
-    return files, found, hashes
+            storages.append(_CompressedMessages(storage, file, max_bytes) if may_compress_messages else storage)
+    return files, storages, hashes
 
 
 def _files_of(path: Path) -> tuple[list[Path], bool, dict[tuple[str, str], str]]:
@@ -90,10 +90,10 @@ def _files_of(path: Path) -> tuple[list[Path], bool, dict[tuple[str, str], str]]
 
 def bag_files(folder: Path) -> list[Path]:
     """Return the bag files in a folder by name, compressed or not; raises `BagError` if there are none."""
-    found = _bag_files(folder)
-    if not found:
+    files = _bag_files(folder)
+    if not files:
         raise BagError(f"{folder}: folder contains neither {FILE} nor bag files")
-    return found
+    return files
 
 
 def compression_of(file: Path) -> str | None:
@@ -119,12 +119,12 @@ def _find_file(folder: Path, name: str) -> Path:
     if (named := folder / name).suffix == SUFFIX and named.is_file():
         return named  # complete, as the recorder ended; rosbag2 leaves decompressed files next to it
     plain = folder / name.removesuffix(SUFFIX)
-    found = [one for one in (plain, plain.with_name(plain.name + SUFFIX)) if one.is_file()]
-    if not found:
+    existing = [one for one in (plain, plain.with_name(plain.name + SUFFIX)) if one.is_file()]
+    if not existing:
         others = [file.name for file in _bag_files(folder)]
         advice = f"; {', '.join(others[:3])} exists and can be read by its own name" if others else ""
         raise BagError(f"{folder / FILE} refers to {name}, which does not exist{advice}")
-    return _pick_complete(found)
+    return _pick_complete(existing)
 
 
 def _bag_files(folder: Path) -> list[Path]:
@@ -224,14 +224,14 @@ class _CompressedMessages:
         return self._storage.span()
 
     def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
-        found = self._storage.messages(topics, start, end)
-        for first in found:
-            rest = chain(iter([first]), found)
+        messages = self._storage.messages(topics, start, end)
+        for first in messages:
+            rest = chain(iter([first]), messages)
             return self._decompress_all(rest) if bytes(first[1][:4]) == _MAGIC else rest  # all messages, or none
         return iter(())
 
-    def _decompress_all(self, found: Iterator[Raw]) -> Iterator[Raw]:
-        for channel, data, log_time, publish_time in found:
+    def _decompress_all(self, messages: Iterator[Raw]) -> Iterator[Raw]:
+        for channel, data, log_time, publish_time in messages:
             yield channel, self._decompress_message(bytes(data), channel.topic, log_time), log_time, publish_time
 
     def _decompress_message(self, data: bytes, topic: str, log_time: int) -> bytes:
@@ -257,12 +257,12 @@ class _CompressedMessages:
         return output
 
     def blocks(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[MessageBlock] | None:
-        found = self._storage.blocks(topics, start, end)
-        for first in found or ():
+        blocks = self._storage.blocks(topics, start, end)
+        for first in blocks or ():
             begin = int(first.begin[0])
             is_packed = bytes(first.data[begin : begin + len(_MAGIC)]) == _MAGIC
-            return None if is_packed else chain(iter([first]), found or ())
-        return found
+            return None if is_packed else chain(iter([first]), blocks or ())
+        return blocks
 
     def segments(self) -> list[tuple[int, int]]:
         return self._storage.segments()

@@ -136,15 +136,15 @@ class ChunkDecompressor:
             )
 
     def messages(
-        self, data: bytes | bytearray, wanted: Mapping[int, BagChannel], known: Container[int], size: int = -1
+        self, data: bytes | bytearray, requested: Mapping[int, BagChannel], known: Container[int], size: int = -1
     ) -> list[Raw]:
-        """Return the messages of the channels in `wanted`; `known` are all channels.
+        """Return the messages of the channels in `requested`; `known` are all channels.
 
         Args:
             size: of the records, if they are not all of `data`.
         """
         view = memoryview(data)
-        size, found, at = (len(data) if size < 0 else size), [], 0
+        size, messages, at = (len(data) if size < 0 else size), [], 0
         while at < size:
             opcode, length = RECORD.unpack_from(data, at)
             end = at + RECORD.size + length
@@ -154,15 +154,15 @@ class ChunkDecompressor:
                 if length < MIN_MESSAGE_BYTES:
                     raise BagError(f"{self.where}: damaged: a message of {length} bytes, shorter than its times")
                 _, _, channel, _, log_time, publish_time = MESSAGE.unpack_from(data, at)
-                if channel in wanted:
+                if channel in requested:
                     whole: Any = view if length * _LARGE > size else data
-                    found.append((wanted[channel], whole[at + MESSAGE.size : end], log_time, publish_time))
+                    messages.append((requested[channel], whole[at + MESSAGE.size : end], log_time, publish_time))
                 elif channel not in known:
                     raise BagError(
                         f"{self.where}: damaged: a message refers to channel {channel}, which is not defined"
                     )
             at = end
-        return found
+        return messages
 
     def message_headers(
         self, data: bytes | bytearray, known: Container[int], size: int = -1
@@ -184,7 +184,7 @@ class ChunkDecompressor:
         compared at once; the run ends at the first row that differs. After a wrong guess more equal messages are
         required.
         """
-        found: list[NDArray[np.int64]] = []
+        runs: list[NDArray[np.int64]] = []
         single: list[int] = []
         octets: Array = np.ndarray(size, np.uint8, data)
         at, previous_length, equal_count, required_count = 0, -1, 0, _MIN_EQUAL_RUN
@@ -202,7 +202,7 @@ class ChunkDecompressor:
                     rows = np.ndarray((size - at) // step * step, np.uint8, octets, at).reshape(-1, step)
                     wrong = np.flatnonzero((rows[:, : RECORD.size] != rows[0, : RECORD.size]).any(axis=1))
                     count = int(wrong[0]) if len(wrong) else len(rows)
-                    found += [np.array(single, np.int64), at + step * np.arange(count)]
+                    runs += [np.array(single, np.int64), at + step * np.arange(count)]
                     single = []
                     at += count * step
                     equal_count, required_count = (
@@ -212,7 +212,7 @@ class ChunkDecompressor:
                     continue
                 single.append(at)
             at += step
-        return np.concatenate([*found, np.array(single, np.int64)])
+        return np.concatenate([*runs, np.array(single, np.int64)])
 
 
 def read_chunk_header(read: Read, body: int, end: int, where: str) -> ChunkHeader:
@@ -288,9 +288,9 @@ class _Stored:
 
     def read(self, size: int = -1, /) -> bytes:
         left = self._end - self._at
-        found = self._read(self._at, left if size < 0 else min(size, left))
-        self._at += len(found)
-        return found
+        data = self._read(self._at, left if size < 0 else min(size, left))
+        self._at += len(data)
+        return data
 
 
 def _block_reader(source: _Stored, head: ChunkHeader) -> Callable[[int], bytes]:
@@ -311,10 +311,10 @@ class _Lz4:
         self._frame: Any = lz4.frame.LZ4FrameDecompressor()
 
     def read(self, size: int) -> bytes:
-        found = b""
-        while size and not found and not self._frame.eof:
+        data = b""
+        while size and not data and not self._frame.eof:
             more = self._source.read(BLOCK_BYTES) if self._frame.needs_input else b""
             if self._frame.needs_input and not more:
                 break
-            found = self._frame.decompress(more, max_length=size)
-        return found
+            data = self._frame.decompress(more, max_length=size)
+        return data

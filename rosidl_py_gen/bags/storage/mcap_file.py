@@ -127,15 +127,15 @@ class McapFile:
             )
 
     def _walk(self, index: Index, start: int, end: int) -> None:
-        found: list[Damage] = []  # reported at the end, when all topics are known
+        damages: list[Damage] = []  # reported at the end, when all topics are known
         skips = self._on_skipped is not None
-        on_damage = found.append if skips else lambda one: self._report_damage(one, index)
+        on_damage = damages.append if skips else lambda one: self._report_damage(one, index)
         with library_errors_as_bag_error(self._path), self._lock:
             try:
                 Walk(self._stream, self._size, self._chunks, index, on_damage, skips).run(start, end)
             except BagError as error:
                 raise error if str(self._path) in str(error) else BagError(f"{self._path}: {error}") from None
-        for one in found:
+        for one in damages:
             self._report_damage(one, index)
 
     def _report_damage(self, damage: Damage, index: Index) -> None:
@@ -201,22 +201,24 @@ class McapFile:
         """Return the segments that may have requested messages, the requested channels, and all channels."""
         segments = [one for one in self._segments if one.first < end and one.last >= start]
         known = self._channels(self._index)
-        wanted = {number: one for number, one in known.items() if topics is None or one.topic in topics}
+        requested = {number: one for number, one in known.items() if topics is None or one.topic in topics}
         if topics is not None:
-            segments = [one for one in segments if one.channels is None or not wanted.keys().isdisjoint(one.channels)]
-        return segments, wanted, known
+            segments = [
+                one for one in segments if one.channels is None or not requested.keys().isdisjoint(one.channels)
+            ]
+        return segments, requested, known
 
     def _merge_by_time(
         self,
         segments: list[MessageSegment],
-        wanted: Mapping[int, BagChannel],
+        requested: Mapping[int, BagChannel],
         known: Container[int],
         start: int,
         end: int,
     ) -> Iterator[Raw]:
         buffer = _MergeBuffer()
         due = [
-            (segment.first, number, self._reporting_damage(segment, self._blocks(segment, wanted, known)))
+            (segment.first, number, self._reporting_damage(segment, self._blocks(segment, requested, known)))
             for number, segment in enumerate(segments)
         ]
         heapify(due)
@@ -224,17 +226,17 @@ class McapFile:
             since, number, blocks = heappop(due)
             if (block := next(blocks, None)) is None:
                 continue
-            found, size, has_more = block
+            messages, size, has_more = block
             if has_more:
-                heappush(due, (found[-1][2] if found else since, number, blocks))
-            if found and (found[0][2] < start or found[-1][2] >= end):
-                found = [one for one in found if start <= one[2] < end]
+                heappush(due, (messages[-1][2] if messages else since, number, blocks))
+            if messages and (messages[0][2] < start or messages[-1][2] >= end):
+                messages = [one for one in messages if start <= one[2] < end]
             del block
             before = due[0][0] if due else None
-            if buffer.is_empty and (before is None or not found or found[-1][2] < before):
-                yield from found
+            if buffer.is_empty and (before is None or not messages or messages[-1][2] < before):
+                yield from messages
             else:
-                buffer.add(found)
+                buffer.add(messages)
                 yield from buffer.before(before)
                 if buffer.size > self._max_bytes:
                     raise BagError(
@@ -242,23 +244,23 @@ class McapFile:
                         f"wait; expected at most {self._max_bytes}, unless max_decompressed_bytes is more"
                     )
             if size > MAX_WHOLE_CHUNK_BYTES:  # memory of smaller ones is reused by the next chunk
-                del found
+                del messages
         yield from buffer.before(None)
 
     def blocks(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[MessageBlock] | None:
         with library_errors_as_bag_error(self._path):
-            segments, wanted, known = self._select(topics, start, end)
-            if len({one.topic for one in wanted.values()}) < len(wanted):  # messages of its channels may be mixed
+            segments, requested, known = self._select(topics, start, end)
+            if len({one.topic for one in requested.values()}) < len(requested):  # messages of its channels may be mixed
                 return None
             if any(one.last > other.first for one, other in pairwise(segments)):
                 return None
         return chain.from_iterable(
-            self._reporting_damage(segment, self._segment_blocks(segment, wanted, known, start, end))
+            self._reporting_damage(segment, self._segment_blocks(segment, requested, known, start, end))
             for segment in segments
         )
 
     def _segment_blocks(
-        self, segment: MessageSegment, wanted: Container[int], known: Mapping[int, BagChannel], start: int, end: int
+        self, segment: MessageSegment, requested: Container[int], known: Mapping[int, BagChannel], start: int, end: int
     ) -> Iterator[MessageBlock]:
         for data, size, _ in self._contents(segment, known):
             heads, begin = self._chunks.message_headers(data, known, size)
@@ -266,7 +268,7 @@ class McapFile:
             bounds = np.flatnonzero(np.diff(heads["channel"][by_channel])) + 1
             for rows_of_channel in np.split(by_channel, bounds) if len(heads) else ():
                 number = int(heads["channel"][rows_of_channel[0]])
-                if number in wanted:
+                if number in requested:
                     rows = heads[rows_of_channel]
                     sizes = rows["length"].astype(np.int64) - MIN_MESSAGE_BYTES
                     starts = begin[rows_of_channel]
@@ -304,17 +306,17 @@ class McapFile:
                 yield data, size, True
 
     def _blocks(
-        self, segment: MessageSegment, wanted: Mapping[int, BagChannel], known: Container[int]
+        self, segment: MessageSegment, requested: Mapping[int, BagChannel], known: Container[int]
     ) -> Iterator[tuple[list[Raw], int, bool]]:
         """Yield the messages of a segment in blocks by log time, each with its size and True if more may follow."""
         for data, whole, has_more in self._contents(segment, known):
-            found = self._chunks.messages(data, wanted, known, whole)
+            messages = self._chunks.messages(data, requested, known, whole)
             size = len(data)
             del data
-            if found:
-                found.sort(key=LOG_TIME)
-                self._require_span(segment, found[0][2], found[-1][2])
-            yield found, size, has_more
+            if messages:
+                messages.sort(key=LOG_TIME)
+                self._require_span(segment, messages[0][2], messages[-1][2])
+            yield messages, size, has_more
 
     def _reads_in_blocks(self, head: ChunkHeader, known: Container[int]) -> bool:
         """Return True for a large chunk whose messages are in order, which is found by reading it."""

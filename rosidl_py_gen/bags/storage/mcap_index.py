@@ -108,8 +108,8 @@ def read_index(stream: IO[bytes], size: int) -> Index | None:
         if not start or (expected and expected != checksum(stream, start, size - _FOOTER_CRC)):
             return None
         stream.seek(0)
-        found = SeekingReader(stream, record_size_limit=size).get_summary()
-        return None if found is None or not _is_complete(found) else _index_of(found, start)
+        summary = SeekingReader(stream, record_size_limit=size).get_summary()
+        return None if summary is None or not _is_complete(summary) else _index_of(summary, start)
     except BagUnreachableError:
         raise
     except Exception:  # whatever wrong bytes lead to: the file is walked through then
@@ -119,10 +119,10 @@ def read_index(stream: IO[bytes], size: int) -> Index | None:
 def checksum(stream: IO[bytes], start: int, end: int) -> int:
     """Return the CRC of a range, read in blocks, as the range may be the whole file."""
     stream.seek(start)
-    found = 0
+    crc = 0
     for at in range(start, end, _BLOCK_BYTES):
-        found = zlib.crc32(stream.read(min(_BLOCK_BYTES, end - at)), found)
-    return found
+        crc = zlib.crc32(stream.read(min(_BLOCK_BYTES, end - at)), crc)
+    return crc
 
 
 def _is_complete(stated: Summary) -> bool:

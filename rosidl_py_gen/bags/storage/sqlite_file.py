@@ -95,12 +95,12 @@ class SqliteFile:
         columns = self._columns("topics")
         optional = [name if name in columns else "''" for name in ("offered_qos_profiles", "type_description_hash")]
         rows = self._database.execute(f"select id, name, type, serialization_format, {', '.join(optional)} from topics")
-        found = {}
+        topics = {}
         for row in rows.fetchall():
             key, (name, type_name, options, qos, type_hash) = row[0], map(str, row[1:])
             text, encoding = _pick_definition(texts.get(type_name, []), type_hash)
-            found[key] = BagTopic(name, type_name, text, encoding, options, type_hash, qos, counts.get(key, 0))
-        return found
+            topics[key] = BagTopic(name, type_name, text, encoding, options, type_hash, qos, counts.get(key, 0))
+        return topics
 
     def _columns(self, table: str) -> set[str]:
         return {row[1] for row in self._database.execute(f"pragma table_info({table})")}
@@ -113,10 +113,10 @@ class SqliteFile:
         rows = self._database.execute(
             f"select topic_type, {hashes}, encoded_message_definition, encoding from message_definitions"
         )
-        found: dict[str, list[tuple[str, str, str]]] = {}
+        definitions: dict[str, list[tuple[str, str, str]]] = {}
         for name, type_hash, text, encoding in rows:
-            found.setdefault(str(name), []).append((str(type_hash), str(text), str(encoding)))
-        return found
+            definitions.setdefault(str(name), []).append((str(type_hash), str(text), str(encoding)))
+        return definitions
 
     def span(self) -> tuple[int, int] | None:
         with library_errors_as_bag_error(self._path):
@@ -130,12 +130,12 @@ class SqliteFile:
     def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
         with library_errors_as_bag_error(self._path):
             known = {key: BagChannel(topic) for key, topic in {**self._without_topic, **self._topics({})}.items()}
-            wanted = [key for key, channel in known.items() if topics is None or channel.topic in topics]
-            marks = "" if topics is None else f"topic_id in ({','.join('?' * len(wanted))}) and "
+            requested = [key for key, channel in known.items() if topics is None or channel.topic in topics]
+            marks = "" if topics is None else f"topic_id in ({','.join('?' * len(requested))}) and "
             rows = self._database.execute(
                 f"select topic_id, timestamp, data from messages where {marks}timestamp >= ? and timestamp <= ? "
                 "order by timestamp, id",
-                [*(wanted if marks else ()), min(start, _MAX_TIME), min(end - 1, _MAX_TIME)],
+                [*(requested if marks else ()), min(start, _MAX_TIME), min(end - 1, _MAX_TIME)],
             )
             for key, stamp, data in rows:
                 if key not in known:
@@ -155,9 +155,9 @@ class SqliteFile:
             self._copy.cleanup()
 
 
-def _pick_definition(texts: list[tuple[str, str, str]], wanted: str) -> tuple[str, str]:
+def _pick_definition(texts: list[tuple[str, str, str]], type_hash: str) -> tuple[str, str]:
     """Return text and encoding of the definition with a hash; of one without hash only if unambiguous."""
-    fitting = [one for one in texts if one[0] == wanted] or [one for one in texts if not (one[0] and wanted)]
+    fitting = [one for one in texts if one[0] == type_hash] or [one for one in texts if not (one[0] and type_hash)]
     return fitting[0][1:] if len({one[1:] for one in fitting}) == 1 else ("", "")
 
 

@@ -115,10 +115,10 @@ def library_errors_as_bag_error(path: Path) -> Iterator[None]:
         raise BagError(f"{path}: damaged: {type(error).__name__}: {str(error)[:200]}") from None
 
 
-def with_bytes(found: Iterable[Raw], kind: type[M], first: Callable[[BagChannel], Any]) -> Iterator[M]:
+def with_bytes(messages: Iterable[Raw], kind: type[M], first: Callable[[BagChannel], Any]) -> Iterator[M]:
     """Yield messages as named tuples that begin with `first`, without a reference to a chunk while the next is read."""
     make = tuple.__new__  # in half the time of a call of `kind`
-    for channel, data, log_time, publish_time in found:
+    for channel, data, log_time, publish_time in messages:
         made = make(kind, (first(channel), bytes(data), log_time, publish_time))  # type: ignore[type-var]
         del data
         yield made

@@ -156,7 +156,7 @@ class _NewDefinitions:
 
 
 def _plan_topics(
-    reader: BagReader, wanted: Sequence[str], paths: Sequence[str], rules: MigrationRules
+    reader: BagReader, topics: Sequence[str], paths: Sequence[str], rules: MigrationRules
 ) -> dict[tuple[str, ...], _Topic]:
     """Return the conversion of each channel by its key; raises one `ToolError` for all failures."""
     from rosidl_py_gen.compiler.compatibility.migration import MigrationError
@@ -165,7 +165,7 @@ def _plan_topics(
     problems: list[str] = []
     planned = {}
     for channel in reader.channels:
-        if channel.name in wanted:
+        if channel.name in topics:
             try:
                 planned[channel.key] = _topic(reader, channel, definitions, rules)
             except (MigrationError, ToolError) as error:
@@ -215,10 +215,10 @@ def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, r
     if type_hash(old) == type_hash(new):
         return _Topic(channel, target)
     plans = plan(fields_of(old), fields_of(new), old._TYPE.name, rules)
-    shown = [one for one in plans.values() if one.is_conversion]
+    changed = [one for one in plans.values() if one.is_conversion]
     classes: dict[str, Any] = referenced_classes(new)
     defaults = {one: cls._TYPE.defaults for one, cls in classes.items()}
-    return _Topic(channel, target, shown, defaults, old.decode, message_converter(plans, old, new))
+    return _Topic(channel, target, changed, defaults, old.decode, message_converter(plans, old, new))
 
 
 def fields_of(cls: type[Message]) -> dict[str, list[tuple[str, Any]]]:
@@ -254,13 +254,13 @@ def _converter(reader: BagReader, topic: _Topic) -> Callable[[RawMessage], RawMe
 
 
 def _show(planned: dict[tuple[str, ...], _Topic]) -> None:
-    shown: dict[tuple[str, ...], list[str]] = {}  # by what is said: two definitions of one type may change otherwise
+    topics_by_text: dict[tuple[str, ...], list[str]] = {}  # definitions of a type may differ
     for topic in planned.values():
         for one in topic.plans:
             was = "" if one.old == one.new else f"{one.old} -> "
             lines = f"{was}{one.new}", *_change_lines(one, topic.defaults.get(one.new, {}))
-            shown.setdefault(lines, []).append(topic.old.name)
-    for (head, *changes), topics in shown.items():
+            topics_by_text.setdefault(lines, []).append(topic.old.name)
+    for (head, *changes), topics in topics_by_text.items():
         terminal_output.line(f"{head}, in {', '.join(dict.fromkeys(topics))}", "bold")
         for text in changes:
             terminal_output.line(f"    {text}")

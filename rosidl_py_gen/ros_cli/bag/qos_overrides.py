@@ -45,7 +45,7 @@ def parse_qos_overrides(source: str, name: str = "<profiles>") -> dict[str, QoSP
     root = parse(source, name, "profiles")
     if root is None:
         return {}
-    found = {}
+    profiles = {}
     for topic, policies in entries(root, name, "expected topics, and the policies of each below it"):
         try:
             validate_full_name(topic.value)
@@ -53,10 +53,10 @@ def parse_qos_overrides(source: str, name: str = "<profiles>") -> dict[str, QoSP
             wrong(topic, name, f"expected the full name of a topic: {error}")
         values = dict(_policy(key, value, name) for key, value in entries(policies, name, _expected()))
         try:
-            found[topic.value] = QoSProfile(**values)
+            profiles[topic.value] = QoSProfile(**values)
         except InvalidQoSError as error:
             wrong(policies, name, f"{topic.value}: {error}")
-    return found
+    return profiles
 
 
 def _expected() -> str:

@@ -128,10 +128,10 @@ def _expanded(bags: Iterable[str]) -> Iterator[str]:
         if not is_url(bag) and os.path.exists(bag):
             yield bag
             continue
-        found, failed = find_bags([bag])
+        sources, failed = find_bags([bag])
         for reason in failed.values():
             raise BagError(reason)
-        yield from (one.place for one in found)
+        yield from (one.place for one in sources)
 
 
 def _format_of(output: str | None) -> str:

@@ -41,8 +41,8 @@ class Access:
             path: requested path with the query.
         """
         if len(origins) > 1 or not all(map(self._is_allowed, origins)):
-            shown = ", ".join(origins)[:100]
-            return 403, f"pages of {shown} must not connect; permit them with rosidl-py foxglove --allow-origin"
+            text = ", ".join(origins)[:100]
+            return 403, f"pages of {text} must not connect; permit them with rosidl-py foxglove --allow-origin"
         if self.token and not self._has_token(path):
             return 401, "the address requires ?token=... of rosidl-py foxglove"
         return None

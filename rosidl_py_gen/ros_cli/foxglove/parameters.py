@@ -102,13 +102,13 @@ class ParameterBridge:
         return self._values_of_names(names)
 
     def _values_of_names(self, names: Any) -> dict[str, Any]:
-        found = {}
+        values = {}
         for name in names:
             node, _, parameter = name.partition(_SEPARATOR)
             value = self._values.get(node, {}).get(parameter)
             if value is not None:
-                found[name] = value
-        return found
+                values[name] = value
+        return values
 
     async def get(self, names: list[str]) -> dict[str, Any]:
         """Return values by name, of all parameters if `names` is empty; unset and unknown ones are omitted."""

@@ -50,9 +50,9 @@ class _View:
         self._parameters_changed, self._viewers_changed = asyncio.Event(), asyncio.Event()
         # Set after changes of parameters, and of subscriptions of viewers.
         self._has_clock = self._has_noted_clock = False
-        shown: dict[str, Any] = {"paths": options.paths, "hidden": options.hidden}
-        self._topics = TopicBridge(session, server, self._clock, **shown)
-        self._services = ServiceBridge(session, server, **shown)
+        settings: dict[str, Any] = {"paths": options.paths, "hidden": options.hidden}
+        self._topics = TopicBridge(session, server, self._clock, **settings)
+        self._services = ServiceBridge(session, server, **settings)
         self._publishing = ClientPublishing(session, server, paths=options.paths)
         self._parameters = ParameterBridge(
             session, server, self._parameters_changed.set, is_read_only=options.is_read_only

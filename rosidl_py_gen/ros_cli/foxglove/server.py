@@ -90,8 +90,8 @@ class Server:
         self._server: WebSocketServer | None = None
         self._numbers = itertools.count(1)
         self._viewers: dict[int, Viewer] = {}
-        self._shown = ServerState()
-        self.offers = self._shown.offers
+        self._state = ServerState()
+        self.offers = self._state.offers
         """Topics that viewers publish on."""
         self._warned_at: dict[str, float] = {}
 
@@ -105,9 +105,9 @@ class Server:
         try:
             bound = await asyncio.to_thread(_bind, host, port)
         except (OSError, OverflowError) as error:
-            shown = f"[{host}]" if ":" in host else host
+            address = f"[{host}]" if ":" in host else host
             reason = getattr(error, "strerror", None) or error
-            raise ToolError(f"cannot listen on {shown}:{port}: {reason}; pass another --port") from None
+            raise ToolError(f"cannot listen on {address}:{port}: {reason}; pass another --port") from None
         names: Any = protocol.SUBPROTOCOLS
         session = secrets.token_hex(8)
         self._server = await serve(
@@ -151,7 +151,7 @@ class Server:
         self, connection: ServerConnection, listening: Listening, handlers: Handlers, session: str
     ) -> None:
         may_act = not listening.is_read_only
-        viewer = Viewer(connection, next(self._numbers), self._shown, handlers, listening.queue, may_publish=may_act)
+        viewer = Viewer(connection, next(self._numbers), self._state, handlers, listening.queue, may_publish=may_act)
         self._viewers[viewer.number] = viewer
         can = ["parameters", "parametersSubscribe", "connectionGraph", *["time"] * listening.has_time]
         can += ["clientPublish", "services"] * may_act
@@ -161,9 +161,9 @@ class Server:
                 "serverInfo", name=_NAME, capabilities=can, supportedEncodings=encodings, sessionId=session
             )
         )
-        channels = [channel.advertisement for channel in self._shown.channels.values()]
+        channels = [channel.advertisement for channel in self._state.channels.values()]
         viewer.send_control(protocol.control("advertise", channels=channels))
-        services = [service.advertisement for service in self._shown.services.values()]
+        services = [service.advertisement for service in self._state.services.values()]
         viewer.send_control(protocol.control("advertiseServices", services=services))
         try:
             await viewer.run(RateLimit(listening.per_s))
@@ -180,7 +180,7 @@ class Server:
     def open_channel(self, topic: str, type_name: str, definition: str) -> AdvertisedChannel:
         """Advertise a topic of CDR messages; an empty definition means that it is unknown."""
         number = next(self._numbers)
-        advertised = self._shown.channels[number] = AdvertisedChannel(
+        advertised = self._state.channels[number] = AdvertisedChannel(
             protocol.channel(number, topic, type_name, definition)
         )
         self._broadcast(protocol.control("advertise", channels=[advertised.advertisement]))
@@ -188,7 +188,7 @@ class Server:
 
     def close_channel(self, channel: AdvertisedChannel) -> None:
         """Withdraw a topic."""
-        del self._shown.channels[channel.advertisement["id"]]
+        del self._state.channels[channel.advertisement["id"]]
         channel.close()
         self._broadcast(protocol.control("unadvertise", channelIds=[channel.advertisement["id"]]))
 
@@ -203,20 +203,20 @@ class Server:
         """
         number = next(self._numbers)
         advertisement = protocol.service(number, name, type_name, texts)
-        self._shown.services[number] = AdvertisedService(advertisement, call)
+        self._state.services[number] = AdvertisedService(advertisement, call)
         self._broadcast(protocol.control("advertiseServices", services=[advertisement]))
 
     def remove_services(self, names: list[str]) -> None:
         """Withdraw services."""
-        withdrawn = [number for number, one in self._shown.services.items() if one.advertisement["name"] in names]
+        withdrawn = [number for number, one in self._state.services.items() if one.advertisement["name"] in names]
         for number in withdrawn:
-            del self._shown.services[number]
+            del self._state.services[number]
         self._broadcast(protocol.control("unadvertiseServices", serviceIds=withdrawn))
 
     def publish_graph(self, published: protocol.Names, subscribed: protocol.Names, served: protocol.Names) -> None:
         """Send the nodes that publish and subscribe to topics, and serve services."""
-        before, self._shown.graph = self._shown.graph, (published, subscribed, served)
-        update = protocol.graph_update(before, self._shown.graph)
+        before, self._state.graph = self._state.graph, (published, subscribed, served)
+        update = protocol.graph_update(before, self._state.graph)
         for viewer in self._viewers.values():
             if viewer.follows_graph:
                 viewer.send_control(update)

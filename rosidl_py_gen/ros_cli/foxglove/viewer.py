@@ -108,14 +108,14 @@ class Viewer:
         self,
         connection: ServerConnection,
         number: int,
-        shown: ServerState,
+        state: ServerState,
         handlers: Handlers,
         queue: int,
         *,
         may_publish: bool,
     ) -> None:
         self._connection = connection
-        self._shown = shown
+        self._state = state
         self._handlers = handlers
         self._may_publish = may_publish
         self.number = number
@@ -175,7 +175,7 @@ class Viewer:
             with suppress(ConnectionClosed):
                 async for message in self._connection:
                     if isinstance(message, str) and len(message) > limits.HEAVY_TEXT:
-                        async with self._shown.heavy:
+                        async with self._state.heavy:
                             await self._handle(message, pace)
                     else:
                         await self._handle(message, pace)
@@ -185,7 +185,7 @@ class Viewer:
             for channel in self.watched.values():
                 channel.watchers.pop(self, None)
             for number in self._advertised:
-                del self._shown.offers[self.number, number]
+                del self._state.offers[self.number, number]
             self._handlers.refresh()
             await asyncio.gather(sending, *self._jobs, return_exceptions=True)
 
@@ -268,7 +268,7 @@ class Viewer:
                 self.followed = (self.followed and self.followed - {*message.what}) if message.what else set()
             case "subscribeConnectionGraph":
                 self.follows_graph = True
-                self.send_control(protocol.graph_update(protocol.NO_GRAPH, self._shown.graph))
+                self.send_control(protocol.graph_update(protocol.NO_GRAPH, self._state.graph))
             case "unsubscribeConnectionGraph":
                 self.follows_graph = False
             case _:
@@ -276,7 +276,7 @@ class Viewer:
         return None
 
     def _subscribe(self, subscription: int, number: int) -> None:
-        channel = self._shown.channels.get(number)
+        channel = self._state.channels.get(number)
         if channel is None:
             self._reject(f"Unknown channel ID: {number}; ignoring subscription")
         elif self in channel.watchers:
@@ -301,11 +301,11 @@ class Viewer:
             limit = f"expected at most {limits.MAX_VIEWER_SCHEMA_BYTES} for all topics of a viewer"
             self._reject(f"{offer.topic} cannot be published: with its definition there are {size} bytes, {limit}")
         else:
-            self._advertised[number] = self._shown.offers[self.number, number] = offer
+            self._advertised[number] = self._state.offers[self.number, number] = offer
 
     def _withdraw(self, number: int) -> None:
         if self._advertised.pop(number, None):
-            del self._shown.offers[self.number, number]
+            del self._state.offers[self.number, number]
 
     def _follow_parameters(self, names: set[str]) -> None:
         if self.followed is None or not names:
@@ -315,8 +315,8 @@ class Viewer:
         length = sum(map(len, followed))
         if len(followed) > limits.MAX_FOLLOWED or length > limits.MAX_FOLLOWED_LENGTH:
             limit = f"{limits.MAX_FOLLOWED} names with {limits.MAX_FOLLOWED_LENGTH} characters"
-            found = f"there would be {len(followed)} names with {length} characters, expected at most {limit}"
-            raise ProtocolError(f"parameters are not followed: {found}; an empty list follows all")
+            reason = f"there would be {len(followed)} names with {length} characters, expected at most {limit}"
+            raise ProtocolError(f"parameters are not followed: {reason}; an empty list follows all")
         self.followed = followed
 
     def _start_job(self, job: Coroutine[Any, Any, None], size: int) -> None:
@@ -342,7 +342,7 @@ class Viewer:
             raise
 
     async def _call(self, call: ServiceCallRequest) -> None:
-        service = self._shown.services.get(call.service)
+        service = self._state.services.get(call.service)
         try:
             if service is None:
                 raise ProtocolError(f"Unknown service ID: {call.service}")

@@ -195,8 +195,8 @@ def _filtered(picture: Picture, nodes: tuple[str, ...], topics: tuple[str, ...])
         if (not nodes or edge.node in selected_nodes) and (not topics or edge.name in selected_names)
     }
     edges = [edge for edge in picture.edges if (edge.kind, edge.name) in names]
-    shown = selected_nodes if nodes else {edge.node for edge in edges}
-    return replace(picture, nodes=sorted(shown), edges=edges)
+    selected = selected_nodes if nodes else {edge.node for edge in edges}
+    return replace(picture, nodes=sorted(selected), edges=edges)
 
 
 def _matching(patterns: tuple[str, ...], names: list[str], subject: str) -> set[str]:

@@ -44,11 +44,11 @@ class Picture:
 
     def counterparts(self, edge: Edge) -> list[str]:
         """Return the nodes at the other side of an edge."""
-        wanted = (COUNTERPARTS[edge.role], edge.kind, edge.name)
+        counterpart = (COUNTERPARTS[edge.role], edge.kind, edge.name)
         return [
             other.node
             for other in self.edges
-            if (other.role, other.kind, other.name) == wanted
+            if (other.role, other.kind, other.name) == counterpart
             and not set(edge.types).isdisjoint(other.types)
             and not self.incompatible & {(edge.node, edge.name, other.node), (other.node, edge.name, edge.node)}
         ]

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rosidl_py_gen.ros_cli import options, terminal_output, verb
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.base.names import RosName
+    from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
 
 def _kind_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -16,9 +20,17 @@ def _kind_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
-def _selected_kinds(msgs: bool, srvs: bool, actions: bool) -> list[str]:
+def _find_names(
+    paths: tuple[str, ...], package: str, msgs: bool, srvs: bool, actions: bool
+) -> tuple[SearchPath, list[str], list[RosName]]:
+    """Return the search path, the selected kinds (all if none is given), and the interfaces of these kinds."""
+    from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+    from rosidl_py_gen.ros_cli.definitions import names_of
+
     selected = {"msg": msgs, "srv": srvs, "action": actions}
-    return [kind for kind, is_wanted in selected.items() if is_wanted] or list(selected)
+    kinds = [kind for kind, is_selected in selected.items() if is_selected] or list(selected)
+    search = scan_search_path(paths)
+    return search, kinds, names_of(search, package, kinds)
 
 
 @click.command("list")
@@ -34,11 +46,9 @@ def list_(package: str | None, paths: tuple[str, ...], as_json: bool, msgs: bool
     rosidl-py interface list -s
     rosidl-py interface list --path ~/robot_ws/src my_msgs
     """
-    from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
-    from rosidl_py_gen.ros_cli.definitions import KINDS, names_of
+    from rosidl_py_gen.ros_cli.definitions import KINDS
 
-    kinds = _selected_kinds(msgs, srvs, actions)
-    names = names_of(scan_search_path(paths), package or "", kinds)
+    _, kinds, names = _find_names(paths, package or "", msgs, srvs, actions)
     if as_json:
         terminal_output.document([str(name) for name in names])
         return 0
@@ -60,10 +70,7 @@ def package(package: str, paths: tuple[str, ...], as_json: bool, msgs: bool, srv
     \b
     rosidl-py interface package std_srvs
     """
-    from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
-    from rosidl_py_gen.ros_cli.definitions import names_of
-
-    names = [str(name) for name in names_of(scan_search_path(paths), package, _selected_kinds(msgs, srvs, actions))]
+    names = [str(name) for name in _find_names(paths, package, msgs, srvs, actions)[2]]
     if as_json:
         terminal_output.document(names)
     else:
@@ -82,14 +89,11 @@ def packages(paths: tuple[str, ...], as_json: bool, msgs: bool, srvs: bool, acti
     \b
     rosidl-py interface packages -a
     """
-    from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
-    from rosidl_py_gen.ros_cli.definitions import names_of
-
-    search = scan_search_path(paths)
-    found = sorted({name.package for name in names_of(search, "", _selected_kinds(msgs, srvs, actions))})
+    search, _, names = _find_names(paths, "", msgs, srvs, actions)
+    packages = sorted({name.package for name in names})
     if as_json:
         origins = {name: package.origin for name, package in search.packages.items()}
-        terminal_output.document([{"name": name, "origin": origins.get(name, "generated")} for name in found])
+        terminal_output.document([{"name": name, "origin": origins.get(name, "generated")} for name in packages])
     else:
-        terminal_output.lines(found)
+        terminal_output.lines(packages)
     return 0

@@ -20,10 +20,10 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 class _Finite(click.FloatRange):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        found = super().convert(value, param, ctx)
-        if not isfinite(found):
+        number = super().convert(value, param, ctx)
+        if not isfinite(number):
             self.fail(f"{value} is not a finite number", param, ctx)
-        return found
+        return number
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +79,8 @@ class PlayOptions:
     @property
     def until_ns(self) -> int | None:
         """End of playback, in nanoseconds since 1970."""
-        found = self.until_nanoseconds if self.until_s is None else round(self.until_s * 1_000_000_000)
-        return None if found is None or found < 0 else found
+        end_ns = self.until_nanoseconds if self.until_s is None else round(self.until_s * 1_000_000_000)
+        return None if end_ns is None or end_ns < 0 else end_ns
 
     @property
     def has_clock(self) -> bool:
@@ -103,9 +103,9 @@ class _Play(options.MultiValueCommand):
             if bool(ctx.params["path"]) == bool(ctx.params["inputs"]):
                 raise click.UsageError("expected BAG, or --input BAG for each of several", ctx)
             for names in _ALTERNATIVES:
-                given = [text for name, text in names.items() if ctx.params[name] not in (None, (), False)]
-                if len(given) > 1:
-                    raise click.UsageError(f"expected only one of {', '.join(given)}", ctx)
+                used = [text for name, text in names.items() if ctx.params[name] not in (None, (), False)]
+                if len(used) > 1:
+                    raise click.UsageError(f"expected only one of {', '.join(used)}", ctx)
         return rest
 
 

@@ -86,8 +86,8 @@ async def _play(
         await _play_with_keys(player, options)
         await asyncio.gather(player.senders.wait_acknowledged(options.acked_ms), player.requests.wait_for_responses())
         sent = player.requests.count
-        told = f" and sent {sent} requests" if options.publish_requests or options.actions_as_client else ""
-        terminal_output.note(f"published {player.count - sent} messages of {len(part.topics)} topics{told}")
+        requests_text = f" and sent {sent} requests" if options.publish_requests or options.actions_as_client else ""
+        terminal_output.note(f"published {player.count - sent} messages of {len(part.topics)} topics{requests_text}")
 
 
 async def _play_with_keys(player: Player, options: PlayOptions) -> None:

@@ -136,8 +136,8 @@ class Player:
     def _begin(self, at_ns: int) -> None:
         topics, _, end_ns = self._part
         if self._options.order == "sent":
-            found = self._recording.messages(topics, self._part.start_ns, self._recording.end_ns + 1)
-            ordered = by_publish_time(found, self._options.read_ahead)
+            messages = self._recording.messages(topics, self._part.start_ns, self._recording.end_ns + 1)
+            ordered = by_publish_time(messages, self._options.read_ahead)
             first = at_ns if at_ns > self._part.start_ns else 0  # also what was sent before recording began
             self._messages = (one for one in ordered if first <= one.publish_time < end_ns)
         else:

@@ -80,9 +80,9 @@ class Recording:
 
 def _require_storage(reader: BagReader, storage: str | None) -> None:
     for file in reader.files:
-        found = _KINDS.get(file.suffix if file.suffix in _KINDS else file.with_suffix("").suffix, "")
-        if storage is not None and found != storage:
-            raise ToolError(f"{file}: storage is {found}; expected {storage}, or no --storage")
+        actual = _KINDS.get(file.suffix if file.suffix in _KINDS else file.with_suffix("").suffix, "")
+        if storage is not None and actual != storage:
+            raise ToolError(f"{file}: storage is {actual}; expected {storage}, or no --storage")
 
 
 def by_publish_time(messages: Iterable[RawMessage], ahead: int) -> Iterator[RawMessage]:

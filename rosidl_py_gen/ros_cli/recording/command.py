@@ -75,13 +75,13 @@ def _several(*names: str, of: str = "", **settings: Any) -> Callable[[F], F]:
 
 
 def _pairs(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> dict[str, str]:
-    found = {}
-    for one in value:
-        key, equals, text = one.partition("=")
+    pairs = {}
+    for pair in value:
+        key, equals, text = pair.partition("=")
         if not (key and equals):
-            raise click.BadParameter(f'expected KEY=VALUE, found "{one}"')
-        found[key] = text
-    return found
+            raise click.BadParameter(f'expected KEY=VALUE, found "{pair}"')
+        pairs[key] = text
+    return pairs
 
 
 @click.command("record", cls=options.MultiValueCommand)

@@ -1,6 +1,6 @@
 """Recorder: receives messages and passes them to the writer.
 
-A topic is subscribed to before its definition is known, so that no message is missed while peers are asked for it.
+A topic is subscribed to before its definition is known, so that no message is missed while it is requested from peers.
 """
 
 from __future__ import annotations

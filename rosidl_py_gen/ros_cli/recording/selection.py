@@ -76,7 +76,7 @@ class Selection:
 
 
 def _full_names(names: Iterable[str]) -> list[str]:
-    found = [name if name.startswith("/") else f"/{name}" for name in names]
-    for name in found:
+    full_names = [name if name.startswith("/") else f"/{name}" for name in names]
+    for name in full_names:
         validate_full_name(name)
-    return found
+    return full_names
