@@ -74,7 +74,7 @@ class MessageBlock(NamedTuple):
 
 
 class Storage(Protocol):
-    """One file of a bag."""
+    """Interface of the reader of a file."""
 
     is_whole: bool
     """False if the file has no index, as after a crash."""

@@ -1,4 +1,4 @@
-"""One or several bags that are played together."""
+"""Reader of one or several bags that are played together."""
 
 from __future__ import annotations
 
