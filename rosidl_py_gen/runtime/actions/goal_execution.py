@@ -126,7 +126,7 @@ class ExecuteRunner:
                 await self._readiness.wait()
             return await (self._execute if self._is_async else self._in_thread)(goal)
         except ClosedError:
-            if self._scope.closed:  # the handler cannot end its goal any more, which is no failure
+            if self._scope.closed:  # the handler cannot end its goal, which is not a failure
                 return FINISHED
             raise
 
