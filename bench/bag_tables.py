@@ -196,7 +196,7 @@ def every_table(path: Path, is_large: bool) -> list[Any]:
 
 
 def bare_parquet(path: Path, tables: list[Any], out: Path, compression: str) -> None:
-    """What nobody can do without: the chunks unpacked, and tables, which are there already, written by pyarrow."""
+    """Measure the minimum: decompress the chunks, and write existing tables by pyarrow."""
     import pyarrow.parquet
 
     unpacked(path)
@@ -206,13 +206,13 @@ def bare_parquet(path: Path, tables: list[Any], out: Path, compression: str) -> 
 
 
 def kilobytes(name: str) -> int:
-    """Of this process, as Linux tells it."""
+    """Return a memory value of this process by its name in /proc/self/status, in kB."""
     lines = Path("/proc/self/status").read_text().splitlines()
     return next(int(line.split()[1]) for line in lines if line.startswith(name))
 
 
 def memory(what: str, path: Path) -> None:
-    """How much more memory this process has at most than before; on Linux."""
+    """Report the growth of the peak memory of this process; Linux only."""
     with BagReader(path) as reader:
         for _ in reader.batches("/imu", end_ns=reader.start_ns + 1):  # everything is loaded
             pass

@@ -42,7 +42,7 @@ ARRAYS = " as arrays"  # behind the name of a message whose sequences are struct
 
 @dataclass
 class Row:
-    """One message and one direction: microseconds by library."""
+    """Result of a message and a direction: microseconds by library."""
 
     message: str
     direction: str

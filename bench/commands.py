@@ -1,4 +1,4 @@
-"""How long commands of rosidl-py take from the start of Python to its end: python bench/commands.py [--runs N].
+"""Time of rosidl-py commands from the start of Python to its end: python bench/commands.py [--runs N].
 
 A node of another process publishes ten times a second, serves a service and has a parameter. The peer is started once;
 the commands take turns, so that a busy machine slows all of them alike. Prints the median, the fastest and the slowest.

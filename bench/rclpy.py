@@ -42,7 +42,7 @@ rclpy.init()
 node = rclpy.create_node("start")
 """
 LIMIT_S = 120.0
-"""How long processes may take for their figures. Real rclpy's receiver was once seen not to end."""
+"""Maximum time of a process, in seconds. A receiver of the real rclpy once did not end."""
 Process = subprocess.Popen[str]
 Start = Callable[..., Process]
 
@@ -183,7 +183,7 @@ def real(python: str) -> Start:
 
 
 def measured(reporter: Process, *others: Process) -> dict[str, float]:
-    """What one of some processes reports; all have ended then."""
+    """Return the report of one of several processes after all have ended."""
     hung = threading.Timer(LIMIT_S, reporter.kill)
     hung.start()
     try:
@@ -204,7 +204,7 @@ def measured(reporter: Process, *others: Process) -> dict[str, float]:
 
 
 def row(name: str, value: str, target: str = "") -> None:
-    """One line of the table."""
+    """Print a line of the table."""
     print(f"| {name} | {value} | {target} |", flush=True)
 
 

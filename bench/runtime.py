@@ -43,7 +43,7 @@ node.close()
 
 
 def bare_middleware() -> Any:
-    """What measures the middleware alone."""
+    """Programs that measure the middleware alone."""
     return runtime_zenoh if runtime_zenoh.is_chosen() else runtime_floor
 
 
@@ -71,7 +71,7 @@ def child(role: str, count: int = 0, **settings: str) -> subprocess.Popen[str]:
 
 
 def figures(process: subprocess.Popen[str]) -> dict[str, float]:
-    """What a child reports."""
+    """Return the report of a child process."""
     assert process.stdout is not None
     line = process.stdout.readline()
     found: dict[str, float] = json.loads(line) if line else {}
@@ -97,7 +97,7 @@ def pair(server: str, client: str, count: int, reporter: int = 1, **settings: st
 
 
 def row(name: str, value: str, target: str) -> None:
-    """One line of the table."""
+    """Print a line of the table."""
     print(f"| {name} | {value} | {target} |", flush=True)
 
 

@@ -1,4 +1,4 @@
-"""What the processes of bench/runtime.py share: their DDS domain, which is loopback only, and how they report."""
+"""Code that the processes of bench/runtime.py share: the DDS domain on loopback, and reports."""
 
 from __future__ import annotations
 

@@ -172,7 +172,7 @@ def loop_ping(count: int) -> None:
 
 
 class ServiceFloor:
-    """One end of a SetBool service."""
+    """Client or server of a SetBool service."""
 
     def __init__(self, *, is_client: bool) -> None:
         from rosidl_py_gen.runtime.node.environment import read_environment

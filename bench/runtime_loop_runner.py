@@ -155,7 +155,7 @@ def pair(server: str, client: str, count: int, reporter: int = 1) -> dict[str, f
 
 
 def ratio(ours: list[float], base: list[float]) -> str:
-    """What is printed of two rows."""
+    """Return the text of two rows."""
     median = statistics.median(one / other for one, other in zip(ours, base, strict=True))
     return f"{min(ours):.0f} to {max(ours):.0f} us, {median:.2f}x"
 

@@ -61,7 +61,7 @@ Start = Callable[[str], Process]
 
 @contextmanager
 def private_network() -> Iterator[bool]:
-    """Where this process and its children see nobody else; False and as it is where the system does not allow that."""
+    """Isolate the network of this process and its children; returns False if the system does not allow it."""
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "interop_rclpy"))
     from private_network import PrivateNetwork  # type: ignore[import-not-found]
 
@@ -75,7 +75,7 @@ def private_network() -> Iterator[bool]:
 
 
 def rclpy_process(python: str, script: str, *arguments: str, **settings: str) -> Process:
-    """One of the scripts above."""
+    """Start one of the scripts above."""
     environment = {**os.environ, "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp", **settings}
     command = [python, "-c", script, *arguments]
     pipe = subprocess.PIPE
@@ -115,7 +115,7 @@ def on_core(index: int, start: Start, name: str) -> Process:
 
 
 def p50(client: Process) -> float:
-    """What the client reports of its turn, in us."""
+    """Return the median round-trip time of the client in us."""
     assert client.stdout is not None
     found: dict[str, float] = json.loads(client.stdout.readline())
     return found["p50"]

@@ -1,4 +1,4 @@
-"""What bench/runtime.py needs for Zenoh: a router on loopback, and the floors, round trips with eclipse-zenoh alone.
+"""Zenoh for bench/runtime.py: a router on loopback, and the floors, round trips with eclipse-zenoh alone.
 
 There are three for topics. A channel wakes a thread that waits in it without Python, which an event loop cannot do; the
 least that a loop needs is a Python function that Zenoh calls, and a pipe; the third is a loop, and the attachments of
@@ -34,7 +34,7 @@ def on_zenoh() -> Iterator[None]:
 
 
 def is_chosen() -> bool:
-    """In a child: whether the figures are those of Zenoh."""
+    """Return True in a child process that measures Zenoh."""
     return os.environ.get("RMW_IMPLEMENTATION") == "rmw_zenoh_cpp"
 
 
@@ -130,12 +130,12 @@ class LoopFloor(Floor):
 
 
 def attachment() -> bytes:
-    """As beside each sample of rmw_zenoh."""
+    """Return the attachment of a sample of rmw_zenoh."""
     return pack(1, time.time_ns(), bytes(16))
 
 
 def content(thing: Any) -> bytes:
-    """Of a sample or query, which has to have an attachment."""
+    """Return the payload of a sample or query, whose attachment must be valid."""
     unpack(thing.attachment.to_bytes())
     data: bytes = thing.payload.to_bytes()
     return data

@@ -1,4 +1,4 @@
-"""What bench/rclpy.py runs under both rclpys, ours and the real one: ``figures.py ROLE [ARGUMENT ...]``.
+"""Program that bench/rclpy.py runs with this rclpy and the real one: ``figures.py ROLE [ARGUMENT ...]``.
 
 Nothing but rclpy's own names is used. A role prints its figures as a line of JSON.
 """

@@ -1,4 +1,4 @@
-"""What bench/rclpy.py lets run for long: ``soak.py SECONDS``. Ends with 1 where something stands still or grows.
+"""Program that bench/rclpy.py runs for a long time: ``soak.py SECONDS``. Ends with 1 if it stalls or grows.
 
 One MultiThreadedExecutor serves two nodes: timers whose callbacks call a service and wait in it, an action of which a
 thread asks, parameters that are read and set by services, topics, and entities that are made and destroyed all the
@@ -80,7 +80,7 @@ class Client(Node):
             self.create_timer(period_s, what, callback_group=MutuallyExclusiveCallbackGroup())
 
     def count(self, what: str) -> None:
-        """One more."""
+        """Count an event."""
         self.counts[what] += 1
 
     def add(self) -> None:

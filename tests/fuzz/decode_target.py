@@ -1,4 +1,4 @@
-"""Fuzz target for one input, and an atheris program that calls it repeatedly.
+"""Checks of one input for the fuzzers, and an atheris program that repeats them.
 
 Run by hand, with atheris installed::
 

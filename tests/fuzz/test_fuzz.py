@@ -29,7 +29,7 @@ NUMBERS = [
 
 
 def mutate(rng: random.Random, data: bytes) -> bytes:
-    """One of the damages that find bugs: flipped bits, odd counts, cuts, insertions, pieces moved."""
+    """Return damaged data: flipped bits, odd counts, cuts, insertions, repetitions."""
     raw = bytearray(data)
     for _ in range(rng.choice((1, 1, 2, 4))):
         place = rng.randrange(len(raw) + 1)

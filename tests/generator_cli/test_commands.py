@@ -4,65 +4,22 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
+from support.generator_shell import Shell
 from support.interface_packages import write
 
 from rosidl_py_gen import __version__
-from rosidl_py_gen.generator_cli import main
 
 WORLD = {
     "a_msgs/msg/Point.msg": "# A place.\n\nfloat64 x # [m]\nfloat64 y\n",
     "a_msgs/msg/Named.msg": "string name\nPoint place\n",
     "b_msgs/srv/Ask.srv": "a_msgs/Named who\n---\n",
 }
-
-
-@dataclass(frozen=True)
-class Answer:
-    code: int
-    out: str
-    err: str
-
-    @property
-    def json(self) -> Any:
-        return json.loads(self.out)
-
-
-class Shell:
-    """Runs commands in a folder of their own, without the caller's environment."""
-
-    def __init__(self, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        self.folder = folder
-        self.capsys = capsys
-
-    def __call__(self, *arguments: str) -> Answer:
-        self.capsys.readouterr()
-        code = 0
-        try:
-            main(list(arguments))
-        except SystemExit as end:
-            code = end.code if isinstance(end.code, int) else 1
-        out, err = self.capsys.readouterr()
-        return Answer(code, out, err)
-
-    def written(self) -> list[str]:
-        return sorted(str(path.relative_to(self.folder)) for path in self.folder.rglob("*") if path.is_file())
-
-
-@pytest.fixture
-def shell(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Shell:
-    folder = tmp_path / "here"
-    folder.mkdir()
-    monkeypatch.chdir(folder)
-    for name in ("AMENT_PREFIX_PATH", "IDL_PACKAGE_FILTER"):
-        monkeypatch.delenv(name, raising=False)
-    return Shell(folder, capsys)
 
 
 @pytest.fixture
@@ -98,20 +55,17 @@ def test_the_filter_may_come_from_the_environment(shell: Shell, world: str, monk
     assert {name.split("/")[0] for name in shell.written()} == {"a_msgs"}
     assert shell("--path", world, "--filter", "b_msgs").code == 0  # the option wins
     assert "b_msgs/srv/_ask.py" in shell.written()
+    assert "2 interfaces in 1 packages: no problems" in shell("check", "--path", world).out
 
 
 def test_one_interface(shell: Shell, world: str) -> None:
-    answer = shell("--path", world, "--filter", "a_msgs/msg/Point", "--json")
-    assert answer.json["interfaces"] == ["a_msgs/msg/Point"]
+    command = ("--path", world, "--filter", "a_msgs/msg/Point", "--json")
+    first, second = shell(*command).json, shell(*command).json
+    assert (first["interfaces"], len(first["written"]), first["removed"]) == (["a_msgs/msg/Point"], 4, [])
+    assert (second["written"], second["unchanged"]) == ([], 4)
     assert shell.written() == [
         f"a_msgs/{name}" for name in ("__init__.py", "msg/__init__.py", "msg/_point.py", "py.typed")
     ]
-
-
-def test_out_receives_the_packages(shell: Shell, world: str, tmp_path: Path) -> None:
-    assert shell("--path", world, "--filter", "a_msgs", "--out", str(tmp_path / "deep" / "er")).code == 0
-    assert shell.written() == []
-    assert (tmp_path / "deep" / "er" / "a_msgs" / "msg" / "_point.py").is_file()
 
 
 @pytest.mark.parametrize("entry", ["a_msgs", "."])
@@ -140,14 +94,6 @@ def test_check_tells_and_writes_nothing(shell: Shell, world: str) -> None:
     (shell.folder / "a_msgs" / "msg" / "_point.py").unlink()
     assert shell(*command, "--check").code == 1
     assert "a_msgs/msg/_point.py" not in shell.written()
-
-
-def test_json_tells_what_was_done(shell: Shell, world: str) -> None:
-    command = ("--path", world, "--filter", "a_msgs", "--json")
-    first, second = shell(*command).json, shell(*command).json
-    assert first["interfaces"] == ["a_msgs/msg/Named", "a_msgs/msg/Point"]
-    assert (len(first["written"]), first["removed"], first["unchanged"]) == (5, [], 0)
-    assert (second["written"], second["unchanged"]) == ([], 5)
 
 
 # --- list -------------------------------------------------------------------------------------------------------------
@@ -195,15 +141,14 @@ def test_errors_have_place_line_and_caret_and_nothing_is_written(shell: Shell, t
         "    ^",
         "2 problems; nothing was written (--keep-going generates the valid interfaces)",
     ]
-
-
-def test_errors_for_machines(shell: Shell, tmp_path: Path) -> None:
-    folder = write(tmp_path / "src", {"a_msgs/msg/Bad.msg": "uint8 x 300"})
-    answer = shell("--path", str(folder), "--filter", "a_msgs", "--json")
-    assert answer.code == 1
-    (row,) = answer.json["errors"]
-    assert (row["line"], row["column"]) == (1, 9)
-    assert row["path"].endswith("Bad.msg")
+    rows = shell("--path", str(folder), "--filter", "a_msgs", "--json").json["errors"]
+    assert [(row["path"], row["line"], row["column"]) for row in rows] == [
+        ("src/a_msgs/msg/Bad.msg", 2, 9),
+        ("src/a_msgs/msg/Worse.msg", 1, 1),
+    ]
+    for command in (("--path", "src", "check"), ("--json", "check", "--path", "src")):  # options of the group
+        answer = shell(*command, "a_msgs")
+        assert answer.code == 1 and "Wrong" in answer.out + answer.err
 
 
 @pytest.mark.parametrize(
@@ -228,27 +173,70 @@ def test_mistakes_of_the_caller_are_told_in_one_line(shell: Shell, arguments: tu
     assert shell.written() == []
 
 
-@pytest.mark.parametrize("arguments", [("--nonsense",), ("interface",), ("nonsense",), ("--path",)])
-def test_a_wrong_command_line_is_exit_code_2(shell: Shell, arguments: tuple[str, ...]) -> None:
-    answer = shell(*arguments)
-    assert answer.code == 2
-    assert "Error: " in answer.err
-    assert "Traceback" not in answer.err
-
-
-def test_files_of_others_are_refused(shell: Shell, world: str) -> None:
-    write(shell.folder, {"a_msgs/msg/_point.py": "mine = 1\n"})
-    answer = shell("--path", world, "--filter", "a_msgs")
-    assert answer.code == 1
-    assert "exists and was not written by rosidl-py-gen" in answer.err
-    assert shell.written() == ["a_msgs/msg/_point.py"]
-
-
 def test_a_missing_package_says_who_needs_it_and_where_was_searched(shell: Shell, tmp_path: Path) -> None:
     folder = write(tmp_path / "src", {"a_msgs/msg/A.msg": "robot_msgs/State s"})
     answer = shell("--path", str(folder), "--filter", "a_msgs")
     assert 'A.msg:1:1: unknown package "robot_msgs" for robot_msgs/State' in answer.err
     assert f"(searched: {folder}, bundled)" in answer.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("--nonsense",), "No such option"),
+        (("interface",), "Missing argument"),
+        (("std_msgs",), "--filter std_msgs"),
+        (("--path",), "requires an argument"),
+        (("--out", "x", "interface", "std_msgs/msg/String"), "--out has no meaning for the command interface"),
+        (("--check", "interface", "std_msgs/msg/String"), "--check has no meaning for the command interface"),
+        (("--list", "interface", "std_msgs/msg/String"), "--list has no meaning for the command interface"),
+        (("--filter", "a", "interface", "std_msgs/msg/String"), "--filter has no meaning for the command interface"),
+        (("--keep-going", "check"), "--keep-going has no meaning for the command check"),
+    ],
+)
+def test_a_wrong_command_line_is_exit_code_2(shell: Shell, arguments: tuple[str, ...], text: str) -> None:
+    answer = shell(*arguments)
+    assert (answer.code, text in answer.err, "Traceback" in answer.err) == (2, True, False), answer.err
+
+
+def test_without_a_selection_the_help_is_printed(shell: Shell) -> None:
+    for arguments in ((), ("--json",), ("--keep-going",)):
+        answer = shell(*arguments)
+        assert (answer.code, answer.out, shell.written()) == (2, "", [])
+        assert answer.err == shell("--help").out
+    assert (len(shell("--list").out.splitlines()), len(shell("--list", "--json").json)) == (25, 25)
+    answer = shell("--check")
+    assert (answer.code, "files would be written" in answer.out, shell.written()) == (1, True, [])
+
+
+@pytest.mark.parametrize("arguments", [("--out", "."), ("--filter", "")])
+def test_all_packages_are_generated_on_request(shell: Shell, arguments: tuple[str, ...]) -> None:
+    assert shell(*arguments).code == 0
+    assert len([path for path in shell.folder.iterdir() if path.is_dir()]) == 25
+
+
+def test_a_run_for_all_packages_removes_those_without_definitions(shell: Shell, world: str) -> None:
+    assert shell("--path", world).code == 0
+    shutil.rmtree(Path(world) / "b_msgs")
+    assert shell("--path", world).code == 0
+    assert (Path("b_msgs").exists(), Path("a_msgs/msg/_point.py").exists()) == (False, True)
+
+
+def test_a_file_in_place_of_the_output_folder_is_named_once(shell: Shell, world: str) -> None:
+    write(shell.folder, {"taken": "mine"})
+    answer = shell("--path", world, "--filter", "a_msgs", "--out", "taken")
+    assert (answer.code, answer.err.count("taken is a file")) == (1, 1)
+
+
+def test_generated_files_below_the_path_are_not_a_package(shell: Shell) -> None:
+    listing = "find_package(rosidl_default_generators)\nfile(GLOB files RELATIVE ${CMAKE_CURRENT_SOURCE_DIR} msg/*)\n"
+    listing += "rosidl_generate_interfaces(robot_msgs ${files})\n"
+    package = "<package><name>robot_msgs</name></package>"
+    files = {"package.xml": package, "CMakeLists.txt": listing, "msg/A.msg": "int8 x"}
+    write(shell.folder / "src/robot_msgs", files)
+    for out in ("generated", "generated", "src", "src"):  # next to the definitions, and among them
+        answer = shell("--path", ".", "--filter", "robot_msgs", "--out", out)
+        assert (answer.code, answer.out[:27]) == (0, "1 interfaces in 1 packages:"), answer.err
 
 
 # --- the other commands -----------------------------------------------------------------------------------------------
@@ -268,6 +256,7 @@ def test_interface_prints_the_definition_and_its_hash(shell: Shell, world: str) 
     answer = shell("interface", "a_msgs/msg/Point", "--path", world)
     assert answer.code == 0
     assert "float64 x # [m]" in answer.out
+    assert "RIHS01_" in shell("interface", "std_srvs/srv/SetBool_Request").out
     description = shell("interface", "std_msgs/msg/String", "--json").json
     assert "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18" in json.dumps(description)
 
@@ -278,10 +267,6 @@ def test_the_full_text_compiles_again(shell: Shell) -> None:
     text = shell("interface", "geometry_msgs/msg/PoseStamped", "--full").out
     found = compile_definition("geometry_msgs/msg/PoseStamped", text)
     assert type_hash(found) == type_hash(get_message("geometry_msgs/msg/PoseStamped"))
-
-
-def test_the_version(shell: Shell) -> None:
-    assert shell("--version").out == f"rosidl-py-gen, version {__version__}\n"
 
 
 # --- quick and quiet --------------------------------------------------------------------------------------------------

@@ -1,19 +1,17 @@
-"""``rosidl-py-gen diff``: what a change of definitions is said to be, from every source, and what it ends with."""
+"""``rosidl-py-gen diff`` with every kind of source: output and exit codes."""
 
 from __future__ import annotations
 
-import json
 import subprocess
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from support.generator_shell import Answer, Shell
 from support.interface_packages import write
 
 from rosidl_py_gen import compile_definition, get_service, type_hash, type_name
 from rosidl_py_gen.bags import BagTopic, BagWriter
-from rosidl_py_gen.generator_cli import main
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -26,42 +24,6 @@ BEFORE = {
     "my_msgs/srv/Turn.srv": "Wheel wheel\n---\nbool ok\n",
     "my_msgs/action/Drive.action": "float64 way\n---\nfloat64 rest\n---\nWheel wheel\n",
 }
-
-
-@dataclass(frozen=True)
-class Answer:
-    code: int
-    out: str
-    err: str
-
-    @property
-    def json(self) -> Any:
-        return json.loads(self.out)
-
-
-@dataclass(frozen=True)
-class Shell:
-    """Runs commands in a folder of their own."""
-
-    folder: Path
-    capsys: pytest.CaptureFixture[str]
-
-    def __call__(self, *arguments: str) -> Answer:
-        self.capsys.readouterr()
-        code: Any = 0
-        try:
-            main([*arguments])
-        except SystemExit as end:
-            code = end.code
-        return Answer(code, *self.capsys.readouterr())
-
-
-@pytest.fixture
-def shell(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Shell:
-    monkeypatch.chdir(tmp_path)
-    for name in ("AMENT_PREFIX_PATH", "IDL_PACKAGE_FILTER"):
-        monkeypatch.delenv(name, raising=False)
-    return Shell(tmp_path, capsys)
 
 
 def after(changes: Mapping[str, str]) -> dict[str, str]:
@@ -188,11 +150,6 @@ def test_as_few_fields_as_possible_are_said_to_have_moved(shell: Shell) -> None:
     assert [(one["what"], one["name"], one["before"], one["after"]) for one in fields] == [("moved", "a", "1", "4")]
 
 
-def test_problems_of_definitions_are_told_and_nothing_is_compared(shell: Shell) -> None:
-    answer = diff(shell, {"Wheel": "flaot64 speed\n"})
-    assert answer.code == 1 and "new/my_msgs/msg/Wheel.msg:1:1: " in answer.err and answer.out == ""
-
-
 # --- git --------------------------------------------------------------------------------------------------------------
 
 
@@ -227,6 +184,10 @@ def test_problems_in_a_revision_are_told_with_it(shell: Shell) -> None:
     write(shell.folder, {"src/a_msgs/msg/A.msg": "float32 x\n"})
     answer = shell("diff", "HEAD", "src")
     assert answer.code == 1 and "HEAD:src/a_msgs/msg/A.msg:1:1: " in answer.err
+    repository(shell.folder, {}, "right")
+    write(shell.folder, {"src/a_msgs/msg/A.msg": "flaot32 x\n"})
+    answer = shell("diff", "HEAD", "src")
+    assert answer.code == 1 and "src/a_msgs/msg/A.msg:1:1: " in answer.err and answer.out == ""
 
 
 @pytest.mark.parametrize(
@@ -326,10 +287,7 @@ def test_a_bag_says_whether_it_can_be_read_with_definitions(shell: Shell) -> Non
     write(shell.folder / "src", BEFORE)
     path = bag(shell.folder / "drive.mcap")
     answer = shell("diff", path, "src")
-    assert (answer.code, answer.out) == (
-        0,
-        "0 changed, 0 added, 0 removed, 1 unchanged; not breaking\n",
-    )
+    assert (answer.code, answer.out) == (0, "0 changed, 0 added, 0 removed, 1 unchanged; not breaking\n")
     (shell.folder / "src" / WHEEL).write_text("float64 speed\nstring<=8 name\nint8 more\n")
     told = shell("diff", path, "src", "--json")
     assert told.code == 1 and [one["name"] for one in told.json["changed"]] == ["my_msgs/msg/Wheel"]

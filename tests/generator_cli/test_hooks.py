@@ -27,6 +27,7 @@ FILES = {"src/team_msgs/package.xml": MANIFEST, "src/team_msgs/msg/Wheel.msg": "
 
 
 def run(hook: str) -> int:
+    """Run the command of a hook in this process."""
     program, *words = [*HOOKS[hook]["entry"].split(), *HOOKS[hook]["args"]]
     assert program == "rosidl-py-gen"
     try:

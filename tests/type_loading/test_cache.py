@@ -1,4 +1,4 @@
-"""Where descriptions are kept, how many, and that trouble with the folder stays quiet."""
+"""Cache of descriptions: folder, eviction, and unusable folders."""
 
 from __future__ import annotations
 

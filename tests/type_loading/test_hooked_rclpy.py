@@ -1,4 +1,4 @@
-"""The import hook gives our rclpy and its companions, and never in the place of real ones without a word."""
+"""rclpy and its companions by the import hook; a warning names a package that is not used."""
 
 from __future__ import annotations
 
@@ -46,20 +46,16 @@ def test_native_messages_bring_none() -> None:
         import_module(NAME)
 
 
-def test_a_real_one_stays_with_a_warning(real: Path) -> None:
-    with install_import_hook(message_api="rclpy"):
-        with pytest.warns(ImportHookWarning, match=f"{NAME}: using {real}.*, not {RCLPY_COMPAT_DIR}"):
+@pytest.mark.parametrize("override", [False, True])
+def test_of_a_real_one_and_ours_one_is_used_with_a_warning(real: Path, override: bool) -> None:
+    used, unused = (RCLPY_COMPAT_DIR, real) if override else (real, RCLPY_COMPAT_DIR)
+    with install_import_hook(message_api="rclpy", override_installed=override):
+        with pytest.warns(ImportHookWarning, match=f"{NAME}: using {used}.*, not {unused}"):
             found = import_module(f"{NAME}.packages")
-        assert found.REAL
-    assert sys.modules[f"{NAME}.packages"] is found
-    del sys.modules[f"{NAME}.packages"], sys.modules[NAME]
-
-
-def test_a_real_one_is_shadowed_with_a_warning(real: Path) -> None:
-    with install_import_hook(message_api="rclpy", override_installed=True):
-        with pytest.warns(ImportHookWarning, match=f"{NAME}: using {RCLPY_COMPAT_DIR}.*, not {real}"):
-            found = import_module(f"{NAME}.packages")
-        assert Path(str(found.__file__)).is_relative_to(RCLPY_COMPAT_DIR)
+        assert Path(str(found.__file__)).is_relative_to(used)
+    assert (sys.modules.get(f"{NAME}.packages") is found) is not override
+    for name in (f"{NAME}.packages", NAME):
+        sys.modules.pop(name, None)
 
 
 def test_every_package_of_the_shim_can_be_imported() -> None:

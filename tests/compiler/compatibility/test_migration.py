@@ -1,4 +1,4 @@
-"""Which value of then goes where now, and what is refused before anything is read."""
+"""Plans of conversions: targets of values, and refused conversions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Statements about old messages under new definitions agree with decoding."""
+"""Verdicts about old messages with new definitions, compared with the result of decoding."""
 
 from __future__ import annotations
 

@@ -79,15 +79,8 @@ def test_hostile_files_end_soon(tmp_path: Path, case: str) -> None:
 
 
 BIG = (
-    "doubling",
-    "doubling a list",
-    "references that multiply",
-    "many calls",
-    "many missing files",
-    "parentheses",
-    "one text many times",
-    "one text many times, quoted",
-    "one long line below another",
+    *("doubling", "doubling a list", "references that multiply", "many calls", "many missing files", "parentheses"),
+    *("one text many times", "one text many times, quoted", "one long line below another"),
 )
 
 

@@ -291,7 +291,9 @@ def test_where_names_are_put_together_all_files_count_and_a_note_says_so(tmp_pat
     assert notes(found)[0].endswith(EVERYTHING)
 
 
-# What no reading of the text can tell: CMakeLists.txt behind project(a_msgs), the files, and the notes.
+NO_LIST = [f"CMakeLists.txt: {TOO_MUCH}; {EVERYTHING}", f"CMakeLists.txt: {TWICE}"]
+NO_LIST_AT_4 = [f"CMakeLists.txt:4:44: {TOO_MUCH}; {EVERYTHING}", f"CMakeLists.txt: {TWICE}"]
+# Lists that depend on the build: CMakeLists.txt after project(a_msgs), the files, and the notes.
 UNCERTAIN = {
     "a variable of another package": (
         "rosidl_generate_interfaces(a_msgs ${other_msgs_FILES} msg/ros2/D.msg)",
@@ -314,23 +316,19 @@ UNCERTAIN = {
     "a command of another package sets it": (
         f"set(files msg/A.msg)\ncollect_files(files msg)\n{CALL}",
         ALL,
-        [f"CMakeLists.txt:4:44: {TOO_MUCH}; {EVERYTHING}", f"CMakeLists.txt: {TWICE}"],
+        NO_LIST_AT_4,
     ),
     "files that are copied first": (
         f"file(COPY ros2/ DESTINATION msg)\nfile(GLOB files msg/A*)\n{CALL}",
         ALL,
-        [f"CMakeLists.txt:4:44: {TOO_MUCH}; {EVERYTHING}", f"CMakeLists.txt: {TWICE}"],
+        NO_LIST_AT_4,
     ),
     "a filter that could run away": (
         f'set(files msg/A.msg msg/B.msg)\nlist(FILTER files INCLUDE REGEX "(a*)*b")\n{CALL}',
         ALL,
-        [f"CMakeLists.txt:4:44: {TOO_MUCH}; {EVERYTHING}", f"CMakeLists.txt: {TWICE}"],
+        NO_LIST_AT_4,
     ),
-    "not CMake at all": (
-        'rosidl_generate_interfaces(a_msgs "msg/A.msg)',
-        ALL,
-        [f"CMakeLists.txt: {TOO_MUCH}; {EVERYTHING}", f"CMakeLists.txt: {TWICE}"],
-    ),
+    "not CMake at all": ('rosidl_generate_interfaces(a_msgs "msg/A.msg)', ALL, NO_LIST),
     "a condition that cannot be decided": (
         f"set(files msg/A.msg)\nif(WIN32)\nlist(APPEND files msg/B.msg msg/C.msg msg/Missing.msg)\nendif()\n{CALL}",
         {A, B, C},
@@ -346,11 +344,7 @@ UNCERTAIN = {
         {A},
         [],
     ),
-    "the call in a file beside it": (
-        "include(rosidl_generate_interfaces.cmake)",
-        ALL,
-        [f"CMakeLists.txt: {TOO_MUCH}; {EVERYTHING}", f"CMakeLists.txt: {TWICE}"],
-    ),
+    "the call in a file beside it": ("include(rosidl_generate_interfaces.cmake)", ALL, NO_LIST),
     "both ways of a condition": (
         f"if(BUILD_BIG)\nset(files msg/A.msg msg/B.msg)\nelse()\nset(files msg/A.msg msg/C.msg)\nendif()\n{CALL}",
         {A, B, C},

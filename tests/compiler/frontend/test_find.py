@@ -1,4 +1,4 @@
-"""Where packages are found, which one counts, what a selection takes along, and how broken references are reported."""
+"""Search paths: packages, their order, selections with dependencies, and reports of broken references."""
 
 # ruff: noqa: E501 - in tables one case is one line
 from __future__ import annotations
@@ -31,14 +31,12 @@ def only(folder: Path) -> SearchPath:
 # --- what a --path may be -----------------------------------------------------------------------------------------------
 
 
-def test_a_package_folder(tmp_path: Path) -> None:
-    write(tmp_path, POINT)
-    assert packages(only(tmp_path / "a_msgs")) == {"a_msgs": str(tmp_path / "a_msgs")}
-
-
-def test_a_folder_of_packages(tmp_path: Path) -> None:
+def test_a_folder_of_packages_or_of_one(tmp_path: Path) -> None:
     write(tmp_path, {**POINT, "b_msgs/srv/Ask.srv": "---", "c/action/Do.action": "---\n---"})
     assert set(packages(only(tmp_path))) == {"a_msgs", "b_msgs", "c"}
+    assert packages(only(tmp_path / "a_msgs")) == {"a_msgs": str(tmp_path / "a_msgs")}
+    with pytest.raises(DefinitionError, match="expected a folder with interface packages, found none"):
+        only(tmp_path / "nowhere")
 
 
 def test_a_workspace_with_packages_at_any_depth(tmp_path: Path) -> None:
@@ -71,11 +69,6 @@ def test_copies_that_tools_make_are_no_packages(tmp_path: Path, copy: dict[str, 
 def test_a_virtual_environment_may_be_named_itself(tmp_path: Path) -> None:
     write(tmp_path, {"pyvenv.cfg": "", **POINT})
     assert set(packages(only(tmp_path))) == {"a_msgs"}
-
-
-def test_other_files_among_interfaces_do_not_matter(tmp_path: Path) -> None:
-    write(tmp_path, {**POINT, "a_msgs/msg/Aaa.py": "", "a_msgs/msg/README.md": "", "a_msgs/msg/__init__.py": ""})
-    assert list(only(tmp_path).packages["a_msgs"].files) == [RosName("a_msgs", "msg", "Point")]
 
 
 def test_the_manifest_names_the_package_not_the_folder(tmp_path: Path) -> None:
@@ -115,11 +108,6 @@ def test_a_package_with_an_illegal_name_stops_only_who_asks_for_it(tmp_path: Pat
         load(found, ["2bad"])
 
 
-def test_a_folder_that_does_not_exist_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DefinitionError, match="expected a folder with interface packages, found none"):
-        only(tmp_path / "nowhere")
-
-
 def test_two_packages_of_one_name_in_one_place_are_refused(tmp_path: Path) -> None:
     write(tmp_path, {"one/a_msgs/msg/A.msg": "", "two/a_msgs/msg/A.msg": ""})
     with pytest.raises(DefinitionError, match='two packages are called "a_msgs"'):
@@ -129,17 +117,13 @@ def test_two_packages_of_one_name_in_one_place_are_refused(tmp_path: Path) -> No
 def test_loops_of_links_end(tmp_path: Path) -> None:
     write(tmp_path, POINT)
     (tmp_path / "loop").symlink_to(tmp_path)
+    (tmp_path / "link").symlink_to(tmp_path / "a_msgs")
     (tmp_path / "self").symlink_to(tmp_path / "self")
     (tmp_path / "a_msgs" / "again").symlink_to(tmp_path / "a_msgs")
     (tmp_path / "a_msgs" / "msg" / "Loop.msg").symlink_to(tmp_path / "a_msgs" / "msg" / "Loop.msg")
+    (tmp_path / "a_msgs" / "msg" / "Gone.msg").symlink_to(tmp_path / "nowhere")
     found = only(tmp_path)
     assert [str(name) for name in found.packages["a_msgs"].files] == ["a_msgs/msg/Point"]
-
-
-def test_a_linked_package_is_found_once(tmp_path: Path) -> None:
-    write(tmp_path, POINT)
-    (tmp_path / "link").symlink_to(tmp_path / "a_msgs")
-    assert set(packages(only(tmp_path))) == {"a_msgs"}
 
 
 def test_very_deep_folders_end(tmp_path: Path) -> None:
@@ -156,6 +140,7 @@ def test_files_of_other_kinds_are_no_interfaces(tmp_path: Path) -> None:
         "a_msgs/msg/Other.idl": "",
         "a_msgs/msg/Ask.srv": "",
         "a_msgs/msg/notes.txt": "",
+        "a_msgs/msg/__init__.py": "",
         "a_msgs/msg/Point.msg.orig": "",
         "a_msgs/srv/Ask.srv": "",
         "a_msgs/msg/folder.msg/x": "",
@@ -211,41 +196,29 @@ def chosen(folder: Path, *wanted: str) -> set[str]:
     return {str(name) for name in select(library, list(wanted))}
 
 
-def test_a_package_takes_the_packages_it_needs(tmp_path: Path) -> None:
-    assert chosen(tmp_path, "b_msgs") == {
-        "a_msgs/msg/Point",
-        "a_msgs/msg/Line",
-        "a_msgs/msg/Lone",
-        "b_msgs/msg/Map",
-        "b_msgs/msg/Note",
-    }
+IMPLIED = ["action_msgs", "builtin_interfaces", "service_msgs", "unique_identifier_msgs"]
 
 
-def test_one_interface_takes_only_the_interfaces_it_needs(tmp_path: Path) -> None:
-    assert chosen(tmp_path, "b_msgs/msg/Map") == {"a_msgs/msg/Point", "a_msgs/msg/Line", "b_msgs/msg/Map"}
+@pytest.mark.parametrize(
+    ("wanted", "names"),
+    [
+        ("b_msgs", "a_msgs/msg/Point a_msgs/msg/Line a_msgs/msg/Lone b_msgs/msg/Map b_msgs/msg/Note"),
+        ("b_msgs/msg/Map", "a_msgs/msg/Point a_msgs/msg/Line b_msgs/msg/Map"),
+        ("a_msgs/Lone", "a_msgs/msg/Lone"),
+        (
+            "c_msgs/srv/Ask",
+            "b_msgs/msg/Note builtin_interfaces/msg/Time c_msgs/srv/Ask service_msgs/msg/ServiceEventInfo",
+        ),
+    ],
+)
+def test_a_selection_has_its_dependencies(tmp_path: Path, wanted: str, names: str) -> None:
+    assert chosen(tmp_path, wanted) == {*names.split()}
 
 
-def test_the_short_form_means_a_message(tmp_path: Path) -> None:
-    assert chosen(tmp_path, "a_msgs/Lone") == {"a_msgs/msg/Lone"}
-
-
-def test_a_service_takes_what_its_event_needs(tmp_path: Path) -> None:
-    assert chosen(tmp_path, "c_msgs/srv/Ask") == {
-        "b_msgs/msg/Note",
-        "builtin_interfaces/msg/Time",
-        "c_msgs/srv/Ask",
-        "service_msgs/msg/ServiceEventInfo",
-    }
-
-
-def test_an_action_package_takes_every_implied_package(tmp_path: Path) -> None:
-    found = {name.split("/")[0] for name in chosen(tmp_path, "d_msgs")}
-    assert found == {"d_msgs", "action_msgs", "builtin_interfaces", "service_msgs", "unique_identifier_msgs"}
-
-
-def test_nothing_selected_means_everything(tmp_path: Path) -> None:
-    found = chosen(tmp_path)
-    assert {name.split("/")[0] for name in found} >= {"a_msgs", "b_msgs", "c_msgs", "d_msgs", "std_msgs", "sensor_msgs"}
+def test_packages_of_actions_and_an_empty_selection(tmp_path: Path) -> None:
+    assert {name.split("/")[0] for name in chosen(tmp_path, "d_msgs")} == {"d_msgs", *IMPLIED}
+    found = {name.split("/")[0] for name in chosen(tmp_path)}
+    assert found >= {"a_msgs", "b_msgs", "c_msgs", "d_msgs", "std_msgs", "sensor_msgs"}
 
 
 @pytest.mark.parametrize(
@@ -281,14 +254,9 @@ def test_a_name_of_another_shape_is_refused(tmp_path: Path, name: str) -> None:
         chosen(tmp_path, name)
 
 
-@pytest.mark.parametrize(
-    "text", ["a/msg/B", "a_b/srv/Bc", "a/action/D", "a/srv/X_Request", "a/action/D_SendGoal_Event"]
-)
-def test_full_names_are_taken_apart(text: str) -> None:
-    assert str(split_ros_name(text)) == text
-
-
-def test_the_short_name_needs_a_kind() -> None:
+def test_full_and_short_names_are_split() -> None:
+    for text in ("a/msg/B", "a_b/srv/Bc", "a/action/D", "a/srv/X_Request", "a/action/D_SendGoal_Event"):
+        assert str(split_ros_name(text)) == text
     assert split_ros_name("a/B", "msg") == RosName("a", "msg", "B")
     with pytest.raises(InvalidNameError, match="is not an interface name"):
         split_ros_name("a/B")
@@ -358,28 +326,15 @@ def test_what_is_broken_is_said_located_and_nothing_is_written(
         assert problem.startswith(text) or not text.startswith("a_msgs/")
 
 
-def test_a_file_that_cannot_be_read_is_reported(tmp_path: Path) -> None:
-    write(tmp_path / "in", POINT)
-    (tmp_path / "in" / "a_msgs" / "msg" / "Gone.msg").symlink_to(tmp_path / "nowhere")
-    search = scan_search_path([tmp_path / "in"], ament="")
-    assert [str(name) for name in search.packages["a_msgs"].files] == ["a_msgs/msg/Point"]
-
-
 def chain(length: int) -> dict[str, str]:
     files = {f"a_msgs/msg/T{i}.msg": f"T{i + 1} x" for i in range(length)}
     return {**files, f"a_msgs/msg/T{length}.msg": "uint8 x"}
 
 
-def test_types_nested_deeper_than_a_hundred_levels_are_refused(tmp_path: Path) -> None:
+def test_nested_types_have_at_most_a_hundred_levels(tmp_path: Path) -> None:
     found = problems_of(write(tmp_path / "in", chain(150)))
-    assert found
-    assert all("deeper than" in one and "levels" in one for one in found)
-
-
-def test_types_nested_ninety_levels_are_fine(tmp_path: Path) -> None:
-    search = scan_search_path([write(tmp_path, chain(90))], ament="", bundled=False)
-    _, names = load(search, ["a_msgs"])
-    assert len(names) == 91
+    assert found and all("deeper than" in one and "levels" in one for one in found)
+    assert len(load(only(write(tmp_path / "less", chain(90))), ["a_msgs"])[1]) == 91
 
 
 # --- packages that are missing ----------------------------------------------------------------------------------------
@@ -478,3 +433,17 @@ def test_a_missing_package_is_reported_once_for_each_file_and_explained_once(tmp
         ('one/msg/A.msg:3:1: unknown package "other" for other/D', f": {tmp_path / 'in'}, bundled)"),
         ('one/msg/B.msg:1:1: unknown package "nav2x" for nav2x/B', ""),
     ]
+
+
+def test_an_unreadable_folder_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    search = scan_search_path([write(tmp_path, {"a_msgs/msg/A.msg": "int32 x"})], ament="", bundled=False)
+    real = os.scandir
+
+    def refuse(folder: Path) -> object:
+        if str(folder).endswith("a_msgs/msg"):
+            raise PermissionError(13, "Permission denied", str(folder))
+        return real(folder)
+
+    monkeypatch.setattr(os, "scandir", refuse)  # root, who runs CI, has all permissions
+    with pytest.raises(DefinitionError, match="a_msgs/msg: the folder cannot be read: Permission denied"):
+        _ = search.packages["a_msgs"].files

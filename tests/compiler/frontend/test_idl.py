@@ -176,11 +176,24 @@ def test_constants_sit_in_a_module_beside_the_struct() -> None:
     ]
 
 
-def test_a_constant_may_be_a_size() -> None:
-    text = module(
-        "module Sample_Constants { const long SIZE = 3; }; struct Sample { sequence<long, SIZE> x; long y[SIZE]; };"
-    )
-    assert fields(text) == {"x": "int32[<=3]", "y": "int32[3]"}
+FILES = [
+    (
+        "module Sample_Constants { const long SIZE = 3; }; struct Sample { sequence<long, SIZE> x; long y[SIZE]; };",
+        {"x": "int32[<=3]", "y": "int32[3]"},
+    ),
+    ("typedef long Other; struct Sample { b_msgs::msg::Other x; Other y; };", {"x": "b_msgs/msg/Other", "y": "int32"}),
+    (
+        "module Sample_Constants { const long N = 2; }; module More { const long N = 3; };"
+        " struct Sample { long x[More::N]; };",
+        {"x": "int32[3]"},
+    ),
+]
+
+
+@pytest.mark.parametrize(("body", "found"), FILES)
+def test_constants_and_typedefs_are_resolved(body: str, found: dict[str, str]) -> None:
+    assert fields(module(body)) == found
+    assert fields('#include "b_msgs/msg/Other.idl" #include <c>' + module(body)) == found
 
 
 def test_a_typedef_may_be_repeated() -> None:
@@ -191,20 +204,6 @@ def test_a_typedef_may_be_repeated() -> None:
     service = parse(text, "a_msgs/srv/Ask", "idl")
     assert isinstance(service, ServiceDef)
     assert {str(one.fields[0].type) for one in (service.request, service.response)} == {"b_msgs/msg/Other[3]"}
-
-
-def test_a_name_with_modules_is_no_typedef() -> None:
-    text = module("typedef long Other; struct Sample { b_msgs::msg::Other x; Other y; };")
-    assert fields(text) == {"x": "b_msgs/msg/Other", "y": "int32"}
-
-
-def test_a_constant_of_another_module_is_found_by_its_path() -> None:
-    both = "module Sample_Constants { const long N = 2; }; module More { const long N = 3; };"
-    assert fields(module(f"{both} struct Sample {{ long x[More::N]; }};")) == {"x": "int32[3]"}
-
-
-def test_an_include_takes_no_more_than_its_file() -> None:
-    assert fields('#include "b_msgs/msg/Other.idl" #include <c>' + struct("long x;")) == {"x": "int32"}
 
 
 ERRORS = [

@@ -19,21 +19,8 @@ from rosidl_py_gen.base.names import (
 from rosidl_py_gen.compiler.frontend.model import ActionDef, ConstantDef, FieldDef, ServiceDef, messages_of
 
 PRIMITIVE = [
-    "bool",
-    "byte",
-    "char",
-    "int8",
-    "uint8",
-    "int16",
-    "uint16",
-    "int32",
-    "uint32",
-    "int64",
-    "uint64",
-    "float32",
-    "float64",
-    "string",
-    "wstring",
+    *("bool", "byte", "char", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32"),
+    *("float64", "string", "wstring"),
 ]
 
 # --- types ------------------------------------------------------------------------------------------------------------
