@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from importlib.machinery import ModuleSpec
     from types import ModuleType
 
-_FILE, _TABLE = "pyproject.toml", "rosidl-py"
+_FILE = "pyproject.toml"
+_TABLE = "rosidl-py"
 _KEYS = ("path",)
 _MAX_BYTES = 1 << 20
 

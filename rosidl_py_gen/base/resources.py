@@ -133,8 +133,8 @@ def _requirements(found: Distribution | None, extra: str) -> list[str]:
         requirement, _, marker = line.partition(";")
         where, count = re.subn(rf"(^| and) *extra == ['\"]{extra}['\"]", "", marker)
         if count:
-            ours = re.match(rf"{_NAME}\[(.*)\]", requirement)
+            included = re.match(rf"{_NAME}\[(.*)\]", requirement)
             plain = f"{requirement.strip()}; {where.strip()}" if where.strip() else requirement.strip()
-            more = [_requirements(found, one) for one in ours[1].split(",")] if ours else [[plain]]
+            more = [_requirements(found, one) for one in included[1].split(",")] if included else [[plain]]
             needed += [one for part in more for one in part]
     return needed

@@ -44,12 +44,12 @@ class _GitTreeEntry(NamedTuple):
 
 
 @contextmanager
-def checked_out(text: str, beside: str) -> Iterator[tuple[Path | None, str, list[str]]]:
+def checked_out(text: str, folder_in_repository: str) -> Iterator[tuple[Path | None, str, list[str]]]:
     """Write the definitions of ``REVISION`` or ``REVISION:PATH`` to a temporary folder.
 
     Args:
         text: the revision.
-        beside: a folder in the repository; without PATH, its definitions are written.
+        folder_in_repository: a folder in the repository; without PATH, its definitions are written.
 
     Yields:
         The folder, or None if the revision lacks it; its display name; notes for the user.
@@ -58,10 +58,16 @@ def checked_out(text: str, beside: str) -> Iterator[tuple[Path | None, str, list
         RevisionError: the repository, revision or path does not exist, or the definitions are too large.
     """
     revision, path = _split(text)
-    place = Path(beside)
+    place = Path(folder_in_repository)
     if not place.is_dir():
-        raise RevisionError(f"{beside}: there is no such folder")
-    top = Path(_git(["rev-parse", "--show-toplevel"], place, f'"{text}" is neither a file nor a revision: {beside}'))
+        raise RevisionError(f"{folder_in_repository}: there is no such folder")
+    top = Path(
+        _git(
+            ["rev-parse", "--show-toplevel"],
+            place,
+            f'"{text}" is neither a file nor a revision: {folder_in_repository}',
+        )
+    )
     if revision.startswith("-") or not revision:
         raise RevisionError(f'"{text}": expected a git revision, such as main, v1.2 or HEAD~1:src/my_msgs')
     if revision == "HEAD" and path is None and _is_unborn(top):

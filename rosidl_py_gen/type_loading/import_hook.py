@@ -251,16 +251,16 @@ class _Finder(MetaPathFinder, Loader):
 
     def _compat_package(self, name: str) -> ModuleSpec | None:
         """Return the spec of a companion of rclpy, unless an installed one is used."""
-        other, ours = self._other_spec(name, None), PathFinder.find_spec(name, [str(RCLPY_COMPAT_DIR)])
-        if ours is None or other is None or other.origin is None:
-            return ours
+        other, own = self._other_spec(name, None), PathFinder.find_spec(name, [str(RCLPY_COMPAT_DIR)])
+        if own is None or other is None or other.origin is None:
+            return own
         self._warn_duplicate(name, name, other.origin, str(RCLPY_COMPAT_DIR / name))
-        return ours if self._override else None
+        return own if self._override else None
 
-    def _warn_duplicate(self, package: str, name: str, other: str, ours: str) -> None:
+    def _warn_duplicate(self, package: str, name: str, other: str, own: str) -> None:
         if package not in self._other_origins:
             self._other_origins[package] = other
-            used, unused = (ours, other) if self._override else (other, ours)
+            used, unused = (own, other) if self._override else (other, own)
             warnings.warn(ImportHookWarning(f"{name}: using {used}, not {unused}"), stacklevel=2)
 
     def _package(self, package: str) -> ModuleSpec | None:

@@ -87,7 +87,7 @@ def uninstall(packages: Sequence[str] = (), *, force: bool = False) -> list[str]
 
 
 def _check_no_conflict(packages: list[str]) -> None:
-    ours = {_normalized(one.metadata["Name"]) for one in installed_packages().values()}
+    own = {_normalized(one.metadata["Name"]) for one in installed_packages().values()}
     rclpy = find_spec("rclpy")
     if rclpy is not None and rclpy.origin is not None:  # a plain folder of this name has no origin
         raise OutputError(
@@ -96,7 +96,7 @@ def _check_no_conflict(packages: list[str]) -> None:
         )
     for name in packages:
         spec = find_spec(name)
-        if spec is None or _normalized(name) in ours:
+        if spec is None or _normalized(name) in own:
             continue
         origin = Path(spec.origin) if spec.origin else None
         if origin is None or not is_generated(origin):
