@@ -215,10 +215,10 @@ def ros_node(request: pytest.FixtureRequest, ros_domain: MemoryTransport) -> Ite
 
     def attach_all() -> None:
         for context in contexts:
-            context._core.bridge.adopt_running_loop()
+            context._core.loop_binding.adopt_running_loop()
 
     def serve(loop: asyncio.AbstractEventLoop) -> None:
-        if not any(context._core.bridge.is_shared(loop) for context in contexts):  # the loop of a blocking call
+        if not any(context._core.loop_binding.is_shared(loop) for context in contexts):  # the loop of a blocking call
             with suppress(WrongEventLoopError):
                 attach_all()
 
@@ -229,7 +229,7 @@ def ros_node(request: pytest.FixtureRequest, ros_domain: MemoryTransport) -> Ite
         def make(name: str, namespace: str = "", args: tuple[str, ...] = ()) -> Node:
             context = stack.enter_context(Context(0, transport=ros_domain, args=["test", *args]))
             contexts.append(context)
-            context._core.bridge.on_start(attach_all)
+            context._core.loop_binding.on_start(attach_all)
             return stack.enter_context(Node(name, namespace, context=context))
 
         yield make

@@ -102,7 +102,7 @@ def spin(*nodes: Node) -> None:
     async def forever() -> None:
         for node in nodes:
             if not node.is_closed:
-                node.context._core.bridge.running_loop()
+                node.context._core.loop_binding.running_loop()
         while not all(node.is_closed for node in nodes):
             await asyncio.sleep(0.1)
 

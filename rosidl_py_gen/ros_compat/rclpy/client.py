@@ -112,7 +112,7 @@ class Client(ServiceEntity[runtime.Client[Any, Any]]):
             return  # in rclpy such a future stays pending
         self._rosidl_arrived.append((sequence_number, sent))
         self._rosidl_handle.notify_arrival()
-        self._rosidl_handle.context.driver.wake()
+        self._rosidl_handle.context.loop_runner.wake()
 
     def get_pending_request(self, sequence_number: int) -> Future[Any]:
         """Return the future of an unanswered request; raise KeyError for other numbers."""

@@ -179,7 +179,7 @@ class Executor:
                     return
 
     def _rosidl_now_s(self) -> float:
-        return self._rosidl_handle.driver.loop.time()
+        return self._rosidl_handle.loop_runner.loop.time()
 
     def _rosidl_wake_at_end(self, future: Future[Any]) -> None:
         if isinstance(future, Future):
@@ -247,7 +247,7 @@ class Executor:
                 ready, limit, has_waitables = ready_entities(chosen, can_execute)
                 if not has_polled and (end is not None or ready or self._rosidl_has_resumable_task(chosen)):
                     has_polled = True
-                    handle.driver.wait(timeout_s=0)  # process messages that have arrived since the last wait
+                    handle.loop_runner.wait(timeout_s=0)  # process messages that have arrived since the last wait
                     continue
                 if has_waitables:
                     ready = ready_waitables(chosen, can_execute) + ready
@@ -269,7 +269,9 @@ class Executor:
                     return handle.news is not seen or (condition is not _never and condition())
 
                 has_polled = True
-                handle.driver.wait(has_changed, 0 if limit is not None and limit < _SELECTOR_RESOLUTION_S else limit)
+                handle.loop_runner.wait(
+                    has_changed, 0 if limit is not None and limit < _SELECTOR_RESOLUTION_S else limit
+                )
                 if limit is not None and limit < _SELECTOR_RESOLUTION_S and not has_changed():
                     time.sleep(min(limit, _SHORT_SLEEP_S))
         except runtime.ClosedError:  # shut down during the wait

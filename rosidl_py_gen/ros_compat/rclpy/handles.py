@@ -95,17 +95,17 @@ class ContextHandle(Destroyable):
 
     def __init__(self, args: list[str], domain_id: int | None) -> None:
         super().__init__()
-        self.driver = runtime.LoopRunner()
+        self.loop_runner = runtime.LoopRunner()
         try:
-            self.runtime = runtime.Context(domain_id, args=args, loop_runner=self.driver)
+            self.runtime = runtime.Context(domain_id, args=args, loop_runner=self.loop_runner)
         except BaseException as error:
-            self.driver.close()
+            self.loop_runner.close()
             if isinstance(error, runtime.EnvironmentSettingError):
                 raise RCLError(f"failed to initialize rcl: {error}") from None
             raise
         self.news: object = None
         """Replaced by a new object after each change that an executor may wait for."""
-        self.mismatches = Mismatches(self.runtime, self.driver, self.notify_arrival)
+        self.mismatches = Mismatches(self.runtime, self.loop_runner, self.notify_arrival)
         self.creating = threading.RLock()
         """Lock for creating and counting endpoints. The graph shows an endpoint before it is matched; a program that
         counts it then and publishes would lose the message.
@@ -128,12 +128,12 @@ class ContextHandle(Destroyable):
     def notify_arrival(self) -> None:
         """Report an arrival to executors. Thread: loop."""
         self.news = object()
-        self.driver.wake()  # in the loop's thread this only checks whether the current iteration ends the wait
+        self.loop_runner.wake()  # in the loop's thread this only checks whether the current iteration ends the wait
 
     def notify(self) -> None:
         """Make waiting executors check their conditions again. Thread: any, and signal handlers."""
         self.news = object()
-        self.driver.wake()
+        self.loop_runner.wake()
 
     def mark_shut_down(self) -> None:
         """Make `ok` return False and end all waits. Thread: any, and signal handlers."""
@@ -156,7 +156,7 @@ class ContextHandle(Destroyable):
             self._is_closed = True
         self._is_ok = False
         self.runtime.close()
-        self.driver.close()
+        self.loop_runner.close()
 
     def _destroy(self) -> None:
         self.close()
@@ -169,7 +169,7 @@ class ContextHandle(Destroyable):
         """
         limit = None if timeout_sec is None or timeout_sec == float("inf") else max(0.0, float(timeout_sec))
         with contextlib.suppress(runtime.ClosedError):
-            self.driver.wait(lambda: not self._is_ok or until(), limit)
+            self.loop_runner.wait(lambda: not self._is_ok or until(), limit)
         return bool(until())
 
 
@@ -266,7 +266,7 @@ class Handle(Destroyable, Generic[C]):
             return
         self._is_over = self._is_destroyed = True
         with contextlib.suppress(RuntimeError):  # the loop is closed, and thus the entity
-            self.context.driver.loop.call_soon_threadsafe(_close, self.entity, self._parent)
+            self.context.loop_runner.loop.call_soon_threadsafe(_close, self.entity, self._parent)
 
     @contextlib.contextmanager
     def in_use(self) -> Iterator[C]:

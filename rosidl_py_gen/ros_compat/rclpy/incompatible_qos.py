@@ -65,8 +65,8 @@ def with_policy_of_c(status: Any) -> Any:
 class Mismatches:
     """Watched endpoints of a context, which are polled when the runtime finds an incompatible peer."""
 
-    def __init__(self, context: runtime.Context, driver: runtime.LoopRunner, notify: Callable[[], None]) -> None:
-        self._driver = driver
+    def __init__(self, context: runtime.Context, loop_runner: runtime.LoopRunner, notify: Callable[[], None]) -> None:
+        self._loop_runner = loop_runner
         self._notify = notify
         self._watched: weakref.WeakSet[WatchedEndpoint] = weakref.WeakSet()
         self._texts: list[tuple[str, str]] = []
@@ -78,7 +78,7 @@ class Mismatches:
 
     def _record(self, text: str, topic: str) -> None:
         self._texts.append((text, topic))
-        self._driver.loop.call_soon_threadsafe(self._poll)
+        self._loop_runner.loop.call_soon_threadsafe(self._poll)
 
     def _poll(self) -> None:
         """Record new incompatible peers, and log the texts of other topics, for example services. Thread: loop."""

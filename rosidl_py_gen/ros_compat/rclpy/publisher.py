@@ -84,7 +84,7 @@ class Publisher(TopicEntity[runtime.Publisher[Any]]):
             handle.context.require_ok()
             try:
                 waiting = handle.entity.wait_for_acknowledged(None if seconds < 0 else seconds)
-                return bool(handle.context.driver.run(waiting))
+                return bool(handle.context.loop_runner.run(waiting))
             except runtime.WaitTimeoutError:
                 return False
             except runtime.ClosedError as error:

@@ -317,7 +317,7 @@ class ActionClient(CompositeEntity, Generic[ActionT_co]):
             response = await self._call_send_goal(request, deadline, timeout_s)
             if not response.accepted:
                 raise GoalRejectedError(f"action server {self.name} rejected the goal {goal!r:.200}")
-            client_goal._on_accepted(read_stamp(response.stamp), self._scope.bridge.running_loop().time())
+            client_goal._on_accepted(read_stamp(response.stamp), self._scope.loop_binding.running_loop().time())
             self._request_result(client_goal)
         except BaseException:
             self._goals.pop(goal_id, None)
@@ -402,7 +402,7 @@ class ActionClient(CompositeEntity, Generic[ActionT_co]):
         goal = self._goals.get(goal_id)
         if goal is None or goal._accepted_s is None:
             return False
-        return self._scope.bridge.running_loop().time() - goal._accepted_s < REGISTRATION_TIMEOUT_S
+        return self._scope.loop_binding.running_loop().time() - goal._accepted_s < REGISTRATION_TIMEOUT_S
 
     cancel_goal_sync = blocking(cancel_goal)
 

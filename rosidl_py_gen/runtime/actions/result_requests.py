@@ -140,7 +140,7 @@ class ResultRequester:
             on_error: called with `ActionServerLostError`, `DecodeError` or `ClosedError`.
             has_ended: returns True once the goal is known to have ended.
         """
-        loop = self._scope.bridge.running_loop()
+        loop = self._scope.loop_binding.running_loop()
         pending = _ResultRequest(request, on_reply, on_error, has_ended, loop.time())
         self._pending.add(pending)
         self._restart(pending)
@@ -174,7 +174,7 @@ class ResultRequester:
         if response.status != GoalStatus.UNKNOWN:
             self._end(pending, pending.on_reply, response)
             return False
-        now_s = self._scope.bridge.running_loop().time()
+        now_s = self._scope.loop_binding.running_loop().time()
         if server is None or server in pending.initial_servers:
             if now_s - pending.accepted_s < REGISTRATION_TIMEOUT_S:
                 pending.is_early = True
@@ -192,7 +192,7 @@ class ResultRequester:
         """End with UNKNOWN, or return True and retry if the goal may be registered later."""
         if pending.is_early and not pending.is_retrying:
             pending.is_retrying = True
-            self._scope.bridge.running_loop().call_later(pending.retry_delay_s, self._retry, pending)
+            self._scope.loop_binding.running_loop().call_later(pending.retry_delay_s, self._retry, pending)
             pending.retry_delay_s *= 2
         if not pending.is_retrying:
             self._end(pending, pending.on_reply, response)
@@ -222,7 +222,7 @@ class ResultRequester:
         self._check_timer = None
         if not self._pending or self._scope.closed:
             return
-        loop = self._scope.bridge.running_loop()
+        loop = self._scope.loop_binding.running_loop()
         present, now_s = self.client._servers(), loop.time()
         if present:
             self._server_seen_s = now_s

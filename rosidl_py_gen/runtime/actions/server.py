@@ -134,7 +134,7 @@ class ActionServer(CompositeEntity, Generic[ActionT_co]):
         goal: ServerGoal[ActionT_co] = ServerGoal(self._goals, goal_id, self._type.goal.to_value(request.goal))
         if self._runner is not None and self._goal_callback is None:
             return self._response(self._goals.accept_goal(goal, GoalDecision.ACCEPT))
-        reply: asyncio.Future[GoalInfo | None] = self._scope.bridge.running_loop().create_future()
+        reply: asyncio.Future[GoalInfo | None] = self._scope.loop_binding.running_loop().create_future()
         if self._goal_callback is None:
             self._requests._push(GoalRequest(self._goals, goal, reply))
         else:

@@ -253,7 +253,7 @@ class ServerGoals:
 
     def on_loop(self, function: Callable[[], T]) -> T:
         """Run `function` on the loop's thread. In other threads, return after the status is published. Thread: any."""
-        if self._scope.bridge.in_loop_thread():
+        if self._scope.loop_binding.in_loop_thread():
             return function()
 
         def call() -> T:
@@ -262,7 +262,7 @@ class ServerGoals:
             finally:
                 self._status.flush()
 
-        return self._scope.bridge.run_on_loop(call)
+        return self._scope.loop_binding.run_on_loop(call)
 
     # ---------------------------------------------------------------------------------------------- start and end
 
@@ -291,7 +291,7 @@ class ServerGoals:
                 )
                 set_result_if_pending(reply, None)
 
-        self._scope.bridge.call_soon(reject)
+        self._scope.loop_binding.call_soon(reject)
 
     def start_deferred(self, goal: ServerGoal[Any]) -> None:
         """Start or queue a deferred goal; without effect if it is started or queued."""
@@ -397,7 +397,7 @@ class ServerGoals:
         self._status.rows.remove(self.table.expire(now_ns))
         # A running timer is never too late, because the time of the next expiry only increases.
         if self._expiry is None and not self._clock.ros_time_is_active:
-            due_ns, loop = self.table.next_expiry_ns(), self._scope.bridge.loop
+            due_ns, loop = self.table.next_expiry_ns(), self._scope.loop_binding.loop
             if due_ns is not None and loop is not None:
                 delay_s = max(0.001, (due_ns - now_ns) / NS_PER_S)
                 self._expiry = loop.call_later(delay_s, self._on_expiry_timer)

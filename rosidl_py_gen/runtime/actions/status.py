@@ -81,9 +81,9 @@ class StatusTopic:
 
     def __init__(self, scope: EntityScope, message_type: MessageType[Any], topic: str) -> None:
         self.rows = StatusArray()
-        self._bridge = scope.bridge
+        self._loop_binding = scope.loop_binding
         self._publisher: Publisher[bytes] = Publisher(scope, raw_type(message_type), topic, ACTION_STATUS)
-        self._sender = DeferredSender(scope.bridge, self._publisher._publish_without_waiting)
+        self._sender = DeferredSender(scope.loop_binding, self._publisher._publish_without_waiting)
         self.flush = self._sender.flush
         scope.register(self._sender)
 
@@ -93,5 +93,5 @@ class StatusTopic:
 
     def flush_if_in_loop(self) -> None:
         """Write delayed messages, if this is the loop's thread, so that they precede what the caller publishes next."""
-        if self._bridge.in_loop_thread():
+        if self._loop_binding.in_loop_thread():
             self.flush()

@@ -143,7 +143,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         if self._closed or scope.closed:
             scope.require_open(True, f"the client of {self.name}")
         deadline = Deadline(timeout_s)
-        loop = scope.bridge.running_loop()
+        loop = scope.loop_binding.running_loop()
         encoded = self._type.request.encode(request)
         servers = self._available()
         if not servers.is_available:
@@ -205,12 +205,12 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
 
         def on_done(_: object) -> None:
             if future.cancelled():
-                scope.bridge.call_soon(partial(self._abandon_request, pending.key))
+                scope.loop_binding.call_soon(partial(self._abandon_request, pending.key))
 
         self._has_direct_callbacks = True
         pending = PendingRequest(encoded, on_reply, on_error)
         future.add_done_callback(on_done)
-        scope.bridge.call_in_loop(lambda: self._enqueue(pending, self._port.servers()))
+        scope.loop_binding.call_in_loop(lambda: self._enqueue(pending, self._port.servers()))
         return future
 
     def _start_request(
@@ -230,7 +230,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
             The key for `_abandon_request`.
         """
         self._scope.require_open(self._closed, f"the client of {self.name}")
-        self._scope.bridge.running_loop()
+        self._scope.loop_binding.running_loop()
         self._has_direct_callbacks = True
         pending = PendingRequest(self._type.request.encode(request), on_reply, on_error)
         self._enqueue(pending, self._port.servers())
@@ -323,7 +323,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
 
     def _on_endpoint_lost(self) -> None:
         if self._pending:
-            self._scope.bridge.call_soon(self._check_lost_requests)
+            self._scope.loop_binding.call_soon(self._check_lost_requests)
 
     def _check_lost_requests(self) -> None:
         """Fail the requests that no server can reply to any more, after all received replies were read."""

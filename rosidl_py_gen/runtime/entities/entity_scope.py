@@ -123,7 +123,7 @@ class EntityScope:
     def __init__(
         self,
         participant: Participant,
-        bridge: LoopBinding,
+        loop_binding: LoopBinding,
         discovery: Discovery,
         request_windows: MutableMapping[TopicKey, RequestFlowControl],
         clocks: ClockFunctions,
@@ -133,7 +133,7 @@ class EntityScope:
     ) -> None:
         """`number` is the node's in `discovery`; `request_windows` are those of all services in the context."""
         self.participant = participant
-        self.bridge = bridge
+        self.loop_binding = loop_binding
         self.discovery = discovery
         self.graph = discovery.graph
         self.request_windows = request_windows
@@ -141,7 +141,7 @@ class EntityScope:
         self.number = number
         self.node_name = fully_qualified_name
         self.logger = node_logger(fully_qualified_name)
-        self.failures = CallbackFailures(bridge, on_error)
+        self.failures = CallbackFailures(loop_binding, on_error)
         self.closed = False
         self.owned: dict[int, Closeable] = {}
         """Everything to close with this scope, oldest first; emptied by `close`."""
@@ -253,7 +253,7 @@ class EntityScope:
         """
         deadline = Deadline(timeout_s)
         self.require_open(is_closed(), "what was waited for")
-        self.bridge.running_loop()
+        self.loop_binding.running_loop()
 
         def is_over() -> bool:
             self.require_open(is_closed(), "what was waited for")
@@ -293,7 +293,7 @@ class EntityScope:
 
     def create_task(self, coroutine: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
         """Run a coroutine as a task that is kept alive, and cancelled when the scope closes."""
-        task = start_task(self.bridge.running_loop(), coroutine)
+        task = start_task(self.loop_binding.running_loop(), coroutine)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         return task
@@ -305,7 +305,7 @@ class EntityScope:
             WouldDeadlockError: called on the event loop's thread.
             ClosedError: the node is closed.
         """
-        in_loop = self.bridge.in_loop_thread() or current_loop() is not None
+        in_loop = self.loop_binding.in_loop_thread() or current_loop() is not None
         if in_loop or self.closed:
             coroutine.close()
             self.require_open(False, "the node")
@@ -314,7 +314,7 @@ class EntityScope:
                 "async function, or call it from another thread"
             )
         raises = self.failures.on_error == "raise"
-        return self.bridge.run(self.failures.run_guarded(coroutine) if raises else coroutine)
+        return self.loop_binding.run(self.failures.run_guarded(coroutine) if raises else coroutine)
 
     def report_failure(self, activity: str) -> None:
         """Log the current exception with its traceback as the node; with ``on_error="raise"``, raise it."""

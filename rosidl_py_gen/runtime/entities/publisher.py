@@ -49,7 +49,7 @@ class Publisher(Entity, Generic[T]):
     ) -> None:
         mode = checked_mode(type_hash_check, scope.type_hash_check)
         super().__init__(scope)
-        self._bridge = scope.bridge
+        self._loop_binding = scope.loop_binding
         self.topic = topic
         """Fully qualified name, after expansion and remapping."""
         self.message_type = message_type.ros_name
@@ -66,7 +66,7 @@ class Publisher(Entity, Generic[T]):
         self._write = self._writer.write
         scope.set_type_hash_check(mode, self._writer.guid)
         keep_all = self.qos.history is History.KEEP_ALL
-        self._outbox = SendQueue(scope.bridge, None if keep_all else max(1, self.qos.depth), scope.report_failure)
+        self._outbox = SendQueue(scope.loop_binding, None if keep_all else max(1, self.qos.depth), scope.report_failure)
         self._events = watch_events(
             scope, self._writer, self._writer.matched_readers, event_callbacks, f"the publisher on {topic}"
         )
@@ -82,9 +82,9 @@ class Publisher(Entity, Generic[T]):
         """
         if self._closed or self._scope.closed:
             self._scope.require_open(True, f"the publisher on {self.topic}")
-        loop = self._bridge.bound_loop
+        loop = self._loop_binding.bound_loop
         if loop is None or loop.is_closed():  # the node was created before its loop
-            self._bridge.adopt_running_loop()
+            self._loop_binding.adopt_running_loop()
         data = self._encode(message)
         if self._outbox.waiting or not self._write(data):
             self._send_later(partial(self._write, data))
@@ -114,7 +114,7 @@ class Publisher(Entity, Generic[T]):
             self._outbox.send(partial(self._write, data))
 
     def _send_later(self, write: Callable[[], bool]) -> None:
-        if self._bridge.in_loop_thread():
+        if self._loop_binding.in_loop_thread():
             self._outbox.send(write)
             return
         while not (self._outbox.flush() and write()):

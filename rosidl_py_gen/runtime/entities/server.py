@@ -135,7 +135,7 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
     async def __anext__(self) -> ServiceRequest[RequestT, ResponseT]:
         if self._closed:
             raise StopAsyncIteration
-        self._scope.bridge.running_loop()
+        self._scope.loop_binding.running_loop()
         return await anext(self._requests)
 
     def take(self) -> ServiceRequest[RequestT, ResponseT] | None:
@@ -221,10 +221,10 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         if self._port.can_reach_client(origin):
             if self._outbox.waiting or not self._send(origin, data):
                 self._outbox.send(partial(self._send, origin, data))
-        elif self._scope.bridge.loop is None or self._scope.bridge.in_loop_thread():
+        elif self._scope.loop_binding.loop is None or self._scope.loop_binding.in_loop_thread():
             self._wait_and_send(origin, data)
         else:
-            self._scope.bridge.call_soon(lambda: self._wait_and_send(origin, data))
+            self._scope.loop_binding.call_soon(lambda: self._wait_and_send(origin, data))
 
     def _send(self, origin: RequestId, data: bytes) -> bool:
         is_sent = self._port.send(origin, data)

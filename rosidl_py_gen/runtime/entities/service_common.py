@@ -68,7 +68,7 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
         self._is_client = is_client
         self._throttle = Throttle(scope.clocks)
         self._introspection: ServiceEventPublisher | None = None
-        self._outbox = SendQueue(scope.bridge, None, scope.report_failure)
+        self._outbox = SendQueue(scope.loop_binding, None, scope.report_failure)
         request_hash, response_hash = service_type.request.type_hash, service_type.response.type_hash
         read_hash, self._written_hash = (response_hash, request_hash) if is_client else (request_hash, response_hash)
         self._type_hash_filter: TypeHashFilter[bytes | None] = TypeHashFilter(

@@ -181,7 +181,7 @@ class Subscription(PollableEntity, Generic[T]):
         if self._callback is not None or self._closed or self._scope.closed:
             self._require_takeable()
         taken = self._take()
-        if taken is None and not self._scope.bridge.has_user_runner and self._reader.fetch():
+        if taken is None and not self._scope.loop_binding.has_user_runner and self._reader.fetch():
             taken = self._take()
         if taken is not None:
             self._latest = taken[0]
@@ -247,7 +247,7 @@ class Subscription(PollableEntity, Generic[T]):
 
     def _arrival(self, timeout_s: float | None = None) -> Awaitable[bool]:
         """Wait until the queue is not empty or the subscription is closed; False if the time has passed."""
-        self._scope.bridge.running_loop()
+        self._scope.loop_binding.running_loop()
         return self._waiters.wait(self._has_news, timeout_s)
 
     def _has_news(self) -> bool:
@@ -256,7 +256,7 @@ class Subscription(PollableEntity, Generic[T]):
     def _is_ready(self) -> bool:
         if self._items:
             return True
-        return not self._scope.bridge.has_user_runner and self._reader.fetch()
+        return not self._scope.loop_binding.has_user_runner and self._reader.fetch()
 
     def _described(self) -> str:
         return f"the subscription on {self.topic}"
@@ -318,7 +318,7 @@ class Subscription(PollableEntity, Generic[T]):
                 if self._running_calls >= self._concurrency:
                     return
         if self._items and not self._closed:
-            self._scope.bridge.call_soon(self._call_back)
+            self._scope.loop_binding.call_soon(self._call_back)
 
     async def _await_callback(self, callback: UserCallback) -> None:
         try:

@@ -51,8 +51,8 @@ class Timer(PollableEntity):
         """Number of periods that were skipped."""
         self.call_count = 0
         """Number of calls or ticks."""
-        self._clock_timer = ClockTimer(clock, self._schedule, lambda: scope.bridge.loop, self._on_due)
-        self._start_registration = scope.bridge.on_start(self._clock_timer.arm_threadsafe)
+        self._clock_timer = ClockTimer(clock, self._schedule, lambda: scope.loop_binding.loop, self._on_due)
+        self._start_registration = scope.loop_binding.on_start(self._clock_timer.arm_threadsafe)
         scope.register(self)
 
     async def tick(self) -> Duration:
@@ -65,7 +65,7 @@ class Timer(PollableEntity):
             ClosedError: the timer was closed, also while waiting.
         """
         self._require_takeable()
-        self._scope.bridge.running_loop()
+        self._scope.loop_binding.running_loop()
         if self._schedule.is_ready(self._clock.now_ns()):
             return self._count(self._advance())
         self._clock_timer.arm()

@@ -49,10 +49,10 @@ class _PendingWarning:
 class Discovery:
     """Graph of one context, with the announcement of its own nodes."""
 
-    def __init__(self, participant: Participant, bridge: LoopBinding, announce_delay_s: float = 0.0) -> None:
+    def __init__(self, participant: Participant, loop_binding: LoopBinding, announce_delay_s: float = 0.0) -> None:
         """`announce_delay_s` is that of `Context`."""
         self._participant = participant
-        self._bridge = bridge
+        self._loop_binding = loop_binding
         self.graph = Graph(participant.guid)
         self._nodes: dict[int, NodeEntities] = {}
         self._node_numbers = itertools.count(1)
@@ -87,7 +87,7 @@ class Discovery:
         """Withdraw a node, if it is announced."""
         with self._lock:
             if self._nodes.pop(number, None) is not None:
-                if self._bridge.in_loop_thread():
+                if self._loop_binding.in_loop_thread():
                     self.graph.set_nodes(self._participant.guid, self._nodes.values())
                 self._publish_or_schedule()
 
@@ -112,8 +112,8 @@ class Discovery:
             self._publish_or_schedule()
 
     def _publish_or_schedule(self) -> None:
-        loop = self._bridge.loop
-        if not self._bridge.in_loop_thread():
+        loop = self._loop_binding.loop
+        if not self._loop_binding.in_loop_thread():
             self.publish()
         elif not self._announcement_is_scheduled and loop is not None:
             self._announcement_is_scheduled = True
@@ -135,8 +135,8 @@ class Discovery:
 
     def refresh(self) -> None:
         """Apply received discovery data; does nothing outside the thread of a running loop."""
-        loop = self._bridge.loop
-        if loop is None or not loop.is_running() or self._bridge.in_loop_thread():
+        loop = self._loop_binding.loop
+        if loop is None or not loop.is_running() or self._loop_binding.in_loop_thread():
             self._participant.report_discovery()
 
     def _on_events(self, events: list[DiscoveryEvent]) -> None:
@@ -155,8 +155,8 @@ class Discovery:
         self._changed()
 
     def _changed(self) -> None:
-        if self._bridge.is_running and not self._bridge.in_loop_thread():
-            self._bridge.call_soon(self._changed)
+        if self._loop_binding.is_running and not self._loop_binding.in_loop_thread():
+            self._loop_binding.call_soon(self._changed)
             return
         self.changes.wake()
         if self._warnings:
@@ -201,7 +201,7 @@ class Discovery:
             if is_definition and modes == {"off"}:
                 continue
             self._warnings.append(_PendingWarning(result, is_definition and reader in own and "error" not in modes))
-            loop = self._bridge.loop
+            loop = self._loop_binding.loop
             if loop is not None:
                 loop.call_later(_NODE_NAME_GRACE_PERIOD_S, self._warn_incompatible)
 

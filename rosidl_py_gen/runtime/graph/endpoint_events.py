@@ -170,7 +170,7 @@ class EndpointEventPoller:
         callbacks: SubscriptionEventCallbacks | PublisherEventCallbacks,
         subject: str,
     ) -> None:
-        self._bridge = scope.bridge
+        self._loop_binding = scope.loop_binding
         self._discovery = scope.discovery
         self._endpoint = endpoint
         self._matched = matched
@@ -192,12 +192,12 @@ class EndpointEventPoller:
                 if counts is None:
                     raise UnsupportedEventError(f"{subject}: this middleware does not report {name} events; DDS does")
                 self._counts[name] = counts
-        self._start_registration: Registration = scope.bridge.on_start(self._schedule_poll)
+        self._start_registration: Registration = scope.loop_binding.on_start(self._schedule_poll)
 
     def _schedule_poll(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
-        loop = self._bridge.loop
+        loop = self._loop_binding.loop
         if not self._closed and loop is not None and not loop.is_closed():
             self._timer = loop.call_later(_POLL_INTERVAL_S, self._poll)
 

@@ -65,8 +65,8 @@ class CallbackFailures:
         pending_error: exception that was not raised yet.
     """
 
-    def __init__(self, bridge: LoopBinding, on_error: OnError) -> None:
-        self.loop_binding = bridge
+    def __init__(self, loop_binding: LoopBinding, on_error: OnError) -> None:
+        self.loop_binding = loop_binding
         self.on_error = on_error
         self.pending_error: BaseException | None = None
 

@@ -20,8 +20,8 @@ class DeferredSender(Generic[T]):
     Items keep their order.
     """
 
-    def __init__(self, bridge: LoopBinding, send: Callable[[T], None]) -> None:
-        self._bridge = bridge
+    def __init__(self, loop_binding: LoopBinding, send: Callable[[T], None]) -> None:
+        self._loop_binding = loop_binding
         self._send = send
         self._waiting: deque[T] = deque()
         self._lock = threading.RLock()
@@ -29,8 +29,8 @@ class DeferredSender(Generic[T]):
     def add(self, item: T) -> None:
         """Add an item. Thread: any."""
         self._waiting.append(item)
-        if self._bridge.in_loop_thread():
-            self._bridge.call_soon(self.flush)
+        if self._loop_binding.in_loop_thread():
+            self._loop_binding.call_soon(self.flush)
         else:
             self.flush()
 

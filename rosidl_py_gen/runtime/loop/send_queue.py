@@ -31,10 +31,10 @@ class SendQueue:
         waiting: functions that write a sample, and return False while DDS does not accept it.
     """
 
-    def __init__(self, bridge: LoopBinding, depth: int | None, report: Callable[[str], None]) -> None:
+    def __init__(self, loop_binding: LoopBinding, depth: int | None, report: Callable[[str], None]) -> None:
         self.waiting: deque[Callable[[], bool]] = deque(maxlen=depth)
         self.dropped = 0
-        self._bridge = bridge
+        self._loop_binding = loop_binding
         self._report = report
         # Reentrant, because a signal handler may publish or close during a write in the same thread.
         self._lock = threading.RLock()
@@ -47,8 +47,8 @@ class SendQueue:
         with self._lock:
             self.dropped += len(self.waiting) == self.waiting.maxlen
             self.waiting.append(write)
-        if self._retrying_on is not self._bridge.loop:
-            self._bridge.call_soon(self._retry)
+        if self._retrying_on is not self._loop_binding.loop:
+            self._loop_binding.call_soon(self._retry)
 
     def flush(self) -> bool:
         """Send what DDS accepts; return True if no sample is waiting."""
@@ -66,7 +66,7 @@ class SendQueue:
         return True
 
     def _retry(self) -> None:
-        loop = self._bridge.loop
+        loop = self._loop_binding.loop
         self._retrying_on = None
         if loop is not None and not self.flush():
             self._retrying_on = loop

@@ -141,9 +141,9 @@ class Context:
         self.close()
 
     async def __aenter__(self) -> Self:
-        bridge = self._core.bridge
-        bridge.running_loop()
-        self._guards.append(guard := FailureGuard(lambda failures: failures.loop_binding is bridge))
+        loop_binding = self._core.loop_binding
+        loop_binding.running_loop()
+        self._guards.append(guard := FailureGuard(lambda failures: failures.loop_binding is loop_binding))
         guard.__enter__()
         return self
 

@@ -65,8 +65,8 @@ class ContextCore:
         self.settings = settings
         self.clocks = transport.clocks
         self.participant = transport.open(settings, self.ros_arguments.enclave)
-        self.bridge = LoopBinding(self.participant, loop_runner)
-        self.discovery = Discovery(self.participant, self.bridge, announce_delay_s)
+        self.loop_binding = LoopBinding(self.participant, loop_runner)
+        self.discovery = Discovery(self.participant, self.loop_binding, announce_delay_s)
         self.request_windows = weakref.WeakValueDictionary[TopicKey, RequestFlowControl]()
         self.initial_values = InitialValues(self.ros_arguments.parameters)
         """Parameter values from arguments and files, for all nodes."""
@@ -75,11 +75,11 @@ class ContextCore:
         self.is_default = False
         """True for the context of nodes that are given none; it closes with its last node."""
         self._had_loop = threading.Event()
-        self.bridge.on_start(self._had_loop.set)
+        self.loop_binding.on_start(self._had_loop.set)
         self._nodes: dict[int, Node] = {}
         if loop_runner is not None:
             try:
-                loop_runner.call(lambda: self.bridge.attach(loop_runner.loop))
+                loop_runner.call(lambda: self.loop_binding.attach(loop_runner.loop))
             except BaseException:
                 self.participant.close()
                 raise
@@ -113,7 +113,7 @@ class ContextCore:
         number = self.discovery.add_node(names.name, names.namespace)
         return EntityScope(
             self.participant,
-            self.bridge,
+            self.loop_binding,
             self.discovery,
             self.request_windows,
             self.clocks,
@@ -146,7 +146,7 @@ class ContextCore:
             node.close()
         self.initial_values.close()
         self.discovery.close()
-        self.bridge.close()
+        self.loop_binding.close()
         self.participant.close()
         outputs.close()
 
@@ -159,7 +159,7 @@ class ContextCore:
     def abandon(self, reason: str) -> None:
         """Mark everything as closed in a forked child, without a call into the transport; errors contain the reason."""
         self.closed = f"this context is closed: it was {reason}"
-        self.bridge.abandon(self.closed)
+        self.loop_binding.abandon(self.closed)
         for node in self._nodes.values():
             node._scope.abandon(reason)
         self.participant.detach_after_fork()

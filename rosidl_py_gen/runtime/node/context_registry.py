@@ -23,13 +23,13 @@ open_contexts: set[ContextCore] = set()
 def attach_all() -> None:
     """Attach the running loop to every open context that no running loop serves."""
     for core in sorted(open_contexts, key=lambda core: not core.is_default):
-        core.bridge.adopt_running_loop()
+        core.loop_binding.adopt_running_loop()
 
 
 def close_served_by(loop: asyncio.AbstractEventLoop) -> None:
     """Close the contexts that a loop serves."""
     for core in list(open_contexts):
-        if core.bridge.loop is loop:
+        if core.loop_binding.loop is loop:
             core.close()
 
 

@@ -190,7 +190,7 @@ class GraphMethods(NodeBase):
             return scope.closed or graph.version != version
 
         while not scope.closed:
-            scope.bridge.running_loop()
+            scope.loop_binding.running_loop()
             await scope.discovery.changes.wait(has_changed)
             if not scope.closed:
                 version = graph.version

@@ -160,7 +160,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
 
     def _open(self, options: NodeOptions) -> None:
         """Start rosout, parameters and services; subclasses add to it. The node is closed when this fails."""
-        self.context._core.bridge.adopt_running_loop()
+        self.context._core.loop_binding.adopt_running_loop()
         if options.enable_rosout and self.context._core.ros_arguments.logs.rosout:
             _start_rosout(self._scope)
         self._open_parameters(options)
@@ -383,7 +383,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         """Attach the running loop; raises `ClosedError`, or `WrongEventLoopError` if the context has another loop."""
         try:
             self._require_open()
-            self.context._core.bridge.running_loop()
+            self.context._core.loop_binding.running_loop()
         except RosidlError:
             if self._creation_loop_id == id(asyncio.get_running_loop()):  # else it may be in use elsewhere
                 self.close()

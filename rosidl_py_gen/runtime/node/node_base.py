@@ -21,4 +21,4 @@ class NodeBase:
 
     def _require_open(self) -> None:
         self._scope.require_open(False, "the node")
-        self.context._core.bridge.adopt_running_loop()
+        self.context._core.loop_binding.adopt_running_loop()

@@ -42,7 +42,7 @@ class ParameterEventPublisher(Publisher[msg.ParameterEvent]):
     def __init__(self, scope: EntityScope, names: NodeNames, clock: Clock) -> None:
         self._node = names.fully_qualified_name
         self._clock = clock
-        self._sender = DeferredSender(scope.bridge, self._send)
+        self._sender = DeferredSender(scope.loop_binding, self._send)
         message_type = lazy_message_type("rcl_interfaces/msg/ParameterEvent")
         super().__init__(scope, message_type, names.resolve_topic("/parameter_events"), PARAMETER_EVENTS)
         scope.register(self._sender)
@@ -128,7 +128,7 @@ class ParameterServices:
         return srv.GetParameterTypes_Response(types=bytes(self._store.types(request.names)))
 
     def _list(self, request: srv.ListParameters_Request) -> srv.ListParameters_Response:
-        self._scope.bridge.call_soon(partial(self._on_listed, self._store))
+        self._scope.loop_binding.call_soon(partial(self._on_listed, self._store))
         listing = self._store.listing(request.prefixes, request.depth)
         result = msg.ListParametersResult(names=list(listing.names), prefixes=list(listing.prefixes))
         return srv.ListParameters_Response(result=result)

@@ -15,8 +15,8 @@ def test_it_is_sent_when_the_loop_comes_round_and_at_once_elsewhere() -> None:
     async def main() -> None:
         with Context(transport=MemoryTransport(), args=["p"]) as context:
             Node("n", context=context)
-            context._core.bridge.running_loop()
-            later = DeferredSender(context._core.bridge, sent.append)
+            context._core.loop_binding.running_loop()
+            later = DeferredSender(context._core.loop_binding, sent.append)
             later.add("first")
             assert sent == []
             await asyncio.sleep(0)
@@ -34,7 +34,7 @@ def test_it_is_sent_when_the_loop_comes_round_and_at_once_elsewhere() -> None:
 def test_threads_send_one_after_the_other_each_in_its_order() -> None:
     sent: list[tuple[int, int]] = []
     with Context(transport=MemoryTransport(), args=["p"]) as context:
-        later = DeferredSender(context._core.bridge, sent.append)
+        later = DeferredSender(context._core.loop_binding, sent.append)
         threads = [
             threading.Thread(target=lambda n=number: [later.add((n, count)) for count in range(500)])
             for number in range(4)

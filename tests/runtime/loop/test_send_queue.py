@@ -34,8 +34,8 @@ class Line:
 
 def outbox_of(line: Line, depth: int | None = None) -> tuple[SendQueue, list[str]]:
     reports: list[str] = []
-    bridge: Any = line
-    return SendQueue(bridge, depth, reports.append), reports
+    loop_binding: Any = line
+    return SendQueue(loop_binding, depth, reports.append), reports
 
 
 def test_what_waits_is_sent_in_order_by_the_loop() -> None:

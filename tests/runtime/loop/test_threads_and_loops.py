@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def someone_waits(node: Node) -> bool:
-    shared = node.context._core.bridge.shared
+    shared = node.context._core.loop_binding.shared
     return shared is not None and shared.loop.is_running()
 
 

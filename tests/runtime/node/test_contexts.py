@@ -239,7 +239,7 @@ def test_names_that_only_remapping_breaks_leave_no_default_context(monkeypatch: 
 async def test_a_node_that_cannot_be_entered_is_not_left_behind(memory: World) -> None:
     context = memory.context()
     used = memory.node("used", context=context)
-    context._core.bridge.running_loop()
+    context._core.loop_binding.running_loop()
 
     async def elsewhere() -> None:
         async with Node("second", context=context):

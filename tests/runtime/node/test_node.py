@@ -346,10 +346,10 @@ def test_one_context_cannot_serve_two_running_loops(world: World) -> None:
     node = world.node("n")
 
     async def outer() -> None:
-        node.context._core.bridge.running_loop()
+        node.context._core.loop_binding.running_loop()
 
         async def inner() -> None:
-            node.context._core.bridge.running_loop()
+            node.context._core.loop_binding.running_loop()
 
         with pytest.raises(WrongEventLoopError, match="create a Context for the nodes of each loop"):
             await asyncio.to_thread(lambda: asyncio.run(inner()))
