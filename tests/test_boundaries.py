@@ -52,7 +52,7 @@ SHARED_IN_SHIM = {
     "_rosidl_handed_out",
     "_rosidl_is_ready",
     "_rosidl_queue",
-    "_rosidl_served_entities",
+    "_rosidl_entity_lists",
     "_pending",
     "_rosidl_publish_feedback",
     "_rosidl_publish_status",

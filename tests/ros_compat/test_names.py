@@ -63,7 +63,7 @@ MORE = {
         "rclpy.impl.lifecycle_machine",
         "rclpy.impl.names",
         "rclpy.impl.parameter_rules",
-        "rclpy.incompatible_qos",
+        "rclpy.incompatible_peers",
         "rclpy.ready_scan",
         "rclpy.task.EntityTask",
     ),

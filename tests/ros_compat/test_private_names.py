@@ -21,7 +21,7 @@ PREFIX = re.compile(r"_rosidl_|_ROSIDL_|__\w+__$")
 INTERNAL = (
     "rclpy.handles",
     "rclpy.handling",
-    "rclpy.incompatible_qos",
+    "rclpy.incompatible_peers",
     "rclpy.ready_scan",
     "rclpy.impl.",
     "rosidl_runtime_py",

@@ -1,3 +1,3 @@
-"""Constants."""
+"""Nanoseconds per second."""
 
 S_TO_NS = 1_000_000_000

@@ -1,4 +1,4 @@
-"""Interface of handles."""
+"""Protocol of objects that are destroyed when no longer in use; `rclpy.handles` implements it."""
 
 from types import TracebackType
 from typing import Optional, Protocol, Type  # noqa: F401, UP035

@@ -14,7 +14,7 @@ from rclpy._rclpy_pybind11 import EnumOfC
 from rclpy._rclpy_pybind11 import UnsupportedEventTypeError as UnsupportedEventTypeError
 from rclpy.callback_groups import CallbackGroup as CallbackGroup
 from rclpy.handles import Destroyable
-from rclpy.incompatible_qos import WatchedEndpoint, with_policy_of_c
+from rclpy.incompatible_peers import WatchedEndpoint, with_policy_of_c
 from rclpy.logging import get_logger as get_logger
 from rclpy.qos import qos_policy_name_from_kind as qos_policy_name_from_kind
 from rclpy.task import await_or_execute
@@ -131,7 +131,7 @@ class QoSEventHandler(EventHandler):
     """Deprecated name of `EventHandler`."""
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
-        text = "QoSEventHandler foo is deprecated, use EventHandler instead."
+        text = "QoSEventHandler foo is deprecated, use EventHandler instead."  # as in rclpy
         warnings.warn(text, DeprecationWarning, stacklevel=2)
         super().__init_subclass__(**kwargs)
 
@@ -177,7 +177,7 @@ class _EventCallbacks:
         for kind, queue in queues.items():
             handle.events[self._ROSIDL_TYPES[f"incompatible_{kind}"].value] = queue
         handle.watched = WatchedEndpoint(node, endpoint, queues)
-        handle.context.mismatches.watch(handle.watched)
+        handle.context.incompatible_peers.watch(handle.watched)
 
     def _rosidl_logging(self, impl: Handle[Any], topic_name: str) -> dict[str, Callable[[Any], Any]]:
         """Return the default callbacks by name, which log incompatible peers."""

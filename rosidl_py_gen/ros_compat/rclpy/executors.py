@@ -242,7 +242,7 @@ class Executor:
         handle, has_polled, can_execute = self._rosidl_handle, False, self.can_execute
         try:
             while True:
-                seen = handle.news
+                seen = handle.change_token
                 chosen = self.get_nodes() if nodes is None else nodes
                 ready, limit, has_waitables = ready_entities(chosen, can_execute)
                 if not has_polled and (end is not None or ready or self._rosidl_has_resumable_task(chosen)):
@@ -266,7 +266,7 @@ class Executor:
                     limit = left
 
                 def has_changed(seen: object = seen) -> bool:
-                    return handle.news is not seen or (condition is not _never and condition())
+                    return handle.change_token is not seen or (condition is not _never and condition())
 
                 has_polled = True
                 handle.loop_runner.wait(

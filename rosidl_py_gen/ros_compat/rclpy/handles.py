@@ -1,6 +1,6 @@
-"""Handles of the runtime's endpoints: they count their uses, and close the endpoint after the last one.
+"""Handles of the runtime's contexts, nodes and endpoints: they count uses, and close the object after the last one.
 
-``with handle`` keeps an endpoint from being closed by another thread, and raises InvalidHandle after it was destroyed.
+``with handle`` keeps the object from being closed by another thread, and raises InvalidHandle after its destruction.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
-from rclpy.incompatible_qos import Mismatches, WatchedEndpoint
+from rclpy.incompatible_peers import IncompatiblePeerWatcher, WatchedEndpoint
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
@@ -103,9 +103,9 @@ class ContextHandle(Destroyable):
             if isinstance(error, runtime.EnvironmentSettingError):
                 raise RCLError(f"failed to initialize rcl: {error}") from None
             raise
-        self.news: object = None
+        self.change_token: object = None
         """Replaced by a new object after each change that an executor may wait for."""
-        self.mismatches = Mismatches(self.runtime, self.loop_runner, self.notify_arrival)
+        self.incompatible_peers = IncompatiblePeerWatcher(self.runtime, self.loop_runner, self.notify_arrival)
         self.creating = threading.RLock()
         """Lock for creating and counting endpoints. The graph shows an endpoint before it is matched; a program that
         counts it then and publishes would lose the message.
@@ -127,12 +127,12 @@ class ContextHandle(Destroyable):
 
     def notify_arrival(self) -> None:
         """Report an arrival to executors. Thread: loop."""
-        self.news = object()
+        self.change_token = object()
         self.loop_runner.wake()  # in the loop's thread this only checks whether the current iteration ends the wait
 
     def notify(self) -> None:
         """Make waiting executors check their conditions again. Thread: any, and signal handlers."""
-        self.news = object()
+        self.change_token = object()
         self.loop_runner.wake()
 
     def mark_shut_down(self) -> None:
@@ -179,8 +179,8 @@ class Handle(Destroyable, Generic[C]):
     Attributes:
         logger_name: name of the node's logger.
         events: queues of reported events, by number.
-        marked: for a node, the kinds of its endpoints (`ready_scan.ServedEntity`) of which some may be ready. Executors
-            check no other endpoints.
+        marked_kinds: for a node, the kinds of its endpoints (indices in `ready_scan.NodeEntityLists`) of which some may
+            be ready. Executors check no other endpoints.
     """
 
     def __init__(
@@ -200,7 +200,7 @@ class Handle(Destroyable, Generic[C]):
         self.watched: WatchedEndpoint | None = None
         self._has_more: Callable[[], bool] = lambda: False
         self._may_be_ready = False
-        self.marked: set[int] = set()
+        self.marked_kinds: set[int] = set()
         self._kind = kind
         self._node = parent if isinstance(parent, Handle) else None
 
@@ -244,7 +244,7 @@ class Handle(Destroyable, Generic[C]):
     def _mark(self) -> None:
         self._may_be_ready = True
         if self._node is not None:
-            self._node.marked.add(self._kind)
+            self._node.marked_kinds.add(self._kind)
 
     def valid(self) -> C:
         """Return the endpoint for one call that tolerates its destruction; raise InvalidHandle if it was destroyed."""

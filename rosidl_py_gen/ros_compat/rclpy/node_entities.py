@@ -19,7 +19,7 @@ from rclpy.impl._fields import valid_or
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, qos_profile_services_default
 from rclpy.qos_overriding_options import QoSOverridingOptions, _declare_qos_parameters
-from rclpy.ready_scan import CLIENTS, SERVICES, SUBSCRIPTIONS, ServedEntity
+from rclpy.ready_scan import CLIENTS, SERVICES, SUBSCRIPTIONS, NodeEntityLists
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Rate, Timer
@@ -57,7 +57,7 @@ class NodeEntities:
         self._rosidl_timers: list[Timer] = []
         self._rosidl_guards: list[GuardCondition] = []
         self._rosidl_waitables: list[Waitable] = []
-        self._rosidl_served: ServedEntity | None = None
+        self._rosidl_all_entities: NodeEntityLists | None = None
         self._rosidl_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
         self._rosidl_rate_group: CallbackGroup = ReentrantCallbackGroup()
         for kind in _KINDS:
@@ -93,8 +93,8 @@ class NodeEntities:
     def waitables(self) -> Iterator[Waitable]:
         yield from self._rosidl_waitables
 
-    def _rosidl_served_entities(self) -> ServedEntity:
-        if self._rosidl_served is None:
+    def _rosidl_entity_lists(self) -> NodeEntityLists:
+        if self._rosidl_all_entities is None:
             entities = (
                 self._rosidl_timers,
                 self._rosidl_subscriptions,
@@ -102,8 +102,8 @@ class NodeEntities:
                 self._rosidl_clients,
                 self._rosidl_services,
             )
-            self._rosidl_served = ServedEntity(self.handle, *entities, self._rosidl_waitables)
-        return self._rosidl_served
+            self._rosidl_all_entities = NodeEntityLists(self.handle, *entities, self._rosidl_waitables)
+        return self._rosidl_all_entities
 
     @property
     def default_callback_group(self) -> CallbackGroup:
@@ -125,7 +125,7 @@ class NodeEntities:
     def _rosidl_require_ok(self) -> tuple[ContextHandle, runtime.Node]:
         handle = self.handle
         if not handle.context.ok():
-            raise RCLError("failed to create: the node's context is shut down")
+            raise RCLError("failed to create an entity: the node's context is shut down")
         return handle.context, handle.entity
 
     def _rosidl_register(self, entity: _E, group: CallbackGroup | None, kind: str) -> _E:

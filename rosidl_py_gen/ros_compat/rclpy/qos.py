@@ -252,7 +252,7 @@ _DEFAULTS: dict[str, Any] = {
 """Field of a profile -> default of rmw."""
 
 DeadlineBestAvailable = Duration(nanoseconds=RMW_QOS_DEADLINE_BEST_AVAILABLE)
-LivelinessLeaseDurationeBestAvailable = Duration(nanoseconds=RMW_QOS_DEADLINE_BEST_AVAILABLE)
+LivelinessLeaseDurationeBestAvailable = Duration(nanoseconds=RMW_QOS_DEADLINE_BEST_AVAILABLE)  # spelled as in rclpy
 
 qos_profile_unknown = QoSProfile(
     history=HistoryPolicy.UNKNOWN,

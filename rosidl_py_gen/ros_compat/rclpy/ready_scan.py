@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from rclpy.timer import Timer
     from rclpy.waitable import Waitable
 
-    ReadyCallback = list[tuple[Any, Node]]
+    ReadyEntities = list[tuple[Any, Node]]
 
 SUBSCRIPTIONS, GUARDS, CLIENTS, SERVICES = 2, 3, 4, 5
-"""Indices in `ServedEntity`."""
+"""Indices in `NodeEntityLists`."""
 
 
-class ServedEntity(NamedTuple):
+class NodeEntityLists(NamedTuple):
     """Entities of a node in rclpy's order; the lists are the node's own."""
 
     handle: Handle[Any]
@@ -42,19 +42,19 @@ class ServedEntity(NamedTuple):
 
 def ready_entities(
     nodes: Iterable[Node], can_execute: Callable[[Any], bool]
-) -> tuple[ReadyCallback, float | None, bool]:
+) -> tuple[ReadyEntities, float | None, bool]:
     """Return the ready entities that may run, except waitables, node by node in rclpy's order.
 
     Returns:
         The entities; the seconds until the next timer, None if no timer will be due without another event; and True if
             there are waitables.
     """
-    ready: ReadyCallback = []
+    ready: ReadyEntities = []
     shortest_s: float | None = None
     has_waitables = False
     for node in nodes:
-        served = node._rosidl_served_entities()
-        handle, timers, _, guards, _, _, waitables = served
+        entity_lists = node._rosidl_entity_lists()
+        handle, timers, _, guards, _, _, waitables = entity_lists
         if timers:
             for timer in tuple(timers):
                 if timer._rosidl_is_ready():
@@ -64,13 +64,14 @@ def ready_entities(
                 left_s = timer.handle.seconds_left()
                 if left_s is not None and (shortest_s is None or left_s < shortest_s) and can_execute(timer):
                     shortest_s = left_s
-        if handle.marked:
+        if handle.marked_kinds:
             kinds = set()
-            while handle.marked:  # one at a time, because other threads add to it; still ready entities mark again
-                kinds.add(handle.marked.pop())
+            # Popped one at a time, because other threads add kinds; entities that stay ready add theirs again.
+            while handle.marked_kinds:
+                kinds.add(handle.marked_kinds.pop())
             for kind in (SUBSCRIPTIONS, GUARDS, CLIENTS, SERVICES) if guards or len(kinds) > 1 else kinds:
                 if kind in kinds or kind == GUARDS:
-                    entities: list[Any] = served[kind]  # type: ignore[assignment]
+                    entities: list[Any] = entity_lists[kind]  # type: ignore[assignment]
                     for entity in tuple(entities):
                         if entity._rosidl_is_ready() and can_execute(entity):
                             ready.append((entity, node))
@@ -81,12 +82,12 @@ def ready_entities(
     return ready, shortest_s, has_waitables
 
 
-def ready_waitables(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) -> ReadyCallback:
+def ready_waitables(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) -> ReadyEntities:
     """Return the ready waitables; called once for each scan, because the check may change them."""
-    ready: ReadyCallback = []
+    ready: ReadyEntities = []
     wait_set: WaitSet | None = None
     for node in nodes:
-        for waitable in tuple(node._rosidl_served_entities().waitables):
+        for waitable in tuple(node._rosidl_entity_lists().waitables):
             queue = waitable._rosidl_queue
             if (queue is not None and not queue) or not can_execute(waitable):
                 continue

@@ -1,4 +1,4 @@
-"""Validation of fully qualified names."""
+"""Validation of fully qualified topic and service names."""
 
 from typing import Literal
 

@@ -1,4 +1,4 @@
-"""Validation of relative names."""
+"""Validation of topic and service names before expansion (relative, absolute, ``~``, ``{…}``)."""
 
 from typing import Literal
 
@@ -9,7 +9,7 @@ TOPIC_SEPARATOR_STRING = "/"
 
 
 def validate_topic_name(name: str, *, is_service: bool = False) -> Literal[True]:
-    """Return True for a valid name, which may have ``~`` and substitutions.
+    """Return True for a valid name before expansion, which may have ``~`` and substitutions.
 
     Raises:
         InvalidTopicNameException, InvalidServiceNameException: the name is invalid.

@@ -1,4 +1,4 @@
-"""Endpoints of an action client or server: three services and two topics."""
+"""Endpoints of an action client or server (three services and two topics), and the base class of both."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ Fault = tuple[str, int]
 
 
 def topic_name_error(name: str) -> Fault | None:
-    """Return the error of a relative name with ``~`` and substitutions, None if it is valid."""
+    """Return the error of a topic or service name before expansion, None if it is valid."""
     fault = find_name_fault(_text(name))
     if fault is None:
         return None
@@ -67,7 +67,7 @@ def topic_name_error(name: str) -> Fault | None:
 
 
 def full_topic_name_error(name: str) -> Fault | None:
-    """Return the error of a fully qualified name, None if it is valid."""
+    """Return the error of a fully qualified topic or service name, None if it is valid."""
     return ("topic name must not be empty", 0) if name == "" else _fault(find_full_name_fault(_text(name)), _FULL)
 
 

@@ -97,7 +97,7 @@ class LifecycleNodeMixin(ManagedEntity):
         """Change from unconfigured, inactive or active to finalized."""
         name = f"TRANSITION_{self._rosidl_machine.current_state[1].upper()}_SHUTDOWN"
         if not hasattr(_ids, name):
-            raise RCLError("Shutdown transtion not possible")
+            raise RCLError("Shutdown transtion not possible")  # spelled as in rclpy
         return self._rosidl_change_state(getattr(_ids, name))
 
     def trigger_activate(self) -> TransitionCallbackReturn:

@@ -1,4 +1,4 @@
-"""Default handling of incompatible peers: events for endpoints without callbacks of the program."""
+"""Incompatible peers by QoS or type: events for endpoints without callbacks of the program."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def with_policy_of_c(status: Any) -> Any:
     return replace(status, last_policy_kind=policy)
 
 
-class Mismatches:
+class IncompatiblePeerWatcher:
     """Watched endpoints of a context, which are polled when the runtime finds an incompatible peer."""
 
     def __init__(self, context: runtime.Context, loop_runner: runtime.LoopRunner, notify: Callable[[], None]) -> None:
