@@ -1,4 +1,4 @@
-"""Topics, messages, errors and warnings that readers and writers of bags share."""
+"""Topics, messages, errors and warnings of bags; checks of names and times; crash-safe renaming of files."""
 
 from __future__ import annotations
 

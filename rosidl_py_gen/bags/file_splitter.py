@@ -13,7 +13,7 @@ from zstandard import ZstdCompressor
 
 from rosidl_py_gen.bags.common import BagError, replace_durably
 from rosidl_py_gen.bags.metadata import FileStatistics, metadata_text, write_metadata
-from rosidl_py_gen.bags.storage.file_compression import SUFFIX
+from rosidl_py_gen.bags.storage.bag_files import SUFFIX
 from rosidl_py_gen.base.stamps import NS_PER_S
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""Messages as a numpy table: columns for paths of fields, and rows.
+"""Messages as a numpy structured array or pandas DataFrame: a column for each path of fields.
 
 Paths are ``pose.position.x``, ``position[1]``, a slice ``ranges[0:10]``, all ``ranges[:]``, and the same for lists of
 messages: ``transforms[0].transform.translation.x``.
@@ -360,7 +360,7 @@ def frame(array: np.ndarray[Any, np.dtype[np.void]]) -> Any:
     for name in (array.dtype.names or ())[1:]:
         column = array[name]
         if column.ndim == 1:
-            columns[name] = column.copy()  # in one piece
+            columns[name] = column.copy()  # contiguous copy
         else:
             for number, element in enumerate(_element_names(name, column.shape[1])):
                 columns[element] = column[:, number].copy()

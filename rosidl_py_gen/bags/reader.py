@@ -25,8 +25,8 @@ from rosidl_py_gen.bags.definition_lookup import (
 )
 from rosidl_py_gen.bags.numpy_table import frame, table
 from rosidl_py_gen.bags.remote import bag_path
+from rosidl_py_gen.bags.storage.bag_files import open_files
 from rosidl_py_gen.bags.storage.damage import Skipped
-from rosidl_py_gen.bags.storage.file_compression import open_files
 from rosidl_py_gen.bags.storage.storage_api import (
     MAX_UNPACKED_BYTES,
     BagChannel,

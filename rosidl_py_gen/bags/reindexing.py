@@ -15,7 +15,7 @@ from rosidl_py_gen.bags.definition_lookup import has_definition
 from rosidl_py_gen.bags.file_splitter import compress_file
 from rosidl_py_gen.bags.metadata import FILE, FileStatistics, metadata_text, write_metadata
 from rosidl_py_gen.bags.reader import BagReader
-from rosidl_py_gen.bags.storage.file_compression import SUFFIX, bag_files, compression_of
+from rosidl_py_gen.bags.storage.bag_files import SUFFIX, bag_files, compression_of
 from rosidl_py_gen.bags.storage.storage_api import topics_by_name
 from rosidl_py_gen.bags.writer import BagWriter
 from rosidl_py_gen.errors import RosidlError
@@ -140,5 +140,5 @@ def _single_kind(folder: Path, kinds: set[str]) -> str:
 
 def _file_number(file: Path) -> tuple[int, str]:
     """Sort key of a file: rosbag2 numbers files without leading zeros."""
-    numbers = _NUMBER.findall(file.name.removesuffix(SUFFIX))  # without the 3 of .db3
+    numbers = _NUMBER.findall(file.name.removesuffix(SUFFIX))  # so that the 3 in .db3 is not matched
     return (int(numbers[-1][:18]) if numbers else -1), file.name

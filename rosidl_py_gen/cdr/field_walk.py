@@ -1,8 +1,8 @@
 """Slow paths of generated code, and the decoder of wide messages: field by field, by the field table.
 
 Generated code is flat and does not know at which field it failed. Only after a failure these functions run: `validate`
-names the wrong value, `decode_slow` names the wrong byte and also reads big-endian data, which no tier-1 platform of
-ROS 2 writes. The layout rules are those of `layout`.
+names the wrong value, `decode_slow` names the wrong byte and also reads big-endian data, which no officially
+supported platform of ROS 2 writes. The layout rules are those of `layout`.
 """
 
 from __future__ import annotations

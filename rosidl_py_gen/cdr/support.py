@@ -304,5 +304,5 @@ def check_max_lengths(values: Any, maximum: int) -> None:
             raise FieldValueError(f"expected at most {maximum} characters, found {len(value)}")
 
 
-if sys.byteorder != "little":  # pragma: no cover - ROS 2 has no tier-1 platform of this kind
+if sys.byteorder != "little":  # pragma: no cover - ROS 2 officially supports no platform of this kind
     raise ImportError("rosidl_py_gen needs a little-endian host")

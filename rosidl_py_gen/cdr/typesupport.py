@@ -1,4 +1,4 @@
-"""Name, hash, description and constants of generated classes, and of their instances."""
+"""Functions that return name, hash, description and constants of a generated class or instance."""
 
 from __future__ import annotations
 

@@ -150,7 +150,7 @@ def array_to_pointcloud(
         record = np.dtype([(name, numbers.dtype) for name in names])
         points = np.ascontiguousarray(numbers).view(record)[..., 0]
     elif dtype is not None:
-        raise ConversionError(f"dtype: the array has fields with types of their own, {points.dtype}")
+        raise ConversionError(f"dtype= cannot be passed for a structured array; this one has {points.dtype}")
     if points.ndim not in (1, 2):
         raise ConversionError(f"array: expected one or two axes of points, got shape {points.shape}")
     points, is_big = _writable(points)

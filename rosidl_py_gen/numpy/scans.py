@@ -21,8 +21,7 @@ def laserscan_to_points(scan: Any, *, skip_invalid: bool = True) -> np.ndarray[A
 
     Returns:
         Structured array, as of `pointcloud_to_array` and for `array_to_pointcloud`: x, y and z of float32, and
-            intensity,
-        if the scan has intensities. `points_to_xyz` returns its plain columns.
+        intensity if the scan has intensities. `points_to_xyz` returns its plain columns.
 
     Raises:
         ConversionError: a field is not a number, or the numbers of intensities and ranges differ.

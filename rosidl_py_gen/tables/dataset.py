@@ -1,8 +1,9 @@
-"""Bags as Parquet datasets, which pandas, polars, DuckDB and Spark read as one: ``topic=%2Fimu/bag=drive/….parquet``.
+"""Writer of bags as a Parquet dataset, which pandas, polars, DuckDB and Spark read as one table.
 
-A file contains the messages of one topic of one bag with one definition, in row groups by time. A bag is read once for
-all topics. The data that waits for its row group is bounded: when it exceeds the limit, the largest part is written.
-Images and clouds are skipped by default, as no query evaluates their bytes.
+A file, ``topic=%2Fimu/bag=drive/….parquet`` for example, contains the messages of one topic of one bag with one
+definition, in row groups by time. A bag is read once for all topics. The data that waits for its row group is bounded:
+when it exceeds the limit, the largest part is written. Images and clouds are skipped by default, as no query evaluates
+their bytes.
 """
 
 from __future__ import annotations
@@ -43,7 +44,6 @@ _MAX_FILE_NAME = 255
 _BATCH_BYTES = 1 << 20
 _MAX_WAITING_BYTES = 1 << 25
 """Limit of the data of all topics that waits for row groups."""
-"""Bytes of all topics that wait for their row groups."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,6 @@
-"""Encoded messages of one batch, one by one or in the blocks of a chunk without an object for each.
+"""MessageList and MessageBlocks: two forms of a batch of encoded messages.
 
+A list has an object for each message; blocks are arrays of the messages of a chunk, without objects.
 Messages that wait for a full batch are copied if they are a small part of their chunk, which they would keep in memory.
 """
 

@@ -79,7 +79,7 @@ def _view_lists(column: Any, path: str) -> tuple[NDArray[np.int64], Any]:
     offsets = column.offsets.to_numpy(zero_copy_only=False).astype(np.int64)
     inside = plain(column.values)
     if len(sizes) and (min(offsets.min(), sizes.min()) < 0 or (offsets + sizes).max() > len(inside)):
-        raise BagError(f"{path}: lists exceed their {len(inside)} elements")
+        raise BagError(f"{path}: a list refers to elements beyond the {len(inside)} stored")
     total = int(sizes.sum())
     indices = np.repeat(offsets - (sizes.cumsum() - sizes), sizes) + np.arange(total)
     return sizes, _require_count(_take(inside, pa.array(indices)), total, path)

@@ -127,7 +127,7 @@ class TransformFilter(MessageFilter):
         reason = self._missing_transform(one) or TransformError("it has just become transformable")
         if self._on_drop is not None:
             self._on_drop(one.message, reason)
-        elif self._nodes and not self.dropped & (self.dropped - 1):  # 1, 2, 4, 8, …
+        elif self._nodes and not self.dropped & (self.dropped - 1):  # log drops 1, 2, 4, 8, …
             message = f'a message of frame "{printable(one.frame, 100)}" at {one.stamp / NS_PER_S:.9f}'
             text = f"dropped {message} that waited for its transform ({self.dropped} so far): {reason}"
             self._nodes[0].logger.warning(text)

@@ -110,26 +110,26 @@ def count_of(path: Path) -> int:
         (
             "drop table messages; create view messages as with recursive n(i) as "
             "(select 1 union all select i + 1 from n limit 9) select i id, 1 topic_id, i timestamp, x'00' data from n;",
-            "messages is not a stored table",
+            "messages is a view or virtual table",
         ),
         (
             "drop table Topics; create view Topics as "
             "select 1 id, '/s' name, 'std_msgs/msg/Bool' type, 'cdr' serialization_format;",
-            "topics is not a stored table",
+            "topics is a view or virtual table",
         ),
         (
             "drop table messages; create table messages(id integer primary key, topic_id integer, timestamp integer, "
             "data blob generated always as (zeroblob(1000)));",
-            "messages has columns that are not stored",
+            "messages has generated columns",
         ),
         (
             "drop table topics; create table topics(id integer primary key, name text, type text as ('a'), "
             "serialization_format text);",
-            "topics has columns that are not stored",
+            "topics has generated columns",
         ),
         (
             "drop table messages; create virtual table messages using fts5(id, topic_id, timestamp, data);",
-            "messages is not a stored table",
+            "messages is a view or virtual table",
         ),
     ],
     ids=["view of messages", "view of topics", "column of data", "column of topics", "virtual table"],

@@ -164,15 +164,15 @@ def test_everything_that_cannot_be_carried_over_is_told_before_anything_is_writt
 
 VALUES = [
     ("int64 a", "int8 a", {"a": 200}, "a"),
-    ("int64 a", "float64 a", {"a": 2**53 + 1}, "a: 9007199254740993 is no floating point number"),
+    ("int64 a", "float64 a", {"a": 2**53 + 1}, "a: 9007199254740993 cannot be represented exactly as a float"),
     ("float64 a", "float32 a", {"a": 1e300}, "a"),
     ("string a", "string<=2 a", {"a": "abc"}, "a"),
     ("int8[] a", "int8[2] a", {"a": [1]}, "a"),
     ("int8[] a", "int8[<=2] a", {"a": [1, 2, 3]}, "a"),
     ("int64[] a", "uint8[] a", {"a": [1, -1]}, "a: expected 0 to 255, found -1 to 1"),
-    ("int64[] a", "float32[] a", {"a": [2**62 + 1]}, "a: has values that are no float32 numbers"),
-    ("uint64[] a", "float64[] a", {"a": [2**64 - 1]}, "a: has values that are no float64 numbers"),
-    ("float64[] a", "float32[] a", {"a": [1e300]}, "a: has values that are no float32 numbers"),
+    ("int64[] a", "float32[] a", {"a": [2**62 + 1]}, "a: has values that float32 cannot represent"),
+    ("uint64[] a", "float64[] a", {"a": [2**64 - 1]}, "a: has values that float64 cannot represent"),
+    ("float64[] a", "float32[] a", {"a": [1e300]}, "a: has values that float32 cannot represent"),
 ]  # fmt: skip
 
 

@@ -262,7 +262,7 @@ def test_numbers_and_times_fit_exactly_or_are_errors(tmp_path: Path) -> None:
         ),
         ("log_time.x", array([1]), "two columns log_time|another one that contains it"),
         ("inner", view([1], [5], array([1]), pa.int32()), "inner: expected a struct"),
-        ("list", view([3], [0], array([1]), pa.int32()), "list: lists exceed their 1 elements"),
+        ("list", view([3], [0], array([1]), pa.int32()), "list: a list refers to elements beyond the 1 stored"),
     ]
     text, day = array(["1"]), array([1], pa.int32()).cast(pa.date32())
     others = [text, text.cast(pa.large_string()), text.cast(pa.string_view()), text.cast(pa.binary()), day]

@@ -1,1 +1,1 @@
-"""Readers of the files of a bag: MCAP and SQLite."""
+"""Readers of the files of a bag: MCAP and SQLite. `bag_files.open_files` opens them."""

@@ -3,8 +3,7 @@
 A reader either raises at the first damaged part, or skips it and reports its topics and times. Chunks have checksums,
 so the search looks only for chunks. A candidate must be consistent: the lengths of its record and of its content agree.
 A chunk within an MCAP file that is the content of a message is not a candidate: its records lead to the end of that
-    file,
-which is before the end of this one.
+file, which is before the end of this one.
 """
 
 from __future__ import annotations

@@ -120,7 +120,8 @@ class ChunkDecompressor:
             # One byte more than the limit, as 0 would mean no limit.
             data: bytes = lz4.frame.LZ4FrameDecompressor().decompress(stored, max_length=size + 1)
             if len(data) != size:
-                raise BagError(f"{self.where}: damaged: a chunk states {size} bytes, and contains others")
+                length = f"{len(data)}" if len(data) < size else "more"
+                raise BagError(f"{self.where}: damaged: a chunk states {size} bytes, but decompresses to {length}")
             return data
         raise BagError(f'{self.where}: a chunk is compressed with "{head.compression[:50]}"; expected zstd or lz4')
 
@@ -128,7 +129,9 @@ class ChunkDecompressor:
         if compression == "lz4" and size > _MAX_LZ4 * stored_size:
             raise BagError(f"{self.where}: damaged: a chunk of {stored_size} bytes states {size} bytes")
         if compression == "zstd" and (stated := frame_content_size(start)) not in (-1, size):
-            raise BagError(f"{self.where}: damaged: a chunk states {size} bytes, and its compression {stated}")
+            raise BagError(
+                f"{self.where}: damaged: a chunk states {size} bytes, but its compressed data states {stated}"
+            )
         if size > self._max_bytes:
             raise TooLargeError(
                 f"{self.where}: a chunk of {stored_size} bytes states {size} bytes; expected at most "

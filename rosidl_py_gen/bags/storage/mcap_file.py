@@ -79,7 +79,7 @@ class McapFile:
         self._chunks = ChunkDecompressor(path, max_decompressed_bytes, validate_crcs)
         self._lock = Lock()  # of `_stream`, which several iterations may read from
         self._stream = opened(path)
-        self._is_ordered: dict[int, bool] = {}  # of large chunks, by where they are
+        self._is_ordered: dict[int, bool] = {}  # offset of a large chunk -> its messages are in order
         try:
             with library_errors_as_bag_error(path):
                 self._size = self._stream.seek(0, SEEK_END)
@@ -144,10 +144,10 @@ class McapFile:
             names = tuple(sorted({index.channels[one].topic for one in damage.channels if one in index.channels}))
         reason = str(damage.error).removeprefix(f"{self._path}: ").removeprefix("damaged: ")
         size = damage.end - damage.offset
-        segment = DamagedPart(self._path, damage.offset, size, reason, names, damage.first, damage.last)
+        part = DamagedPart(self._path, damage.offset, size, reason, names, damage.first, damage.last)
         if self._on_skipped is None:
-            raise BagError(f"{self._path}: damaged: {reason} ({segment.place})") from None
-        self._on_skipped(segment)
+            raise BagError(f"{self._path}: damaged: {reason} ({part.place})") from None
+        self._on_skipped(part)
 
     def _reporting_damage(self, segment: MessageSegment, contents: Iterator[T]) -> Iterator[T]:
         try:

@@ -76,10 +76,10 @@ class SqliteFile:
         """Raise `BagError` for computed tables: a few bytes can define rows without end."""
         for name, type_name, text in self._database.execute("select lower(name), type, lower(sql) from sqlite_master"):
             if name in _TABLES and (type_name != "table" or "virtual" in str(text)):
-                raise BagError(f"{self._path}: {name} is not a stored table")
+                raise BagError(f"{self._path}: {name} is a view or virtual table; expected a plain table")
         for name in _TABLES:
             if any(row[6] for row in self._database.execute(f"pragma table_xinfo({name})")):
-                raise BagError(f"{self._path}: {name} has columns that are not stored")
+                raise BagError(f"{self._path}: {name} has generated columns; expected a plain table")
 
     def channels(self) -> list[BagTopic]:
         with library_errors_as_bag_error(self._path):

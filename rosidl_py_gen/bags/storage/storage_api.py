@@ -1,4 +1,4 @@
-"""Interface of the readers of a bag's files, and merging of several files by log time.
+"""Interface of the readers of a bag's files; messages, channels and split times of several files.
 
 Every message refers to the channel it was written to, because a topic may have been recorded with several definitions.
 All exceptions of libraries over damaged files become a `BagError` that names the file.

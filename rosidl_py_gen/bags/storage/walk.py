@@ -78,11 +78,7 @@ class Walk:
             if after > self._size or not is_known(opcode):
                 if self._breaks_off(opcode, at):
                     break
-                at = self._skip(
-                    at,
-                    self._next_chunk(at),
-                    BagError(f"no record at byte {at}, although the file is complete or continues"),
-                )
+                at = self._skip(at, self._next_chunk(at), BagError(f"no valid record at byte {at}"))
                 continue
             if opcode == Opcode.DATA_END:
                 at = self._check_data_end(at, length, after)
@@ -152,7 +148,7 @@ class Walk:
 
     def _check_data_end(self, at: int, length: int, after: int) -> int:
         """Check the end of the data; return where the walk continues."""
-        is_all = self._end == self._size or not self._index.segments  # else only the stretches between chunks were read
+        is_all = self._end == self._size or not self._index.segments  # else only ranges between chunks were read
         try:
             _check_follows_data(self._stream, after, self._end, self._size)
         except BagError as error:

@@ -91,7 +91,7 @@ def _scalar(kind: str, path: str) -> Converter:
     def real(value: Any) -> float:
         array = float(value)
         if isinstance(value, int) and array != value:
-            raise EncodeError(path, f"{value} is no floating point number")
+            raise EncodeError(path, f"{value} cannot be represented exactly as a float")
         return array
 
     return real
@@ -115,7 +115,7 @@ def _array(dtype: np.dtype[Any], code: str, path: str) -> Converter:
                 # As Python's numbers where they are large: numpy would compare both as floating point.
                 is_right = converted.astype(object) == array.astype(object) if array.dtype.itemsize > 2 else True
         if not np.all(is_right):
-            raise EncodeError(path, f"has values that are no {dtype} numbers")
+            raise EncodeError(path, f"has values that {dtype} cannot represent")
         return converted
 
     return convert

@@ -148,8 +148,10 @@ class ClientPublishing:
         if key not in self._compiled:
             count, size = len(self._compiled) + 1, self._compiled_bytes + len(schema)
             if count > limits.MAX_SCHEMAS or size > limits.MAX_SCHEMAS_BYTES:
-                most = f"at most {limits.MAX_SCHEMAS} types of {limits.MAX_SCHEMAS_BYTES} bytes are read from viewers"
-                raise ToolError(f"with its definition there would be {count} types of {size} bytes; {most}")
+                raise ToolError(
+                    f"viewers have sent too many definitions: {count} ({size} bytes); "
+                    f"expected at most {limits.MAX_SCHEMAS} ({limits.MAX_SCHEMAS_BYTES} bytes)"
+                )
             self._compiled[key] = compile_definition(name, schema.decode(errors="replace"))
             self._compiled_bytes = size
         return self._compiled[key]

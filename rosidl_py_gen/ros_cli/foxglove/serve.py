@@ -47,8 +47,8 @@ class _View:
         self._node = session.node
         self._clock = ViewerClock()
         self._server = server = Server(Access(options.origins, options.token))
-        self._parameters_changed, self._viewers_changed = asyncio.Event(), asyncio.Event()
-        # Set after changes of parameters, and of subscriptions of viewers.
+        self._parameters_changed = asyncio.Event()
+        self._viewers_changed = asyncio.Event()  # or their subscriptions
         self._has_clock = self._has_noted_clock = False
         settings: dict[str, Any] = {"paths": options.paths, "hidden": options.hidden}
         self._topics = TopicBridge(session, server, self._clock, **settings)

@@ -1,4 +1,4 @@
-"""Nodes and edges of a graph, before it is drawn."""
+"""Edge and Picture: contents of a drawn graph."""
 
 from __future__ import annotations
 

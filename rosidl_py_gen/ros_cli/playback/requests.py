@@ -96,7 +96,9 @@ class Requests:
 
     def _send(self, client: Client[Any, Any], channel: BagTopic, requests: Sequence[Any]) -> bool:
         if not requests:
-            self._note(f"{channel.name}: its {self._source} has no contents, so that no request is sent")
+            self._note(
+                f"{channel.name}: {self._source} events were recorded without request contents; no request is sent"
+            )
         elif not client.service_is_available():
             self._note(f"{client.name}: no server exists; requests are skipped")
         elif len(self._pending) >= _MAX_PENDING:

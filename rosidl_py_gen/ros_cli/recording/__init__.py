@@ -1,1 +1,4 @@
-"""``bag record``: `record` runs it, `selection` chooses topics, `recorder` receives, `writer` writes."""
+"""``rosidl-py bag record``.
+
+`record` runs it, `selection` chooses topics, `recorder` receives their messages, and `writer` writes them.
+"""

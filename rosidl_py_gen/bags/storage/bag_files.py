@@ -1,6 +1,7 @@
-"""Files of a bag, and rosbag2's compression of them with zstd: of whole files, or of each message.
+"""Opening the files of a bag: finds them, decompresses them, and selects the reader.
 
-A compressed file is decompressed into a temporary folder, block by block, and never more than fits there.
+rosbag2 compresses whole files or single messages, with zstd. A compressed file is decompressed into a temporary folder,
+block by block, and never more than fits there.
 """
 
 from __future__ import annotations
