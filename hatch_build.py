@@ -27,7 +27,7 @@ class MadeForWheels(BuildHookInterface):
         self._folder = TemporaryDirectory()
         top = Path(self._folder.name)
         environment_of_texts().compile_templates(top / "compiled_templates", zip=None, ignore_errors=False)
-        generate_pregenerated(top / "ready_made")
+        generate_pregenerated(top / "pregenerated")
         for path in top.rglob("*.py"):
             build_data["force_include"][str(path)] = f"rosidl_py_gen/{path.relative_to(top).as_posix()}"
 

@@ -70,18 +70,18 @@ def found(package: Path, program: str, **environment: str) -> list[str]:
 
 
 POSE = "geometry_msgs/msg/PoseStamped"
-READY = "rosidl_py_gen.ready_made"
+READY = "rosidl_py_gen.pregenerated"
 
 
-def test_a_wheel_holds_all_bundled_interfaces_ready_made_and_a_checkout_none(package: Path, tmp_path: Path) -> None:
+def test_a_wheel_holds_all_bundled_interfaces_pregenerated_and_a_checkout_none(package: Path, tmp_path: Path) -> None:
     run(TOP, "rosidl_py_gen.generator_cli", "--out", str(tmp_path))
     printed = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.py")}
-    ready = {path.relative_to(package / "ready_made").as_posix() for path in (package / "ready_made").rglob("*.py")}
+    ready = {path.relative_to(package / "pregenerated").as_posix() for path in (package / "pregenerated").rglob("*.py")}
     assert ready == {*printed, "__init__.py"}
-    assert not (TOP / "rosidl_py_gen" / "ready_made").exists()
+    assert not (TOP / "rosidl_py_gen" / "pregenerated").exists()
 
 
-def test_every_bundled_definition_gives_the_ready_made_class_and_no_compiler_is_loaded(package: Path) -> None:
+def test_every_bundled_definition_gives_the_pregenerated_class_and_no_compiler_is_loaded(package: Path) -> None:
     program = """
 import sys
 from rosidl_py_gen import get_action, get_message, get_service
@@ -101,7 +101,7 @@ assert "jinja2" not in sys.modules and "rosidl_py_gen.compiler.frontend" not in 
     assert all(name.startswith((READY, "rosidl_py_gen.msgs.")) for name in modules)
 
 
-def test_ready_made_classes_describe_themselves_as_compiled_ones_do(package: Path) -> None:
+def test_pregenerated_classes_describe_themselves_as_compiled_ones_do(package: Path) -> None:
     program = f"""
 from rosidl_py_gen import get_message, type_description, type_hash
 cls = get_message("{POSE}")

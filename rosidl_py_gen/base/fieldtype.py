@@ -102,7 +102,7 @@ class FieldType:
     def description(self) -> dict[str, int | str]:
         """Return the `type` of a field in a type description (docs/internals/protocol.md 3.2).
 
-        The description of one type by the reference is wrong and must be matched (1.7).
+        The description of one type by rosidl is wrong and must be matched (1.7).
         """
         arity, capacity = self.arity, self.capacity
         if self.base == "wstring" and self.string_bound and arity is Arity.UNBOUNDED:

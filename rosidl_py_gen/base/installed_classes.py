@@ -1,6 +1,4 @@
-"""Generated classes that can be imported: of the user's packages, of `msgs`, and of the pregenerated package of a
-wheel.
-"""
+"""Generated classes that can be imported: those of the user's packages, of `msgs`, and of a wheel's `pregenerated`."""
 
 from __future__ import annotations
 
@@ -18,7 +16,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.base.names import RosName
 
-PREGENERATED_PACKAGE = "rosidl_py_gen.ready_made."
+PREGENERATED_PACKAGE = "rosidl_py_gen.pregenerated."
 """Import prefix of the bundled interfaces, which are generated when a wheel is built; a checkout has none."""
 
 

@@ -1,4 +1,6 @@
-"""Names of ROS interfaces: valid names (docs/internals/protocol.md 1.2), and their spelling in Python."""
+"""Names of ROS interfaces: valid names (docs/internals/protocol.md 1.2), their spelling in Python, and suggestions for
+misspelled names.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,7 @@ CONSTANT_RULE = "upper case letters, digits and single underscores, a letter fir
 INTERFACE_RULE = "letters and digits, an upper case letter first"
 
 _LOWER = re.compile(r"(?!.*__)(?!.*_\Z)[a-z][a-z0-9_]*\Z", re.ASCII)
-# Without nested quantifiers: the reference pattern backtracks exponentially on hostile names.
+# Without nested quantifiers: the pattern of rosidl backtracks exponentially on hostile names.
 _CONSTANT = re.compile(r"[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)*\Z", re.ASCII)
 _INTERFACE = re.compile(r"[A-Z][A-Za-z0-9]*\Z", re.ASCII)
 _DERIVED_SUFFIXES = ("_Request", "_Response", "_Goal", "_Result", "_Feedback")

@@ -1,4 +1,6 @@
-"""Settings of a project for the commands: its current folder, and ``[tool.rosidl-py]`` of its pyproject.toml."""
+"""Project of a command: folders from ``[tool.rosidl-py]`` of pyproject.toml, and imports of generated packages in the
+current folder.
+"""
 
 from __future__ import annotations
 

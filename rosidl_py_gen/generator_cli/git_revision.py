@@ -77,7 +77,7 @@ def checked_out(text: str, folder_in_repository: str) -> Iterator[tuple[Path | N
         ["rev-parse", "--verify", "--quiet", f"{revision}^{{commit}}"], top, f'no revision "{revision}" in {top}'
     )
     if not _HASH.match(commit):
-        raise RevisionError(f'"{revision}" is not one revision')
+        raise RevisionError(f'"{revision}" does not name exactly one commit')
     inside = _inside(path, place, top)
     display = f"{revision}:{inside}" if inside else f"{revision}:"
     entries = _entries(commit, inside, top, display)

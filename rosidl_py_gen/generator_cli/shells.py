@@ -1,8 +1,7 @@
 """Completion scripts of bash, zsh and fish for both command lines.
 
 The scripts of click insert values without quotes. Values may be from other nodes or from files, so a shell must not
-expand
-them: they are quoted for bash and zsh, fish quotes them itself. A value that is not printable is not offered.
+expand them: they are quoted for bash and zsh, fish quotes them itself. A value that is not printable is not offered.
 """
 
 from __future__ import annotations

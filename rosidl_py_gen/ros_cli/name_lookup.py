@@ -1,4 +1,6 @@
-"""Names of the ROS graph: hidden ones, nodes that serve a type, actions, and waiting for a name to appear."""
+"""Names of the ROS graph: hidden ones, nodes that serve a type, actions, and waiting for a name to appear; and the
+service or action that a recorded topic belongs to.
+"""
 
 from __future__ import annotations
 

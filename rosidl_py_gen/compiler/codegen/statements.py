@@ -1,4 +1,4 @@
-"""Statements of generated encoders and decoders, as lines of Python.
+"""Python text of the statements in encoders and decoders, and the struct functions they use.
 
 The emitters decide about names, offsets and conditions; the functions of this module only spell statements.
 """

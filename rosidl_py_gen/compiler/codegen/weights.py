@@ -1,4 +1,4 @@
-"""Size of generated code: which messages are emitted inline, which are called, and which have no codec of their own.
+"""Properties of messages that decide how code is generated: inline, by call, or from a table.
 
 Generated code stays in proportion to the definition: its size is that of the leaves, the fields of a message after
 nested messages are flattened.

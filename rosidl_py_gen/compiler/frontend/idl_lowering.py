@@ -200,7 +200,7 @@ def _type(kind: IdlType, scope: _IdlSymbolTable, name: RosName, depth: int) -> F
             if element.arity is not Arity.SCALAR:
                 raise kind.at.problem("sequences of sequences or arrays are not supported")
             if kind.size is None and kind.element.kind == "name" and element.base == "wstring" and element.string_bound:
-                # The type description of the reference is wrong for sequence<wstring<N>>, but not for the typedef
+                # The type description by rosidl is wrong for sequence<wstring<N>>, but not for the typedef
                 # (docs/internals/protocol.md 1.7).
                 raise kind.at.problem(f"expected sequence<wstring<{element.string_bound}>>, found a typedef in it")
             if kind.size is None:
@@ -247,7 +247,7 @@ def _evaluate(expression: IdlExpression, scope: _IdlSymbolTable, depth: int) -> 
             if not found or depth > _MAX_TYPEDEFS:
                 if expression.text in ("true", "false"):
                     return expression.text == "true"
-                if expression.text in ("inf", "nan"):  # as the reference converts these defaults of a .msg
+                if expression.text in ("inf", "nan"):  # as rosidl converts these defaults of a .msg
                     return float(expression.text)
                 raise expression.at.problem(f'unknown constant "{expression.text}"')
             return _evaluate(found[0].value, scope, depth + 1)

@@ -1,7 +1,7 @@
 """Default values and constants: from their text to Python values (docs/internals/protocol.md 1.4).
 
-The reference tool chain converts a string default into IDL text and reads it back, so an escape has the meaning that
-survives both stages. `_through_idl` reproduces the two stages with their quirks, so that the same texts are accepted.
+rosidl converts a string default into IDL text and reads it back, so an escape has the meaning that survives both
+stages. `_through_idl` reproduces the two stages with their quirks, so that the same texts are accepted.
 """
 
 from __future__ import annotations
@@ -125,9 +125,9 @@ def _unquote(text: str) -> str:
 
 
 def _string_elements(kind: FieldType, text: str) -> tuple[str, ...]:
-    # The reference reads each element like a scalar, so it also removes blanks and quotes inside the quotes.
+    # rosidl reads each element like a scalar, so it also removes blanks and quotes inside the quotes.
     values = [_check_bound(kind, _unquote(value.strip())) for value in _split_strings(text)]
-    # The reference passes the Python repr of the whole tuple through the IDL stage; slices take less memory.
+    # rosidl passes the Python repr of the whole tuple through the IDL stage; slices take less memory.
     results: list[str] = []
     for start in range(0, len(values), _MAX_ELEMENTS_AT_ONCE):
         rendered = repr(tuple(values[start : start + _MAX_ELEMENTS_AT_ONCE])).replace("\\", r"\\").replace('"', r"\"")
@@ -163,7 +163,7 @@ def _split_strings(text: str) -> list[str]:
 def _quoted(text: str, start: int) -> tuple[str, int]:
     """Return the quoted value at `start` and the position after it.
 
-    Quirks of the reference: it misses a quote directly after an escaped quote, and from the second escaped quote on
+    Quirks of rosidl: it misses a quote directly after an escaped quote, and from the second escaped quote on
     measures the length from the last one.
     """
     quote = text[start]
@@ -213,7 +213,7 @@ def _quiet_escape(found: re.Match[str]) -> str:
 
 
 def decode_idl_string(text: str, wide: bool = False) -> str:
-    """Return the value of an IDL string literal without its quotes (IDL 4.2 table 7-9, as the reference reads it).
+    """Return the value of an IDL string literal without its quotes (IDL 4.2 table 7-9, as rosidl reads it).
 
     Raises:
         LiteralProblem: an escape is not complete.

@@ -1,6 +1,6 @@
 """Parser of a .msg section: from its lines to a message (docs/internals/protocol.md 1.3).
 
-Quirks of the reference are intended: a `#` starts a comment even inside quotes, a `=` anywhere after the type makes the
+Quirks of rosidl are intended: a `#` starts a comment even inside quotes, a `=` anywhere after the type makes the
 line a constant, blanks before an element are an error.
 """
 

@@ -223,7 +223,7 @@ def _type(where: str, description: Description) -> FieldType:
             raise _problem(where, str(error)[:400]) from None
     arity = Arity(number // 48 * 48)
     if number == _WSTRINGS and capacity == bound:
-        # The description of wstring<=N[] by the reference (docs/internals/protocol.md 1.7).
+        # The description of wstring<=N[] by rosidl (docs/internals/protocol.md 1.7).
         arity, capacity = Arity.UNBOUNDED, 0
     kind = FieldType(base or nested, arity, capacity, bound)
     is_right = (capacity > 0) is (arity in (Arity.ARRAY, Arity.BOUNDED)) and (bound > 0) is (number % 48 in _BOUNDED)

@@ -15,7 +15,7 @@ from rosidl_py_gen.ros_cli import AsyncCommand, ToolError, options, terminal_out
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.command_node import CommandNode
-    from rosidl_py_gen.ros_cli.log.lines import LogPrinter
+    from rosidl_py_gen.ros_cli.log.log_printer import LogPrinter
     from rosidl_py_gen.runtime import AdaptiveSubscription, QoSProfile
 
 _TOPIC = "/rosout"
@@ -67,7 +67,7 @@ def log(
     rosidl-py log --level warn --node '/camera*'
     rosidl-py log --bag drive.mcap --text 'lost|late'
     """
-    from rosidl_py_gen.ros_cli.log.lines import LogPrinter
+    from rosidl_py_gen.ros_cli.log.log_printer import LogPrinter
 
     if bag is not None and only_new:
         raise click.UsageError("--new has no meaning for a recording; use either --bag or --new")

@@ -14,7 +14,7 @@ from types import CodeType, ModuleType, TracebackType
 from typing import Any
 
 from rosidl_py_gen.ros_cli import ToolError, report
-from rosidl_py_gen.ros_cli.program_runner.traceback_filter import filter_traceback, refused_arguments
+from rosidl_py_gen.ros_cli.program_runner.error_display import filter_traceback, refused_arguments
 
 _PACKAGE_DIR = str(Path(__file__).parents[1])
 

@@ -1,4 +1,4 @@
-"""Exceptions that end a program, as they are printed.
+"""Errors that end a program: shortened tracebacks, hints for missing message packages, refused ROS arguments.
 
 For Ctrl-C the frames below a call of rclpy are hidden. For a missing module that is a message package, a hint is added.
 Other exceptions are printed in full, so that errors of this package are visible.
