@@ -110,8 +110,8 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, Any, None]:
     errors = item.stash.get(_ERRORS, None)
     if errors is not None:
         for context in item.stash.get(_CONTEXTS, []):
-            unserved = (context._core.unserved(scope) for scope in context._core.scopes)
-            errors.found += [error for error in unserved if error is not None]
+            never_ran = (context._core.take_never_ran_error(scope) for scope in context._core.scopes)
+            errors.found += [error for error in never_ran if error is not None]
     unexpected = [] if errors is None else errors._unexpected(is_over=outcome.excinfo is None)
     if unexpected and outcome.excinfo is None:
         outcome.force_exception(_combined(unexpected))
@@ -229,7 +229,7 @@ def ros_node(request: pytest.FixtureRequest, ros_domain: MemoryTransport) -> Ite
         def make(name: str, namespace: str = "", args: tuple[str, ...] = ()) -> Node:
             context = stack.enter_context(Context(0, transport=ros_domain, args=["test", *args]))
             contexts.append(context)
-            context._core.loop_binding.on_start(attach_all)
+            context._core.loop_binding.on_bind(attach_all)
             return stack.enter_context(Node(name, namespace, context=context))
 
         yield make

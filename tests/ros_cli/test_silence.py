@@ -51,7 +51,7 @@ async def test_info_shows_what_does_not_fit_together(dds: World, tool: Any) -> N
         tool("topic", "info", "-v", "/changed"), tool("topic", "info", "/changed", "--json")
     )
     said = (
-        "no messages from /alice to /bob: they have silent_msgs/msg/Changed by different definitions, "
+        "no messages from /alice to /bob: their definitions of silent_msgs/msg/Changed differ: "
         f"{type_hash(old)} and {type_hash(new)}"
     )
     assert f"warning: {said}" in shown.out

@@ -1,8 +1,9 @@
-"""Action clients: send, follow and cancel goals. Source: docs/internals/protocol.md 8.1, 8.4, 8.5.
+"""Action clients: send, follow and cancel goals.
 
 A goal is tracked from before it is sent, because feedback may overtake the acceptance, until its result arrives. It is
 sent only when all five endpoints of a server are matched, so that no feedback is lost. The result is requested as soon
 as the goal is accepted; `result_requests.py` handles servers that disappear.
+Source: docs/internals/protocol.md 8.1, 8.4, 8.5.
 """
 
 from __future__ import annotations

@@ -115,7 +115,7 @@ class CancelRequest(Generic[ActionT_co]):
         self._reply = reply
 
     def accept(self) -> None:
-        """Make the goal CANCELING; its handler ends it, for example with `goal.canceled`.
+        """Make the goal CANCELING; its execute function ends it, for example with `goal.canceled`.
 
         A goal that has not started ends as CANCELED.
         """

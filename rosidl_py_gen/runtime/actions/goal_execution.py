@@ -1,9 +1,8 @@
-"""Execution of goals: one call of the `execute` function of an action server for each goal.
+"""Execution of goals: waits until clients receive feedback, then calls `execute` once for each goal.
 
-The value that a handler returns is the result of its goal, also if the handler has ended the goal without a result
-before. A handler that raises, its own CancelledError included, or that returns without a result ends its goal as
-ABORTED. A plain function runs in a daemon thread of its own: any number of goals run at once, and a handler that never
-returns does not keep the program alive.
+The value that `execute` returns is the result of its goal, also if it has ended the goal without a result before. If it
+raises, its own CancelledError included, or returns without a result, its goal ends as ABORTED. A plain function runs in
+a daemon thread of its own: any number of goals run at once, and one that never returns does not keep the program alive.
 """
 
 from __future__ import annotations
@@ -81,8 +80,8 @@ class FeedbackReadiness:
         return participants - subscribed - self._unreachable
 
 
-class ExecuteRunner:
-    """Calls the handler of one action server.
+class ExecuteFunction:
+    """The execute function of one action server, with its calls.
 
     Args:
         complete: `ServerGoals.complete`.
@@ -101,17 +100,17 @@ class ExecuteRunner:
         self._action = action
         self._execute = execute
         self._is_async = is_async(execute)
-        self._handler = UserCallback(scope, self._call, f"the handler of action {action}")
+        self._callback = UserCallback(scope, self._call, f"the execute function of action {action}")
         self._readiness = readiness
 
     def run(self, goal: ServerGoal[Any]) -> None:
-        """Run the handler for a goal that is EXECUTING or CANCELING."""
-        task = self._handler.call(goal, on_result=partial(self._on_return, goal))
+        """Call the function for a goal that is EXECUTING or CANCELING."""
+        task = self._callback.call(goal, on_result=partial(self._on_return, goal))
         if task is not None:
             task.add_done_callback(lambda _: self._on_end(goal))
 
     def _on_end(self, goal: ServerGoal[Any]) -> None:
-        goal._record.handler = None
+        goal._record.executed_by = None
         if self._scope.closed:
             return
         if goal.is_active:
@@ -120,24 +119,24 @@ class ExecuteRunner:
             self._complete(goal, None, failed=True)
 
     async def _call(self, goal: ServerGoal[Any]) -> Any:
-        goal._record.handler = current_task_or_thread()
+        goal._record.executed_by = current_task_or_thread()
         try:
             if not self._readiness.is_satisfied():
                 await self._readiness.wait()
             return await (self._execute if self._is_async else self._in_thread)(goal)
         except ClosedError:
-            if self._scope.closed:  # the handler cannot end its goal, which is not a failure
+            if self._scope.closed:  # the function cannot end its goal, which is not a failure
                 return FINISHED
             raise
 
     async def _in_thread(self, goal: ServerGoal[Any]) -> Any:
         def execute() -> Any:
-            goal._record.handler = current_task_or_thread()
+            goal._record.executed_by = current_task_or_thread()
             return self._execute(goal)
 
         try:
-            result = await in_thread(f"action handler {self._action}", execute)
-            goal._record.handler = current_task_or_thread()
+            result = await in_thread(f"execute {self._action}", execute)
+            goal._record.executed_by = current_task_or_thread()
             return await result if inspect.isawaitable(result) else result
         except asyncio.CancelledError:
             goal._record.request_cancel()  # the function may still run in its thread
@@ -150,13 +149,13 @@ class ExecuteRunner:
         if not goal.is_active:
             if not self._complete(goal, result):
                 self._scope.logger.warning(
-                    f"handler of action {self._action}: its result for goal {goal.goal_id.hex()} is ignored, because "
-                    "the goal had ended with another result"
+                    f"execute function of action {self._action}: its result for goal {goal.goal_id.hex()} is ignored, "
+                    "because the goal had ended with another result"
                 )
         elif result is not None:
             goal.succeed(result)
         else:
             self._scope.logger.warning(
-                f"handler of action {self._action}: returned without ending goal {goal.goal_id.hex()}; the goal is "
-                "aborted"
+                f"execute function of action {self._action}: returned without ending goal {goal.goal_id.hex()}; the "
+                "goal is aborted"
             )

@@ -1,4 +1,4 @@
-"""Requests for the results of goals: one for each goal, which stays open until the goal ends.
+"""Requests of an action client for the results of its goals: one for each goal, open until the goal ends.
 
 Every server of the action's name receives a request, and replies UNKNOWN if it was started after the goal was accepted.
 So UNKNOWN is ignored while a server that may have accepted the goal is present. When all of these have disappeared, the

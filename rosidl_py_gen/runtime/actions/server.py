@@ -1,4 +1,7 @@
-"""Action servers: the three services in front of a `ServerGoals`. Source: docs/internals/protocol.md 8."""
+"""Action servers: the three services in front of a `ServerGoals`.
+
+Source: docs/internals/protocol.md 8.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from rosidl_py_gen.msgs.action_msgs.msg import GoalInfo as GoalInfoMessage
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request, CancelGoal_Response
 from rosidl_py_gen.runtime.actions.argument_checks import require_server_options
 from rosidl_py_gen.runtime.actions.goal_decisions import CancelRequest, GoalRequest, request_decision
-from rosidl_py_gen.runtime.actions.goal_execution import ExecuteRunner, FeedbackReadiness
+from rosidl_py_gen.runtime.actions.goal_execution import ExecuteFunction, FeedbackReadiness
 from rosidl_py_gen.runtime.actions.server_goal import ServerGoal, ServerGoals
 from rosidl_py_gen.runtime.actions.states import GoalDecision, GoalInfo, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_goal_id
@@ -86,7 +89,7 @@ class ActionServer(CompositeEntity, Generic[ActionT_co]):
         ServiceServer(parts, get_result, names.get_result, self._on_get_result, SERVICES_DEFAULT)
         readiness = FeedbackReadiness(parts, self._send_goal, self._goals.feedback)
         self._runner = (
-            None if execute is None else ExecuteRunner(parts, self.name, execute, readiness, self._goals.complete)
+            None if execute is None else ExecuteFunction(parts, self.name, execute, readiness, self._goals.complete)
         )
         scope.register(self)
 
@@ -212,7 +215,8 @@ class ActionServer(CompositeEntity, Generic[ActionT_co]):
     def close(self) -> None:
         """Stop serving; may be called twice.
 
-        `is_cancel_requested` of every goal becomes true, handlers that await something are cancelled, iterators end.
+        `is_cancel_requested` of every goal becomes true, execute functions that await something are cancelled,
+        iterators end.
         """
         super().close()
         for reply in list(self._undecided.values()):

@@ -3,8 +3,8 @@
 `states.py` decides which transitions are possible; `ServerGoals` publishes each of them. A result is encoded once, when
 its goal ends, and retained as bytes.
 
-A handler may end its goal first and return the result afterwards, as handlers written for rclpy do. So a goal that its
-own handler ends without a result has its new status at once, and its result when the handler returns.
+An execute function may end its goal first and return the result afterwards, as those written for rclpy do. So a goal
+that its own execute function ends without a result has its new status at once, and its result when it returns.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ T = TypeVar("T")
 
 
 class GoalResult:
-    """Return value of `succeed`, `abort` and `canceled`, so that a handler may ``return goal.canceled(...)``."""
+    """Return value of `succeed`, `abort` and `canceled`, so that `execute` may ``return goal.canceled(...)``."""
 
     __slots__ = ()
 
@@ -64,7 +64,7 @@ class GoalRecord:
         accepted_stamp: by the server's clock; None until the goal is accepted.
         cancel_requested: a cancel was accepted, or the server is closing.
         has_started: the goal has begun to execute; stays true after its end.
-        handler: `current_task_or_thread()` of the handler while it runs.
+        executed_by: `current_task_or_thread()` of the execute function while it runs.
         result: encoded get_result response once the goal has ended; empty if the server was closed before.
         cancel_replies: cancel requests that wait for the program's decision.
     """
@@ -73,7 +73,7 @@ class GoalRecord:
         self.accepted_stamp: Time | None = None
         self.cancel_requested = False
         self.has_started = False
-        self.handler: object = None
+        self.executed_by: object = None
         self.result: bytes | None = None
         self.cancel_replies: set[asyncio.Future[bool]] = set()
         self.changed = Waiters()
@@ -140,7 +140,7 @@ class ServerGoal(Generic[ActionT_co]):
 
     @property
     def is_cancel_requested(self) -> bool:
-        """True once a cancel request was accepted, or the server was closed: the handler should end soon."""
+        """True once a cancel request was accepted, or the server was closed: the execute function should end soon."""
         return self._record.cancel_requested
 
     async def wait_for_cancel(self) -> None:
@@ -176,7 +176,7 @@ class ServerGoal(Generic[ActionT_co]):
     def succeed(self: ServerGoal[Action[Any, ResultT, Any]], result: ResultT | None = None) -> GoalResult:
         """End the goal as SUCCEEDED. The result is encoded at once: later changes of it have no effect.
 
-        Without `result`, a call from the handler sends the value that the handler returns. Any other call sends a
+        Without `result`, a call from the execute function sends the value that it returns. Any other call sends a
         default result.
 
         Raises:
@@ -199,8 +199,8 @@ class ServerGoal(Generic[ActionT_co]):
         return self._finish(GoalEvent.CANCELED, result)
 
     def _finish(self, event: GoalEvent, result: object | None) -> GoalResult:
-        handler = self._record.handler
-        awaits_return = result is None and handler is not None and handler == current_task_or_thread()
+        executed_by = self._record.executed_by
+        awaits_return = result is None and executed_by is not None and executed_by == current_task_or_thread()
         self._goals.on_loop(lambda: self._goals.finish(self.goal_id, event, result, awaits_return=awaits_return))
         return FINISHED
 
@@ -216,7 +216,7 @@ class ServerGoals:
 
     Attributes:
         active: goals that have not ended, in the order of acceptance.
-        returning: goals that have ended, whose handlers have not returned the result yet.
+        returning: goals that have ended, whose execute functions have not returned the result yet.
     """
 
     def __init__(
@@ -336,9 +336,9 @@ class ServerGoals:
         self.expire()
 
     def complete(self, goal: ServerGoal[Any], result: object | None, *, failed: bool = False) -> bool:
-        """Set the result that the handler of an ended goal has returned; False if another one was sent before.
+        """Set the result that `execute` has returned for an ended goal; False if another one was sent before.
 
-        If the handler `failed` instead, the status changes to ABORTED.
+        If the function `failed` instead, the status changes to ABORTED.
         """
         _, event = self.returning.get(goal.goal_id, (goal, None))
         if event is None:
@@ -375,7 +375,7 @@ class ServerGoals:
         return code, canceled
 
     def _cancel(self, goal: ServerGoal[Any]) -> None:
-        """Notify the handler, which ends the goal; a goal that has not started has no handler and ends here."""
+        """Notify the execute function, which ends the goal; a goal that has not started ends here."""
         if goal in self._queue:
             self._queue.remove(goal)
         self._change(goal.goal_id, GoalEvent.CANCEL_GOAL)
@@ -407,7 +407,7 @@ class ServerGoals:
         self.expire()
 
     def close(self) -> None:
-        """Ask all handlers to end. The services are newer, so they are closed already: no reply is sent."""
+        """Ask all execute functions to end. The services are newer, so they are closed already: no reply is sent."""
         if self._expiry is not None:
             self._expiry.cancel()
         for goal in self.active.values():

@@ -1,6 +1,7 @@
-"""Action types, and the names of an action's services and topics. Source: docs/internals/protocol.md 8.1.
+"""Action types, and the names of an action's services and topics.
 
 Goals, results and feedback are messages if the type is a generated class, and dicts if it is given as text.
+Source of the names: docs/internals/protocol.md 8.1.
 
 Servers, clients and goals are generic in one variable, the action class. Their methods find the types of goal, result
 and feedback by annotating `self`: ``self: ServerGoal[Action[GoalT, Any, Any]]``.

@@ -262,8 +262,8 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
             self._fail(pending, RequestTimedOutError())
 
     def _send_soon(self, pending: PendingRequest[ResponseT]) -> None:
-        if self._outbox.waiting or not self._send(pending):
-            self._outbox.send(partial(self._send, pending))
+        if self._send_queue.waiting or not self._send(pending):
+            self._send_queue.send(partial(self._send, pending))
 
     def _send_in_window(self, pending: PendingRequest[ResponseT], flow_number: int) -> bool:
         if pending.key not in self._pending:
@@ -365,5 +365,5 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
             self._loss_registration.close()
             for pending in list(self._pending.values()):
                 self._fail(pending, ClosedError(f"the client of {self.name} was closed during the call"))
-            self._outbox.close()
+            self._send_queue.close()
             self._port.close()

@@ -1,4 +1,4 @@
-"""Resources and functions that all entities of one node share.
+"""Base classes of entities, and the scope with what all entities of one node share.
 
 Entities get an `EntityScope` and a resolved name, never the node: a node owns its entities, and a reference back would
 make a cycle. A scope closes everything that was created with it. A composite entity has a nested scope of its own.

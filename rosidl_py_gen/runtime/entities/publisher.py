@@ -1,7 +1,7 @@
 """Publishers.
 
 If a reliable reader is so slow that the transport makes the writer wait, a sample published on the event loop's thread
-goes into an outbox, which has the depth of the publisher. On any other thread `publish` blocks, without the GIL.
+goes into a `SendQueue`, which has the depth of the publisher. On any other thread `publish` blocks, without the GIL.
 """
 
 from __future__ import annotations
@@ -66,7 +66,9 @@ class Publisher(Entity, Generic[T]):
         self._write = self._writer.write
         scope.set_type_hash_check(mode, self._writer.guid)
         keep_all = self.qos.history is History.KEEP_ALL
-        self._outbox = SendQueue(scope.loop_binding, None if keep_all else max(1, self.qos.depth), scope.report_failure)
+        self._send_queue = SendQueue(
+            scope.loop_binding, None if keep_all else max(1, self.qos.depth), scope.report_failure
+        )
         self._events = watch_events(
             scope, self._writer, self._writer.matched_readers, event_callbacks, f"the publisher on {topic}"
         )
@@ -86,7 +88,7 @@ class Publisher(Entity, Generic[T]):
         if loop is None or loop.is_closed():  # the node was created before its loop
             self._loop_binding.adopt_running_loop()
         data = self._encode(message)
-        if self._outbox.waiting or not self._write(data):
+        if self._send_queue.waiting or not self._write(data):
             self._send_later(partial(self._write, data))
 
     def publish_raw(self, data: bytes) -> None:
@@ -104,20 +106,20 @@ class Publisher(Entity, Generic[T]):
             found = bytes(data[:4]).hex(" ")
             reason = f"expected the header 00 01 xx xx (XCDR1, little endian) and at least one byte, found {found!r}"
             raise EncodeError(self.message_type, f"{reason} in {len(data)} bytes")
-        if self._outbox.waiting or not self._write(data):
+        if self._send_queue.waiting or not self._write(data):
             self._send_later(partial(self._write, bytes(data)))
 
     def _publish_without_waiting(self, message: T) -> None:
         """Publish and return at once on every thread; for logging, which must not delay its caller."""
         data = self._encode(message)
         if not self._closed:
-            self._outbox.send(partial(self._write, data))
+            self._send_queue.send(partial(self._write, data))
 
     def _send_later(self, write: Callable[[], bool]) -> None:
         if self._loop_binding.in_loop_thread():
-            self._outbox.send(write)
+            self._send_queue.send(write)
             return
-        while not (self._outbox.flush() and write()):
+        while not (self._send_queue.flush() and write()):
             time.sleep(RETRY_INTERVAL_S)
             self._scope.require_open(self._closed, f"the publisher on {self.topic}")
 
@@ -146,8 +148,8 @@ class Publisher(Entity, Generic[T]):
 
     @property
     def dropped(self) -> int:
-        """Number of messages that newer ones replaced in the full outbox before they were sent (keep-last only)."""
-        return self._outbox.dropped
+        """Number of messages that newer ones replaced in the full send queue before they were sent (keep-last only)."""
+        return self._send_queue.dropped
 
     @property
     def gid(self) -> bytes:
@@ -177,7 +179,7 @@ class Publisher(Entity, Generic[T]):
             WaitTimeoutError: a subscription has not acknowledged all of them within `timeout_s`.
         """
         return await self._scope.wait_or_raise(
-            lambda: self._outbox.flush() and self._writer.all_acknowledged(),
+            lambda: self._send_queue.flush() and self._writer.all_acknowledged(),
             timeout_s,
             lambda: self._closed,
             lambda: (
@@ -206,5 +208,5 @@ class Publisher(Entity, Generic[T]):
         if self._begin_close(self._writer.guid):
             if self._events is not None:
                 self._events.close()
-            self._outbox.close()
+            self._send_queue.close()
             self._writer.close()

@@ -219,8 +219,8 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
             raise ClosedError(f"service {self.name} of node {self._scope.node_name} is closed")
         data = self._type.response.encode(response)
         if self._port.can_reach_client(origin):
-            if self._outbox.waiting or not self._send(origin, data):
-                self._outbox.send(partial(self._send, origin, data))
+            if self._send_queue.waiting or not self._send(origin, data):
+                self._send_queue.send(partial(self._send, origin, data))
         elif self._scope.loop_binding.loop is None or self._scope.loop_binding.in_loop_thread():
             self._wait_and_send(origin, data)
         else:
@@ -245,7 +245,7 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         except ClosedError:
             return
         if is_reachable:
-            self._outbox.send(partial(self._send, origin, data))
+            self._send_queue.send(partial(self._send, origin, data))
         else:
             self._scope.logger.warning(f"dropped a response of {self.name}: its client's reader never appeared")
 
@@ -256,10 +256,10 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
     def close(self) -> None:
         """Stop serving: iterators end, running handlers continue without sending a response. May be called twice."""
         self._port.release()
-        self._outbox.flush()
+        self._send_queue.flush()
         if self._begin_close(*self._port.endpoints):
             self._requests.close()
             if self._handler is not None:
                 self._handler.close()
-            self._outbox.close()
+            self._send_queue.close()
             self._port.close()

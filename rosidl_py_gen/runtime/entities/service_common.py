@@ -68,7 +68,7 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
         self._is_client = is_client
         self._throttle = Throttle(scope.clocks)
         self._introspection: ServiceEventPublisher | None = None
-        self._outbox = SendQueue(scope.loop_binding, None, scope.report_failure)
+        self._send_queue = SendQueue(scope.loop_binding, None, scope.report_failure)
         request_hash, response_hash = service_type.request.type_hash, service_type.response.type_hash
         read_hash, self._written_hash = (response_hash, request_hash) if is_client else (request_hash, response_hash)
         self._type_hash_filter: TypeHashFilter[bytes | None] = TypeHashFilter(
@@ -154,6 +154,6 @@ def incompatible_peer_text(graph: Graph, peer: IncompatiblePeer, service: str, r
     return (
         f"{role} of service {service} is {node} on Fast DDS. Topics work with it, services do not here: "
         f"{peer.reason}. "
-        "Another libddsc may support them (set ROSIDL_LIBDDSC), or start that node with "
-        "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp"
+        "Another version of Cyclone DDS's library (libddsc) may support them: set ROSIDL_LIBDDSC to its path; or start "
+        "that node with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp"
     )

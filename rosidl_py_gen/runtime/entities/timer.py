@@ -52,7 +52,7 @@ class Timer(PollableEntity):
         self.call_count = 0
         """Number of calls or ticks."""
         self._clock_timer = ClockTimer(clock, self._schedule, lambda: scope.loop_binding.loop, self._on_due)
-        self._start_registration = scope.loop_binding.on_start(self._clock_timer.arm_threadsafe)
+        self._start_registration = scope.loop_binding.on_bind(self._clock_timer.arm_threadsafe)
         scope.register(self)
 
     async def tick(self) -> Duration:

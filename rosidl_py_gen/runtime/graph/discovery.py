@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent, TopicKey
 
 _STILL_DELIVERED = "; delivered anyway, because of type_hash_check"
-_CURE = (
+_ADVICE = (
     ". Use the same definition on both sides, or that of the other side: `await node.resolve_type(topic)`, or "
     "`rosidl-py`, which does that automatically"
 )
@@ -229,7 +229,7 @@ class Discovery:
             names = f"from {self.graph.describe_node(writer)} to {self.graph.describe_node(reader)}"
             text = f"{effect} on {own.channel.name} {names}: {incompatibility.reason}"
             if incompatibility.kind is IncompatibilityKind.DEFINITION:
-                text += _STILL_DELIVERED if warning.is_delivered else _CURE
+                text += _STILL_DELIVERED if warning.is_delivered else _ADVICE
             if self.on_incompatible_endpoint is not None:
                 self.on_incompatible_endpoint(text, own.channel.name)
                 continue

@@ -192,7 +192,7 @@ class EndpointEventPoller:
                 if counts is None:
                     raise UnsupportedEventError(f"{subject}: this middleware does not report {name} events; DDS does")
                 self._counts[name] = counts
-        self._start_registration: Registration = scope.loop_binding.on_start(self._schedule_poll)
+        self._start_registration: Registration = scope.loop_binding.on_bind(self._schedule_poll)
 
     def _schedule_poll(self) -> None:
         if self._timer is not None:

@@ -25,7 +25,7 @@ _MAX_PEERS = 3
 """Maximum number of peers that a text names."""
 _MAX_NAME_CHARS = 200
 _VERBS = {(False, "topic"): "publishes", (True, "topic"): "subscribes to"}
-_CURES = {
+_ADVICES = {
     "DDS": "; check ROS_DOMAIN_ID and the discovery range, or run `rosidl-py doctor`",
     "Zenoh": "; check ROS_DOMAIN_ID and the Zenoh router",
 }
@@ -91,7 +91,7 @@ class UnmatchedReasons:
         """Return the text that no other participant exists; empty if one does."""
         if self._graph.has_others():
             return ""
-        return f"no other participant was found{_CURES.get(self._middleware, '')}"
+        return f"no other participant was found{_ADVICES.get(self._middleware, '')}"
 
     def disagreeing(self, guid: bytes, channel: TopicKey) -> str:
         """Return a text about a publisher that has another definition of the type; empty if there is none."""

@@ -1,4 +1,7 @@
-"""States of lifecycle nodes, and the table of transitions. Source: docs/internals/protocol.md 12.2."""
+"""States of lifecycle nodes, and the table of transitions.
+
+Source: docs/internals/protocol.md 12.2.
+"""
 
 from __future__ import annotations
 

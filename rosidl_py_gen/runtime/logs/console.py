@@ -1,6 +1,7 @@
-"""Console output of log records in the format of ROS. Source: docs/internals/protocol.md 9.7, 10.6.
+"""Console output of log records in the format of ROS.
 
 Nothing is printed while Python's root logger has handlers: they get all records, which would appear twice.
+Source: docs/internals/protocol.md 9.7, 10.6.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Log files: folder, name and lines. Source: docs/internals/protocol.md 10.6.
+"""Log files: folder, name and lines.
 
 They equal those of rcl_logging_spdlog, but their name begins with the program's name instead of ``python3``, and each
-line is written at once.
+line is written at once. Source: docs/internals/protocol.md 10.6.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""ROS loggers, based on Python's `logging`. Source: docs/internals/protocol.md 9.7.
+"""ROS loggers, based on Python's `logging`.
 
 ROS loggers form a tree of their own, because their names are node names: a node "asyncio" must not change Python's
 logger of that name, and the default level is INFO. Records also reach the handlers of Python's root logger.
+Source: docs/internals/protocol.md 9.7.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""Console and log file of the process. Source: docs/internals/protocol.md 10.4, 10.6.
+"""Console and log file of the process.
 
 The first open context selects them; different settings of another context are reported. Unlike ROS, a file is only
 written on request, by ``--log-file-name``, ``--enable-external-lib-logs`` or ``ROS_LOG_DIR``, and not with
 ``--disable-external-lib-logs``. Each context sets its log levels, for the whole process.
+Source: docs/internals/protocol.md 10.4, 10.6.
 """
 
 from __future__ import annotations

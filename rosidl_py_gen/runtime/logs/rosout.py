@@ -1,4 +1,7 @@
-"""Routing of log records to the node that publishes them as rcl_interfaces/Log; docs/internals/protocol.md 9.7."""
+"""Routing of log records to the node that publishes them as rcl_interfaces/Log.
+
+Source: docs/internals/protocol.md 9.7.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks and calls of functions of the user: plain or async, in a context, in a thread."""
+"""Functions of the user: checks, and calls in a task, a context or a thread."""
 
 from __future__ import annotations
 

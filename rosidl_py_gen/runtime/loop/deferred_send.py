@@ -1,4 +1,4 @@
-"""Sending after the reply to the request that caused it, which a client waits for."""
+"""Sender that waits for the loop's next iteration, so that a reply that is being sent goes first."""
 
 from __future__ import annotations
 

@@ -164,11 +164,11 @@ class LoopBinding:
                 self._loops_to_bind -= 1
                 self._changed.notify_all()
 
-    def on_start(self, start: Callable[[], None]) -> Registration:
-        """Call `start` now if a loop is bound, and whenever one will be, until the registration is closed."""
-        registration = self._on_bind_hooks.add(start)
+    def on_bind(self, function: Callable[[], None]) -> Registration:
+        """Call a function now if a loop is bound, and whenever one will be, until the registration is closed."""
+        registration = self._on_bind_hooks.add(function)
         if self.loop is not None:
-            start()
+            function()
         return registration
 
     def _bind(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -176,8 +176,8 @@ class LoopBinding:
         self.bound_loop = loop
         if not self._watch(loop):
             self._participant.set_wakeup(self._on_transport_ready)
-        for start in self._on_bind_hooks:
-            start()
+        for function in self._on_bind_hooks:
+            function()
 
     def _watch(self, loop: asyncio.AbstractEventLoop) -> bool:
         """Register the participant's descriptor with the loop; return False where that is not possible."""

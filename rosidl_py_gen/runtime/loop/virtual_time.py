@@ -98,7 +98,8 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         """Advance the time; raises `VirtualTimeDeadlockError` if there is no timer."""
         if time.monotonic() > self._end_s:
             self._end_s = float("inf")
-            raise VirtualTimeDeadlockError(f"not over after {self._limit_s} s{self._tasks_text()}")
+            limit = f"{self._limit_s} s of real time"
+            raise VirtualTimeDeadlockError(f"the test has not ended after {limit}{self._tasks_text()}")
         if seconds is None and not waited:
             raise VirtualTimeDeadlockError(f"nothing will ever wake this test{self._tasks_text()}")
         self._now_s += seconds or 0.0

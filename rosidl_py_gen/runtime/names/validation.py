@@ -1,7 +1,8 @@
-"""Validation and expansion of names (docs/internals/protocol.md 10.1, 10.2).
+"""Validation and expansion of names.
 
 Rules are checked in the order of rcl and rmw, so that errors point at the same character. A name is validated twice: as
 the user wrote it, so that the caret points into that text, and after expansion, which can make it invalid.
+Source: docs/internals/protocol.md 10.1, 10.2.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""ROS arguments of a command line, between ``--ros-args`` and ``--`` (docs/internals/protocol.md 10.4).
+"""ROS arguments of a command line, between ``--ros-args`` and ``--``.
 
 Values remain in the order of the command line, because later parameters override earlier ones.
+Source: docs/internals/protocol.md 10.4.
 """
 
 from __future__ import annotations

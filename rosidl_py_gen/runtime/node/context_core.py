@@ -75,7 +75,7 @@ class ContextCore:
         self.is_default = False
         """True for the context of nodes that are given none; it closes with its last node."""
         self._had_loop = threading.Event()
-        self.loop_binding.on_start(self._had_loop.set)
+        self.loop_binding.on_bind(self._had_loop.set)
         self._nodes: dict[int, Node] = {}
         if loop_runner is not None:
             try:
@@ -90,7 +90,7 @@ class ContextCore:
         if self.closed:
             raise ClosedError(self.closed)
 
-    def unserved(self, scope: EntityScope) -> CallbacksNeverRanError | None:
+    def take_never_ran_error(self, scope: EntityScope) -> CallbacksNeverRanError | None:
         """Return an error if no event loop has served the callbacks of a node; the next call returns None."""
         entities = scope.with_callbacks.values()
         if self._had_loop.is_set() or all(getattr(entity, "is_canceled", False) for entity in entities):

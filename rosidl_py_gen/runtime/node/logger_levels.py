@@ -1,6 +1,6 @@
-"""Services ``~/get_logger_levels`` and ``~/set_logger_levels`` (docs/internals/protocol.md 9.1).
+"""Services ``~/get_logger_levels`` and ``~/set_logger_levels``.
 
-Levels apply to the whole process.
+Levels apply to the whole process. Source: docs/internals/protocol.md 9.1.
 """
 
 from __future__ import annotations

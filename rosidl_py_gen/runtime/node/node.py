@@ -402,7 +402,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         """Close all entities, wake up their waiters, and withdraw the node; may be called twice."""
         if self._scope.closed:
             return
-        if (error := self.context._core.unserved(self._scope)) is not None:
+        if (error := self.context._core.take_never_ran_error(self._scope)) is not None:
             self.logger.warning(str(error))
             for listener in failure_listeners:
                 listener("", error)

@@ -1,7 +1,8 @@
-"""Parameter methods of a node, and the start of what every ROS node has.
+"""Parameter methods of a node, and the start of its standard services.
 
-The order of the start is that of docs/internals/protocol.md 9.1: parameter events, `use_sim_time`, the six services,
-logger levels, type description. Modules that not every node needs are imported when they are first used.
+Standard services are those for parameters, time, logger levels and type descriptions. Order of the start, as in
+docs/internals/protocol.md 9.1: parameter events, `use_sim_time`, the six services, logger levels, type description.
+Modules that not every node needs are imported when they are first used.
 """
 
 from __future__ import annotations
@@ -113,7 +114,7 @@ class ParameterMethods(NodeBase):
 
             start_logger_services(self._scope, self._names)
         start_type_descriptions(self._scope, self._names, self._store)
-        self.context._core.initial_values.opened(
+        self.context._core.initial_values.register_node(
             self._scope,
             self._store,
             own_overrides,

@@ -8,7 +8,7 @@ from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.names.validation import resolve_node_name
 from rosidl_py_gen.runtime.node.node_base import NodeBase
-from rosidl_py_gen.runtime.type_resolution.announcements import action_subject, service_subject, topic_subject
+from rosidl_py_gen.runtime.type_resolution.announcements import action_query, service_query, topic_query
 from rosidl_py_gen.runtime.type_resolution.description_client import (
     announced_hash,
     decode_description,
@@ -58,7 +58,7 @@ class TypeMethods(NodeBase):
             DefinitionError: `path` cannot be read.
         """
         return await self._resolve(
-            topic_subject(self._names.resolve_topic(topic)), Message, type_name, type_hash, path, timeout_s
+            topic_query(self._names.resolve_topic(topic)), Message, type_name, type_hash, path, timeout_s
         )
 
     resolve_type_sync = blocking(resolve_type)
@@ -79,7 +79,7 @@ class TypeMethods(NodeBase):
         `type_hash`, or switch introspection on in the node.
         """
         return await self._resolve(
-            service_subject(self._names.resolve_service(service)), Service, type_name, type_hash, path, timeout_s
+            service_query(self._names.resolve_service(service)), Service, type_name, type_hash, path, timeout_s
         )
 
     resolve_service_type_sync = blocking(resolve_service_type)
@@ -97,7 +97,7 @@ class TypeMethods(NodeBase):
         from rosidl_py_gen.runtime.actions.types import ActionNames
 
         names = ActionNames.resolve(self._names, action)
-        query = action_subject(names.action, names.send_goal, names.get_result, names.feedback)
+        query = action_query(names.action, names.send_goal, names.get_result, names.feedback)
         return await self._resolve(query, Action, type_name, type_hash, path, timeout_s)
 
     resolve_action_type_sync = blocking(resolve_action_type)

@@ -1,4 +1,4 @@
-"""Callbacks and validators around a set: registration, calls, and checks of their return values.
+"""Callbacks and validators around setting parameters: registration, calls, and checks of their return values.
 
 If one raises, the set is refused with a reason that names the function, and the traceback is logged; callbacks that
 were added with `raises` raise to the caller of the set. Exceptions of post-set callbacks do not undo the set. All run
@@ -91,10 +91,10 @@ class SetCallbacks:
     def __init__(self, on_failure: Callable[[str], None]) -> None:
         self._on_failure = on_failure
         self._callbacks: dict[str, RegistrationSet[_Callback]] = {
-            kind: RegistrationSet() for kind in ("pre-set", "on-set", "post-set", "mirror")
+            kind: RegistrationSet() for kind in ("pre-set", "on-set", "post-set", "bound-object")
         }
         self.preparing = False
-        """True while mirrors check a set, during which no other set is possible."""
+        """True while bound objects check a set, during which no other set is possible."""
 
     def add(self, kind: str, callback: Callable[..., Any], *, raises: bool = False) -> Registration:
         """Call a function around each set until the registration is closed; raises `TypeError` for async functions.
@@ -102,11 +102,11 @@ class SetCallbacks:
         Args:
             kind: ``pre-set``: may replace the list of parameters. ``on-set``: may refuse it; the newest is called
                 first. Other sets wait for both. ``post-set``: called after successful sets and declarations, without a
-                lock. ``mirror``: checks values after all others agreed; it raises `RefusedError`, or returns a function
-                that is called when the values are stored, before the event, or None.
+                lock. ``bound-object``: checks values after all others agreed; it raises `RefusedError`, or returns a
+                function that is called when the values are stored, before the event, or None.
             raises: pass its exceptions to the caller of the set.
         """
-        if kind != "mirror":
+        if kind != "bound-object":
             require_plain(callback, f"the {kind} callback", "the list of parameters")
         return self._callbacks[kind].add(_Callback(callback, raises))
 
@@ -129,7 +129,7 @@ class SetCallbacks:
         return result
 
     def run_on_set(self, parameters: Sequence[Parameter]) -> tuple[SetResult, list[Commit]]:
-        """Call the on-set callbacks, the newest first, then the mirrors.
+        """Call the on-set callbacks, the newest first, then those of bound objects.
 
         Returns:
             The last result, and functions to call once the values are stored.
@@ -146,13 +146,13 @@ class SetCallbacks:
                 result = _as_result(subject, result)
             if not result.successful:
                 raise RefusedError(result.reason)
-        return result, self._run_mirrors(parameters) if self._callbacks["mirror"] else []
+        return result, self._prepare_bound_objects(parameters) if self._callbacks["bound-object"] else []
 
-    def _run_mirrors(self, parameters: Sequence[Parameter]) -> list[Commit]:
+    def _prepare_bound_objects(self, parameters: Sequence[Parameter]) -> list[Commit]:
         changes = {parameter.name: parameter.value for parameter in parameters}
         self.preparing = True
         try:
-            commits = [prepare(changes) for prepare, _ in self._callbacks["mirror"]]
+            commits = [prepare(changes) for prepare, _ in self._callbacks["bound-object"]]
         finally:
             self.preparing = False
         return [commit for commit in commits if commit is not None]

@@ -10,7 +10,7 @@ import dataclasses
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from rosidl_py_gen.runtime.parameters.callbacks import RefusedError, call_checked, require_plain, validate
-from rosidl_py_gen.runtime.parameters.dataclass_fields import ParameterClassError, nested_class, plan_class
+from rosidl_py_gen.runtime.parameters.dataclass_fields import ParameterClassError, nested_class, parameter_fields_of
 from rosidl_py_gen.runtime.parameters.proxy import FixedList, ParameterProxy, current, follow
 from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterValueError,
@@ -36,7 +36,7 @@ class _ParameterBinding:
         self.store = store
         self.cls = cls
         self.validator = validator
-        self.fields = {field.name: field for field in (field.with_prefix(prefix) for field in plan_class(cls))}
+        self.fields = {field.name: field for field in (field.with_prefix(prefix) for field in parameter_fields_of(cls))}
         self.groups = frozenset(field.path[:end] for field in self.fields.values() for end in range(1, len(field.path)))
         self.values: dict[str, ParameterValue] = {}
         self.current: Any = None
@@ -173,13 +173,13 @@ def bind_class(
             raise InvalidParameterValueError(reason) from refusal.__cause__
         assert commit is not None
         commit()
-        store.callbacks.add("mirror", binding.prepare)
+        store.callbacks.add("bound-object", binding.prepare)
     return cast("_T", ParameterProxy(binding))
 
 
 def _default_source(cls: type[_T], initial: _T | None) -> _T:
     if initial is None:
-        for item in dataclasses.fields(cls):  # type: ignore[arg-type]  # checked by plan_class
+        for item in dataclasses.fields(cls):  # type: ignore[arg-type]  # checked by parameter_fields_of
             if item.init and item.default is dataclasses.MISSING and item.default_factory is dataclasses.MISSING:
                 raise ParameterClassError(f"{cls.__name__}.{item.name} has no default; add one, or pass initial=")
         return cls()

@@ -174,7 +174,7 @@ def _enum_plain(enum: type[Enum], member: Enum) -> Any:
 # --------------------------------------------------------------------------------------------------------- planning
 
 
-def plan_class(cls: type, prefix: tuple[str, ...] = ()) -> tuple[ParameterField, ...]:
+def parameter_fields_of(cls: type, prefix: tuple[str, ...] = ()) -> tuple[ParameterField, ...]:
     """Return the parameters of a dataclass in the order of its fields; raises `ParameterClassError`."""
     if not isinstance(cls, type) or not dataclasses.is_dataclass(cls):
         raise ParameterClassError(
@@ -194,7 +194,7 @@ def plan_class(cls: type, prefix: tuple[str, ...] = ()) -> tuple[ParameterField,
             raise ParameterClassError(f"{cls.__name__}.{item.name}: this name cannot be a parameter")
         nested = nested_class(cls, item.name)
         if nested is not None:
-            parameters += plan_class(nested, (*prefix, item.name))
+            parameters += parameter_fields_of(nested, (*prefix, item.name))
         else:
             parameters.append(_plan_field(cls, item.name, hints[item.name], (*prefix, item.name)))
     return tuple(parameters)

@@ -58,7 +58,7 @@ def declared_descriptor(
     return replace(descriptor, type=kind)
 
 
-def redescribed(
+def apply_descriptor(
     before: ParameterDescriptor, value: ParameterValue, descriptor: ParameterDescriptor, alternative: ParameterValue
 ) -> tuple[ParameterDescriptor, Parameter, str]:
     """Apply another descriptor; return the descriptor, the parameter, and the reason why that is impossible.

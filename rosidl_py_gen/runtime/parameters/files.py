@@ -1,9 +1,9 @@
-"""Reader of parameter files, in the YAML dialect of rcl; docs/internals/protocol.md 10.5.
+"""Reader of parameter files, in the YAML dialect of rcl.
 
 Scalars differ from YAML: `y` is true, `010` is 8, `08` is 8.0 and `null` is a string. So YAML only separates plain from
 quoted scalars, and `plain_scalar` converts the plain ones. Scalars that are quoted or tagged ``!!str`` are strings;
 other tags and anchors are ignored (``!!int yes`` is true), and block scalars count as plain, as in `get_value` of
-rcl_yaml_param_parser's parse.c.
+rcl_yaml_param_parser's parse.c. Source: docs/internals/protocol.md 10.5.
 """
 
 from __future__ import annotations

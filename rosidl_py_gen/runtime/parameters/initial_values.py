@@ -69,7 +69,7 @@ class InitialValues:
         self._all_names: list[str] = []
         """Names of all nodes, including closed ones."""
 
-    def opened(
+    def register_node(
         self,
         scope: EntityScope,
         store: ParameterStore,

@@ -1,6 +1,7 @@
-"""Parameter values of command lines and files, with the nodes they are for; docs/internals/protocol.md 10.5.
+"""Initial parameter values from command lines and files: which nodes they are for, and where each came from.
 
 Reading YAML is in `files.py`, because importing PyYAML takes time and is not needed without parameters.
+Source: docs/internals/protocol.md 10.5.
 """
 
 from __future__ import annotations

@@ -79,18 +79,18 @@ def follow(value: Any, path: tuple[str, ...]) -> Any:
     return functools.reduce(getattr, path, value)
 
 
-def update_parameters(live: object, **changes: Any) -> None:
+def update_parameters(parameter_object: object, /, **changes: Any) -> None:
     """Set several fields of a parameter object atomically; nested fields as ``left=Motor(...)``.
 
     Raises as assigning does; then nothing has changed.
     """
-    proxy = _proxy(live)
+    proxy = _proxy(parameter_object)
     proxy.__binding__.set({(*proxy.__path__, name): value for name, value in changes.items()})
 
 
-def snapshot(live: T) -> T:
+def snapshot(parameter_object: T) -> T:
     """Return a copy of the instance, with all values of one moment. Thread: any."""
-    return cast("T", copy.deepcopy(current(_proxy(live))))
+    return cast("T", copy.deepcopy(current(_proxy(parameter_object))))
 
 
 def _proxy(live: object) -> ParameterProxy:

@@ -1,4 +1,7 @@
-"""Parameter services of a node, and its ``/parameter_events``. Source: docs/internals/protocol.md 9.1 to 9.5."""
+"""Parameter services of a node, and its ``/parameter_events``.
+
+Source: docs/internals/protocol.md 9.1 to 9.5.
+"""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.logs.loggers import report_failure
 from rosidl_py_gen.runtime.parameters.callbacks import RefusedError, SetCallbacks
-from rosidl_py_gen.runtime.parameters.declaration import coerce_empty_list, declared_descriptor, redescribed
+from rosidl_py_gen.runtime.parameters.declaration import apply_descriptor, coerce_empty_list, declared_descriptor
 from rosidl_py_gen.runtime.parameters.notifier import Notifier
 from rosidl_py_gen.runtime.parameters.overrides import InitialSources
 from rosidl_py_gen.runtime.parameters.validation import ListParametersResult, list_names, name_reason, refusal_reason
@@ -149,7 +149,7 @@ class ParameterStore:
                 raise
 
     def _run_validation(self, parameters: Sequence[Parameter], reason: str) -> tuple[SetResult, list[Commit]]:
-        """Run mirrors and on-set callbacks; raises `RefusedError` for their reasons, or for `reason`."""
+        """Run bound-object and on-set callbacks; raises `RefusedError` for their reasons, or for `reason`."""
         if reason:
             raise RefusedError(reason)
         if self.callbacks.preparing:
@@ -288,7 +288,7 @@ class ParameterStore:
                 return NOT_SET
             if self._descriptors[name].read_only:
                 raise ParameterImmutableError(f"parameter {name!r} is read-only; its descriptor cannot be changed")
-            described, parameter, reason = redescribed(
+            described, parameter, reason = apply_descriptor(
                 self._descriptors[name], self._values[name], descriptor, alternative
             )
             is_changed = parameter.value != self._values[name]

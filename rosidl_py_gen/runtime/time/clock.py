@@ -1,6 +1,7 @@
-"""Clocks, with jump callbacks and sleeps. Source: docs/internals/protocol.md 9.6.
+"""Clocks, with jump callbacks and sleeps.
 
 ROS time is system time until an override is enabled, then the last override, 0 before there is one.
+Source: docs/internals/protocol.md 9.6.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""Arithmetic of timers, by the drift-free rule of rcl (docs/internals/protocol.md 9.6).
+"""Arithmetic of timers, by the drift-free rule of rcl.
 
 Due times are the first one plus multiples of the period. Missed periods are skipped and counted.
+Source: docs/internals/protocol.md 9.6.
 """
 
 from __future__ import annotations

@@ -61,7 +61,7 @@ class Incompatibility:
             return f"types differ, {_type_text(self.writer)} and {_type_text(self.reader)}"
         if self.kind is IncompatibilityKind.DEFINITION:
             writer_hash, reader_hash = (printable(text, _MAX_TEXT_CHARS) for text in _hashes(self.writer, self.reader))
-            return f"they have {_type_text(self.writer)} by different definitions, {writer_hash} and {reader_hash}"
+            return f"their definitions of {_type_text(self.writer)} differ: {writer_hash} and {reader_hash}"
         if self.kind is IncompatibilityKind.HASH_FORMAT:
             from rosidl_py_gen.runtime.transport.zenoh.keys import FORMAT_VARIABLE
 

@@ -1,4 +1,4 @@
-"""Announcements of nodes about the type of a topic, service or action.
+"""Queries for the type of a topic, service or action (`TypeQuery`), and the announcements of nodes about it.
 
 A service is announced as its request and response, an action as the messages of its two services and its feedback. The
 hash of a service itself is announced on Zenoh only, in place of those of its messages; that of an action nowhere.
@@ -45,12 +45,12 @@ class TypeQuery:
     messages: dict[str, tuple[str, ...]]
 
 
-def topic_subject(name: str) -> TypeQuery:
+def topic_query(name: str) -> TypeQuery:
     """Return the query for the type of a topic, given by its fully qualified name."""
     return TypeQuery("topic", name, {TopicKey("topic", name): ""}, {}, {"": ("",)})
 
 
-def service_subject(name: str, prefix: str = "") -> TypeQuery:
+def service_query(name: str, prefix: str = "") -> TypeQuery:
     """Return the query for the type of a service; `prefix` is that of all suffixes, for services of actions."""
     required = {TopicKey("request", name): f"{prefix}_Request", TopicKey("reply", name): f"{prefix}_Response"}
     # A ROS 2 node describes neither request nor response, but the events that it publishes for introspection.
@@ -59,9 +59,9 @@ def service_subject(name: str, prefix: str = "") -> TypeQuery:
     return TypeQuery("service", name, required, {events: f"{prefix}_Event"}, {**messages})
 
 
-def action_subject(name: str, send_goal: str, get_result: str, feedback: str) -> TypeQuery:
+def action_query(name: str, send_goal: str, get_result: str, feedback: str) -> TypeQuery:
     """Return the query for the type of an action, given by the names of the action, its services and its topic."""
-    goal, result = service_subject(send_goal, "_SendGoal"), service_subject(get_result, "_GetResult")
+    goal, result = service_query(send_goal, "_SendGoal"), service_query(get_result, "_GetResult")
     messages: dict[str, tuple[str, ...]] = {
         "_Goal": ("_SendGoal", "_SendGoal_Event", "_SendGoal_Request"),
         "_Result": ("_GetResult", "_GetResult_Event", "_GetResult_Response"),

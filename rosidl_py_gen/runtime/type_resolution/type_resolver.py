@@ -61,7 +61,7 @@ _LATE_ANNOUNCEMENT_GRACE_S = 2.0
 """
 _MAX_ASKED_NODES = 8
 _KINDS = {Message: "a message", Service: "a service", Action: "an action"}
-_CURE = "install its package, or add it to the search path (`path=`, `--path`, AMENT_PREFIX_PATH)"
+_ADVICE = "install its package, or add it to the search path (`path=`, `--path`, AMENT_PREFIX_PATH)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,7 +203,7 @@ class _TypeResolver:
         cls = await self._find_local(announcement, self._matches(announcement))
         if cls is None:
             missing = "no local definition has the hash" if self._request.type_hash else "there is no local definition"
-            raise TypeNotFoundError(f"{reason}, and {missing}; {_CURE}")
+            raise TypeNotFoundError(f"{reason}, and {missing}; {_ADVICE}")
         self._scope.logger.warning(f"{reason}; using the local definition, which may differ from theirs")
         return cls
 
@@ -284,10 +284,10 @@ class _TypeResolver:
 
     def _hint(self, name: str) -> str:
         if self._query.kind == "topic":
-            return f"; {_CURE}"
+            return f"; {_ADVICE}"
         return (
             f"; so no node describes {printable(name)} (nodes of ROS 2 describe {_KINDS[self._request.base]} only by "
-            f"its own hash, which they do not announce): {_CURE}, or pass that hash as type_hash"
+            f"its own hash, which they do not announce): {_ADVICE}, or pass that hash as type_hash"
         )
 
     async def _fetch(self, name: str, wanted_hash: str, nodes: Collection[str]) -> None:

@@ -124,7 +124,7 @@ async def test_a_handler_that_raises_cancelled_error_aborts(
     server, client = await pair(world, plain if in_thread else execute)
     status, got = await (await client.send_goal(goal())).result(timeout_s=5)
     assert (status, list(got.sequence), server.goals) == (S.ABORTED, [], [])
-    assert "the handler of action /fib failed" in caplog.text and "CancelledError" in caplog.text
+    assert "the execute function of action /fib failed" in caplog.text and "CancelledError" in caplog.text
 
 
 async def test_a_handler_that_raises_stop_iteration_in_its_thread_aborts(world: World) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import pytest
 
-from rosidl_py_gen.runtime.parameters.dataclass_fields import Int8, ParameterClassError, Range, plan_class
+from rosidl_py_gen.runtime.parameters.dataclass_fields import Int8, ParameterClassError, Range, parameter_fields_of
 
 
 async def later(value: int) -> str | None:
@@ -46,7 +46,7 @@ class Plain:
 def test_what_cannot_be_a_parameter_is_said_with_class_and_field(annotation: object, reason: str) -> None:
     made = dataclasses.make_dataclass("Bad", [("x", annotation, None)])
     with pytest.raises(ParameterClassError, match=f"Bad.x: .*{reason}"):
-        plan_class(made)
+        parameter_fields_of(made)
 
 
 def test_an_annotation_that_cannot_be_resolved_is_explained() -> None:
@@ -59,11 +59,11 @@ def test_an_annotation_that_cannot_be_resolved_is_explained() -> None:
         motor: Local = field(default_factory=Local)
 
     with pytest.raises(ParameterClassError, match="Holder: name 'Local' is not defined"):
-        plan_class(Holder)
+        parameter_fields_of(Holder)
 
 
 def test_only_dataclasses() -> None:
     with pytest.raises(ParameterClassError, match="is an object; pass its class"):
-        plan_class(Plain())  # type: ignore[arg-type]
+        parameter_fields_of(Plain())  # type: ignore[arg-type]
     with pytest.raises(ParameterClassError, match="is not a dataclass"):
-        plan_class(int)
+        parameter_fields_of(int)

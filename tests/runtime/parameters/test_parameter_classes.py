@@ -20,7 +20,7 @@ from rosidl_py_gen.runtime.parameters.dataclass_fields import (
     ReadOnly,
     UInt16,
     UInt64,
-    plan_class,
+    parameter_fields_of,
 )
 from rosidl_py_gen.runtime.parameters.proxy import snapshot, update_parameters
 from rosidl_py_gen.runtime.parameters.store import ParameterStore
@@ -311,7 +311,7 @@ def test_widths() -> None:
         b: UInt64 = 0
         c: Annotated[UInt16, Range(5, 10)] = 5
 
-    plans = {plan.name: plan.descriptor.integer_range for plan in plan_class(Widths)}
+    plans = {plan.name: plan.descriptor.integer_range for plan in parameter_fields_of(Widths)}
     assert plans == {"a": IntRange(0, 65535), "b": IntRange(0, 2**63 - 1), "c": IntRange(5, 10)}
 
 

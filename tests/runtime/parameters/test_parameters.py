@@ -341,7 +341,7 @@ def test_mirrors_are_asked_last_and_commit_before_the_event() -> None:
         seen.append(("asked", world.get("a")))
         return lambda: seen.append(("stored", world.get("a"), len(world.events)))
 
-    added = world.store.callbacks.add("mirror", prepare)
+    added = world.store.callbacks.add("bound-object", prepare)
     with world.store.callbacks.add("on-set", lambda ps: SetResult(False, "no")):
         assert not world.set(p("a", 2)).successful and seen == []
     assert world.set(p("a", 5)) == SetResult(False, "not five") and world.get("a") == 1

@@ -255,7 +255,7 @@ def test_each_kind_of_incompatibility_has_a_text_about_both_and_about_the_peer()
     texts = {
         IncompatibilityKind.TYPE: ("types differ, p/msg/A and p/msg/B", "X has another type, p/msg/A"),
         IncompatibilityKind.DEFINITION: (
-            "they have p/msg/A by different definitions, RIHS01_1 and RIHS01_2",
+            "their definitions of p/msg/A differ: RIHS01_1 and RIHS01_2",
             "X has another definition of p/msg/A, RIHS01_1; here it is RIHS01_2",
         ),
         IncompatibilityKind.QOS: (

@@ -107,6 +107,7 @@ _KINDS = dict(
         strict=True,
     )
 )
+"""C type for each letter of a signature: `i:up` is a function of a uint32 and a pointer that returns an int32."""
 _FUNCTIONS = {
     "i:us": "dds_create_domain",
     "i:upp": "dds_create_participant",
@@ -144,8 +145,8 @@ _FUNCTIONS = {
     "b:psp": "dds_qget_prop",
     "b:pp": "dds_qget_durability dds_qget_lifespan dds_qget_deadline",
 }
-"""Functions by result and arguments. They release the GIL, because a DDS call may block."""
-_SHORT = {
+"""Functions by result and arguments, in letters of `_KINDS`. They release the GIL, because a DDS call may block."""
+_WITH_GIL = {
     "p:pizpz": "ddsi_serdata_from_ser_iov",
     "p:pzzp": "ddsi_serdata_to_ser_ref",
     "-:p": "ddsi_serdata_unref",
@@ -154,13 +155,13 @@ _SHORT = {
     "-:pzzp": "ddsi_serdata_to_ser",
 }
 """Functions for samples. They never block and keep the GIL, because reacquiring it costs more than their work."""
-_BARE = ("dds_takecdr",)
+_WITHOUT_CONVERSION = ("dds_takecdr",)
 _SYMBOLS = ("ddsi_sertype_v0", "ddsi_serdata_from_ser", "ddsi_sertype_derive_sertype")
 _OPTIONAL = {"i:ip": "dds_get_entity_sertype", "-:pup": "dds_qset_psmx_instances"}
 """Functions that 0.10 does not have."""
 MIN_VERSION = "0.10"
 """First version that has all required symbols."""
-REQUIRED_SYMBOLS = (*" ".join([*_FUNCTIONS.values(), *_SHORT.values()]).split(), *_BARE, *_SYMBOLS)
+REQUIRED_SYMBOLS = (*" ".join([*_FUNCTIONS.values(), *_WITH_GIL.values()]).split(), *_WITHOUT_CONVERSION, *_SYMBOLS)
 
 
 def _function(library: ct.CDLL, name: str, text: str, make: Any = ct.CFUNCTYPE) -> Any:
@@ -179,7 +180,7 @@ class CycloneApi:
         self.bare_take: Callable[..., int] = library["dds_takecdr"]
         self.bare_matched: Callable[..., int] = library["dds_get_publication_matched_status"]
         self.bare_copy: Callable[..., int | None] = _function(library, "ddsi_serdata_from_ser_iov", "p:", ct.PYFUNCTYPE)
-        for table, make in ((_FUNCTIONS, ct.CFUNCTYPE), (_SHORT, ct.PYFUNCTYPE), (_OPTIONAL, ct.CFUNCTYPE)):
+        for table, make in ((_FUNCTIONS, ct.CFUNCTYPE), (_WITH_GIL, ct.PYFUNCTYPE), (_OPTIONAL, ct.CFUNCTYPE)):
             for text, names in table.items():
                 for name in names.split():
                     is_missing = table is _OPTIONAL and not hasattr(library, name)

@@ -62,7 +62,7 @@ class BuiltinTopicReaders:
     Args:
         listener: listener that writes the handles of endpoint readers into the pipe.
         stream: writing end of that pipe.
-        greet: called with GUID and addresses of each discovered Fast DDS participant.
+        on_new_participant: called with GUID and addresses of each discovered Fast DDS participant.
     """
 
     def __init__(
@@ -72,10 +72,10 @@ class BuiltinTopicReaders:
         participant: int,
         listener: int,
         stream: int,
-        greet: Callable[[bytes, str], None],
+        on_new_participant: Callable[[bytes, str], None],
     ) -> None:
         self._api = api
-        self._greet = greet
+        self._on_new_participant = on_new_participant
         self._fast_dds = fast_dds
         self._addresses: dict[bytes, str] = {}
         """Addresses of Fast DDS participants, by GUID prefix."""
@@ -124,14 +124,14 @@ class BuiltinTopicReaders:
             putw(reader, stream)
 
     def _record_participant(self, participant: BuiltinParticipant) -> None:
-        """Store the addresses of a Fast DDS participant, and greet a new one."""
+        """Store the addresses of a Fast DDS participant, and report a new one."""
         guid = bytes(participant.key)
         if guid.startswith(FAST_DDS_VENDOR):
             prefix = guid[:GUID_PREFIX_BYTES]
             is_new = prefix not in self._addresses
             self._addresses[prefix] = read_property(self._api, participant.qos, _ADDRESSES)
             if is_new:
-                self._greet(guid, self._addresses[prefix])
+                self._on_new_participant(guid, self._addresses[prefix])
 
     def report(self) -> None:
         """Pass all new events to the sink."""

@@ -1,6 +1,6 @@
-"""DDS transport over plain C calls of Cyclone DDS, with the libddsc that `library.py` finds.
+"""Participant of the DDS transport, and the transport that opens it.
 
-Rules:
+They use plain C calls of Cyclone DDS, with the libddsc that `library.py` finds. Rules:
 
 - Entities are integers. The creator of an entity deletes it in `close`; nothing depends on the garbage collector.
 - A write never blocks: max_blocking_time is 0, and the write of a full writer returns False.
@@ -112,7 +112,7 @@ class CycloneParticipant(DdsParticipant):
             self.guid = _api.guid_of(self.entity)
             self.discovery = BuiltinTopicReaders(
                 *(_api, _fast_dds, self.entity, self._listener, self.pipe.stream),
-                greet=partial(request_endpoints, self.guid, is_local=is_local),
+                on_new_participant=partial(request_endpoints, self.guid, is_local=is_local),
             )
             self._early.probe_layout(self.discovery.entities[0])
             self._undo = undo.pop_all()

@@ -373,7 +373,7 @@ class PacketAccess:
             if flags:
                 ct.c_ubyte.from_address(address + flags).value |= rtps.INLINE_QOS_FLAG
                 return True
-        raise ValueError(head.hex())
+        raise ValueError(f"unexpected packet head {head.hex()}")
 
 
 def find_packet_pointers(peek: SafeMemoryReader, iov: int, size: int, writer_id: bytes) -> list[int]:

@@ -1,6 +1,6 @@
-"""Conversion of ROS QoS profiles to Cyclone QoS objects (docs/internals/protocol.md 7.3) and back (6.4).
+"""Conversion of ROS QoS profiles to Cyclone QoS objects and back.
 
-All other policies have the default of DDS.
+All other policies have the default of DDS. Source: docs/internals/protocol.md 7.3 and 6.4.
 """
 
 from __future__ import annotations

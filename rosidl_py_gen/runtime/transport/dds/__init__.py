@@ -1,4 +1,4 @@
-"""Mapping of nodes, topics and services of ROS to DDS, independent of the DDS library.
+"""Mapping of nodes, topics and services of ROS to DDS, without calls of the DDS library.
 
 May import: what transport may.
 """

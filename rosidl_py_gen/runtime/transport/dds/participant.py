@@ -1,4 +1,4 @@
-"""Common part of DDS participants, independent of the DDS library: topics, services and nodes of ROS.
+"""Common part of DDS participants, without calls of the DDS library: topics, services and nodes of ROS.
 
 A client or server consists of two endpoints. That of the reply topic is created first: a server may reply as soon as it
 knows the client's request writer (docs/internals/protocol.md 5.2).

@@ -157,7 +157,9 @@ class ZenohWriter:
         try:
             self._put(data if data.__class__ is bytes else bytes(data), attachment=attachment)
         except zenoh.ZError as error:
-            raise TransportError(f"write {len(data)} bytes to {self.info.channel.name}: {error}") from None
+            raise TransportError(
+                f"Zenoh could not write {len(data)} bytes to {self.info.channel.name}: {error}"
+            ) from None
         return True
 
     def matched_readers(self) -> list[bytes]:

@@ -162,7 +162,8 @@ class ZenohParticipant:
         except zenoh.ZError as error:
             if endpoint is not None:
                 endpoint.close()
-            raise TransportError(f"create an endpoint of {infos[0].channel.name} at {key}: {error}") from None
+            subject = f"an endpoint of {infos[0].channel.name} at {key}"
+            raise TransportError(f"Zenoh could not create {subject}: {error}") from None
         self._local_endpoints[endpoint.guid] = _LocalEndpoint(endpoint, token, infos)
         self.graph.add_own(infos)
         self.ready_sinks.put(self.report_discovery)

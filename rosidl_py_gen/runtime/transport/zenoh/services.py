@@ -127,7 +127,7 @@ class ZenohClient(_ZenohServiceEndpoint):
             self._sent = number
             self._cancel(number)
             if isinstance(error, zenoh.ZError):
-                subject = f"send a request of {len(data)} bytes on {self.info.channel.name}"
+                subject = f"Zenoh could not send a request of {len(data)} bytes on {self.info.channel.name}"
                 raise TransportError(f"{subject}: {error}") from None
             raise
         self._sent = number
@@ -328,7 +328,7 @@ class ZenohServer(_ZenohServiceEndpoint):
         try:
             query.reply(self._key, data, attachment=pack(number, _time_ns(), gid))
         except zenoh.ZError as error:
-            subject = f"send a response of {len(data)} bytes on {self.info.channel.name}"
+            subject = f"Zenoh could not send a response of {len(data)} bytes on {self.info.channel.name}"
             raise TransportError(f"{subject}: {error}") from None
         finally:
             query.drop()

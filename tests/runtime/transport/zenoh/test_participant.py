@@ -62,7 +62,7 @@ def test_what_zenoh_refuses_to_create_is_a_transport_error(
     participant = ZenohParticipant(session, 0, "/")
     participant.announce({1: SimpleNamespace(name="n", namespace="/")})  # type: ignore[dict-item]
     session.refused = {refused}
-    with pytest.raises(TransportError, match=r"create an endpoint of .*/[ts]\S* at 0/[ts]/.*: no"):
+    with pytest.raises(TransportError, match=r"Zenoh could not create an endpoint of .*/[ts]\S* at 0/[ts]/.*: no"):
         create(participant)
     assert (session.calls[-1] == "undeclare") == (refused == "declare_token")
     participant.close()

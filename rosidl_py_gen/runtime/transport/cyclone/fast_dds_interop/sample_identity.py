@@ -81,7 +81,7 @@ _CAPABILITIES = (
     ("loopback_refusal", "localhost mode on the loopback interface alone", ""),
 )
 """Capabilities that not every libddsc has: attribute with the reason why it is missing, name in `Context.capabilities`
-and the doctor, and warning that is logged when a Fast DDS node is discovered."""
+and `rosidl-py doctor`, and warning that is logged when a Fast DDS node is discovered."""
 _LOOKUP_REPLY = b"DDS::Builtin::TypeLookup_Reply"
 PROBE_TYPE = "rosidl_py_gen_neighbour"
 """Type that is created in each domain in which `TypeLookup_Reply` must be found."""
