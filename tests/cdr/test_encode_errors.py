@@ -67,7 +67,6 @@ TOP = "wrong/msg/Everything"
 
 part: Any = Part
 fixed: Any = Fixed
-INT_TEXT = "expected int, found"
 WRONG: list[tuple[str, Any, str, str]] = [
     # field, value, path behind it, text
     ("flag", 2, "", "expected bool, found 2"),

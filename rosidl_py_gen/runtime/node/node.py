@@ -76,7 +76,8 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         parameter_overrides: initial values of parameters; they override those of the command line.
         allow_undeclared_parameters: parameters may be set without a declaration.
         automatically_declare_parameters_from_overrides: declare every parameter that has an initial value.
-        start_services: serve the six parameter services.
+        start_services: serve the six parameter services. The initial value False of the parameter
+            ``start_type_description_service`` turns off ``~/get_type_description``.
         parameter_events: publish changes of parameters on ``/parameter_events``.
         logger_services: serve ``~/get_logger_levels`` and ``~/set_logger_levels``.
         time_source: declare the parameter `use_sim_time`, and follow ``/clock`` while it is true. Without it, `clock`

@@ -1,8 +1,8 @@
 """Contract between the runtime (publishers, services, the graph) and the transports.
 
 Bytes go in; bytes and discovery events come out. A transport never sees messages. Names of topics, services and types
-are those of ROS; each transport converts them to those of the wire. No code above this module can tell which transport
-is used.
+are those of ROS; each transport converts them to those of the wire. Code above this module does not depend on the
+transport; only error texts and `rosidl-py doctor` ask for the `middleware`.
 
 Thread rules: `Writer.write` may be called from any thread. Sinks are called by the loop binding on the event loop's
 thread, also while the loop still waits; a sink pops what it needs from the queue of its reader.
@@ -212,7 +212,10 @@ class Participant(Protocol):
         """Announce all nodes of the participant, by number. Thread: any."""
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
-        """Report discovery to `sink` on the loop's thread, starting with everything that is known already."""
+        """Report discovery to `sink` on the loop's thread, starting with everything that is known already.
+
+        The participant reports itself, too: `ParticipantDiscovered`, then its nodes and endpoints.
+        """
 
     def report_discovery(self) -> None:
         """Report unreported discovery events now. Thread: the loop's, or any if no loop runs."""
