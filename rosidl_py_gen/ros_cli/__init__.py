@@ -64,7 +64,7 @@ _BROKEN_PIPE = 141
 """Exit code that a shell reports for a program ended by SIGPIPE."""
 
 
-class ToolError(RosidlError):
+class CommandError(RosidlError):
     """Raised if a command cannot do what the user requests; the text has the reason and the fix."""
 
 

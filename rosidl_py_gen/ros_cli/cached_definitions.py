@@ -13,7 +13,7 @@ from rosidl_py_gen.base.descriptions import rihs01
 from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
 from rosidl_py_gen.compiler.frontend.type_description_reader import registry_from_descriptions, written_messages
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
-from rosidl_py_gen.ros_cli import ToolError, terminal_output
+from rosidl_py_gen.ros_cli import CommandError, terminal_output
 from rosidl_py_gen.type_loading.description_cache import cached_descriptions
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def cached_registry(text: str) -> tuple[InterfaceRegistry, RosName] | None:
     A note on standard error names its hash, and other cached definitions of the same name.
 
     Raises:
-        ToolError: the cached messages of a service or an action contradict each other.
+        CommandError: the cached messages of a service or an action contradict each other.
     """
     for name in _names(text):
         descriptions = list(_descriptions(name))
@@ -93,7 +93,7 @@ def _joined(name: RosName, descriptions: list[_CachedDescriptions]) -> dict[str,
             continue
         for message, description in one.individuals.items():
             if joined.individuals.setdefault(message, description) != description:
-                raise ToolError(
+                raise CommandError(
                     f"{name} is not on the search path, and its cached messages have several definitions of {message}; "
                     "pass --path"
                 )

@@ -13,7 +13,7 @@ import threading
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.options import NetworkOptions as NetworkOptions
 from rosidl_py_gen.runtime import Context
 
@@ -216,7 +216,7 @@ class CommandNode:
             known: returns the names in the graph.
 
         Raises:
-            ToolError: it did not appear; the error names a similar one.
+            CommandError: it did not appear; the error names a similar one.
             InvalidNameError: `name` is invalid.
         """
         from rosidl_py_gen.base.names import similar_name
@@ -227,7 +227,7 @@ class CommandNode:
             return full
         names = [name for name in known() if "/_" not in name]  # not those of this command
         hint = similar_name(full, names) or (f"; `rosidl-py {kind} list` shows {len(names)}" if names else "")
-        raise ToolError(f"no {kind} {full} was found in domain {self.context.domain_id}{hint or _NO_PEERS_HINT}")
+        raise CommandError(f"no {kind} {full} was found in domain {self.context.domain_id}{hint or _NO_PEERS_HINT}")
 
 
 _NO_PEERS_HINT = (

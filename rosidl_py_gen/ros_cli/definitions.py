@@ -10,7 +10,7 @@ from rosidl_py_gen.compiler.frontend.missing import missing_package
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.errors import TypeNotFoundError
-from rosidl_py_gen.ros_cli import ToolError, terminal_output
+from rosidl_py_gen.ros_cli import CommandError, terminal_output
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -31,7 +31,7 @@ def known_names(what: str, paths: Sequence[str] = ()) -> list[str]:
 
 
 def names_of(search: SearchPath, package: str, kinds: Collection[str]) -> list[RosName]:
-    """Return the interfaces of a package, or of all packages. Raises `ToolError` for an unknown package."""
+    """Return the interfaces of a package, or of all packages. Raises `CommandError` for an unknown package."""
     from rosidl_py_gen.type_loading.generated import generated_names
 
     generated = [
@@ -39,8 +39,8 @@ def names_of(search: SearchPath, package: str, kinds: Collection[str]) -> list[R
     ]
     if package and package not in search.packages and not generated:
         if package in search.refused:
-            raise ToolError(str(search.refused[package]))
-        raise ToolError(missing_package(search, package, f"no package {package}"))
+            raise CommandError(str(search.refused[package]))
+        raise CommandError(missing_package(search, package, f"no package {package}"))
     packages = [one for one in search.packages.values() if package in ("", one.name)]
     names = [*(name for one in packages for name in one.files), *generated]
     return sorted(name for name in names if name.kind in kinds)
@@ -51,7 +51,7 @@ def name_or_stdin(text: str) -> str:
     if text == "-":
         text = sys.stdin.readline().strip() if sys.stdin is not None else ""
         if not text:
-            raise ToolError("expected the name of an interface on standard input, found nothing")
+            raise CommandError("expected the name of an interface on standard input, found nothing")
     return text
 
 

@@ -20,7 +20,7 @@ from rosidl_py_gen.base.output import printable_lines
 from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import EncodeError, InvalidNameError, TypeNotFoundError
-from rosidl_py_gen.ros_cli import ToolError, values
+from rosidl_py_gen.ros_cli import CommandError, values
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -122,20 +122,20 @@ def type_and_values(words: Sequence[str], *, stdin: bool = False) -> tuple[str |
         stdin: read the values from standard input.
 
     Raises:
-        ToolError: too many words.
+        CommandError: too many words.
     """
     rest = list(words)
     name = rest.pop(0) if rest and _TYPE.match(rest[0]) else None
     if len(rest) > (0 if stdin else 1):
         expected = "no values with --stdin" if stdin else "values in one word: put them between '"
-        raise ToolError(f"cannot make sense of {' '.join(rest)[:200]!r}; expected {expected}")
+        raise CommandError(f"cannot make sense of {' '.join(rest)[:200]!r}; expected {expected}")
     if stdin:
         return name, sys.stdin.read(values.MAX_JSON + 1)
     return name, rest[0] if rest else ""
 
 
 def message_from(cls: type[M], text: str) -> M:
-    """Return a message from YAML or JSON; omitted fields have their defaults. Raises `ToolError`."""
+    """Return a message from YAML or JSON; omitted fields have their defaults. Raises `CommandError`."""
     message, stamps = message_and_stamps(cls, text)
     set_stamps(stamps)
     return message
@@ -147,13 +147,13 @@ def message_and_stamps(cls: type[M], text: str) -> tuple[M, list[Any]]:
     if value is None:
         value = {}
     if not isinstance(value, dict):
-        raise ToolError(f"{cls.__name__} takes a mapping such as '{{{_example(cls)}}}', got {text[:200]!r}")
+        raise CommandError(f"{cls.__name__} takes a mapping such as '{{{_example(cls)}}}', got {text[:200]!r}")
     paths: list[_Path] = []
     value = _without_stamps(cls, values.fit(cls, value), (), paths)
     try:
         message = from_dict(cls, value)
     except (EncodeError, InvalidNameError, TypeNotFoundError) as error:
-        raise ToolError(str(error)) from None
+        raise CommandError(str(error)) from None
     return message, [reduce(_follow, path, message) for path in paths]
 
 

@@ -121,14 +121,16 @@ def output_format_options(picture: str) -> Callable[[F], F]:
 
 
 def output_format(picture: str, kind: str | None, as_json: bool, output: str | None) -> str:
-    """Return the format that the options of `output_format_options` select; raises `ToolError` for another suffix."""
-    from rosidl_py_gen.ros_cli import ToolError
+    """Return the format that `output_format_options` select; raises `CommandError` for another suffix."""
+    from rosidl_py_gen.ros_cli import CommandError
 
     if as_json or kind is not None or output is None:
         return "json" if as_json else kind or "text"
     formats = {f".{picture}": picture, **_TEXT_FORMATS}
     if (suffix := PurePath(output).suffix.lower()) not in formats:
-        raise ToolError(f"{output}: the suffix selects the format; expected one of {', '.join(formats)}, or --format")
+        raise CommandError(
+            f"{output}: the suffix selects the format; expected one of {', '.join(formats)}, or --format"
+        )
     return formats[suffix]
 
 

@@ -13,7 +13,7 @@ from rosidl_py_gen import get_action, get_message, get_service
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Message, TypeInfo
 from rosidl_py_gen.errors import TypeNotFoundError
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.type_loading.class_lookup import load_compiler
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ async def message_class(
         type_name: ``pkg/msg/Name`` or ``pkg/Name``.
 
     Raises:
-        ToolError: the topic has several types.
+        CommandError: the topic has several types.
         RosidlError: `type_name` is invalid, or the type cannot be found, described or compiled.
     """
     types = _topic_types(session, topic)
@@ -73,7 +73,7 @@ async def service_class(
     """Return the class of a service.
 
     Raises:
-        ToolError: the service has several types, or another one than `type_name`.
+        CommandError: the service has several types, or another one than `type_name`.
         RosidlError: see `message_class`.
     """
     types = _services(session).get(service, [])
@@ -107,7 +107,7 @@ def opaque_class(session: CommandNode, topic: str, type_name: str | None = None)
     """Return a class for the serialized messages of a topic.
 
     Raises:
-        ToolError: the topic has several types.
+        CommandError: the topic has several types.
         InvalidNameError: `type_name` is invalid.
     """
     name = str(split_ros_name(type_name, "msg")) if type_name else _only("topic", topic, _topic_types(session, topic))
@@ -164,7 +164,7 @@ def _given_or_only(kind: str, name: str, types: Sequence[str], type_name: str | 
         return _only(kind, name, types)
     requested = str(split_ros_name(type_name, "srv" if kind == "service" else kind))
     if types and requested not in types:
-        raise ToolError(f"{kind} {name} has type {', '.join(types)}, not {requested}")
+        raise CommandError(f"{kind} {name} has type {', '.join(types)}, not {requested}")
     return requested
 
 
@@ -172,7 +172,7 @@ def _only(kind: str, name: str, types: Sequence[str]) -> str:
     if not types:
         raise TypeNotFoundError(f"no node announces the type of {kind} {name}; add the type to the command line")
     if len(types) > 1:
-        raise ToolError(
+        raise CommandError(
             f"{kind} {name} has more than one type: {', '.join(types)}; add one of them to the command line"
         )
     return types[0]

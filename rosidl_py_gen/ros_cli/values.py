@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.yaml_text import YamlError, load_yaml
 from rosidl_py_gen.cdr.arrays import DTYPES
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Field, Message
@@ -47,7 +47,7 @@ def parse_value(text: str) -> Any:
     """Return the value of a YAML or JSON text; numbers are `Number`, integers of JSON are int.
 
     Raises:
-        ToolError: the text is too long, or is not YAML; the error names line and column.
+        CommandError: the text is too long, or is not YAML; the error names line and column.
     """
     if len(text) <= MAX_JSON:
         try:
@@ -56,11 +56,11 @@ def parse_value(text: str) -> Any:
             pass
     if len(text) > MAX_TEXT:
         limits = f"at most {MAX_TEXT} of YAML, or {MAX_JSON} of JSON"
-        raise ToolError(f"value: got {len(text)} characters; expected {limits}")
+        raise CommandError(f"value: got {len(text)} characters; expected {limits}")
     try:
         return load_yaml(text, number=Number)
     except YamlError as error:
-        raise ToolError(f"not YAML: {error}: {text[:200]!r}") from None
+        raise CommandError(f"not YAML: {error}: {text[:200]!r}") from None
 
 
 def plain(value: Any) -> Any:

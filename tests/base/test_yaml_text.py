@@ -10,7 +10,7 @@ import yaml
 
 from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.base.yaml_text import MAX_VALUES, YamlError, compose_yaml, load_yaml
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.bag.yaml_tree import parse
 from rosidl_py_gen.ros_cli.values import parse_value
 from rosidl_py_gen.runtime import ParameterFileError
@@ -91,7 +91,7 @@ def test_time_is_in_proportion_to_the_size() -> None:
             with contextlib.suppress(YamlError):
                 read(text)
     for reader in (parse_value, parse_parameter_file, lambda text: parse(text, "name", "rules")):
-        with contextlib.suppress(ToolError, ParameterFileError):
+        with contextlib.suppress(CommandError, ParameterFileError):
             reader(hostile["sexagesimal"])
     assert qos_profiles("- " + hostile["sexagesimal"]) == []
     assert time.process_time() - began < 15  # quadratic: a minute for most of these alone

@@ -18,7 +18,7 @@ from rosidl_py_gen import compile_definition, get_message, to_dict, type_hash
 from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage
 from rosidl_py_gen.compiler.compatibility.migration import MigrationError, MigrationRules, plan
 from rosidl_py_gen.errors import DefinitionError, EncodeError
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.bag.field_conversion import message_converter
 from rosidl_py_gen.ros_cli.bag.migrate import fields_of
 from rosidl_py_gen.ros_cli.bag.migration_rules import parse_rules
@@ -330,7 +330,7 @@ def test_random_values_of_random_definitions_are_carried_over_or_refused(
     ],
 )
 def test_rules_that_are_wrong_are_told_with_their_place(text: str, error: str) -> None:
-    with pytest.raises(ToolError) as caught:
+    with pytest.raises(CommandError) as caught:
         parse_rules(text, "r")
     assert str(caught.value).startswith(error), str(caught.value)
 
@@ -364,5 +364,5 @@ def test_a_file_of_rules_that_is_none_is_an_error(run_here: Run, bag: str, now: 
 def test_any_text_is_rules_or_our_error(text: str) -> None:
     try:
         parse_rules(text)
-    except ToolError as error:
+    except CommandError as error:
         assert str(error).startswith("<rules>")

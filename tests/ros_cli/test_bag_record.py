@@ -16,7 +16,7 @@ from support.node_fixtures import until
 from rosidl_py_gen import compile_definition, get_action, get_message, get_service, type_hash
 from rosidl_py_gen.bags import BagError, BagReader, BagWriter
 from rosidl_py_gen.bags.metadata import qos_profiles
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.recording.writer import WriterThread
 from rosidl_py_gen.runtime import Durability, IntrospectionState, QoSProfile, Reliability, ServiceEventType
 
@@ -530,7 +530,7 @@ def test_the_error_of_a_full_disk_has_the_path_once(tmp_path: Path) -> None:
             writer = WriterThread(bag, lambda: None)
             bag.write = raising(error)  # type: ignore[method-assign]
             writer.enqueue("/a", b"", 0, 0)
-            with pytest.raises(ToolError) as caught:
+            with pytest.raises(CommandError) as caught:
                 writer.end()
         assert str(caught.value).startswith(f"{tmp_path / name}: full; earlier messages")
 

@@ -14,7 +14,7 @@ import pytest
 from support.foxglove_viewer import served, viewer
 
 from rosidl_py_gen import compile_definition, encode, get_message
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.foxglove import limits, protocol
 from rosidl_py_gen.ros_cli.foxglove.decoding import Decoder, Worker
 from rosidl_py_gen.ros_cli.foxglove.protocol import ClientAdvertisement
@@ -157,7 +157,7 @@ async def test_definitions_of_all_viewers_have_a_limit_and_equal_ones_count_once
     one, same = [await publisher._compile("own_msgs/msg/One", f"int8 x\n{comments}".encode()) for _ in range(2)]
     assert one is same
     await publisher._compile("own_msgs/msg/Two", f"int8 y\n{comments}".encode())
-    with pytest.raises(ToolError, match="3 types of 1500021 bytes; at most 256 types of 1048576 bytes"):
+    with pytest.raises(CommandError, match="3 types of 1500021 bytes; at most 256 types of 1048576 bytes"):
         await publisher._compile("own_msgs/msg/Three", f"int8 z\n{comments}".encode())
     await publisher.close()
 
@@ -288,7 +288,7 @@ async def test_messages_that_would_become_many_objects_are_refused() -> None:
         (plain, "json", b'{"x": [' + b"{}," * 400_000 + b"{}]}", "bytes of JSON, expected at most 1048576"),
         (wide, "json", b'{"x": [' + b"{}," * 100 + b"{}]}", "values, expected at most 1048576; use CDR"),
     ):
-        with pytest.raises(ToolError) as refused:
+        with pytest.raises(CommandError) as refused:
             await Decoder(cls, encoding).run(data, worker, encode)
         assert said in str(refused.value)
     assert await Decoder(plain).run(large, worker, encode) == large

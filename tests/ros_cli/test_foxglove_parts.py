@@ -12,7 +12,7 @@ from support import raw_endpoints
 from support.node_fixtures import until
 
 from rosidl_py_gen import get_message, get_service
-from rosidl_py_gen.ros_cli import ToolError, types
+from rosidl_py_gen.ros_cli import CommandError, types
 from rosidl_py_gen.ros_cli.foxglove import limits
 from rosidl_py_gen.ros_cli.foxglove.clock import ViewerClock
 from rosidl_py_gen.ros_cli.foxglove.connections import ConnectionGraph
@@ -158,7 +158,7 @@ async def test_a_call_of_a_service_that_has_gone_makes_no_client(memory: World, 
     service.close()
     await until(lambda: ours.count_services("/trigger") == 0)
     services.refresh()
-    with pytest.raises(ToolError, match=r"^service /trigger has disappeared$"):
+    with pytest.raises(CommandError, match=r"^service /trigger has disappeared$"):
         await told.calls["/trigger"](Trigger.Request().encode())
     assert ours.count_clients("/trigger") == 0
     await services.close()

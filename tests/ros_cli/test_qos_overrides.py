@@ -9,7 +9,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.bag.qos_overrides import parse_qos_overrides, read_qos_overrides
 from rosidl_py_gen.runtime import Durability, History, Liveliness, QoSProfile, Reliability
 from rosidl_py_gen.runtime.qos import INFINITE_NS
@@ -74,7 +74,7 @@ def test_policies_have_the_names_of_rosbag2(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_wrong_is_told_with_its_place(text: str, error: str) -> None:
-    with pytest.raises(ToolError) as caught:
+    with pytest.raises(CommandError) as caught:
         parse_qos_overrides(text)
     assert str(caught.value).startswith(error)
 
@@ -89,6 +89,6 @@ def test_what_is_wrong_is_told_with_its_place(text: str, error: str) -> None:
 def test_any_text_is_profiles_or_an_error_of_ours(text: str) -> None:
     try:
         found = parse_qos_overrides(text)
-    except ToolError:
+    except CommandError:
         return
     assert all(isinstance(one, QoSProfile) for one in found.values())

@@ -13,7 +13,7 @@ from std_msgs.msg import String
 from support.node_fixtures import until
 
 from rosidl_py_gen import ros_cli
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli import command_node as session
 from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, context_opened_early
 from rosidl_py_gen.ros_cli.message_text import type_and_values
@@ -34,7 +34,7 @@ async def test_what_is_there_needs_no_time() -> None:
 
 async def test_a_command_does_not_count_itself_among_what_is_there() -> None:
     async with CommandNode({"spin_time_s": 0}) as session:
-        with pytest.raises(ToolError, match="none exist in this domain"):
+        with pytest.raises(CommandError, match="none exist in this domain"):
             await session.find("node", "somebody", session.node.get_node_names)
 
 
@@ -52,7 +52,7 @@ def test_type_and_values_may_be_left_out(words: list[str], expected: tuple[str |
 
 
 def test_values_that_a_shell_took_apart_are_refused() -> None:
-    with pytest.raises(ToolError, match="put them between '"):
+    with pytest.raises(CommandError, match="put them between '"):
         type_and_values(["{a:", "1}"])
 
 
@@ -163,9 +163,9 @@ async def test_what_came_while_a_command_was_held_up_counts(memory: World) -> No
     assert await made.wait_for(lambda: looks.append(True) or len(looks) > 2, 0.1)
 
 
-@pytest.mark.parametrize("error", [None, ToolError("wrong")])
+@pytest.mark.parametrize("error", [None, CommandError("wrong")])
 def test_a_command_listens_while_it_is_loaded_and_not_any_more_when_it_is_over(
-    dds: World, error: ToolError | None
+    dds: World, error: CommandError | None
 ) -> None:
     assert dds
     used: list[Any] = []
@@ -182,7 +182,7 @@ def test_a_command_listens_while_it_is_loaded_and_not_any_more_when_it_is_over(
             raise error
         return 0
 
-    with pytest.raises(ToolError) if error else nullcontext():
+    with pytest.raises(CommandError) if error else nullcontext():
         command(network=NetworkOptions())
     assert used[0] is used[1] and used[0].is_closed
 

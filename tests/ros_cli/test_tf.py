@@ -16,7 +16,7 @@ from support.transform_frames import LEVEL, QUARTER, S, moved
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagWriter
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.tf import png, text
 from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameStatistics
 from rosidl_py_gen.tf import StaticTransformBroadcaster, Transform, TransformBroadcaster
@@ -233,7 +233,7 @@ def test_very_deep_and_very_wide_trees_stay_small(tmp_path: Path) -> None:
     assert len(shown) == 3001 and max(map(len, shown)) < 250
     png.write(taken([moved(f"f{number}", f"f{number + 1}") for number in range(100)]), {}, tmp_path / "deep.png")
     wide = taken([moved("map", f"child{number}") for number in range(3000)])
-    with pytest.raises(ToolError, match=r"3001 frames need a picture of .* pixels; --format mermaid"):
+    with pytest.raises(CommandError, match=r"3001 frames need a picture of .* pixels; --format mermaid"):
         png.write(wide, {}, tmp_path / "wide.png")
 
 

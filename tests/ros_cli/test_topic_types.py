@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 import pytest
 
-from rosidl_py_gen.ros_cli import ToolError, types
+from rosidl_py_gen.ros_cli import CommandError, types
 from rosidl_py_gen.ros_cli.command_node import CommandNode
 from rosidl_py_gen.ros_cli.completion import complete_names
 from rosidl_py_gen.runtime import Node
@@ -16,7 +16,7 @@ async def test_a_topic_of_two_types_needs_to_be_told_which() -> None:
         node = session.node
         node.create_publisher("std_msgs/msg/String", "both")
         node.create_publisher("std_msgs/msg/Bool", "both")
-        with pytest.raises(ToolError, match="more than one type: std_msgs/msg/Bool, std_msgs/msg/String"):
+        with pytest.raises(CommandError, match="more than one type: std_msgs/msg/Bool, std_msgs/msg/String"):
             await types.message_class(session, "/both")
         assert (await types.message_class(session, "/both", "std_msgs/Bool")).__name__ == "Bool"
 
@@ -46,6 +46,6 @@ def test_types_are_completed_without_a_network() -> None:
 async def test_a_type_that_nobody_has_is_refused() -> None:
     async with CommandNode({}) as session:
         session.node.create_service("example_interfaces/srv/AddTwoInts", "add")
-        with pytest.raises(ToolError, match="has type example_interfaces/srv/AddTwoInts, not std_srvs/srv/Empty"):
+        with pytest.raises(CommandError, match="has type example_interfaces/srv/AddTwoInts, not std_srvs/srv/Empty"):
             await types.service_class(session, "/add", "std_srvs/Empty")
         assert (await types.service_class(session, "/new", "std_srvs/Empty"))._TYPE.name == "std_srvs/srv/Empty"

@@ -11,7 +11,7 @@ import pytest
 from rosidl_py_gen import compile_definition, to_dict, to_json
 from rosidl_py_gen.base.output import printable_lines
 from rosidl_py_gen.cdr import Message
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.message_text import message_from, to_plain, to_yaml
 from rosidl_py_gen.ros_cli.param.set import fit_parameter
 from rosidl_py_gen.ros_cli.values import MAX_TEXT
@@ -89,7 +89,7 @@ def test_numbers_are_taken_in_every_form_and_converted_by_the_type_of_their_fiel
 
 def test_what_does_not_fit_is_refused() -> None:
     for text, reason in REFUSED:
-        with pytest.raises(ToolError) as error:
+        with pytest.raises(CommandError) as error:
             message_from(_CLASS, text)
         assert reason in str(error.value), text[:100]
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.ros_cli import ToolError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import CommandError, options, terminal_output, verb
 
 if TYPE_CHECKING:
     import asyncio
@@ -64,7 +64,7 @@ async def send_goal(
         try:
             await client.wait_for_server(timeout_s)
         except WaitTimeoutError as error:
-            raise ToolError(str(error)) from None
+            raise CommandError(str(error)) from None
         show.message("Sending goal", goal)
         return await _follow(client, goal, show, show_feedback, timeout_s)
 
@@ -87,7 +87,7 @@ async def _follow(
                 show.feedback(feedback)
         status = await _end(handle, show)
     except GoalRejectedError:
-        raise ToolError("Goal was rejected.") from None
+        raise CommandError("Goal was rejected.") from None
     except asyncio.CancelledError:
         await _cancel(sending, show, timeout_s)
         return 130
@@ -101,7 +101,7 @@ async def _end(handle: ClientGoal[Any], show: _Printer, timeout_s: float | None 
 
 
 async def _cancel(sending: asyncio.Task[ClientGoal[Any]], show: _Printer, timeout_s: float) -> None:
-    """Cancel the goal, if it is accepted, and wait for its end. Raises `ToolError` if it may still be running."""
+    """Cancel the goal, if it is accepted, and wait for its end. Raises `CommandError` if it may still be running."""
     from rosidl_py_gen.runtime import ActionTimeoutError, CancelError, GoalRejectedError
 
     terminal_output.note("Canceling goal...")
@@ -114,7 +114,7 @@ async def _cancel(sending: asyncio.Task[ClientGoal[Any]], show: _Printer, timeou
                 terminal_output.note(str(error))
             await _end(handle, show, timeout_s)
         except ActionTimeoutError as error:
-            raise ToolError(f"the goal may still be running: {error}") from None
+            raise CommandError(f"the goal may still be running: {error}") from None
 
 
 class _Printer:

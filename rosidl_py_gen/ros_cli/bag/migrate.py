@@ -14,7 +14,7 @@ import click
 
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import DecodeError, EncodeError, InvalidNameError, RosidlError, TypeNotFoundError
-from rosidl_py_gen.ros_cli import DAMAGED, ToolError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import DAMAGED, CommandError, options, terminal_output, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader, BagTopic, RawMessage
@@ -158,7 +158,7 @@ class _NewDefinitions:
 def _plan_topics(
     reader: BagReader, topics: Sequence[str], paths: Sequence[str], rules: MigrationRules
 ) -> dict[tuple[str, ...], _Topic]:
-    """Return the conversion of each channel by its key; raises one `ToolError` for all failures."""
+    """Return the conversion of each channel by its key; raises one `CommandError` for all failures."""
     from rosidl_py_gen.compiler.compatibility.migration import MigrationError
 
     definitions = _NewDefinitions(paths)
@@ -168,10 +168,10 @@ def _plan_topics(
         if channel.name in topics:
             try:
                 planned[channel.key] = _topic(reader, channel, definitions, rules)
-            except (MigrationError, ToolError) as error:
+            except (MigrationError, CommandError) as error:
                 problems.append(str(error))
     if problems:
-        raise ToolError(f"{reader.path} cannot be converted: " + "\n".join(dict.fromkeys(problems)))
+        raise CommandError(f"{reader.path} cannot be converted: " + "\n".join(dict.fromkeys(problems)))
     return planned
 
 
@@ -192,7 +192,7 @@ def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, r
     new_definition = definitions.find(name)
     if isinstance(new_definition, str):
         if name != channel.type_name and channel.type_name in rules.types:
-            raise ToolError(f"{rules.types[channel.type_name].place}: {name} is {new_definition}")
+            raise CommandError(f"{rules.types[channel.type_name].place}: {name} is {new_definition}")
         return _Topic(channel, channel, note=new_definition)
     try:
         definition = reader.definition(channel)
@@ -202,7 +202,7 @@ def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, r
     if reason:
         if channel.count == 0:
             return _Topic(channel, channel, note=f"no messages, and {reason}")
-        raise ToolError(f"{reason}; pass the old definitions with --old-path, or select topics with --topics")
+        raise CommandError(f"{reason}; pass the old definitions with --old-path, or select topics with --topics")
     old: Any = definition.message_class
     new, text = new_definition
     target = replace(
@@ -247,7 +247,7 @@ def _converter(reader: BagReader, topic: _Topic) -> Callable[[RawMessage], RawMe
         except DecodeError as error:
             raise DecodeError(f"{place}: {error.path}", error.offset_bytes, error.reason) from None
         except EncodeError as error:
-            raise ToolError(f"{place}: {error.path}: {error.reason}") from None
+            raise CommandError(f"{place}: {error.path}: {error.reason}") from None
         return item._replace(channel=topic.new, data=data)
 
     return convert

@@ -19,7 +19,7 @@ def read_rules(path: str) -> MigrationRules:
     """Return the rules of a file.
 
     Raises:
-        ToolError: the file is invalid; names file, line and column.
+        CommandError: the file is invalid; names file, line and column.
         OSError: the file cannot be read.
     """
     return parse_rules(read_text(path, "rules"), path)

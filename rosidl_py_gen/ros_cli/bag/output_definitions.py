@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.bags.definition_lookup import described, has_definition, mismatch_reason
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.ros_cli import ToolError, terminal_output
+from rosidl_py_gen.ros_cli import CommandError, terminal_output
 
 if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader, BagTopic
@@ -23,7 +23,7 @@ def channels_with_definitions(
     """Return the channels to write, by the key of the original: with the definition in the bag, or a local one.
 
     Raises:
-        ToolError: a channel with messages has no matching definition, and `keeps_unknown` is False.
+        CommandError: a channel with messages has no matching definition, and `keeps_unknown` is False.
     """
     channels: dict[tuple[str, ...], BagTopic] = {}
     unknown: list[tuple[BagTopic, str]] = []
@@ -66,7 +66,7 @@ def guess_mismatch(reader: BagReader, channel: BagTopic) -> str:
 def _require_known(reader: BagReader, unknown: Sequence[tuple[BagTopic, str]], keeps_unknown: bool) -> None:
     missing = [f"{channel.type_name}: {reason}" for channel, reason in unknown if channel.count != 0]
     if missing and not keeps_unknown:
-        raise ToolError(
+        raise CommandError(
             f"{reader.path}: no definitions of {'; '.join(missing)}. Pass them with --path DIR, select topics with "
             "--topics, or write them without definitions with --without-definitions"
         )

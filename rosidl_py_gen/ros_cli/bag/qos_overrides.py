@@ -34,7 +34,7 @@ def read_qos_overrides(path: str | None) -> dict[str, QoSProfile]:
     """Return profiles by full topic name; none without a file.
 
     Raises:
-        ToolError: the file is invalid; names file, line and column.
+        CommandError: the file is invalid; names file, line and column.
         OSError: the file cannot be read.
     """
     return {} if path is None else parse_qos_overrides(read_text(path, "profiles"), path)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
-from rosidl_py_gen.ros_cli import ToolError, terminal_output
+from rosidl_py_gen.ros_cli import CommandError, terminal_output
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -28,13 +28,13 @@ class BagSelection(NamedTuple):
 
 
 def select_part(reader: BagReader, topics: Sequence[str], offset_s: float, duration_s: float | None) -> BagSelection:
-    """Return the selection of options; raises `ToolError` if a topic does not exist, or the bag is too short."""
+    """Return the selection of options; raises `CommandError` if a topic does not exist, or the bag is too short."""
     for name in topics:
         if name not in reader.topics:
-            raise ToolError(f"{reader.path} has no topic {name}{did_you_mean(name, reader.topics)}")
+            raise CommandError(f"{reader.path} has no topic {name}{did_you_mean(name, reader.topics)}")
     start = reader.start_ns + round(offset_s * NS_PER_S)
     if start > reader.end_ns:
-        raise ToolError(
+        raise CommandError(
             f"{reader.path} is {duration_text(reader.end_ns - reader.start_ns)} long; expected a start offset within it"
         )
     end = reader.end_ns + 1 if duration_s is None else min(start + round(duration_s * NS_PER_S), reader.end_ns + 1)
@@ -42,11 +42,11 @@ def select_part(reader: BagReader, topics: Sequence[str], offset_s: float, durat
 
 
 def compile_pattern(text: str, option: str) -> re.Pattern[str]:
-    """Return a regular expression of a command line; raises `ToolError`."""
+    """Return a regular expression of a command line; raises `CommandError`."""
     try:
         return re.compile(text)
     except re.error as error:
-        raise ToolError(f'{option}: "{text}" is not a regular expression: {error}') from None
+        raise CommandError(f'{option}: "{text}" is not a regular expression: {error}') from None
 
 
 def damaged_rows(parts: Iterable[DamagedPart]) -> list[dict[str, Any]]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rosidl_py_gen.ros_cli import DAMAGED, ToolError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import DAMAGED, CommandError, options, terminal_output, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader
@@ -74,9 +74,9 @@ def sql(
     atexit.unregister(gc.freeze)  # DuckDB's bindings warn at exit about objects that are still alive
     form = form or _format_of(output)
     if form == "parquet" and output is None:
-        raise ToolError("--format parquet requires --output")
+        raise CommandError("--format parquet requires --output")
     if output is not None and Path(output).exists():
-        raise ToolError(f"{output} exists already")
+        raise CommandError(f"{output} exists already")
     with ExitStack() as stack:
         base = stack.enter_context(Database(memory_limit))
         places = [*_expanded(bags)]
@@ -139,7 +139,7 @@ def _format_of(output: str | None) -> str:
     if output is None:
         return "table"
     if suffix not in ("csv", "json", "parquet"):
-        raise ToolError(f"{output}: unknown format; pass --format, or a name that ends with .csv, .json or .parquet")
+        raise CommandError(f"{output}: unknown format; pass --format, or a name that ends with .csv, .json or .parquet")
     return suffix
 
 
@@ -154,7 +154,7 @@ def _print_result(result: Result, form: str, output: str | None) -> None:
 
 def _show(result: Result, output: str | None) -> None:
     if output is not None:
-        raise ToolError("--format table cannot be written to a file; expected csv, json or parquet")
+        raise CommandError("--format table cannot be written to a file; expected csv, json or parquet")
     rows: list[list[str]] = []
     for row in result.rows():
         if len(rows) == _MAX_ROWS:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NoReturn, TypeAlias
 import yaml
 
 from rosidl_py_gen.base.yaml_text import UNTAGGED, YamlError, compose_yaml
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -27,29 +27,29 @@ def read_text(path: str, what: str) -> str:
     """Return the text of a file; `what` names its contents in errors.
 
     Raises:
-        ToolError: the file is too long, or not UTF-8.
+        CommandError: the file is too long, or not UTF-8.
         OSError: the file cannot be read.
     """
     with Path(path).open("rb") as file:
         data = file.read(_MAX_BYTES + 1)
     if len(data) > _MAX_BYTES:
-        raise ToolError(f"{path}: expected at most {_MAX_BYTES} bytes of {what}")
+        raise CommandError(f"{path}: expected at most {_MAX_BYTES} bytes of {what}")
     try:
         return data.decode()
     except UnicodeDecodeError as error:
-        raise ToolError(f"{path}: expected UTF-8, found the byte {data[error.start]:#04x}") from None
+        raise CommandError(f"{path}: expected UTF-8, found the byte {data[error.start]:#04x}") from None
 
 
 def parse(text: str, name: str, what: str) -> yaml.Node | None:
-    """Return the tree of a text, None if it is empty; `name` is that of errors. Raises `ToolError`."""
+    """Return the tree of a text, None if it is empty; `name` is that of errors. Raises `CommandError`."""
     try:
         return compose_yaml(text, max_bytes=_MAX_BYTES)
     except YamlError as error:
-        raise ToolError(error.at(name)) from None
+        raise CommandError(error.at(name)) from None
 
 
 def entries(node: yaml.Node, name: str, expected: str) -> Iterator[tuple[yaml.ScalarNode, yaml.Node]]:
-    """Yield keys and values of a mapping; none for null. Raises `ToolError`."""
+    """Yield keys and values of a mapping; none for null. Raises `CommandError`."""
     if is_null(node):
         return
     if not isinstance(node, yaml.MappingNode):
@@ -64,7 +64,7 @@ def entries(node: yaml.Node, name: str, expected: str) -> Iterator[tuple[yaml.Sc
 
 
 def text(node: yaml.Node, name: str, expected: str = "expected a name") -> str:
-    """Return the text of a node as written, so ``y`` and ``no`` are texts. Raises `ToolError`."""
+    """Return the text of a node as written, so ``y`` and ``no`` are texts. Raises `CommandError`."""
     if not isinstance(node, yaml.ScalarNode) or is_null(node) or len(node.value) > _MAX_TEXT:
         wrong(node, name, expected)
     return str(node.value)
@@ -81,5 +81,5 @@ def place(node: yaml.Node, name: str) -> str:
 
 
 def wrong(node: yaml.Node, name: str, reason: str) -> NoReturn:
-    """Raise `ToolError` with the location of a node."""
-    raise ToolError(f"{place(node, name)}: {reason}")
+    """Raise `CommandError` with the location of a node."""
+    raise CommandError(f"{place(node, name)}: {reason}")

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from rosidl_py_gen import decode, from_json
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.cdr.typesupport import referenced_classes
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.foxglove import limits
 
 if TYPE_CHECKING:
@@ -99,18 +99,18 @@ class Decoder:
         return self._cls()  # viewers do not always encode a message without fields as ROS 2 does
 
     def _require_small(self, data: bytes) -> int:
-        """Return the number of values that the message may have; raises `ToolError`."""
+        """Return the number of values that the message may have; raises `CommandError`."""
         if not self._is_json:
             if self._has_nested and len(data) > limits.MAX_NESTED_BYTES:
                 most = f"expected at most {limits.MAX_NESTED_BYTES}"
                 kind = "a type with a sequence of strings, or of messages that vary in size"
-                raise ToolError(f"got {len(data)} bytes, {most} for {kind}")
+                raise CommandError(f"got {len(data)} bytes, {most} for {kind}")
             return 0
         if len(data) > limits.MAX_TEXT:
-            raise ToolError(f"got {len(data)} bytes of JSON, expected at most {limits.MAX_TEXT}; CDR may be larger")
+            raise CommandError(f"got {len(data)} bytes of JSON, expected at most {limits.MAX_TEXT}; CDR may be larger")
         values = data.count(b"{") * self._defaults
         if values > limits.MAX_DEFAULTS:
-            raise ToolError(f"got JSON for up to {values} values, expected at most {limits.MAX_DEFAULTS}; use CDR")
+            raise CommandError(f"got JSON for up to {values} values, expected at most {limits.MAX_DEFAULTS}; use CDR")
         return values
 
 

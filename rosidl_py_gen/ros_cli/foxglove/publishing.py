@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen import Message, compile_definition, encode, get_message
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
-from rosidl_py_gen.ros_cli import ToolError, types
+from rosidl_py_gen.ros_cli import CommandError, types
 from rosidl_py_gen.ros_cli.foxglove import limits
 from rosidl_py_gen.ros_cli.foxglove.decoding import Decoder, Worker
 from rosidl_py_gen.ros_cli.name_lookup import full_topic_name
@@ -116,7 +116,9 @@ class ClientPublishing:
 
     async def _class(self, topic: str, offer: ClientAdvertisement) -> type[Message]:
         if offer.encoding not in _ENCODINGS:
-            raise ToolError(f'its encoding is "{printable(offer.encoding)[:40]}"; expected {" or ".join(_ENCODINGS)}')
+            raise CommandError(
+                f'its encoding is "{printable(offer.encoding)[:40]}"; expected {" or ".join(_ENCODINGS)}'
+            )
         name = str(split_ros_name(offer.schema_name, "msg"))
         if self._has_type(topic, name):
             return await types.message_class(self._session, topic, name, self._paths)
@@ -130,16 +132,16 @@ class ClientPublishing:
         return await types.message_class(self._session, topic, name, self._paths)
 
     def _has_type(self, topic: str, name: str) -> bool:
-        """Return True if a node has the topic with this type; raises `ToolError` for another type."""
+        """Return True if a node has the topic with this type; raises `CommandError` for another type."""
         announced = dict(self._session.node.get_topic_names_and_types()).get(topic, [])
         if announced and name not in announced:
-            raise ToolError(f"its type is {', '.join(announced)}; expected {name}")
+            raise CommandError(f"its type is {', '.join(announced)}; expected {name}")
         return bool(announced)
 
     async def _compile(self, name: str, schema: bytes) -> type[Message]:
         cls = await self._compiling.run(self._compiled_class, name, schema)
         if not issubclass(cls, Message):
-            raise ToolError(f"{name} is a service or action; expected a message")
+            raise CommandError(f"{name} is a service or action; expected a message")
         return cls
 
     def _compiled_class(self, name: str, schema: bytes) -> type[Any]:
@@ -148,7 +150,7 @@ class ClientPublishing:
         if key not in self._compiled:
             count, size = len(self._compiled) + 1, self._compiled_bytes + len(schema)
             if count > limits.MAX_SCHEMAS or size > limits.MAX_SCHEMAS_BYTES:
-                raise ToolError(
+                raise CommandError(
                     f"viewers have sent too many definitions: {count} ({size} bytes); "
                     f"expected at most {limits.MAX_SCHEMAS} ({limits.MAX_SCHEMAS_BYTES} bytes)"
                 )

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from websockets.asyncio.server import ServerConnection, serve
 
-from rosidl_py_gen.ros_cli import ToolError, terminal_output
+from rosidl_py_gen.ros_cli import CommandError, terminal_output
 from rosidl_py_gen.ros_cli.foxglove import limits, protocol
 from rosidl_py_gen.ros_cli.foxglove.access import Access, RateLimit
 from rosidl_py_gen.ros_cli.foxglove.viewer import AdvertisedChannel, AdvertisedService, Handlers, ServerState, Viewer
@@ -99,7 +99,7 @@ class Server:
         """Listen, and return the port.
 
         Raises:
-            ToolError: the address cannot be used.
+            CommandError: the address cannot be used.
         """
         self._listening, host, port = listening, listening.host, listening.port
         try:
@@ -107,7 +107,7 @@ class Server:
         except (OSError, OverflowError) as error:
             address = f"[{host}]" if ":" in host else host
             reason = getattr(error, "strerror", None) or error
-            raise ToolError(f"cannot listen on {address}:{port}: {reason}; pass another --port") from None
+            raise CommandError(f"cannot listen on {address}:{port}: {reason}; pass another --port") from None
         names: Any = protocol.SUBPROTOCOLS
         session = secrets.token_hex(8)
         self._server = await serve(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr.typesupport import referenced_classes
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
-from rosidl_py_gen.ros_cli import ToolError, terminal_output, types
+from rosidl_py_gen.ros_cli import CommandError, terminal_output, types
 from rosidl_py_gen.ros_cli.foxglove.decoding import Decoder, Worker
 from rosidl_py_gen.ros_cli.name_lookup import has_server, is_hidden
 from rosidl_py_gen.type_loading.from_description import definition_text
@@ -103,7 +103,7 @@ class ServiceBridge:
 
     async def _call(self, name: str, service: _AdvertisedService, cls: Any, request: Any) -> bytes:
         if self._services.get(name) is not service:  # a client that is created now would never be closed
-            raise ToolError(f"service {name} has disappeared")
+            raise CommandError(f"service {name} has disappeared")
         if service.client is None:
             service.client = self._session.node.create_client(cls, name)
         response = await service.client.call(request, _CALL_TIMEOUT_S)

@@ -16,7 +16,7 @@ import click
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.output import printable_line
-from rosidl_py_gen.ros_cli import ToolError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import CommandError, options, terminal_output, verb
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -206,6 +206,6 @@ def _matching(patterns: tuple[str, ...], names: list[str], subject: str) -> set[
         matches = [name for name in names if fnmatchcase(name, pattern)]
         if not matches:
             hint = did_you_mean(pattern, names) or f"; {len(names)} are known"
-            raise ToolError(f"no {subject} {pattern}{hint}")
+            raise CommandError(f"no {subject} {pattern}{hint}")
         edges.update(matches)
     return edges

@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.msgs.lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.command_node import CommandNode
 from rosidl_py_gen.ros_cli.name_lookup import find_node, nodes_serving
 from rosidl_py_gen.runtime import CallTimeoutError, ServerLostError
@@ -68,13 +68,13 @@ async def lifecycle_of(network: NetworkOptions, node: str, timeout_s: float) -> 
     """Wait for a lifecycle node and yield the access to its services.
 
     Raises:
-        ToolError: the node does not exist, is not a lifecycle node, or does not reply in time.
+        CommandError: the node does not exist, is not a lifecycle node, or does not reply in time.
     """
     async with CommandNode(network) as session:
         name = await find_node(session, node, timeout_s)
         if not await session.wait_for(lambda: name in lifecycle_nodes(session.node, hidden=True), timeout_s):
-            raise ToolError(f"{name} is not a lifecycle node: it does not serve {name}{_IDENTIFYING_SERVICE}")
+            raise CommandError(f"{name} is not a lifecycle node: it does not serve {name}{_IDENTIFYING_SERVICE}")
         try:
             yield LifecycleAccess(session.node, name, timeout_s)
         except (CallTimeoutError, ServerLostError) as error:
-            raise ToolError(f"node {name} does not reply: {error}") from None
+            raise CommandError(f"node {name} does not reply: {error}") from None

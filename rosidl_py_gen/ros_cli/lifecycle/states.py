@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.ros_cli import AsyncCommand, ToolError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, options, terminal_output, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.msgs.lifecycle_msgs.msg import State
@@ -135,12 +135,12 @@ async def set_(network: options.NetworkOptions, node: str, transition: str, time
         by_text = {**{str(one.id): one for one in possible}, **{one.label: one for one in possible}}
         if transition not in by_text:
             choices = ", ".join(f"{one.label} [{one.id}]" for one in possible) or "none"
-            raise ToolError(f"{remote.name} cannot {transition!r} in its present state; possible now: {choices}")
+            raise CommandError(f"{remote.name} cannot {transition!r} in its present state; possible now: {choices}")
         successful = await remote.change(by_text[transition])
     if as_json:
         terminal_output.document({"successful": successful})
     elif not successful:
-        raise ToolError("Transitioning failed")
+        raise CommandError("Transitioning failed")
     else:
         terminal_output.line("Transitioning successful")
     return 0 if successful else 1

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen.base.stamps import stamp_ns
-from rosidl_py_gen.ros_cli import AsyncCommand, ToolError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, options, terminal_output, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.command_node import CommandNode
@@ -83,7 +83,7 @@ def _print_recorded(path: str, printer: LogPrinter) -> int:
     with BagReader(path) as reader:
         topics = [name for name, topic in reader.topics.items() if topic.type_name == _TYPE]
         if not topics:
-            raise ToolError(f"{path} has no topic of {_TYPE}, so it contains no log messages")
+            raise CommandError(f"{path} has no topic of {_TYPE}, so it contains no log messages")
         for one in reader.messages(topics):
             if printer.is_done:
                 break

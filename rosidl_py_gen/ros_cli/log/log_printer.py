@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.output import printable_line
 from rosidl_py_gen.base.stamps import sec_nanosec, stamp_ns
-from rosidl_py_gen.ros_cli import ToolError, terminal_output
+from rosidl_py_gen.ros_cli import CommandError, terminal_output
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -44,7 +44,7 @@ class LogPrinter:
         try:
             self._pattern = re.compile(pattern) if pattern else None
         except re.error as error:
-            raise ToolError(f"--text {pattern!r:.100} is not a regular expression: {error}") from None
+            raise CommandError(f"--text {pattern!r:.100} is not a regular expression: {error}") from None
         self._left, self._verbose, self._as_json = times, verbose, as_json
 
     @property

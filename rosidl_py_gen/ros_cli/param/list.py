@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rosidl_py_gen.ros_cli import AsyncCommand, ToolError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, options, terminal_output, verb
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -54,7 +54,7 @@ def list_(
     try:
         regex = re.compile(pattern or "")
     except re.error as error:
-        raise ToolError(f"--filter {pattern!r} is not a regular expression: {error}") from None
+        raise CommandError(f"--filter {pattern!r} is not a regular expression: {error}") from None
 
     async def list_parameters(client: ParameterClient) -> dict[str, str]:
         """Return sorted names with types; types are empty unless they are shown."""

@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.command_node import CommandNode
 from rosidl_py_gen.ros_cli.name_lookup import find_node
 from rosidl_py_gen.runtime import (
@@ -29,7 +29,7 @@ async def parameters_of(network: NetworkOptions, node: str, timeout_s: float) ->
     """Yield a client for the parameters of a node; requests are sent before the causes of errors are known.
 
     Raises:
-        ToolError: the node does not exist, serves no parameters, does not reply in time, or does not have a parameter.
+        CommandError: the node does not exist, serves no parameters, does not reply in time, or has no such parameter.
     """
     async with CommandNode(network) as session:
         client = session.node.create_parameter_client(node if node.startswith("/") else f"/{node}")
@@ -38,13 +38,13 @@ async def parameters_of(network: NetworkOptions, node: str, timeout_s: float) ->
         except WaitTimeoutError:
             await find_node(session, node, 0)
             text = f"node {client.node} exists, but offered no parameter services in {timeout_s:g} s"
-            raise ToolError(text) from None
+            raise CommandError(text) from None
         try:
             yield client
         except (CallTimeoutError, ServerLostError) as error:
-            raise ToolError(f"node {client.node}: {error}") from None
+            raise CommandError(f"node {client.node}: {error}") from None
         except ParameterNotDeclaredError as error:
-            raise ToolError(await _missing_parameters_text(client, error.names, timeout_s)) from None
+            raise CommandError(await _missing_parameters_text(client, error.names, timeout_s)) from None
 
 
 async def _missing_parameters_text(client: ParameterClient, requested: tuple[str, ...], timeout_s: float) -> str:

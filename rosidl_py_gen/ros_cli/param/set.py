@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.ros_cli import ToolError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import CommandError, options, terminal_output, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import ParameterClient, ParameterType, ParameterValue, SetResult
@@ -27,7 +27,7 @@ async def _set_or_delete(
     if as_json:
         terminal_output.document({"successful": result.successful, "reason": result.reason})
     elif not result.successful:
-        raise ToolError(f"{'Deleting' if value is None else 'Setting'} parameter failed{reason}")
+        raise CommandError(f"{'Deleting' if value is None else 'Setting'} parameter failed{reason}")
     else:
         success = "Deleted parameter successfully" if value is None else "Set parameter successful"
         terminal_output.line(f"{success}{reason}")
@@ -90,7 +90,7 @@ async def _set(client: ParameterClient, name: str, text: str | None, timeout_s: 
     assert text is not None
     try:
         fitted = fit_parameter(text, await client.get_types(name, timeout_s))
-    except (ToolError, ParameterNotDeclaredError):
+    except (CommandError, ParameterNotDeclaredError):
         fitted = None
     if fitted is None or fitted == requested:
         if result is None:

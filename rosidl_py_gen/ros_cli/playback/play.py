@@ -7,7 +7,7 @@ from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.stamps import stamp_ns
-from rosidl_py_gen.ros_cli import DAMAGED, AsyncCommand, ToolError, terminal_output
+from rosidl_py_gen.ros_cli import DAMAGED, AsyncCommand, CommandError, terminal_output
 from rosidl_py_gen.ros_cli.bag.qos_overrides import read_qos_overrides
 from rosidl_py_gen.ros_cli.bag.rosbag2_services import serve_rosbag2
 from rosidl_py_gen.ros_cli.bag.selection import progress
@@ -50,7 +50,7 @@ def _playable_topics(recording: Recording, topics: Sequence[str]) -> list[str]:
     """Return the topics without those whose name or type is invalid in ROS 2.
 
     Raises:
-        ToolError: no topic is left.
+        CommandError: no topic is left.
     """
     left = {}
     for _, channel in recording.channels:
@@ -61,7 +61,7 @@ def _playable_topics(recording: Recording, topics: Sequence[str]) -> list[str]:
         else:
             left[channel.name] = True
     if topics and not left:
-        raise ToolError(f"{recording.name}: none of its topics can be played")
+        raise CommandError(f"{recording.name}: none of its topics can be played")
     return [name for name in topics if name in left]
 
 

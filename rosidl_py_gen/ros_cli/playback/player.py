@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import set_stamp
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.bag.selection import duration_text
 from rosidl_py_gen.ros_cli.name_lookup import full_topic_name
 from rosidl_py_gen.ros_cli.playback.recording import by_publish_time
@@ -30,7 +30,7 @@ class Player:
     """Player with the methods that keys and services call. Thread: loop.
 
     Raises:
-        ToolError: a remapping is invalid, or the definition of a service is missing whose requests are to be sent.
+        CommandError: a remapping is invalid, or the definition of a service is missing whose requests are to be sent.
     """
 
     def __init__(
@@ -209,7 +209,7 @@ class Player:
 
 def _check_clock_topics(clock_topics: set[str], topics: Sequence[str]) -> None:
     for name in sorted(clock_topics.difference(topics)):
-        raise ToolError(f"--clock-topics {name}: topic is not played; topics are {', '.join(topics)[:300]}")
+        raise CommandError(f"--clock-topics {name}: topic is not played; topics are {', '.join(topics)[:300]}")
 
 
 def _remapped_names(
@@ -220,9 +220,9 @@ def _remapped_names(
     for remap in remaps:
         before, arrow, after = remap.partition(":=")
         if not (before and arrow and after):
-            raise ToolError(f"--remap {remap}: expected FROM:=TO")
+            raise CommandError(f"--remap {remap}: expected FROM:=TO")
         name = full_topic_name(session, before)
         if name not in known:
-            raise ToolError(f"--remap {remap}: {name} is not played; topics are {', '.join(topics)[:300]}")
+            raise CommandError(f"--remap {remap}: {name} is not played; topics are {', '.join(topics)[:300]}")
         names[name] = full_topic_name(session, after)
     return names

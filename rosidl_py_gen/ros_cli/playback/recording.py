@@ -7,7 +7,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.bags import BagReader
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.name_lookup import topic_owner
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ class Recording:
         storage: required storage of all files, if the user stated one.
 
     Raises:
-        ToolError: a bag has another storage.
+        CommandError: a bag has another storage.
         BagError, OSError: as for `BagReader`.
     """
 
@@ -82,7 +82,7 @@ def _require_storage(reader: BagReader, storage: str | None) -> None:
     for file in reader.files:
         actual = _KINDS.get(file.suffix if file.suffix in _KINDS else file.with_suffix("").suffix, "")
         if storage is not None and actual != storage:
-            raise ToolError(f"{file}: storage is {actual}; expected {storage}, or no --storage")
+            raise CommandError(f"{file}: storage is {actual}; expected {storage}, or no --storage")
 
 
 def by_publish_time(messages: Iterable[RawMessage], ahead: int) -> Iterator[RawMessage]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen import compile_definition, get_service, type_hash
 from rosidl_py_gen.cdr import Service
 from rosidl_py_gen.errors import DecodeError, RosidlError
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.playback.senders import wait_each_until_timeout
 from rosidl_py_gen.runtime import ServiceEventType
 
@@ -56,7 +56,7 @@ class Requests:
         """Return a function that sends the request in an event of a channel, and returns True if it did.
 
         Raises:
-            ToolError: the definition of the service is unknown.
+            CommandError: the definition of the service is unknown.
         """
         cls, event = self._classes(reader, channel)
         key = service, type_hash(event)
@@ -82,7 +82,7 @@ class Requests:
         try:
             event = reader.definition(channel).message_class
         except RosidlError as error:
-            raise ToolError(f"requests to {channel.name} cannot be sent: {error}; {advice}") from None
+            raise CommandError(f"requests to {channel.name} cannot be sent: {error}; {advice}") from None
         for find in (lambda: compile_definition(name, channel.definition), lambda: get_service(name, path=self._paths)):
             try:
                 cls: Any = find()
@@ -90,7 +90,7 @@ class Requests:
                 continue
             if issubclass(cls, Service) and type_hash(cls.Event) == type_hash(event):
                 return cls, event
-        raise ToolError(
+        raise CommandError(
             f"requests to {channel.name} cannot be sent: no definition of {name} matches the recording; {advice}"
         )
 

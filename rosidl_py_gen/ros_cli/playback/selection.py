@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.ros_cli import ToolError, terminal_output
+from rosidl_py_gen.ros_cli import CommandError, terminal_output
 from rosidl_py_gen.ros_cli.bag.selection import BagSelection, compile_pattern, duration_text, time_text
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def selected_topics(recording: Recording, options: PlayOptions) -> list[str]:
     """Return the topics to play, sorted.
 
     Raises:
-        ToolError: a named topic does not exist, a pattern is invalid, or no topic is left.
+        CommandError: a named topic does not exist, a pattern is invalid, or no topic is left.
     """
     owners = recording.owners
     included = {"topic": options.topics, "service": options.services, "action": options.actions}
@@ -53,7 +53,7 @@ def selected_topics(recording: Recording, options: PlayOptions) -> list[str]:
         terminal_output.note("skipped /clock of the bag, as --clock publishes it")
         selected.remove("/clock")
     if recording.topics and not selected:
-        raise ToolError(
+        raise CommandError(
             f"{recording.name}: no topic is selected; topics are {', '.join(recording.topics)[:300]}; --regex "
             "and --exclude-regex match whole names"
         )
@@ -63,7 +63,7 @@ def selected_topics(recording: Recording, options: PlayOptions) -> list[str]:
 def _existing_names(
     recording: Recording, owners: Iterable[TopicOwner], kind: str, names: Sequence[str], prefix: str
 ) -> set[str]:
-    """Return full names that exist. A missing name raises `ToolError`; a missing excluded name is noted."""
+    """Return full names that exist. A missing name raises `CommandError`; a missing excluded name is noted."""
     owners = list(owners)
     existing = {one.name for one in owners if one.kind == kind} | (set(recording.topics) if kind == "topic" else set())
     full = {name if name.startswith("/") else f"/{name}" for name in names}
@@ -73,7 +73,7 @@ def _existing_names(
         if other:
             reason += f"; it is a{'n' if other == 'action' else ''} {other}: --{prefix}{other}s {name}"
         if not prefix:
-            raise ToolError(reason)
+            raise CommandError(reason)
         terminal_output.note(f"--{prefix}{kind}s: {reason}")
     return full & existing
 
@@ -89,12 +89,12 @@ def select_messages(recording: Recording, topics: Sequence[str], options: PlayOp
     of ``--duration`` is exclusive as for the other commands.
 
     Raises:
-        ToolError: no time is left.
+        CommandError: no time is left.
     """
     start = recording.start_ns + round(options.offset_s * NS_PER_S)
     if start > recording.end_ns:
         length = duration_text(recording.end_ns - recording.start_ns)
-        raise ToolError(f"{recording.name} is {length} long; expected a start offset within it")
+        raise CommandError(f"{recording.name} is {length} long; expected a start offset within it")
     ends = []
     if options.playback_s is not None:
         ends.append(start + round(options.playback_s * NS_PER_S) + 1 if options.playback_s else start)
@@ -104,7 +104,7 @@ def select_messages(recording: Recording, topics: Sequence[str], options: PlayOp
     if options.duration_s is not None:
         end = min(end, start + round(options.duration_s * NS_PER_S))
     if end < start:
-        raise ToolError(
+        raise CommandError(
             f"{recording.name}: starts at {time_text(start)}; expected an end after it, got {time_text(end - 1)}"
         )
     return BagSelection(list(topics), start, end)

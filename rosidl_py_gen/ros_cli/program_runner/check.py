@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen import RosidlError, found_packages
 from rosidl_py_gen.base.names import KINDS, did_you_mean
 from rosidl_py_gen.errors import display_path
-from rosidl_py_gen.ros_cli import ToolError, terminal_output
+from rosidl_py_gen.ros_cli import CommandError, terminal_output
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.program_runner.program import Program
@@ -66,7 +66,7 @@ def check(program: Program, as_json: bool) -> int:
         assert program.module is not None
         start = _own_file(program.module) or _own_file(f"{program.module}.__main__")
         if start is None:
-            raise ToolError(_no_source_text(program.module))
+            raise CommandError(_no_source_text(program.module))
     findings = _Findings()
     queue = [(start, program.module or "")]
     while queue:
@@ -98,13 +98,13 @@ class _FileChecker:
         try:
             data = self._file.read_bytes()
             if len(data) > _MAX_BYTES:
-                raise ToolError(f"{self._file} is longer than {_MAX_BYTES} bytes")
+                raise CommandError(f"{self._file} is longer than {_MAX_BYTES} bytes")
             tree = ast.parse(data)
         except (SyntaxError, ValueError) as error:
             self._add(getattr(error, "lineno", 0) or 0, f"cannot be read as Python: {error}")
             return []
         except (RecursionError, MemoryError) as error:
-            raise ToolError(f"{self._file}: expressions are nested too deeply") from error
+            raise CommandError(f"{self._file}: expressions are nested too deeply") from error
         package = self._module if self._file.name == "__init__.py" else self._module.rpartition(".")[0]
         imports = [*_imports(tree, package)]
         for one in imports:
@@ -260,7 +260,7 @@ def _import_module(name: str) -> ModuleType | None:
     except ModuleNotFoundError:
         return None
     except (ImportError, RosidlError) as error:
-        raise ToolError(f"{name} cannot be imported: {error}") from error
+        raise CommandError(f"{name} cannot be imported: {error}") from error
 
 
 def _has(module: Any, name: str) -> bool:

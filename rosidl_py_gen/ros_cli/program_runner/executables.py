@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rosidl_py_gen.compiler.frontend.files import UnreadableError, read_text
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.type_loading.package_files import cmake_installs
 from rosidl_py_gen.type_loading.setup_py import SetupSyntaxError, setup_calls
 
@@ -46,7 +46,7 @@ class Executable:
 
 
 def of_sources(folder: Path) -> dict[str, Executable]:
-    """Return the executables of a source package by name. Raises `ToolError` if a file cannot be read."""
+    """Return the executables of a source package by name. Raises `CommandError` if a file cannot be read."""
     executables: dict[str, Executable] = {}
     for reader, name in ((_setup_py, "setup.py"), (_setup_cfg, "setup.cfg"), (_pyproject, "pyproject.toml")):
         if (folder / name).is_file():
@@ -92,7 +92,7 @@ def _text(folder: Path, name: str) -> str:
     try:
         return read_text(folder, name)
     except UnreadableError as error:
-        raise ToolError(f"{folder / name}: {error.reason}") from error
+        raise CommandError(f"{folder / name}: {error.reason}") from error
 
 
 def _scripts(texts: Iterable[str], folder: Path, source: Path) -> Iterator[Executable]:
@@ -100,7 +100,7 @@ def _scripts(texts: Iterable[str], folder: Path, source: Path) -> Iterator[Execu
         if match := _ENTRY.fullmatch(text):
             yield Executable(match[1], folder, source, module=match[2], function=match[3])
         elif text.strip():
-            raise ToolError(f'{source}: expected "name = module:function", found "{text.strip()[:200]}"')
+            raise CommandError(f'{source}: expected "name = module:function", found "{text.strip()[:200]}"')
 
 
 def _setup_py(text: str, source: Path) -> tuple[list[str], str]:
@@ -108,7 +108,7 @@ def _setup_py(text: str, source: Path) -> tuple[list[str], str]:
     try:
         calls = setup_calls(text, source.parent)
     except SetupSyntaxError as error:
-        raise ToolError(f"{source}: {error}") from error
+        raise CommandError(f"{source}: {error}") from error
     texts: list[str] = []
     root = ""
     for arguments in calls:
@@ -130,7 +130,7 @@ def _setup_cfg(text: str, source: Path) -> tuple[list[str], str]:
     try:
         parser.read_string(text)
     except configparser.Error as error:
-        raise ToolError(f"{source}: {error}".replace("\n", " ")) from error
+        raise CommandError(f"{source}: {error}".replace("\n", " ")) from error
     root = re.search(r"^\s*=\s*(\S+)", parser.get("options", "package_dir", fallback=""), re.MULTILINE)
     return parser.get("options.entry_points", _GROUP, fallback="").splitlines(), root[1] if root else ""
 
@@ -160,7 +160,7 @@ def _programs(folder: Path) -> Iterator[Executable]:
     try:
         installs = cmake_installs(folder)
     except UnreadableError as error:
-        raise ToolError(f"{source}: {error.reason}") from error
+        raise CommandError(f"{source}: {error.reason}") from error
     for one in installs:
         is_program = one.kind == "PROGRAMS"
         if is_program or (one.kind in ("FILES", "DIRECTORY") and one.destination.startswith("lib/")):

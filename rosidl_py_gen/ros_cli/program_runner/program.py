@@ -13,7 +13,7 @@ from pathlib import Path
 from types import CodeType, ModuleType, TracebackType
 from typing import Any
 
-from rosidl_py_gen.ros_cli import ToolError, report
+from rosidl_py_gen.ros_cli import CommandError, report
 from rosidl_py_gen.ros_cli.program_runner.error_display import filter_traceback, refused_arguments
 
 _PACKAGE_DIR = str(Path(__file__).parents[1])
@@ -49,7 +49,7 @@ class Program:
             self._body()()
         except SystemExit:
             raise
-        except ToolError as error:  # unknown module
+        except CommandError as error:  # unknown module
             report(str(error))
             sys.exit(1)
         except BaseException as error:
@@ -112,15 +112,15 @@ def _spec(name: str) -> ModuleSpec:
         if spec is not None and spec.submodule_search_locations is not None:
             spec = importlib.util.find_spec(f"{name}.__main__")
             if spec is None:
-                raise ToolError(f'"{name}" is a package without a module __main__, and cannot be run')
+                raise CommandError(f'"{name}" is a package without a module __main__, and cannot be run')
     except ModuleNotFoundError as error:
         if error.name is None or not (name == error.name or name.startswith(error.name + ".")):
             raise
         spec = None
     except ValueError as error:
-        raise ToolError(f'expected the name of a module, found "{name}": {error}') from error
+        raise CommandError(f'expected the name of a module, found "{name}": {error}') from error
     if spec is None:
-        raise ToolError(f'no module "{name}" in {os.getcwd()}, in the workspace, or on sys.path')
+        raise CommandError(f'no module "{name}" in {os.getcwd()}, in the workspace, or on sys.path')
     return spec
 
 
@@ -128,7 +128,7 @@ def _code(spec: ModuleSpec) -> CodeType:
     get = getattr(spec.loader, "get_code", None)
     code = get(spec.name) if get is not None else None
     if not isinstance(code, CodeType):
-        raise ToolError(f'the module "{spec.name}" has no code to run')
+        raise CommandError(f'the module "{spec.name}" has no code to run')
     return code
 
 

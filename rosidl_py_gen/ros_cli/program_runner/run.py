@@ -16,7 +16,7 @@ import click
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.compiler.frontend.workspace import Workspace, package_around, workspace_around
-from rosidl_py_gen.ros_cli import ToolError, terminal_output
+from rosidl_py_gen.ros_cli import CommandError, terminal_output
 from rosidl_py_gen.ros_cli.program_runner.program import Program
 from rosidl_py_gen.type_loading.import_hook import ImportHookWarning, install_import_hook
 
@@ -99,7 +99,7 @@ def _program(words: Sequence[str], paths: Sequence[str]) -> Program:
         return _file_program(path, tuple(rest))
     if first.endswith(".py") or "/" in first or os.sep in first:
         kind = "it is a folder" if path.is_dir() else "no such file"
-        raise ToolError(f"{first}: expected a Python file, {kind}")
+        raise CommandError(f"{first}: expected a Python file, {kind}")
     return _executable_program(first, rest, paths)
 
 
@@ -149,20 +149,20 @@ def _executable_program(package: str, words: Sequence[str], paths: Sequence[str]
         searched = ", ".join(str(one.folder) for one in _workspaces(paths))
         known = {name for workspace in _workspaces(paths) for name in workspace.packages}
         text = f'no file and no package "{package}"{did_you_mean(package, known)}'
-        raise ToolError(f"{text}; searched {searched}, the packages of pip, and AMENT_PREFIX_PATH")
+        raise CommandError(f"{text}; searched {searched}, the packages of pip, and AMENT_PREFIX_PATH")
     names = ", ".join(sorted(by_name)) or "none in Python"
     if not words:
-        raise ToolError(f"expected an executable of {package} ({places[0]}); it has: {names}")
+        raise CommandError(f"expected an executable of {package} ({places[0]}); it has: {names}")
     name, *arguments = words
     if name not in by_name:
-        raise ToolError(
+        raise CommandError(
             f'{package} ({places[0]}) has no executable "{name}"{did_you_mean(name, by_name)}; it has: {names}'
         )
     one = by_name[name]
     place = one.folder if one.file is None else one.file
     if one.file is not None:
         if not _is_python(one.file):
-            raise ToolError(f"{one.file} is not a Python program")
+            raise CommandError(f"{one.file} is not a Python program")
         return Program(str(one.file), tuple(arguments), str(one.file.resolve().parent), place, file=one.file)
     argv0 = str(one.folder / one.name)
     return Program(argv0, tuple(arguments), str(one.folder), place, module=one.module, function=one.function)

@@ -15,7 +15,7 @@ from rosidl_py_gen.bags.metadata import qos_text
 from rosidl_py_gen.bags.writer import topic_of
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import ClosedError, InvalidNameError, RosidlError, TypeNotFoundError
-from rosidl_py_gen.ros_cli import ToolError, terminal_output, types
+from rosidl_py_gen.ros_cli import CommandError, terminal_output, types
 from rosidl_py_gen.ros_cli.bag.selection import size_text
 from rosidl_py_gen.ros_cli.command_node import now_s
 from rosidl_py_gen.ros_cli.name_lookup import TopicOwner
@@ -119,7 +119,7 @@ class Recorder:
                 if named not in self._owners:
                     what = _MISSING[named.kind].format(named.name)
                     if self._options.no_discovery:
-                        raise ToolError(f"nobody publishes {what}, and --no-discovery waits for nobody")
+                        raise CommandError(f"nobody publishes {what}, and --no-discovery waits for nobody")
                     terminal_output.note(f"nobody publishes {what} yet; waiting for it")
             pause_s = self._options.polling_ms / 1000
             await asyncio.sleep(pause_s)

@@ -26,7 +26,7 @@ def owner_of(topic: str, type_name: str) -> TopicOwner:
 
 
 class Selection:
-    """Selection of the options; raises `ToolError` for invalid patterns, `InvalidNameError` for invalid names."""
+    """Selection of the options; raises `CommandError` for invalid patterns, `InvalidNameError` for invalid names."""
 
     def __init__(self, options: RecordOptions) -> None:
         self.named = [

@@ -12,7 +12,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -166,7 +166,7 @@ class WriterThread:
         """Write waiting messages, and close the bag; retained messages are discarded.
 
         Raises:
-            ToolError: not everything could be written.
+            CommandError: not everything could be written.
         """
         self._items.put(None)
         self._thread.join()
@@ -176,4 +176,4 @@ class WriterThread:
             self._error = self._error or error
         if self._error is not None:
             reason = str(getattr(self._error, "strerror", None) or self._error).removeprefix(f"{self.path}: ")
-            raise ToolError(f"{self.path}: {reason}; earlier messages can be read; see `rosidl-py bag info`")
+            raise CommandError(f"{self.path}: {reason}; earlier messages can be read; see `rosidl-py bag info`")

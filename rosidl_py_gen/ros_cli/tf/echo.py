@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rosidl_py_gen.base.stamps import sec_nanosec
-from rosidl_py_gen.ros_cli import AsyncCommand, ToolError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, options, terminal_output, verb
 
 if TYPE_CHECKING:
     import numpy as np
@@ -65,7 +65,7 @@ def echo(
             try:
                 await buffer.wait_for_transform(target, source, timeout_s=timeout_s)
             except (TransformTimeoutError, InvalidTransformError) as error:
-                raise ToolError(f'no transform from "{source}" to "{target}": {error}') from None
+                raise CommandError(f'no transform from "{source}" to "{target}": {error}') from None
             while left is None or left > 0:
                 try:
                     _show(buffer.lookup_transform(target, source), precision, as_json)

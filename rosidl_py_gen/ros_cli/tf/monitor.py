@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.ros_cli import AsyncCommand, ToolError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, options, terminal_output, verb
 
 if TYPE_CHECKING:
     from collections import deque
@@ -40,9 +40,9 @@ def monitor(
     rosidl-py tf monitor map lidar
     """
     if len(frames) not in (0, 2):
-        raise ToolError(f"expected no frames or two, got {len(frames)}")
+        raise CommandError(f"expected no frames or two, got {len(frames)}")
     if len({*frames}) == 1:
-        raise ToolError(f"expected two different frames, got {frames[0]} twice")
+        raise CommandError(f"expected two different frames, got {frames[0]} twice")
     return AsyncCommand(_Monitor(frames, times, window, as_json).run(network), endless=times is None)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from PIL import Image, ImageDraw, ImageFont
 
 from rosidl_py_gen.errors import printable
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.tf.text import summary
 
 if TYPE_CHECKING:
@@ -43,14 +43,14 @@ class _Box:
 
 
 def write(frames: FrameStatistics, names: dict[Any, str], path: Path) -> None:
-    """Write the picture. Raises `ToolError` if it is too large."""
+    """Write the picture. Raises `CommandError` if it is too large."""
     big, small = ImageFont.load_default(_FONT_SIZE), ImageFont.load_default(_SMALL_FONT_SIZE)
     order = _boxes(frames, names, big, small)
     roots = [one for one in order if one.level == 0]
     width = max(300, round(2 * _MARGIN + _row_width(roots)))
     height = 2 * _MARGIN + _BOX_HEIGHT + _ROW_HEIGHT * max((one.level for one in order), default=0)
     if width * height > _MAX_PIXELS:
-        raise ToolError(
+        raise CommandError(
             f"{len(order)} frames need a picture of {width} x {height} pixels; --format mermaid has no limit"
         )
     picture = Image.new("RGB", (width, height), "white")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen.base.output import printable_line
-from rosidl_py_gen.ros_cli import AsyncCommand, ToolError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, options, terminal_output, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameStatistics
@@ -36,7 +36,7 @@ def tree(
     kind = options.output_format("png", kind, as_json, output)
     if kind == "png":
         if output is None:
-            raise ToolError("a PNG picture cannot be printed; write it to a file: -o frames.png")
+            raise CommandError("a PNG picture cannot be printed; write it to a file: -o frames.png")
         from rosidl_py_gen.ros_cli.tf import png  # noqa: F401 - a missing Pillow is reported before the wait
     if bag is not None:
         return _show_recorded(bag, kind, output)
@@ -67,7 +67,7 @@ def _show_recorded(path: str, kind: str, output: str | None) -> int:
     with BagReader(path) as reader:
         topics = [name for name, topic in reader.topics.items() if topic.type_name == _TYPE]
         if not topics:
-            raise ToolError(f"{path} has no topic of {_TYPE}")
+            raise CommandError(f"{path} has no topic of {_TYPE}")
         for one in reader.messages(topics):
             frames.add_message(one.message, one.log_time, one.topic, static=one.topic.endswith("/tf_static"))
         _show(frames, {name: name for name in topics}, kind, output)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.ros_cli import AsyncCommand, ToolError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, options, terminal_output, verb
 from rosidl_py_gen.ros_cli.topic import qos as topic_qos
 
 if TYPE_CHECKING:
@@ -158,8 +158,8 @@ def echo(
             except WaitTimeoutError as error:
                 text = f"on {name} in {timeout_s:g} s"
                 if filter_text and has_received:
-                    raise ToolError(f"no message that passes the filter {text}") from None
-                raise ToolError(f"no message {text}: {error.reason}") from None
+                    raise CommandError(f"no message that passes the filter {text}") from None
+                raise CommandError(f"no message {text}: {error.reason}") from None
             has_received = True
             if show(message):
                 printed_s = now_s()

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from rosidl_py_gen.base.stamps import NS_PER_S, stamp_ns
-from rosidl_py_gen.ros_cli import AsyncCommand, ToolError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, options, terminal_output, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
@@ -196,7 +196,7 @@ async def _value_extractor(
     cls = await types.message_class(session, topic, paths=paths)
     headers = [field.py_name for field in cls._TYPE.fields if str(field.type) == _HEADER and field.ros_name == "header"]
     if not headers:
-        raise ToolError(f"messages of {topic} have no header with a stamp: {cls._TYPE.name}")
+        raise CommandError(f"messages of {topic} have no header with a stamp: {cls._TYPE.name}")
     return (None, _first_stamp) if cls._TYPE.fields[0].ros_name == "header" else (cls, _stamp)
 
 

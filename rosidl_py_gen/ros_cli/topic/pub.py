@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.ros_cli import AsyncCommand, ToolError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, options, terminal_output, verb
 from rosidl_py_gen.ros_cli.topic import qos as topic_qos
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ async def _wait_for_subscriptions(publisher: Publisher[Any], count: int, limit_s
         waited_s = now_s() - start_s
         if limit_s is not None and waited_s >= limit_s:
             text = f"{publisher.subscription_count} subscriptions on {publisher.topic} in {limit_s:g} s"
-            raise ToolError(f"{text}, expected at least {count}{reason}")
+            raise CommandError(f"{text}, expected at least {count}{reason}")
         terminal_output.note(f"Waiting for at least {count} matching subscription(s) on {publisher.topic}...")
         wait_s = _WAITING_NOTE_INTERVAL_S if limit_s is None else min(_WAITING_NOTE_INTERVAL_S, limit_s - waited_s)
 
@@ -178,5 +178,5 @@ async def _from_stdin(cls: type[Message]) -> AsyncGenerator[Message, None]:
             number += 1
             try:
                 yield message_text.message_from(cls, text)
-            except ToolError as error:
-                raise ToolError(f"document {number} of standard input: {error}") from None
+            except CommandError as error:
+                raise CommandError(f"document {number} of standard input: {error}") from None

@@ -12,7 +12,7 @@ import threading
 from collections.abc import AsyncGenerator
 from concurrent.futures import CancelledError
 
-from rosidl_py_gen.ros_cli import ToolError
+from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.values import MAX_JSON, MAX_TEXT
 
 _CHUNK_BYTES = 1 << 16
@@ -23,7 +23,7 @@ async def documents() -> AsyncGenerator[str, None]:
     """Yield the texts of all documents that are not empty.
 
     Raises:
-        ToolError: standard input is closed, cannot be read, is not UTF-8, or a document is too long.
+        CommandError: standard input is closed, cannot be read, is not UTF-8, or a document is too long.
     """
     lines: list[str] = []
     length = 0
@@ -38,7 +38,7 @@ async def documents() -> AsyncGenerator[str, None]:
             lines.append(line)
             length += len(line) + 1
             if length > MAX_TEXT:
-                raise ToolError(f"standard input: a document of more than {MAX_TEXT} characters")
+                raise CommandError(f"standard input: a document of more than {MAX_TEXT} characters")
     if lines:
         yield "\n".join(lines) + "\n"
 
@@ -54,7 +54,7 @@ async def _lines() -> AsyncGenerator[str, None]:
             yield _text(b"".join(incomplete))
             incomplete, length = [line], len(line)
         if length > MAX_JSON:
-            raise ToolError(f"standard input: a line of more than {MAX_JSON} bytes")
+            raise CommandError(f"standard input: a line of more than {MAX_JSON} bytes")
     if length:
         yield _text(b"".join(incomplete))
 
@@ -63,13 +63,13 @@ def _text(line: bytes) -> str:
     try:
         return line.decode().rstrip("\r")
     except UnicodeDecodeError as error:
-        raise ToolError(f"standard input is not UTF-8: {error}") from None
+        raise CommandError(f"standard input is not UTF-8: {error}") from None
 
 
 async def _chunks() -> AsyncGenerator[bytes, None]:
     """Yield chunks of standard input. A daemon thread reads, as a loop cannot watch a file."""
     if sys.stdin is None or sys.stdin.closed:
-        raise ToolError("standard input is closed; expected documents of YAML or JSON there")
+        raise CommandError("standard input is closed; expected documents of YAML or JSON there")
     loop, queue = asyncio.get_running_loop(), asyncio.Queue[bytes | OSError](_MAX_QUEUED_CHUNKS)
     file = os.fdopen(
         os.dup(sys.stdin.fileno()), "rb", buffering=0
@@ -94,7 +94,7 @@ async def _chunks() -> AsyncGenerator[bytes, None]:
     while True:
         data = await queue.get()
         if isinstance(data, OSError):
-            raise ToolError(f"standard input: {data.strerror}")
+            raise CommandError(f"standard input: {data.strerror}")
         if not data:
             return
         yield data
