@@ -98,7 +98,7 @@ RESTRICTED = {
     # `yaml_text` bounds how deep and how large a document may be.
     r"yaml\.((safe_|full_|unsafe_)?load(_all)?|compose|parse|scan)": ("base.yaml_text",),
     # The structure of nodes: what stands above the runtime uses its public methods.
-    r".*\.(bridge|participant|discovery)": ("runtime", "generator_cli", "ros_compat"),
+    r".*\.(loop_binding|participant|discovery)": ("runtime", "generator_cli", "ros_compat"),
 }
 
 
@@ -216,3 +216,14 @@ def test_no_module_touches_what_is_private_to_others(trees: dict[str, ast.Module
         for node in _private_uses(tree, SHARED | more.get(module.partition(".")[0], set()))
     ]
     assert wrong == []
+
+
+def test_no_two_classes_share_a_name(trees: dict[str, ast.Module]) -> None:
+    """Classes of `ros_compat` have rclpy's names."""
+    modules: dict[str, list[str]] = {}
+    for module, tree in trees.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ClassDef) and not is_in(module, ("ros_compat",)):
+                modules.setdefault(node.name, []).append(module)
+    assert len(modules) > 700
+    assert {name: places for name, places in modules.items() if len(places) > 1} == {}

@@ -41,7 +41,7 @@ _ARROW = (
 
 
 @dataclass
-class _Box:
+class _NodeBox:
     """Box with its position; `y` is its middle."""
 
     name: str
@@ -90,13 +90,13 @@ class _ColumnLayout:
         self.bottom = self.right = 0.0
         self._headings = headings
         into = ("publishes", "calls")
-        middle: dict[tuple[str, str], _Box] = {}
-        sides: tuple[dict[str, _Box], dict[str, _Box]] = ({}, {})
-        self._lines: list[tuple[_Box, _Box]] = []
+        middle: dict[tuple[str, str], _NodeBox] = {}
+        sides: tuple[dict[str, _NodeBox], dict[str, _NodeBox]] = ({}, {})
+        self._lines: list[tuple[_NodeBox, _NodeBox]] = []
         for edge in edges:
-            box = middle.setdefault((edge.kind, edge.name), _Box(edge.name, edge.kind, ", ".join(edge.types)))
+            box = middle.setdefault((edge.kind, edge.name), _NodeBox(edge.name, edge.kind, ", ".join(edge.types)))
             is_left = edge.role in into
-            node = sides[not is_left].setdefault(edge.node, _Box(edge.node, "node"))
+            node = sides[not is_left].setdefault(edge.node, _NodeBox(edge.node, "node"))
             self._lines.append((node, box) if is_left else (box, node))
         self._columns = [list(sides[0].values()), list(middle.values()), list(sides[1].values())]
 
@@ -114,7 +114,7 @@ class _ColumnLayout:
 
     def _reduce_crossings(self) -> None:
         """Move each box to the mean position of its neighbours, sweeping over the columns in both directions."""
-        neighbours: dict[int, list[_Box]] = {}
+        neighbours: dict[int, list[_NodeBox]] = {}
         for left, right in self._lines:
             neighbours.setdefault(id(left), []).append(right)
             neighbours.setdefault(id(right), []).append(left)
@@ -144,7 +144,7 @@ class _ColumnLayout:
                 yield from _draw(box)
 
 
-def _width(box: _Box) -> float:
+def _width(box: _NodeBox) -> float:
     name, types = min(len(box.name), _MAX_CHARS), min(len(box.types), _MAX_CHARS)
     return max(name * _CHAR_WIDTH, types * _SMALL_CHAR_WIDTH) + 2 * _PADDING
 
@@ -153,7 +153,7 @@ def _mean(places: Sequence[float]) -> float:
     return sum(places) / len(places)
 
 
-def _draw(box: _Box) -> Iterator[str]:
+def _draw(box: _NodeBox) -> Iterator[str]:
     round_ = _ROW_HEIGHT / 2 if box.kind == "topic" else 4
     text_y = box.y - 3 if box.types else box.y + 4
     full = f"{box.name} {box.types}".rstrip()

@@ -28,12 +28,12 @@ _INK, _DIM, _LINE = "#1b2733", "#5b6b7a", "#8a99a8"
 _MOVING, _STATIC, _ROOT = ("#e8f0fe", "#4a7dbd"), ("#eef7ee", "#5c9a63"), ("#fff4e2", "#c98a2b")
 
 
-class _Box:
+class _FrameBox:
     """Frame in the picture; `x` is the middle of its box, `total` the width of its subtree."""
 
     def __init__(self, name: str, frame: FrameArrivals | None, level: int, width: float) -> None:
         self.name, self.frame, self.level, self.width = name, frame, level, width
-        self.children: list[_Box] = []
+        self.children: list[_FrameBox] = []
         self.total = width
         self.x = 0.0
 
@@ -75,16 +75,16 @@ def write(frames: FrameStatistics, names: dict[Any, str], path: Path) -> None:
     picture.save(path, "PNG")
 
 
-def _boxes(frames: FrameStatistics, names: dict[Any, str], big: Any, small: Any) -> list[_Box]:
+def _boxes(frames: FrameStatistics, names: dict[Any, str], big: Any, small: Any) -> list[_FrameBox]:
     """Return the boxes of all frames below a root, parents first."""
     children = frames.children()
-    order: list[_Box] = []
-    todo: list[tuple[str, FrameArrivals | None, _Box | None]] = [(root, None, None) for root in frames.roots()[::-1]]
+    order: list[_FrameBox] = []
+    todo: list[tuple[str, FrameArrivals | None, _FrameBox | None]] = [(root, None, None) for root in frames.roots()[::-1]]
     while todo:
         name, frame, parent = todo.pop()
         text = "" if frame is None else summary(frame, names)
         width = max(_text_width(name, big) + 2 * _PAD, _text_width(text, small) + 8)
-        one = _Box(name, frame, 0 if parent is None else parent.level + 1, width)
+        one = _FrameBox(name, frame, 0 if parent is None else parent.level + 1, width)
         order.append(one)
         if parent is not None:
             parent.children.append(one)
@@ -103,7 +103,7 @@ def _boxes(frames: FrameStatistics, names: dict[Any, str], big: Any, small: Any)
     return order
 
 
-def _row_width(boxes: list[_Box]) -> float:
+def _row_width(boxes: list[_FrameBox]) -> float:
     return sum(box.total for box in boxes) + _GAP * max(0, len(boxes) - 1)
 
 

@@ -44,7 +44,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         self._limit_s = limit_s
         self._end_s = float("inf")
         self._others = set(threading.enumerate())
-        super().__init__(_ConditionSelector(self))
+        super().__init__(_VirtualTimeSelector(self))
         epoch_ns = time.time_ns()
         self.clocks = ClockFunctions(
             lambda: epoch_ns + round(self._now_s * NS_PER_S), lambda: round(self._now_s * NS_PER_S)
@@ -108,7 +108,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         return "".join(f"\n  pending: {task!r:.500}" for task in asyncio.all_tasks(self))
 
 
-class _ConditionSelector(selectors.DefaultSelector):
+class _VirtualTimeSelector(selectors.DefaultSelector):
     """Selector that waits only for other threads, and else advances the loop's time."""
 
     def __init__(self, loop: VirtualTimeLoop) -> None:
