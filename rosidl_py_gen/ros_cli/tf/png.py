@@ -79,7 +79,8 @@ def _boxes(frames: FrameStatistics, names: dict[Any, str], big: Any, small: Any)
     """Return the boxes of all frames below a root, parents first."""
     children = frames.children()
     order: list[_FrameBox] = []
-    todo: list[tuple[str, FrameArrivals | None, _FrameBox | None]] = [(root, None, None) for root in frames.roots()[::-1]]
+    todo: list[tuple[str, FrameArrivals | None, _FrameBox | None]]
+    todo = [(root, None, None) for root in frames.roots()[::-1]]
     while todo:
         name, frame, parent = todo.pop()
         text = "" if frame is None else summary(frame, names)
