@@ -49,7 +49,7 @@ SHARED_IN_SHIM = {
     "_executor_event",
     "_rosidl_from_runtime",
     "_goal_info",
-    "_rosidl_handed_out",
+    "_rosidl_is_dispatched",
     "_rosidl_is_ready",
     "_rosidl_queue",
     "_rosidl_entity_lists",

@@ -56,8 +56,8 @@ MORE = {
         "rclpy.node_parameters",
     ),
     "replacements of C code": (
+        "rclpy.entity_execution",
         "rclpy.handles",
-        "rclpy.handling",
         "rclpy.impl.action_endpoints",
         "rclpy.impl.entities",
         "rclpy.impl.lifecycle_machine",
@@ -70,7 +70,7 @@ MORE = {
     "replacements of C classes and functions": (
         "rclpy.clock.ClockHandle.is_valid",
         "rclpy.context.mark_all_shut_down",
-        "rclpy.context.refused_arguments",
+        "rclpy.context.invalid_arguments_error",
         "rclpy.duration.DurationType.nanoseconds",
         "rclpy.event_handler.EventHandle",
         "rclpy.event_handler.rcl_publisher_event_type_t",
@@ -84,7 +84,7 @@ MORE = {
     "attribute of all C handles except that of a clock": ("rclpy.clock.ClockHandle.pointer",),
     "type aliases": (
         "rclpy.clock.AnyClockType",
-        "rclpy.lifecycle.node.Described",
+        "rclpy.lifecycle.node.TransitionTuple",
         "rclpy.time.AnyClockType",
     ),
     "a value of the middleware without a name in rclpy": ("rclpy.qos.RMW_QOS_DEADLINE_BEST_AVAILABLE",),

@@ -19,8 +19,8 @@ FOLDER = Path(rosidl_py_gen.__file__).parent / "ros_compat"
 REAL: dict[str, dict[str, Any]] = json.loads(RECORD.read_text(encoding="utf-8"))
 PREFIX = re.compile(r"_rosidl_|_ROSIDL_|__\w+__$")
 INTERNAL = (
+    "rclpy.entity_execution",
     "rclpy.handles",
-    "rclpy.handling",
     "rclpy.incompatible_peers",
     "rclpy.ready_scan",
     "rclpy.impl.",

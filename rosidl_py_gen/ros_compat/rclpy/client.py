@@ -58,12 +58,12 @@ class Client(ServiceEntity[runtime.Client[Any, Any]]):
         self._executor_event = False
         self._lock = threading.Lock()
         self._rosidl_sequence_numbers = itertools.count(1)
-        self._rosidl_sent: dict[int, concurrent.futures.Future[Any]] = {}
-        self._rosidl_arrived: deque[tuple[int, concurrent.futures.Future[Any]]] = deque()
-        client_impl.set_ready(self._rosidl_has_arrived)
+        self._rosidl_response_futures: dict[int, concurrent.futures.Future[Any]] = {}
+        self._rosidl_responses: deque[tuple[int, concurrent.futures.Future[Any]]] = deque()
+        client_impl.set_ready_check(self._rosidl_has_response)
 
-    def _rosidl_has_arrived(self) -> bool:
-        return bool(self._rosidl_arrived)
+    def _rosidl_has_response(self) -> bool:
+        return bool(self._rosidl_responses)
 
     def call(self, request: Any, timeout_sec: float | None = None) -> Any:
         """Send a request and wait for the response, while an executor in another thread receives it.
@@ -97,20 +97,22 @@ class Client(ServiceEntity[runtime.Client[Any, Any]]):
         future: Future[Any] = Future()
         with self.handle as handle:
             try:
-                sent = handle.entity.send_request(request)
+                response_future = handle.entity.send_request(request)
             except runtime.ClosedError:
                 return future
         with self._lock:
             sequence_number = next(self._rosidl_sequence_numbers)
-            self._pending_requests[sequence_number], self._rosidl_sent[sequence_number] = future, sent
+            self._pending_requests[sequence_number] = future
+            self._rosidl_response_futures[sequence_number] = response_future
         future.add_done_callback(self.remove_pending_request)
-        sent.add_done_callback(partial(self._rosidl_on_response, sequence_number))
+        response_future.add_done_callback(partial(self._rosidl_on_response, sequence_number))
         return future
 
-    def _rosidl_on_response(self, sequence_number: int, sent: concurrent.futures.Future[Any]) -> None:
-        if sent.cancelled() or isinstance(sent.exception(), (runtime.ServerLostError, runtime.ClosedError)):
+    def _rosidl_on_response(self, sequence_number: int, response_future: concurrent.futures.Future[Any]) -> None:
+        lost_errors = runtime.ServerLostError, runtime.ClosedError
+        if response_future.cancelled() or isinstance(response_future.exception(), lost_errors):
             return  # in rclpy such a future stays pending
-        self._rosidl_arrived.append((sequence_number, sent))
+        self._rosidl_responses.append((sequence_number, response_future))
         self._rosidl_handle.notify_arrival()
         self._rosidl_handle.context.loop_runner.wake()
 
@@ -126,9 +128,9 @@ class Client(ServiceEntity[runtime.Client[Any, Any]]):
             if sequence_number is None:
                 return
             del self._pending_requests[sequence_number]
-            sent = self._rosidl_sent.pop(sequence_number)
-        if not sent.done():
-            sent.cancel()
+            response_future = self._rosidl_response_futures.pop(sequence_number)
+        if not response_future.done():
+            response_future.cancel()
 
     def service_is_ready(self) -> bool:
         """Return True if a server is connected.
@@ -137,7 +139,7 @@ class Client(ServiceEntity[runtime.Client[Any, Any]]):
             rosidl_py_gen.runtime.IncompatibleServiceError: there are only servers that this middleware cannot call.
             RCLError: the context was shut down.
         """
-        with self.handle.active() as client:
+        with self.handle.in_use_if_ok() as client:
             return client.service_is_available()
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
@@ -150,9 +152,9 @@ class Client(ServiceEntity[runtime.Client[Any, Any]]):
             return handle.context.wait(self.service_is_ready, timeout_sec)
 
     def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
-        if not self._rosidl_handle.is_valid or not self._rosidl_arrived:
+        if not self._rosidl_handle.is_valid or not self._rosidl_responses:
             return None
-        sequence_number, sent = self._rosidl_arrived.popleft()
+        sequence_number, response_future = self._rosidl_responses.popleft()
 
         def finish() -> None:
             with self._lock:
@@ -160,9 +162,9 @@ class Client(ServiceEntity[runtime.Client[Any, Any]]):
             if future is None:  # removed or cancelled
                 return
             future._set_executor(executor)
-            error = sent.exception()
+            error = response_future.exception()
             if error is None:
-                future.set_result(sent.result())
+                future.set_result(response_future.result())
             else:
                 future.set_exception(error)
 

@@ -137,7 +137,7 @@ def _to_runtime(duration: Duration | None) -> runtime.Duration | None:
     return None if duration is None else runtime.Duration(nanoseconds=duration.nanoseconds)
 
 
-def _raise_again(_activity: str) -> None:
+def _reraise(_activity: str) -> None:
     """Re-raise the exception of a jump callback where the time was changed, as rclpy does."""
     raise
 
@@ -150,7 +150,7 @@ class ClockHandle(Destroyable):
         self._clock_type = clock_type
         is_initialized = clock_type != ClockType.UNINITIALIZED
         kind = runtime.ClockType(int(clock_type)) if is_initialized else runtime.ClockType.SYSTEM_TIME
-        self.clock = runtime.Clock(kind, on_failure=_raise_again)
+        self.clock = runtime.Clock(kind, on_failure=_reraise)
 
     def get_now(self) -> TimeHandle:
         """Return the current time; raise RCLError if the clock type is UNINITIALIZED."""
@@ -245,27 +245,27 @@ class Clock:
             raise NotInitializedException
         if until.clock_type != self._clock_type:
             raise ValueError("until's clock type does not match this clock's type")
-        woken = threading.Event()
-        source_changed = False
+        wake_event = threading.Event()
+        has_source_changed = False
 
         def on_jump(jump: TimeJump) -> None:
-            nonlocal source_changed
+            nonlocal has_source_changed
             changes = (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED)
-            source_changed = source_changed or jump.clock_change in changes
-            if source_changed or self.now() >= until:
-                woken.set()
+            has_source_changed = has_source_changed or jump.clock_change in changes
+            if has_source_changed or self.now() >= until:
+                wake_event.set()
 
-        context.on_shutdown(woken.set)
+        context.on_shutdown(wake_event.set)
         threshold = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None)
         with self.create_jump_callback(threshold, post_callback=on_jump):
-            while not woken.is_set():
-                left_ns = (until - self.now()).nanoseconds
-                if left_ns <= 0:
+            while not wake_event.is_set():
+                remaining_ns = (until - self.now()).nanoseconds
+                if remaining_ns <= 0:
                     break
-                simulated = self._rosidl_clock.get_ros_time_override_is_enabled()
+                is_simulated = self._rosidl_clock.get_ros_time_override_is_enabled()
                 # At most 1 s at a time, so that a system clock that is set forward is noticed.
-                woken.wait(None if simulated else min(left_ns / 1e9, 1.0))
-        return context.ok() and not source_changed and self.now() >= until
+                wake_event.wait(None if is_simulated else min(remaining_ns / 1e9, 1.0))
+        return context.ok() and not has_source_changed and self.now() >= until
 
     def sleep_for(self, rel_time: Duration, context: Context | None = None) -> bool:
         """Block this thread for a duration, as `sleep_until` does."""

@@ -67,13 +67,13 @@ class Context:
                 raise RuntimeError(f"Domain id ({domain_id}) should not be lower than zero.")
             if self._rosidl_context is not None:
                 raise RuntimeError("Context.init() must only be called once")
-            line = list(sys.argv if args is None else args)
-            for argument in line:
+            command_line = list(sys.argv if args is None else args)
+            for argument in command_line:
                 argument.encode()  # as in rclpy, surrogates are refused: UnicodeEncodeError
             try:
-                self._rosidl_context = ContextHandle(line, domain_id)
+                self._rosidl_context = ContextHandle(command_line, domain_id)
             except runtime.RosArgumentError as error:
-                raise refused_arguments(error) from error
+                raise invalid_arguments_error(error) from error
             _open_contexts.add(self._rosidl_context)
 
     def ok(self) -> bool:
@@ -112,12 +112,13 @@ class Context:
             raise TypeError(f"callback should be a callable, got {type(callback)}")
         with self._lock:
             if self._rosidl_context is None or self._rosidl_context.ok():
-                is_method = inspect.ismethod(callback)
-                self._callbacks.append(weakref.WeakMethod(callback, self._rosidl_discard) if is_method else callback)
+                if inspect.ismethod(callback):
+                    callback = weakref.WeakMethod(callback, self._rosidl_discard_callback)
+                self._callbacks.append(callback)
                 return
         callback()
 
-    def _rosidl_discard(self, reference: Callable[[], Any]) -> None:
+    def _rosidl_discard_callback(self, reference: Callable[[], Any]) -> None:
         if reference in self._callbacks:
             self._callbacks.remove(reference)
 
@@ -137,12 +138,12 @@ class Context:
         self.try_shutdown()
 
 
-def refused_arguments(error: runtime.RosArgumentError) -> RuntimeError:
+def invalid_arguments_error(error: runtime.RosArgumentError) -> RuntimeError:
     """Return rclpy's exception for a command line that ROS cannot parse."""
-    unknown = re.match(r"unknown ROS arguments: (.*?);", str(error))
-    if unknown is None:
+    match = re.match(r"unknown ROS arguments: (.*?);", str(error))
+    if match is None:
         return RCLInvalidROSArgsError(f"Failed to parse ROS arguments: {error}")
-    return UnknownROSArgsError(f"Found unknown ROS arguments: [{unknown[1]}]: {error}")
+    return UnknownROSArgsError(f"Found unknown ROS arguments: [{match[1]}]: {error}")
 
 
 def mark_all_shut_down() -> None:
@@ -152,7 +153,7 @@ def mark_all_shut_down() -> None:
 
 
 @atexit.register
-def _close_all() -> None:
+def _close_all_contexts() -> None:
     if _open_contexts:  # the remaining threads are daemons; errors from the closed context are not to be printed
         threading.excepthook = lambda args: None
     for handle in list(_open_contexts):

@@ -23,19 +23,19 @@ class _Ordered:
 
     _rosidl_nanoseconds: int
 
-    def _rosidl_comparable(self, other: object) -> int | None:
+    def _rosidl_comparable_ns(self, other: object) -> int | None:
         """Return the nanoseconds of a comparable value, None for others; may raise TypeError."""
         raise NotImplementedError
 
     def __eq__(self, other: object) -> bool:
-        nanoseconds = self._rosidl_comparable(other)
+        nanoseconds = self._rosidl_comparable_ns(other)
         return NotImplemented if nanoseconds is None else self._rosidl_nanoseconds == nanoseconds
 
     def __ne__(self, other: object) -> bool:
         return not self == other
 
     def __lt__(self, other: object) -> bool:
-        nanoseconds = self._rosidl_comparable(other)
+        nanoseconds = self._rosidl_comparable_ns(other)
         return NotImplemented if nanoseconds is None else self._rosidl_nanoseconds < nanoseconds
 
 
@@ -65,7 +65,7 @@ class Duration(_Ordered):
     def __str__(self) -> str:
         return "Infinite" if self == Infinite else f"{self.nanoseconds} nanoseconds"
 
-    def _rosidl_comparable(self, other: object) -> int | None:
+    def _rosidl_comparable_ns(self, other: object) -> int | None:
         return other.nanoseconds if isinstance(other, Duration) else None
 
     def to_msg(self) -> builtin_interfaces.msg.Duration:

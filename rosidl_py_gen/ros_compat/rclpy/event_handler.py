@@ -14,7 +14,7 @@ from rclpy._rclpy_pybind11 import EnumOfC
 from rclpy._rclpy_pybind11 import UnsupportedEventTypeError as UnsupportedEventTypeError
 from rclpy.callback_groups import CallbackGroup as CallbackGroup
 from rclpy.handles import Destroyable
-from rclpy.incompatible_peers import WatchedEndpoint, with_policy_of_c
+from rclpy.incompatible_peers import WatchedEndpoint, to_rclpy_status
 from rclpy.logging import get_logger as get_logger
 from rclpy.qos import qos_policy_name_from_kind as qos_policy_name_from_kind
 from rclpy.task import await_or_execute
@@ -144,42 +144,42 @@ class QoSEventHandler(EventHandler):
 class _EventCallbacks:
     """Functions by the runtime's names of events."""
 
-    _ROSIDL_TYPES: dict[str, EnumOfC]
-    _ROSIDL_TEXT: str
+    _ROSIDL_EVENT_TYPES: dict[str, EnumOfC]
+    _ROSIDL_QOS_WARNING: str
     use_default_callbacks: bool
 
-    def _rosidl_functions(self) -> dict[str, Callable[[Any], Any]]:
-        return {name: getattr(self, name) for name in self._ROSIDL_TYPES if getattr(self, name) is not None}
+    def _rosidl_program_callbacks(self) -> dict[str, Callable[[Any], Any]]:
+        return {name: getattr(self, name) for name in self._ROSIDL_EVENT_TYPES if getattr(self, name) is not None}
 
     def _rosidl_queues(self, context: ContextHandle) -> tuple[dict[int, deque[Any]], dict[str, Callable[[Any], None]]]:
         """Return a queue for each requested event, by number, and the runtime's callbacks that fill them, by name."""
-        queues = {name: deque[Any]() for name in self._rosidl_functions()}
+        queues = {name: deque[Any]() for name in self._rosidl_program_callbacks()}
 
         def append(queue: deque[Any], status: Any) -> None:
-            queue.append(with_policy_of_c(status))
+            queue.append(to_rclpy_status(status))
             context.notify_arrival()
 
-        by_number = {self._ROSIDL_TYPES[name].value: queue for name, queue in queues.items()}
+        by_number = {self._ROSIDL_EVENT_TYPES[name].value: queue for name, queue in queues.items()}
         return by_number, {name: partial(append, queue) for name, queue in queues.items()}
 
     def _rosidl_handlers(self, callback_group: CallbackGroup, impl: Handle[Any], topic_name: str) -> list[EventHandler]:
+        functions = self._rosidl_default_callbacks(impl, topic_name) | self._rosidl_program_callbacks()
+        types = self._ROSIDL_EVENT_TYPES
         return [
-            EventHandler(
-                callback_group=callback_group, callback=function, event_type=self._ROSIDL_TYPES[name], parent_impl=impl
-            )
-            for name, function in {**self._rosidl_logging(impl, topic_name), **self._rosidl_functions()}.items()
+            EventHandler(callback_group=callback_group, callback=function, event_type=types[name], parent_impl=impl)
+            for name, function in functions.items()
         ]
 
     def _rosidl_watch(self, node: runtime.Node, endpoint: Any, handle: Handle[Any]) -> None:
         """Record incompatible peers for the default callbacks, unless the program has its own or wants none."""
-        kinds = [kind for kind in ("qos", "type") if f"incompatible_{kind}" not in self._rosidl_functions()]
+        kinds = [kind for kind in ("qos", "type") if f"incompatible_{kind}" not in self._rosidl_program_callbacks()]
         queues = {kind: deque[Any]() for kind in kinds if self.use_default_callbacks}
         for kind, queue in queues.items():
-            handle.events[self._ROSIDL_TYPES[f"incompatible_{kind}"].value] = queue
-        handle.watched = WatchedEndpoint(node, endpoint, queues)
-        handle.context.incompatible_peers.watch(handle.watched)
+            handle.events[self._ROSIDL_EVENT_TYPES[f"incompatible_{kind}"].value] = queue
+        handle.watched_endpoint = WatchedEndpoint(node, endpoint, queues)
+        handle.context.incompatible_peers.watch(handle.watched_endpoint)
 
-    def _rosidl_logging(self, impl: Handle[Any], topic_name: str) -> dict[str, Callable[[Any], Any]]:
+    def _rosidl_default_callbacks(self, impl: Handle[Any], topic_name: str) -> dict[str, Callable[[Any], Any]]:
         """Return the default callbacks by name, which log incompatible peers."""
         if not self.use_default_callbacks:
             return {}
@@ -187,7 +187,7 @@ class _EventCallbacks:
 
         def log_qos(event: runtime.IncompatibleStatus) -> None:
             policy = qos_policy_name_from_kind(event.last_policy_kind)
-            logger.warn(f"{self._ROSIDL_TEXT.format(topic_name)} Last incompatible policy: {policy}")
+            logger.warn(f"{self._ROSIDL_QOS_WARNING.format(topic_name)} Last incompatible policy: {policy}")
 
         def log_type(event: runtime.IncompatibleStatus) -> None:
             logger.warn(f"Incompatible type on topic '{topic_name}', no messages will be sent to it.")
@@ -199,10 +199,10 @@ class _EventCallbacks:
 class SubscriptionEventCallbacks(_EventCallbacks):
     """Callbacks for events of a subscription; each is called with one of the `...Info` values."""
 
-    _ROSIDL_TEXT = (
+    _ROSIDL_QOS_WARNING = (
         "New publisher discovered on topic '{}', offering incompatible QoS. No messages will be received from it."
     )
-    _ROSIDL_TYPES = {  # noqa: RUF012
+    _ROSIDL_EVENT_TYPES = {  # noqa: RUF012
         "deadline": QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED,
         "incompatible_qos": QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
         "liveliness": QoSSubscriptionEventType.RCL_SUBSCRIPTION_LIVELINESS_CHANGED,
@@ -230,10 +230,10 @@ class SubscriptionEventCallbacks(_EventCallbacks):
 class PublisherEventCallbacks(_EventCallbacks):
     """Callbacks for events of a publisher; each is called with one of the `...Info` values."""
 
-    _ROSIDL_TEXT = (
+    _ROSIDL_QOS_WARNING = (
         "New subscription discovered on topic '{}', requesting incompatible QoS. No messages will be sent to it."
     )
-    _ROSIDL_TYPES = {  # noqa: RUF012
+    _ROSIDL_EVENT_TYPES = {  # noqa: RUF012
         "deadline": QoSPublisherEventType.RCL_PUBLISHER_OFFERED_DEADLINE_MISSED,
         "liveliness": QoSPublisherEventType.RCL_PUBLISHER_LIVELINESS_LOST,
         "incompatible_qos": QoSPublisherEventType.RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS,

@@ -19,11 +19,11 @@ from rclpy.client import Client as Client
 from rclpy.clock import Clock as Clock
 from rclpy.clock_type import ClockType as ClockType
 from rclpy.context import Context as Context
+from rclpy.entity_execution import execute_entity
 from rclpy.exceptions import InvalidHandle as InvalidHandle
 from rclpy.exceptions import NotInitializedException
 from rclpy.guard_condition import GuardCondition as GuardCondition
-from rclpy.handling import handle_entity
-from rclpy.ready_scan import ready_entities, ready_waitables
+from rclpy.ready_scan import find_ready_entities, find_ready_waitables
 from rclpy.service import Service as Service
 from rclpy.signals import SignalHandlerGuardCondition as SignalHandlerGuardCondition
 from rclpy.subscription import Subscription as Subscription
@@ -80,7 +80,7 @@ _SELECTOR_RESOLUTION_S = 0.001
 _SHORT_SLEEP_S = 0.0005
 
 
-def _never() -> bool:
+def _always_false() -> bool:
     return False
 
 
@@ -170,12 +170,12 @@ class Executor:
         """Run callbacks until a future is done or cancelled, or the time has passed."""
         self._rosidl_wake_at_end(future)
         end = None if timeout_sec is None or timeout_sec < 0 else self._rosidl_now_s() + timeout_sec
-        left = None if timeout_sec is None or end is None else TimeoutObject(timeout_sec)
+        remaining = None if timeout_sec is None or end is None else TimeoutObject(timeout_sec)
         while self._context.ok() and not future.done() and not future.cancelled() and not self._is_shutdown:
-            self.spin_once_until_future_complete(future, left)
-            if end is not None and left is not None:
-                left.timeout = end - self._rosidl_now_s()
-                if left.timeout <= 0:
+            self.spin_once_until_future_complete(future, remaining)
+            if end is not None and remaining is not None:
+                remaining.timeout = end - self._rosidl_now_s()
+                if remaining.timeout <= 0:
                     return
 
     def _rosidl_now_s(self) -> float:
@@ -202,7 +202,7 @@ class Executor:
     def _make_handler(self, entity: Any, node: Node) -> Task[Any]:
         return EntityTask(
             self,
-            lambda: handle_entity(self, entity, self._is_shutdown),
+            lambda: execute_entity(self, entity, self._is_shutdown),
             lambda task: self._rosidl_retain_task(task, entity, node),
         )
 
@@ -222,7 +222,7 @@ class Executor:
             tasks = list(self._tasks)
         for task, entity, node in reversed(tasks):
             if (node is None or node in nodes) and task._rosidl_has_resumable_task():
-                task._rosidl_handed_out = True
+                task._rosidl_is_dispatched = True
                 yield task, entity, node
         with self._tasks_lock:
             self._tasks = [work for work in self._tasks if work[0]._pending()]
@@ -242,31 +242,31 @@ class Executor:
         handle, has_polled, can_execute = self._rosidl_handle, False, self.can_execute
         try:
             while True:
-                seen = handle.change_token
-                chosen = self.get_nodes() if nodes is None else nodes
-                ready, limit, has_waitables = ready_entities(chosen, can_execute)
-                if not has_polled and (end is not None or ready or self._rosidl_has_resumable_task(chosen)):
+                old_token = handle.change_token
+                nodes_to_scan = self.get_nodes() if nodes is None else nodes
+                ready, limit, has_waitables = find_ready_entities(nodes_to_scan, can_execute)
+                if not has_polled and (end is not None or ready or self._rosidl_has_resumable_task(nodes_to_scan)):
                     has_polled = True
                     handle.loop_runner.wait(timeout_s=0)  # process messages that have arrived since the last wait
                     continue
                 if has_waitables:
-                    ready = ready_waitables(chosen, can_execute) + ready
+                    ready = find_ready_waitables(nodes_to_scan, can_execute) + ready
                 if (
                     ready
                     or self._is_shutdown
                     or not handle.ok()
                     or condition()
-                    or self._rosidl_has_resumable_task(chosen)
+                    or self._rosidl_has_resumable_task(nodes_to_scan)
                 ):
                     return ready
-                left = None if end is None else end - self._rosidl_now_s()
-                if left is not None and left <= 0:
+                remaining = None if end is None else end - self._rosidl_now_s()
+                if remaining is not None and remaining <= 0:
                     return []
-                if left is not None and (limit is None or left < limit):
-                    limit = left
+                if remaining is not None and (limit is None or remaining < limit):
+                    limit = remaining
 
-                def has_changed(seen: object = seen) -> bool:
-                    return handle.change_token is not seen or (condition is not _never and condition())
+                def has_changed(old_token: object = old_token) -> bool:
+                    return handle.change_token is not old_token or (condition is not _always_false and condition())
 
                 has_polled = True
                 handle.loop_runner.wait(
@@ -278,19 +278,22 @@ class Executor:
             return []
 
     def _wait_for_ready_callbacks(
-        self, timeout_sec: _Timeout = None, nodes: list[Node] | None = None, condition: Callable[[], bool] = _never
+        self,
+        timeout_sec: _Timeout = None,
+        nodes: list[Node] | None = None,
+        condition: Callable[[], bool] = _always_false,
     ) -> Iterator[_ReadyWork]:
         limit = timeout_sec.timeout if isinstance(timeout_sec, TimeoutObject) else timeout_sec
         end = None if limit is None or limit < 0 else self._rosidl_now_s() + float(limit)
-        yielded = False
-        while not yielded and not self._is_shutdown and not condition():
+        has_yielded = False
+        while not has_yielded and not self._is_shutdown and not condition():
             for work in self._rosidl_resumable_tasks(self.get_nodes() if nodes is None else nodes):
-                yielded = True
+                has_yielded = True
                 yield work
             if not self._context.ok():
                 activity = "create timer" if limit and limit > 0 else "initialize wait set"
                 raise RCLError(f"failed to {activity}: the given context is not valid")
-            ready = self._rosidl_wait(nodes, self._rosidl_now_s() if yielded else end, condition)
+            ready = self._rosidl_wait(nodes, self._rosidl_now_s() if has_yielded else end, condition)
             if self._is_shutdown:
                 raise ShutdownException
             if not self._context.ok():
@@ -299,10 +302,10 @@ class Executor:
                 if not index or (
                     self.can_execute(entity) and (not isinstance(entity, Timer) or entity._rosidl_is_ready())
                 ):
-                    yielded = True
+                    has_yielded = True
                     entity._executor_event = True  # not ready again before an item was taken
                     yield None, entity, node
-            if not yielded and end is not None and self._rosidl_now_s() >= end:
+            if not has_yielded and end is not None and self._rosidl_now_s() >= end:
                 raise TimeoutException
         if self._is_shutdown:
             raise ShutdownException
@@ -341,7 +344,7 @@ class Executor:
 
 
 class _StandardExecutor(Executor):
-    def _rosidl_spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _never) -> None:
+    def _rosidl_spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _always_false) -> None:
         raise NotImplementedError
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
@@ -355,17 +358,17 @@ class _StandardExecutor(Executor):
 class SingleThreadedExecutor(_StandardExecutor):
     """Executor that runs callbacks in the spinning thread; their exceptions leave `spin`."""
 
-    def _rosidl_spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _never) -> None:
+    def _rosidl_spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _always_false) -> None:
         try:
             handler, entity, node = self._rosidl_next_work((timeout_sec, None, condition), {})
         except (ShutdownException, TimeoutException, ConditionReachedException):
             return
         if handler is None:  # run here, without a task
-            rest = handle_entity(self, entity, self._is_shutdown)
-            if rest is None:
+            continuation = execute_entity(self, entity, self._is_shutdown)
+            if continuation is None:
                 return
-            handler = Task(rest, executor=self)
-            handler._rosidl_handed_out = True
+            handler = Task(continuation, executor=self)
+            handler._rosidl_is_dispatched = True
             self._rosidl_retain_task(handler, entity, node)
         handler()
         handler.result()
@@ -390,7 +393,7 @@ class MultiThreadedExecutor(_StandardExecutor):
         self._futures: list[Task[Any]] = []
         self._executor = ThreadPoolExecutor(num_threads)
 
-    def _rosidl_spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _never) -> None:
+    def _rosidl_spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _always_false) -> None:
         try:
             handler, _, _ = self.wait_for_ready_callbacks(timeout_sec, None, condition)
         except (ExternalShutdownException, ShutdownException, TimeoutException, ConditionReachedException):

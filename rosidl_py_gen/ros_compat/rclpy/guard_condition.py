@@ -22,18 +22,18 @@ class GuardConditionHandle(Destroyable):
     def __init__(self, context: ContextHandle) -> None:
         super().__init__()
         self._context = context
-        self._triggered = False
+        self._is_triggered = False
 
     def trigger_guard_condition(self) -> None:
         """Record the trigger and wake up executors."""
-        self._triggered = True
+        self._is_triggered = True
         self._context.notify()
 
     def is_ready(self) -> bool:
-        return self._triggered
+        return self._is_triggered
 
     def take_trigger(self) -> None:
-        self._triggered = False
+        self._is_triggered = False
 
 
 class GuardCondition:
@@ -50,27 +50,27 @@ class GuardCondition:
         if handle is None:
             raise NotInitializedException("cannot create guard condition")
         with handle:
-            self._rosidl_gc = GuardConditionHandle(handle)
+            self._rosidl_guard_handle = GuardConditionHandle(handle)
         self.callback = callback
         self.callback_group = callback_group
         self._executor_event = False
 
     def trigger(self) -> None:
         """Schedule the callback; raise InvalidHandle after `destroy`. Thread: any."""
-        with self._rosidl_gc:
-            self._rosidl_gc.trigger_guard_condition()
+        with self._rosidl_guard_handle:
+            self._rosidl_guard_handle.trigger_guard_condition()
 
     @property
     def handle(self) -> GuardConditionHandle:
-        return self._rosidl_gc
+        return self._rosidl_guard_handle
 
     def destroy(self) -> None:
         """Destroy the guard condition; use `Node.destroy_guard_condition` for those of nodes."""
         self.handle.destroy_when_not_in_use()
 
     def _rosidl_is_ready(self) -> bool:
-        return self._rosidl_gc.is_ready()
+        return self._rosidl_guard_handle.is_ready()
 
     def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
-        self._rosidl_gc.take_trigger()
+        self._rosidl_guard_handle.take_trigger()
         return self.callback

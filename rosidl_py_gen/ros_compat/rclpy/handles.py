@@ -30,7 +30,7 @@ class Closable(Protocol):
 
 T = TypeVar("T")
 C = TypeVar("C", bound=Closable)
-_DESTROYED = "cannot use Destroyable because destruction was requested"
+_DESTROYED_TEXT = "cannot use Destroyable because destruction was requested"
 
 
 class Destroyable:
@@ -38,7 +38,7 @@ class Destroyable:
 
     def __init__(self, parent: Destroyable | None = None) -> None:
         self._users = 0
-        self._is_destroyed = self._is_over = False
+        self._is_destruction_requested = self._is_destroyed = False
         self._users_lock = threading.RLock()
         self._parent = parent
         if parent is not None:
@@ -52,12 +52,12 @@ class Destroyable:
     @property
     def is_valid(self) -> bool:
         """False after `destroy_when_not_in_use`."""
-        return not self._is_destroyed
+        return not self._is_destruction_requested
 
     def __enter__(self) -> Self:
         with self._users_lock:
-            if self._is_destroyed:
-                raise InvalidHandle(_DESTROYED)
+            if self._is_destruction_requested:
+                raise InvalidHandle(_DESTROYED_TEXT)
             self._users += 1
         return self
 
@@ -74,14 +74,14 @@ class Destroyable:
     def destroy_when_not_in_use(self) -> None:
         """Refuse new uses, and destroy the object after the last current one; may be called twice."""
         with self._users_lock:
-            self._is_destroyed = True
+            self._is_destruction_requested = True
         self._destroy_if_unused()
 
     def _destroy_if_unused(self) -> None:
         with self._users_lock:
-            if not self._is_destroyed or self._users or self._is_over:
+            if not self._is_destruction_requested or self._users or self._is_destroyed:
                 return
-            self._is_over = True
+            self._is_destroyed = True
         self._destroy()
         if self._parent is not None:
             self._parent.__exit__()
@@ -106,7 +106,7 @@ class ContextHandle(Destroyable):
         self.change_token: object = None
         """Replaced by a new object after each change that an executor may wait for."""
         self.incompatible_peers = IncompatiblePeerWatcher(self.runtime, self.loop_runner, self.notify_arrival)
-        self.creating = threading.RLock()
+        self.creation_lock = threading.RLock()
         """Lock for creating and counting endpoints. The graph shows an endpoint before it is matched; a program that
         counts it then and publishes would lose the message.
         """
@@ -197,7 +197,7 @@ class Handle(Destroyable, Generic[C]):
         self.entity = entity
         self.logger_name = logger_name
         self.events: dict[int, deque[Any]] = {}
-        self.watched: WatchedEndpoint | None = None
+        self.watched_endpoint: WatchedEndpoint | None = None
         self._has_more: Callable[[], bool] = lambda: False
         self._may_be_ready = False
         self.marked_kinds: set[int] = set()
@@ -208,53 +208,53 @@ class Handle(Destroyable, Generic[C]):
         """Return the handle of an endpoint of this node, which the endpoint notifies of arrivals."""
         handle: Handle[Any] = Handle(self.context, entity, self, logger_name=self.logger_name, kind=kind)
         if hasattr(entity, "on_ready"):
-            handle.set_ready(lambda: entity.is_ready)
+            handle.set_ready_check(lambda: entity.is_ready)
             entity.on_ready(_weak_notifier(handle))
         return handle
 
-    def set_ready(self, is_ready: Callable[[], bool]) -> None:
+    def set_ready_check(self, is_ready: Callable[[], bool]) -> None:
         """Set the function that returns whether the endpoint has something to take."""
         self._has_more = is_ready
 
     def is_ready(self) -> bool:
         """Return True if something can be taken."""
-        if not self._may_be_ready or self._is_destroyed:
+        if not self._may_be_ready or self._is_destruction_requested:
             return False
         self._may_be_ready = False  # before the check, as a message may arrive during it
         if self._has_more():
-            self._mark()
+            self._mark_ready()
         return self._may_be_ready
 
-    def is_ready_marked(self) -> bool:
+    def may_be_ready(self) -> bool:
         """Return True if something may be taken, without a check; for endpoints that `take_from` reads."""
-        if not self._may_be_ready or self._is_destroyed:
+        if not self._may_be_ready or self._is_destruction_requested:
             return False
-        self._mark()
+        self._mark_ready()
         return True
 
     def take_from(self, take: Callable[[C], T]) -> T:
         """Take from the endpoint, which stays marked if it has more; raise InvalidHandle if it was destroyed."""
-        entity = self.valid()
+        entity = self.require_entity()
         self._may_be_ready = False
         item = take(entity)
         if self._has_more():
-            self._mark()
+            self._mark_ready()
         return item
 
-    def _mark(self) -> None:
+    def _mark_ready(self) -> None:
         self._may_be_ready = True
         if self._node is not None:
             self._node.marked_kinds.add(self._kind)
 
-    def valid(self) -> C:
+    def require_entity(self) -> C:
         """Return the endpoint for one call that tolerates its destruction; raise InvalidHandle if it was destroyed."""
-        if self._is_destroyed:
-            raise InvalidHandle(_DESTROYED)
+        if self._is_destruction_requested:
+            raise InvalidHandle(_DESTROYED_TEXT)
         return self.entity
 
     def notify_arrival(self) -> None:
         """Record that something may be taken. Thread: loop."""
-        self._mark()
+        self._mark_ready()
         self.context.notify_arrival()
 
     def _destroy(self) -> None:
@@ -262,9 +262,9 @@ class Handle(Destroyable, Generic[C]):
         self.context.notify()
 
     def __del__(self) -> None:
-        if getattr(self, "_is_over", True):
+        if getattr(self, "_is_destroyed", True):
             return
-        self._is_over = self._is_destroyed = True
+        self._is_destroyed = self._is_destruction_requested = True
         with contextlib.suppress(RuntimeError):  # the loop is closed, and thus the entity
             self.context.loop_runner.loop.call_soon_threadsafe(_close, self.entity, self._parent)
 
@@ -278,7 +278,7 @@ class Handle(Destroyable, Generic[C]):
                 raise RCLError(str(error)) from error
 
     @contextlib.contextmanager
-    def active(self) -> Iterator[C]:
+    def in_use_if_ok(self) -> Iterator[C]:
         """Return the context manager of `in_use`, which also raises RCLError after a signal shut the context down."""
         with self.in_use() as entity:
             self.context.require_ok()

@@ -18,43 +18,43 @@ class WatchedEndpoint:
 
     Attributes:
         node: node that reads the graph.
-        endpoint: the publisher or subscription.
-        queues: queues of events by kind of `runtime.Mismatch`, ``"qos"`` or ``"type"``; other kinds are not recorded.
+        entity: the publisher or subscription.
+        queues: queues of events by kind of `runtime.Mismatch`, ``"qos"`` or ``"type"``; peer kinds are not recorded.
     """
 
     node: runtime.Node
-    endpoint: Any
+    entity: Any
     queues: dict[str, deque[Any]]
-    _seen: set[bytes] = field(default_factory=set)
-    _totals: dict[str, int] = field(default_factory=dict)
+    _known_peers: set[bytes] = field(default_factory=set)
+    _peer_counts: dict[str, int] = field(default_factory=dict)
 
     @property
-    def has_any(self) -> bool:
-        return bool(self._seen)
+    def has_incompatible_peer(self) -> bool:
+        return bool(self._known_peers)
 
     def poll(self) -> None:
         """Append an event for each new incompatible peer."""
-        gid = self.endpoint.gid
-        for mismatch in self.node.incompatible_endpoints_of_topic(self.endpoint.topic):
+        gid = self.entity.gid
+        for mismatch in self.node.incompatible_endpoints_of_topic(self.entity.topic):
             writer, reader, kind = mismatch.writer, mismatch.reader, mismatch.kind
             pair = writer.endpoint_gid, reader.endpoint_gid
             if gid not in pair:
                 continue
-            other = pair[0] if pair[1] == gid else pair[1]
-            if other in self._seen:
+            peer = pair[0] if pair[1] == gid else pair[1]
+            if peer in self._known_peers:
                 continue
-            self._seen.add(other)
+            self._known_peers.add(peer)
             if kind not in self.queues:
                 continue
-            self._totals[kind] = total = self._totals.get(kind, 0) + 1
+            self._peer_counts[kind] = total = self._peer_counts.get(kind, 0) + 1
             policy = runtime.QoSPolicyKind.INVALID
             if kind == "qos":
                 policy = next(iter(runtime.check_compatible(writer.qos_profile, reader.qos_profile).policies), policy)
             status = runtime.IncompatibleStatus(total, 1, mismatch.reason, policy)
-            self.queues[kind].append(with_policy_of_c(status))
+            self.queues[kind].append(to_rclpy_status(status))
 
 
-def with_policy_of_c(status: Any) -> Any:
+def to_rclpy_status(status: Any) -> Any:
     """Return an event as rclpy reports it: the policy of an incompatible peer is a member of the C enum."""
     if not isinstance(status, runtime.IncompatibleStatus):
         return status
@@ -68,30 +68,31 @@ class IncompatiblePeerWatcher:
     def __init__(self, context: runtime.Context, loop_runner: runtime.LoopRunner, notify: Callable[[], None]) -> None:
         self._loop_runner = loop_runner
         self._notify = notify
-        self._watched: weakref.WeakSet[WatchedEndpoint] = weakref.WeakSet()
-        self._texts: list[tuple[str, str]] = []
+        self._endpoints: weakref.WeakSet[WatchedEndpoint] = weakref.WeakSet()
+        self._warnings: list[tuple[str, str]] = []
         context.on_incompatible_endpoint = self._record
 
-    def watch(self, watched: WatchedEndpoint) -> None:
+    def watch(self, endpoint: WatchedEndpoint) -> None:
         """Add an endpoint, by a weak reference."""
-        self._watched.add(watched)
+        self._endpoints.add(endpoint)
 
     def _record(self, text: str, topic: str) -> None:
-        self._texts.append((text, topic))
+        self._warnings.append((text, topic))
         self._loop_runner.loop.call_soon_threadsafe(self._poll)
 
     def _poll(self) -> None:
-        """Record new incompatible peers, and log the texts of other topics, for example services. Thread: loop."""
-        texts, self._texts = self._texts, []
+        """Record new incompatible peers, and log the warnings of other topics, for example services. Thread: loop."""
+        warnings, self._warnings = self._warnings, []
         topics = set()
-        for watched in list(self._watched):
+        for endpoint in list(self._endpoints):
             try:
-                watched.poll()
-                if watched.has_any:  # also from an earlier poll, as the runtime may report each side of a pair
-                    topics.add(watched.endpoint.topic)
+                endpoint.poll()
+                # Also from an earlier poll, as the runtime may report each side of a pair.
+                if endpoint.has_incompatible_peer:
+                    topics.add(endpoint.entity.topic)
             except runtime.ClosedError:
                 continue
         self._notify()
-        for text, topic in texts:
+        for text, topic in warnings:
             if topic not in topics:
                 runtime.get_logger("rclpy").warning(text)

@@ -32,7 +32,7 @@ from rclpy.clock import Clock as Clock
 from rclpy.clock import ROSClock as ROSClock
 from rclpy.constants import S_TO_NS as S_TO_NS
 from rclpy.context import Context as Context
-from rclpy.context import refused_arguments
+from rclpy.context import invalid_arguments_error
 from rclpy.event_handler import PublisherEventCallbacks as PublisherEventCallbacks
 from rclpy.event_handler import SubscriptionEventCallbacks as SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle as InvalidHandle
@@ -127,8 +127,8 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
     ) -> None:
         self._rosidl_context = self._context = get_default_context() if context is None else context
         self._rosidl_executor: weakref.ref[Executor] | None = None
-        opened = self._rosidl_context.handle
-        if opened is None or not opened.ok():
+        context_handle = self._rosidl_context.handle
+        if context_handle is None or not context_handle.ok():
             raise NotInitializedException("cannot create node")
         validate_node_name(node_name)
         full_namespace = "/" + (namespace or "").removeprefix("/")
@@ -137,7 +137,7 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
             node = runtime.Node(
                 node_name,
                 full_namespace,
-                context=opened.runtime,
+                context=context_handle.runtime,
                 enable_rosout=enable_rosout,
                 start_services=False,
                 parameter_events=False,
@@ -148,11 +148,11 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
                 use_global_arguments=use_global_arguments,
             )
         except runtime.RosArgumentError as error:
-            raise refused_arguments(error) from error
+            raise invalid_arguments_error(error) from error
         except runtime.ClosedError as error:
             raise RCLError(str(error)) from error
         logger_name = node.fully_qualified_name[1:].replace("/", ".")
-        self._rosidl_node: Handle[runtime.Node] = Handle(opened, node, opened, logger_name=logger_name)
+        self._rosidl_node: Handle[runtime.Node] = Handle(context_handle, node, context_handle, logger_name=logger_name)
         self._rosidl_logger = self._logger = get_logger(logger_name)
         self._rosidl_clock = self._clock = ROSClock()
         self._rosidl_init_entities()
@@ -244,10 +244,10 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
         validate_topic_name(name, is_service=is_service)
         with self.handle as handle:
             node = handle.entity
-            expanded = expand_topic_name(name, node.name, node.namespace)
-            validate_full_topic_name(expanded, is_service=is_service)
+            full_name = expand_topic_name(name, node.name, node.namespace)
+            validate_full_topic_name(full_name, is_service=is_service)
             if only_expand:
-                return expanded
+                return full_name
             return node.resolve_service_name(name) if is_service else node.resolve_topic_name(name)
 
     def _validate_topic_or_service_name(self, topic_or_service_name: str, *, is_service: bool = False) -> None:

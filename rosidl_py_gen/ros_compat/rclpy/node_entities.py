@@ -111,7 +111,7 @@ class NodeEntities:
         return valid_or(self._default_callback_group, CallbackGroup, self._rosidl_group)
 
     @staticmethod
-    def _rosidl_profile(qos_or_depth: QoSProfile | int) -> QoSProfile:
+    def _rosidl_to_profile(qos_or_depth: QoSProfile | int) -> QoSProfile:
         if isinstance(qos_or_depth, QoSProfile):
             return qos_or_depth
         if not isinstance(qos_or_depth, int):
@@ -120,7 +120,7 @@ class NodeEntities:
             raise ValueError("history depth must be greater than or equal to zero")
         return QoSProfile(depth=qos_or_depth)
 
-    _validate_qos_or_depth_parameter = _rosidl_profile
+    _validate_qos_or_depth_parameter = _rosidl_to_profile
 
     def _rosidl_require_ok(self) -> tuple[ContextHandle, runtime.Node]:
         handle = self.handle
@@ -131,15 +131,17 @@ class NodeEntities:
     def _rosidl_register(self, entity: _E, group: CallbackGroup | None, kind: str) -> _E:
         if group is not None:
             group.add_entity(entity)
-        for entities in self._rosidl_lists(kind):
+        for entities in self._rosidl_lists_of_kind(kind):
             entities.append(entity)
         self._rosidl_wake_executor()
         return entity
 
-    def _rosidl_lists(self, kind: str) -> list[list[Any]]:
+    def _rosidl_lists_of_kind(self, kind: str) -> list[list[Any]]:
         """Return our list of entities, and the list with which the program replaced rclpy's."""
-        own, other = getattr(self, f"_rosidl_{kind}"), getattr(self, f"_{kind}", None)
-        return [own, other] if isinstance(other, list) and other is not own else [own]
+        own_list, program_list = getattr(self, f"_rosidl_{kind}"), getattr(self, f"_{kind}", None)
+        if isinstance(program_list, list) and program_list is not own_list:
+            return [own_list, program_list]
+        return [own_list]
 
     def _rosidl_wake_executor(self) -> None:
         self.handle.context.notify()
@@ -164,7 +166,7 @@ class NodeEntities:
             TypeError, ValueError: `qos_profile` is not a profile or depth.
             RCLError: the context is shut down.
         """
-        profile = self._rosidl_profile(qos_profile)
+        profile = self._rosidl_to_profile(qos_profile)
         group = callback_group or self.default_callback_group
         full = self._rosidl_resolve_name(topic, is_service=False)
         options = QoSOverridingOptions([]) if qos_overriding_options is None else qos_overriding_options
@@ -175,8 +177,10 @@ class NodeEntities:
             context, node = self._rosidl_require_ok()
             queues, functions = callbacks._rosidl_queues(context)
             events = runtime.PublisherEventCallbacks(**functions) if functions else None
-            make = partial(node.create_publisher, msg_type, topic, profile.get_c_qos_profile(), event_callbacks=events)
-            handle = self._rosidl_with_events(make, queues)
+            create = partial(
+                node.create_publisher, msg_type, topic, profile.get_c_qos_profile(), event_callbacks=events
+            )
+            handle = self._rosidl_create_with_events(create, queues)
             callbacks._rosidl_watch(node, handle.entity, handle)
         publisher = publisher_class(
             handle,
@@ -190,10 +194,10 @@ class NodeEntities:
             self.add_waitable(handler)
         return self._rosidl_register(publisher, None, "publishers")
 
-    def _rosidl_with_events(self, make: Callable[[], Any], queues: dict[int, deque[Any]]) -> Handle[Any]:
+    def _rosidl_create_with_events(self, create: Callable[[], Any], queues: dict[int, deque[Any]]) -> Handle[Any]:
         try:
-            with self.handle.context.creating:
-                handle = self.handle.handle_of(make(), SUBSCRIPTIONS)
+            with self.handle.context.creation_lock:
+                handle = self.handle.handle_of(create(), SUBSCRIPTIONS)
         except runtime.UnsupportedEventError as error:
             raise UnsupportedEventTypeError(str(error)) from error
         handle.events = queues
@@ -222,7 +226,7 @@ class NodeEntities:
             RCLError: the context is shut down.
             RuntimeError: the callback does not take one or two arguments.
         """
-        profile = self._rosidl_profile(qos_profile)
+        profile = self._rosidl_to_profile(qos_profile)
         group = callback_group or self.default_callback_group
         full = self._rosidl_resolve_name(topic, is_service=False)
         options = QoSOverridingOptions([]) if qos_overriding_options is None else qos_overriding_options
@@ -234,10 +238,10 @@ class NodeEntities:
             queues, functions = callbacks._rosidl_queues(context)
             events = runtime.SubscriptionEventCallbacks(**functions) if functions else None
             qos = profile.get_c_qos_profile()
-            make: Callable[[], Any] = partial(
+            create: Callable[[], Any] = partial(
                 node.create_subscription, msg_type, topic, None, qos, raw=raw, event_callbacks=events
             )
-            handle = self._rosidl_with_events(make, queues)
+            handle = self._rosidl_create_with_events(create, queues)
             callbacks._rosidl_watch(node, handle.entity, handle)
         handlers = callbacks.create_event_handlers(group, handle, topic)
         try:
@@ -347,10 +351,10 @@ class NodeEntities:
         self._rosidl_wake_executor()
 
     def _rosidl_destroy(self, entity: Any, kind: str) -> bool:
-        own, *others = self._rosidl_lists(kind)
-        if entity not in own:
+        own_list, *other_lists = self._rosidl_lists_of_kind(kind)
+        if entity not in own_list:
             return False
-        for entities in (own, *others):
+        for entities in (own_list, *other_lists):
             if entity in entities:
                 entities.remove(entity)
         for handler in getattr(entity, "event_handlers", ()):
@@ -389,5 +393,5 @@ class NodeEntities:
 
     def _rosidl_destroy_entities(self) -> None:
         for kind in _KINDS:
-            while entities := self._rosidl_lists(kind)[0]:
+            while entities := self._rosidl_lists_of_kind(kind)[0]:
                 self._rosidl_destroy(entities[0], kind)

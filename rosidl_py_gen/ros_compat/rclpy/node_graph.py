@@ -44,7 +44,7 @@ class NodeGraph:
 
     def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
         """Return name, namespace and enclave of all nodes."""
-        with self.handle.active() as node:
+        with self.handle.in_use_if_ok() as node:
             return [(info.name, info.namespace, info.enclave) for info in node.get_nodes()]
 
     def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:
@@ -53,8 +53,8 @@ class NodeGraph:
         with self.handle as handle:
             return handle.context.wait(lambda: name in self.get_fully_qualified_node_names(), timeout)
 
-    def _rosidl_of_node(self, kind: str, node_name: str, node_namespace: str) -> NamesAndTypes:
-        with self.handle.active() as node:
+    def _rosidl_names_of_node(self, kind: str, node_name: str, node_namespace: str) -> NamesAndTypes:
+        with self.handle.in_use_if_ok() as node:
             namespace = node_namespace if node_namespace.startswith("/") else f"/{node_namespace}"
             if not any((info.name, info.namespace) == (node_name, namespace) for info in node.get_nodes()):
                 raise NodeNameNonExistentError(
@@ -92,35 +92,35 @@ class NodeGraph:
         node_namespace: str,
         no_demangle: bool,
     ) -> NamesAndTypes:
-        topics = self._rosidl_of_node(kind, node_name, node_namespace)
+        topics = self._rosidl_names_of_node(kind, node_name, node_namespace)
         handle = self.context.handle
         if not no_demangle or handle is None or handle.runtime.middleware != "DDS":
             return topics
-        mangled = [(f"rt{name}", [_mangled(ros_type) for ros_type in types]) for name, types in topics]
+        dds_topics = [(f"rt{name}", [_mangle_type(ros_type) for ros_type in types]) for name, types in topics]
         for entity, direction in (("client", client_direction), ("service", service_direction)):
             prefix, suffix = ("rq", "Request_") if direction == "Request" else ("rr", "Response_")
-            mangled += [
-                (f"{prefix}{name}{direction}", [f"{_mangled(ros_type)}{suffix}" for ros_type in types])
-                for name, types in self._rosidl_of_node(entity, node_name, node_namespace)
+            dds_topics += [
+                (f"{prefix}{name}{direction}", [f"{_mangle_type(ros_type)}{suffix}" for ros_type in types])
+                for name, types in self._rosidl_names_of_node(entity, node_name, node_namespace)
             ]
-        return sorted(mangled)
+        return sorted(dds_topics)
 
     def get_service_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
         """Return the services of a node; raise NodeNameNonExistentError if it is not in the graph."""
-        return self._rosidl_of_node("service", node_name, node_namespace)
+        return self._rosidl_names_of_node("service", node_name, node_namespace)
 
     def get_client_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
         """Return the services a node has clients of; raise NodeNameNonExistentError if it is not in the graph."""
-        return self._rosidl_of_node("client", node_name, node_namespace)
+        return self._rosidl_names_of_node("client", node_name, node_namespace)
 
     def get_topic_names_and_types(self, no_demangle: bool = False) -> NamesAndTypes:
         """Return all topics; with `no_demangle` all DDS topics, which include those of services."""
-        with self.handle.active() as node:
+        with self.handle.in_use_if_ok() as node:
             return node.get_topic_names_and_types(no_demangle=no_demangle)
 
     def get_service_names_and_types(self) -> NamesAndTypes:
         """Return all services."""
-        with self.handle.active() as node:
+        with self.handle.in_use_if_ok() as node:
             return node.get_service_names_and_types()
 
     def _rosidl_full_name(self, name: str, *, is_service: bool = False) -> str:
@@ -130,7 +130,7 @@ class NodeGraph:
 
     def _rosidl_count(self, kind: str, name: str) -> int:
         full = self._rosidl_full_name(name, is_service=kind in ("clients", "services"))
-        with self.handle.active() as node, self.handle.context.creating:
+        with self.handle.in_use_if_ok() as node, self.handle.context.creation_lock:
             count: int = getattr(node, f"count_{kind}")(full)
             return count
 
@@ -150,21 +150,21 @@ class NodeGraph:
         """Return the number of servers of a service."""
         return self._rosidl_count("services", service_name)
 
-    def _rosidl_infos(self, kind: str, name: str, no_mangle: bool) -> list[TopicEndpointInfo]:
+    def _rosidl_endpoint_infos(self, kind: str, name: str, no_mangle: bool) -> list[TopicEndpointInfo]:
         topic = name if no_mangle else self._rosidl_full_name(name)
-        with self.handle.active() as node:
+        with self.handle.in_use_if_ok() as node:
             infos: list[Any] = getattr(node, f"get_{kind}_info_by_topic")(topic, no_mangle=no_mangle)
             return [TopicEndpointInfo._rosidl_from_runtime(info) for info in infos]
 
     def get_publishers_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> list[TopicEndpointInfo]:
         """Return the publishers of a topic; with `no_mangle`, `topic_name` is a DDS topic."""
-        return self._rosidl_infos("publishers", topic_name, no_mangle)
+        return self._rosidl_endpoint_infos("publishers", topic_name, no_mangle)
 
     def get_subscriptions_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> list[TopicEndpointInfo]:
         """Return the subscriptions of a topic; with `no_mangle`, `topic_name` is a DDS topic."""
-        return self._rosidl_infos("subscriptions", topic_name, no_mangle)
+        return self._rosidl_endpoint_infos("subscriptions", topic_name, no_mangle)
 
 
-def _mangled(ros_type: str) -> str:
+def _mangle_type(ros_type: str) -> str:
     """Return ``std_msgs::msg::dds_::String_`` for ``std_msgs/msg/String``."""
     return re.sub(r"^(\w+)/(\w+)/(\w+)$", r"\1::\2::dds_::\3_", ros_type)

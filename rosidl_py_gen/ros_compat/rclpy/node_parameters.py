@@ -23,7 +23,7 @@ from rclpy.exceptions import (
     ParameterUninitializedException,
 )
 from rclpy.impl._fields import valid_or
-from rclpy.impl.parameter_rules import initial_value, read_declaration, refusal
+from rclpy.impl.parameter_rules import initial_value, read_declaration, refusal_reason
 from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter
 from rclpy.qos import qos_profile_parameter_events
 from rclpy.type_description_service import START_TYPE_DESCRIPTION_SERVICE_PARAM
@@ -57,8 +57,10 @@ class NodeParameters:
         def _rosidl_own_clock(self) -> Clock: ...
         def create_publisher(self, msg_type: Any, topic: str, qos_profile: Any) -> Publisher: ...
 
-    def _rosidl_init_parameters(self, own: Iterable[Parameter] | None, allow_undeclared: bool, declare: bool) -> None:
-        """Read the initial values, and declare them if `declare`; those in `own` take precedence."""
+    def _rosidl_init_parameters(
+        self, program_overrides: Iterable[Parameter] | None, allow_undeclared: bool, declare: bool
+    ) -> None:
+        """Read the initial values, and declare them if `declare`; those in `program_overrides` take precedence."""
         self._rosidl_values: dict[str, Parameter] = {}
         self._rosidl_descriptors: dict[str, Any] = {}
         self._rosidl_pre_set: list[PreSetCallback] = []
@@ -72,11 +74,13 @@ class NodeParameters:
         events = self.create_publisher(ParameterEvent, "/parameter_events", qos_profile_parameter_events)
         self._rosidl_parameter_events, self._parameter_event_publisher = events, cast("Publisher | None", events)
         with self.handle as handle:
-            declared = handle.entity.get_parameters_by_prefix("")
-        if declared[START_TYPE_DESCRIPTION_SERVICE_PARAM].value.value is True:
-            del declared[START_TYPE_DESCRIPTION_SERVICE_PARAM]  # the runtime declares it for its own service
-        overrides = {name: Parameter(name, value=initial_value(info.value.value)) for name, info in declared.items()}
-        overrides |= {parameter.name: parameter for parameter in own or ()}
+            initial_parameters = handle.entity.get_parameters_by_prefix("")
+        if initial_parameters[START_TYPE_DESCRIPTION_SERVICE_PARAM].value.value is True:
+            del initial_parameters[START_TYPE_DESCRIPTION_SERVICE_PARAM]  # the runtime declares it for its own service
+        overrides = {
+            name: Parameter(name, value=initial_value(info.value.value)) for name, info in initial_parameters.items()
+        }
+        overrides |= {parameter.name: parameter for parameter in program_overrides or ()}
         self._rosidl_overrides = self._parameter_overrides = overrides
         if declare:
             initial = [(name, override.value, ParameterDescriptor()) for name, override in overrides.items()]
@@ -126,8 +130,8 @@ class NodeParameters:
                 value = overrides[name].value
             requested.append(Parameter(name, value=value))
             descriptors[name] = descriptor
-        if declared := [parameter.name for parameter in requested if parameter.name in self._rosidl_values]:
-            raise ParameterAlreadyDeclaredException(declared)
+        if declared_names := [parameter.name for parameter in requested if parameter.name in self._rosidl_values]:
+            raise ParameterAlreadyDeclaredException(declared_names)
         for parameter in requested:
             name, result = parameter.name, self._rosidl_apply([parameter], descriptors)
             if result.successful:
@@ -153,7 +157,7 @@ class NodeParameters:
 
     def get_parameter_types(self, names: list[str]) -> list[Any]:
         """Return the types of several parameters; raise TypeError if a name is not a str."""
-        _require_texts(names)
+        _require_str_names(names)
         return [self.get_parameter_type(name) for name in names]
 
     def get_parameter_type(self, name: str) -> Any:
@@ -170,7 +174,7 @@ class NodeParameters:
 
     def get_parameters(self, names: list[str]) -> list[Parameter]:
         """Return several parameters; raise TypeError if a name is not a str."""
-        _require_texts(names)
+        _require_str_names(names)
         return [self.get_parameter(name) for name in names]
 
     def get_parameter(self, name: str) -> Parameter:
@@ -220,8 +224,8 @@ class NodeParameters:
             raise TypeError("The depth must be instance of type int")
         if depth < 0:
             raise ValueError("The depth must be greater than or equal to zero")
-        listed = list_names(self._rosidl_values, prefixes, depth)
-        return ListParametersResult(names=list(listed.names), prefixes=list(filter(None, listed.prefixes)))
+        result = list_names(self._rosidl_values, prefixes, depth)
+        return ListParametersResult(names=list(result.names), prefixes=list(filter(None, result.prefixes)))
 
     def describe_parameter(self, name: str) -> Any:
         """Return the rcl_interfaces/ParameterDescriptor of a parameter.
@@ -262,17 +266,19 @@ class NodeParameters:
                 return SetParametersResult(successful=False, reason=EMPTY_LIST_REASON)
         if not all(isinstance(parameter, Parameter) for parameter in parameter_list):
             raise TypeError(f"parameter must be instance of type '{Parameter!r}'")
-        undeclared = [parameter.name for parameter in parameter_list if parameter.name not in self._rosidl_values]
-        if undeclared and not self._rosidl_allows_undeclared():
-            raise ParameterNotDeclaredException(undeclared)
+        undeclared_names = [parameter.name for parameter in parameter_list if parameter.name not in self._rosidl_values]
+        if undeclared_names and not self._rosidl_allows_undeclared():
+            raise ParameterNotDeclaredException(undeclared_names)
         return self._rosidl_apply(parameter_list, None)
 
-    def _rosidl_apply(self, parameters: list[Parameter], declared: dict[str, Any] | None) -> Any:
-        """Check, set and publish parameters; `declared` has the descriptors of new ones."""
-        descriptors = self._rosidl_descriptors if declared is None else declared
+    def _rosidl_apply(self, parameters: list[Parameter], new_descriptors: dict[str, Any] | None) -> Any:
+        """Check, set and publish parameters; `new_descriptors` has the descriptors of new ones."""
+        descriptors = self._rosidl_descriptors if new_descriptors is None else new_descriptors
         for parameter in parameters:
             if parameter.name in descriptors:
-                reason = self._rosidl_refusal(parameter, descriptors[parameter.name], check_read_only=declared is None)
+                reason = self._rosidl_refusal_reason(
+                    parameter, descriptors[parameter.name], check_read_only=new_descriptors is None
+                )
                 if reason:
                     return SetParametersResult(successful=False, reason=reason)
         for callback in tuple(self._rosidl_on_set):
@@ -286,27 +292,27 @@ class NodeParameters:
         namespace = self.get_namespace()
         event = ParameterEvent(node=f"{'' if namespace == '/' else namespace}/{self.get_name()}")
         for parameter in parameters:
-            self._rosidl_store(parameter, declared, event)
+            self._rosidl_store(parameter, new_descriptors, event)
         event.stamp = self._rosidl_own_clock().now().to_msg()
         self._rosidl_parameter_events.publish(event)
         for post_callback in tuple(self._rosidl_post_set):
             post_callback(parameters)
         return SetParametersResult(successful=True)
 
-    def _rosidl_refusal(self, parameter: Parameter, descriptor: Any, *, check_read_only: bool) -> str:
+    def _rosidl_refusal_reason(self, parameter: Parameter, descriptor: Any, *, check_read_only: bool) -> str:
         descriptor.name = parameter.name
         is_declared = self.has_parameter(parameter.name)
-        return refusal(parameter, descriptor, is_declared=is_declared, check_read_only=check_read_only)
+        return refusal_reason(parameter, descriptor, is_declared=is_declared, check_read_only=check_read_only)
 
-    def _rosidl_store(self, parameter: Parameter, declared: dict[str, Any] | None, event: Any) -> None:
+    def _rosidl_store(self, parameter: Parameter, new_descriptors: dict[str, Any] | None, event: Any) -> None:
         name = parameter.name
-        if declared is None and parameter.type_ is Parameter.Type.NOT_SET:
+        if new_descriptors is None and parameter.type_ is Parameter.Type.NOT_SET:
             event.deleted_parameters.append(parameter.to_parameter_msg())
             self._rosidl_values.pop(name, None)
             self._rosidl_descriptors.pop(name, None)
             return
-        if declared is not None:
-            self._rosidl_descriptors[name] = declared[name]
+        if new_descriptors is not None:
+            self._rosidl_descriptors[name] = new_descriptors[name]
         elif name not in self._rosidl_descriptors:
             self._rosidl_descriptors[name] = ParameterDescriptor(dynamic_typing=True)
         is_new = self.get_parameter_or(name).type_ is Parameter.Type.NOT_SET
@@ -330,10 +336,10 @@ class NodeParameters:
         if self.describe_parameter(name).read_only:
             raise ParameterImmutableException(name)
         parameter = self.get_parameter(name)
-        if self._rosidl_refusal(parameter, descriptor, check_read_only=False):
+        if self._rosidl_refusal_reason(parameter, descriptor, check_read_only=False):
             if alternative_value is not None:
                 parameter = Parameter.from_parameter_msg(ParameterMsg(name=name, value=alternative_value))
-            reason = self._rosidl_refusal(parameter, descriptor, check_read_only=False)
+            reason = self._rosidl_refusal_reason(parameter, descriptor, check_read_only=False)
             if reason:
                 raise InvalidParameterValueException(name, parameter.value, reason)
         self._rosidl_values[name] = parameter
@@ -372,6 +378,6 @@ class NodeParameters:
         self._rosidl_post_set.remove(callback)
 
 
-def _require_texts(names: list[str]) -> None:
+def _require_str_names(names: list[str]) -> None:
     if not all(isinstance(name, str) for name in names):
         raise TypeError("All names must be instances of type str")

@@ -61,13 +61,13 @@ class Parameter:
             """Return the type of a value, BYTE_ARRAY for an empty list; raise TypeError if no type fits."""
             if parameter_value is None:
                 return cls.NOT_SET
-            for type_, plain in _CLASSES.items():
-                if isinstance(parameter_value, plain) and plain is not bytes:
+            for type_, python_class in _CLASSES.items():
+                if isinstance(parameter_value, python_class) and python_class is not bytes:
                     return cls[type_]
             if not isinstance(parameter_value, (list, tuple, array.array)):
                 raise TypeError(f"The given value is not one of the allowed types '{parameter_value}'.")
-            for type_, plain in _CLASSES.items():
-                if all(isinstance(item, plain) for item in parameter_value):
+            for type_, python_class in _CLASSES.items():
+                if all(isinstance(item, python_class) for item in parameter_value):
                     return cls[f"{type_}_ARRAY"]
             raise TypeError(f"The given value is not a list of one of the allowed types '{parameter_value}'.")
 
@@ -75,21 +75,22 @@ class Parameter:
             """Return True if a value is of this type; a bool is an integer as well."""
             if self is Parameter.Type.NOT_SET:
                 return parameter_value is None
-            plain = _CLASSES[self.name.removesuffix("_ARRAY")]
+            python_class = _CLASSES[self.name.removesuffix("_ARRAY")]
             if not self.name.endswith("_ARRAY"):
-                return isinstance(parameter_value, plain)
-            sequences = (list, tuple, array.array) if plain in (int, float) else (list, tuple)
+                return isinstance(parameter_value, python_class)
+            sequences = (list, tuple, array.array) if python_class in (int, float) else (list, tuple)
             if not isinstance(parameter_value, sequences):
                 return False
             return all(
-                isinstance(item, plain) and (not isinstance(item, bytes) or len(item) == 1) for item in parameter_value
+                isinstance(item, python_class) and (not isinstance(item, bytes) or len(item) == 1)
+                for item in parameter_value
             )
 
     @classmethod
     def from_parameter_msg(cls, param_msg: Any) -> Parameter:
         """Convert an rcl_interfaces/Parameter; raise ValueError for an unknown type."""
         type_ = Parameter.Type(param_msg.value.type)
-        value = None if type_ is Parameter.Type.NOT_SET else getattr(param_msg.value, _FIELDS[type_.value])
+        value = None if type_ is Parameter.Type.NOT_SET else getattr(param_msg.value, _VALUE_FIELDS[type_.value])
         return cls(param_msg.name, type_, value)
 
     def __init__(self, name: str, type_: Type | None = None, value: Any = None) -> None:
@@ -120,7 +121,7 @@ class Parameter:
         """Return the value as rcl_interfaces/ParameterValue."""
         value = ParameterValue(type=self.type_.value)
         if self.type_ is not Parameter.Type.NOT_SET:
-            setattr(value, _FIELDS[self.type_.value], self.value)
+            setattr(value, _VALUE_FIELDS[self.type_.value], self.value)
         return value
 
     def to_parameter_msg(self) -> Any:
@@ -131,7 +132,7 @@ class Parameter:
 _CLASSES: dict[str, type] = {"BYTE": bytes, "BOOL": bool, "INTEGER": int, "DOUBLE": float, "STRING": str}
 """Type name without ``_ARRAY`` -> class of the value or of all elements. The first match counts."""
 
-_FIELDS = {type_.value: f"{type_.name.lower()}_value" for type_ in Parameter.Type if type_.value}
+_VALUE_FIELDS = {type_.value: f"{type_.name.lower()}_value" for type_ in Parameter.Type if type_.value}
 """Type number -> field of rcl_interfaces/ParameterValue."""
 
 
@@ -164,9 +165,9 @@ def parameter_value_to_python(parameter_value: Any) -> Any:
     number = parameter_value.type
     if number == ParameterType.PARAMETER_NOT_SET:
         return None
-    if number not in _FIELDS:
+    if number not in _VALUE_FIELDS:
         raise RuntimeError(f"unexpected parameter type {number}")
-    value = getattr(parameter_value, _FIELDS[number])
+    value = getattr(parameter_value, _VALUE_FIELDS[number])
     return list(value) if number >= ParameterType.PARAMETER_BYTE_ARRAY else value
 
 
@@ -196,24 +197,24 @@ def parameter_dict_from_yaml_file(
     for node in target_nodes or ():
         if node not in nodes:
             raise RuntimeError(f"Param file does not contain parameters for {node},only for nodes: {list(nodes)} ")
-    chosen = ["/**"] if use_wildcard and "/**" in nodes else []
-    chosen += target_nodes or [node for node in nodes if node != "/**"]
-    if not chosen:
+    sections = ["/**"] if use_wildcard and "/**" in nodes else []
+    sections += target_nodes or [node for node in nodes if node != "/**"]
+    if not sections:
         raise RuntimeError("Param file does not contain selected parameters")
     parameters: dict[str, Any] = {}
-    for node in chosen:
+    for node in sections:
         if not isinstance(nodes[node], dict) or not isinstance(nodes[node].get("ros__parameters"), dict):
             raise RuntimeError(f"YAML file is not a valid ROS parameter file for node {node}")
         parameters.update(nodes[node]["ros__parameters"])
-    return _flat(namespace, parameters)
+    return _to_messages(namespace, parameters)
 
 
-def _flat(prefix: str, parameters: dict[Any, Any]) -> dict[str, Any]:
+def _to_messages(prefix: str, parameters: dict[Any, Any]) -> dict[str, Any]:
     messages: dict[str, Any] = {}
     for name, value in parameters.items():
         full = f"{prefix}{name}"
         if isinstance(value, dict):
-            messages.update(_flat(full + PARAMETER_SEPARATOR_STRING, value))
+            messages.update(_to_messages(full + PARAMETER_SEPARATOR_STRING, value))
         else:
             messages[full] = ParameterMsg(name=full, value=get_parameter_value(str(value)))
     return messages

@@ -91,7 +91,7 @@ class AsyncParameterClient:
 
     def set_parameters(self, parameters: Sequence[Any], callback: Callback | None = None) -> Future[Any]:
         """Set parameters, each a Parameter or a message."""
-        request = SetParameters.Request(parameters=_messages(parameters))
+        request = SetParameters.Request(parameters=_to_messages(parameters))
         return self._rosidl_send(self._set_parameter_client, request, callback)
 
     def describe_parameters(self, names: list[str], callback: Callback | None = None) -> Future[Any]:
@@ -104,7 +104,7 @@ class AsyncParameterClient:
 
     def set_parameters_atomically(self, parameters: Sequence[Any], callback: Callback | None = None) -> Future[Any]:
         """Set all parameters or none, each a Parameter or a message."""
-        request = SetParametersAtomically.Request(parameters=_messages(parameters))
+        request = SetParametersAtomically.Request(parameters=_to_messages(parameters))
         return self._rosidl_send(self._set_parameters_atomically_client, request, callback)
 
     def delete_parameters(self, names: list[str], callback: Callback | None = None) -> Future[Any]:
@@ -148,5 +148,5 @@ class AsyncParameterClient:
         )
 
 
-def _messages(parameters: Sequence[Any]) -> list[Any]:
+def _to_messages(parameters: Sequence[Any]) -> list[Any]:
     return [item.to_parameter_msg() if isinstance(item, Parameter) else item for item in parameters]

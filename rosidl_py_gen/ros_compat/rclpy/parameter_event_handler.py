@@ -53,14 +53,14 @@ class ParameterEventHandler:
         def event_callback(self, event: Any) -> None:
             """Call the callbacks for an rcl_interfaces/ParameterEvent."""
             with self.mutex:
-                of_parameters = [(key, tuple(handles)) for key, handles in self.parameter_callbacks.items()]
-                of_events = tuple(self.event_callbacks)
-            for (name, node), handles in of_parameters:
+                parameter_handles = [(key, tuple(handles)) for key, handles in self.parameter_callbacks.items()]
+                event_handles = tuple(self.event_callbacks)
+            for (name, node), handles in parameter_handles:
                 parameter = ParameterEventHandler.get_parameter_from_event(event, name, node)
                 for handle in handles if parameter is not None else ():
                     with handle.mutex:
                         handle.callback(parameter)
-            for event_handle in of_events:
+            for event_handle in event_handles:
                 with event_handle.mutex:
                     event_handle.callback(event)
 

@@ -44,16 +44,16 @@ class ParameterService:
             node.create_service(srv_type, full, callback, qos_profile=qos_profile_parameters)
 
     def _describe_parameters_callback(self, request: Any, response: Any) -> Any:
-        response.descriptors = _all_or_none(self._get_node().describe_parameter, request.names)
+        response.descriptors = _get_all_or_empty(self._get_node().describe_parameter, request.names)
         return response
 
     def _get_parameters_callback(self, request: Any, response: Any) -> Any:
-        parameters = _all_or_none(self._get_node().get_parameter, request.names)
+        parameters = _get_all_or_empty(self._get_node().get_parameter, request.names)
         response.values = [parameter.get_parameter_value() for parameter in parameters]
         return response
 
     def _get_parameter_types_callback(self, request: Any, response: Any) -> Any:
-        types = _all_or_none(self._get_node().get_parameter_type, request.names)
+        types = _get_all_or_empty(self._get_node().get_parameter_type, request.names)
         # As in rclpy, get_parameter_type returns a member for an undeclared parameter, else a number.
         response.types = [type_.value if isinstance(type_, Parameter.Type) else type_ for type_ in types]
         return response
@@ -90,7 +90,7 @@ class ParameterService:
         return node
 
 
-def _all_or_none(get: Callable[[str], _T], names: Iterable[str]) -> list[_T]:
+def _get_all_or_empty(get: Callable[[str], _T], names: Iterable[str]) -> list[_T]:
     try:
         return [get(name) for name in names]
     except (ParameterNotDeclaredException, ParameterUninitializedException):

@@ -40,7 +40,7 @@ class NodeEntityLists(NamedTuple):
     waitables: list[Waitable]
 
 
-def ready_entities(
+def find_ready_entities(
     nodes: Iterable[Node], can_execute: Callable[[Any], bool]
 ) -> tuple[ReadyEntities, float | None, bool]:
     """Return the ready entities that may run, except waitables, node by node in rclpy's order.
@@ -50,7 +50,7 @@ def ready_entities(
             there are waitables.
     """
     ready: ReadyEntities = []
-    shortest_s: float | None = None
+    min_wait_s: float | None = None
     has_waitables = False
     for node in nodes:
         entity_lists = node._rosidl_entity_lists()
@@ -61,9 +61,9 @@ def ready_entities(
                     if can_execute(timer):
                         ready.append((timer, node))
                     continue
-                left_s = timer.handle.seconds_left()
-                if left_s is not None and (shortest_s is None or left_s < shortest_s) and can_execute(timer):
-                    shortest_s = left_s
+                wait_s = timer.handle.max_wait_s()
+                if wait_s is not None and (min_wait_s is None or wait_s < min_wait_s) and can_execute(timer):
+                    min_wait_s = wait_s
         if handle.marked_kinds:
             kinds = set()
             # Popped one at a time, because other threads add kinds; entities that stay ready add theirs again.
@@ -79,10 +79,10 @@ def ready_entities(
             ready += [(guard, node) for guard in tuple(guards) if guard._rosidl_is_ready() and can_execute(guard)]
         if waitables:
             has_waitables = True
-    return ready, shortest_s, has_waitables
+    return ready, min_wait_s, has_waitables
 
 
-def ready_waitables(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) -> ReadyEntities:
+def find_ready_waitables(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) -> ReadyEntities:
     """Return the ready waitables; called once for each scan, because the check may change them."""
     ready: ReadyEntities = []
     wait_set: WaitSet | None = None

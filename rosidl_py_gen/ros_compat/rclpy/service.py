@@ -68,11 +68,13 @@ class Service(ServiceEntity[runtime.ServiceServer[Any, Any]]):
         def serve() -> Any:
             response = self.callback(request.message, self.srv_type.Response())
             if inspect.isawaitable(response):
-                return self._rosidl_answer_later(response, request)
+                return self._rosidl_send_awaited_response(response, request)
             self.send_response(response, request)
             return None
 
         return serve
 
-    async def _rosidl_answer_later(self, response: Awaitable[Any], request: runtime.ServiceRequest[Any, Any]) -> None:
+    async def _rosidl_send_awaited_response(
+        self, response: Awaitable[Any], request: runtime.ServiceRequest[Any, Any]
+    ) -> None:
         self.send_response(await response, request)

@@ -30,17 +30,17 @@ class SignalHandlerOptions(ScopedEnumOfC):
 
 
 _SIGNALS = {SignalHandlerOptions.SIGINT: signal.SIGINT, SignalHandlerOptions.SIGTERM: signal.SIGTERM}
-_previous: dict[int, Any] = {}
-_guards: list[GuardCondition] = []
+_previous_handlers: dict[int, Any] = {}
+_sigint_guards: list[GuardCondition] = []
 
 
-def _handle(number: int, frame: FrameType | None) -> None:
+def _on_signal(number: int, frame: FrameType | None) -> None:
     mark_all_shut_down()
     if number == signal.SIGINT:
-        for guard in list(_guards):
+        for guard in list(_sigint_guards):
             if guard.handle.is_valid:
                 guard.handle.trigger_guard_condition()
-    previous = _previous.get(number)
+    previous = _previous_handlers.get(number)
     if callable(previous):
         previous(number, frame)
 
@@ -52,27 +52,29 @@ def install_signal_handlers(options: SignalHandlerOptions = SignalHandlerOptions
         return
     for option, number in _SIGNALS.items():
         if options.value & option.value:
-            _install(number)
+            _install_handler(number)
         else:
-            _uninstall(number)
+            _uninstall_handler(number)
 
 
-def _install(number: int) -> None:
+def _install_handler(number: int) -> None:
     current = signal.getsignal(number)
-    if current is not _handle:
-        _previous[number] = current
-        signal.signal(number, _handle)
+    if current is not _on_signal:
+        _previous_handlers[number] = current
+        signal.signal(number, _on_signal)
 
 
-def _uninstall(number: int) -> None:
-    previous = _previous.pop(number, None)
-    if signal.getsignal(number) is _handle:
+def _uninstall_handler(number: int) -> None:
+    previous = _previous_handlers.pop(number, None)
+    if signal.getsignal(number) is _on_signal:
         signal.signal(number, signal.SIG_DFL if previous is None else previous)
 
 
 def get_current_signal_handlers_options() -> SignalHandlerOptions:
     """Return the signals that shut contexts down now."""
-    return SignalHandlerOptions(sum(option.value for option, number in _SIGNALS.items() if number in _previous))
+    return SignalHandlerOptions(
+        sum(option.value for option, number in _SIGNALS.items() if number in _previous_handlers)
+    )
 
 
 def uninstall_signal_handlers() -> None:
@@ -85,9 +87,9 @@ class SignalHandlerGuardCondition(GuardCondition):
 
     def __init__(self, context: Context | None = None) -> None:
         super().__init__(callback=None, callback_group=None, context=context)
-        _guards.append(self)
+        _sigint_guards.append(self)
 
     def destroy(self) -> None:
         """Destroy the guard condition; the second call raises InvalidHandle."""
         super().destroy()
-        _guards.remove(self)
+        _sigint_guards.remove(self)

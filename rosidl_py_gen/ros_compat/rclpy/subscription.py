@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen import runtime
 
 MsgType = TypeVar("MsgType")
-_message = methodcaller("take")
-_message_with_info = methodcaller("take_with_info")
+_take_message = methodcaller("take")
+_take_message_with_info = methodcaller("take_with_info")
 
 
 class Subscription(TopicEntity["runtime.Subscription[Any]"]):
@@ -52,7 +52,7 @@ class Subscription(TopicEntity["runtime.Subscription[Any]"]):
         event_callbacks: list[EventHandler],
     ) -> None:
         super().__init__(subscription_impl)
-        self._rosidl_is_ready = subscription_impl.is_ready_marked
+        self._rosidl_is_ready = subscription_impl.may_be_ready
         self.msg_type = msg_type
         self.topic = topic
         self.callback = callback
@@ -89,9 +89,9 @@ class Subscription(TopicEntity["runtime.Subscription[Any]"]):
 
     def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
         if self._callback_type is self.CallbackType.MessageOnly:
-            message = self._rosidl_handle.take_from(_message)
+            message = self._rosidl_handle.take_from(_take_message)
             return None if message is None else partial(self._callback, message)
-        message_and_info = self._rosidl_handle.take_from(_message_with_info)
+        message_and_info = self._rosidl_handle.take_from(_take_message_with_info)
         if message_and_info is None:
             return None
         message, info = message_and_info

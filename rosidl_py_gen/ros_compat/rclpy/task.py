@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rclpy.executors import Executor
 
 T = TypeVar("T")
-_awaited = threading.local()
+_last_awaited = threading.local()
 """Its `future` is the one that a coroutine of this thread awaited last."""
 
 
@@ -52,7 +52,7 @@ class Future(Generic[T]):
     def __await__(self) -> Generator[None, None, T | None]:
         """Yield None, which asyncio accepts as well: its loop resumes the coroutine in each iteration."""
         while self._pending():
-            _awaited.future = self
+            _last_awaited.future = self
             yield
         return self.result()
 
@@ -175,9 +175,9 @@ class Task(Future[T]):
             self._handler = handler(*self._args, **self._kwargs)
             self._args, self._kwargs = (), {}
         self._executing = False
-        self._rosidl_handed_out = False
+        self._rosidl_is_dispatched = False
         """True if an executor has passed the task to a thread that will call it."""
-        self._rosidl_waits_for: Future[Any] | None = None
+        self._rosidl_awaited_future: Future[Any] | None = None
         self._task_lock = threading.Lock()
 
     def __call__(self) -> None:
@@ -187,14 +187,14 @@ class Task(Future[T]):
         try:
             if not self._pending():
                 return
-            self._executing, self._rosidl_waits_for = True, None
+            self._executing, self._rosidl_awaited_future = True, None
             try:
                 self._rosidl_step()
             except BaseException:  # for example KeyboardInterrupt, which ends the program
                 self._state, self._handler = FutureState.CANCELLED, None
                 raise
             finally:
-                self._executing = self._rosidl_handed_out = False
+                self._executing = self._rosidl_is_dispatched = False
         finally:
             self._task_lock.release()
 
@@ -202,10 +202,10 @@ class Task(Future[T]):
         handler = self._handler
         try:
             if inspect.iscoroutine(handler):
-                _awaited.future = None
+                _last_awaited.future = None
                 try:
                     handler.send(None)
-                    self._rosidl_wait_for(_awaited.future)
+                    self._rosidl_store_awaited_future(_last_awaited.future)
                     return
                 except StopIteration as end:
                     result = end.value
@@ -218,17 +218,17 @@ class Task(Future[T]):
             self.set_result(result)
         self._handler, self._args, self._kwargs = None, (), {}
 
-    def _rosidl_wait_for(self, awaited: Future[Any] | None) -> None:
+    def _rosidl_store_awaited_future(self, awaited: Future[Any] | None) -> None:
         """Store the awaited future; awaitables of other libraries are resumed at each pass."""
         executor = self._executor()
         if awaited is not None and executor is not None:
-            self._rosidl_waits_for = awaited
+            self._rosidl_awaited_future = awaited
             awaited._rosidl_wake_at_end(executor.wake)
 
     def _rosidl_has_resumable_task(self) -> bool:
-        if self._rosidl_handed_out or self._executing or not self._pending():
+        if self._rosidl_is_dispatched or self._executing or not self._pending():
             return False
-        return self._rosidl_waits_for is None or not self._rosidl_waits_for._pending()
+        return self._rosidl_awaited_future is None or not self._rosidl_awaited_future._pending()
 
     def executing(self) -> bool:
         return self._executing
@@ -246,31 +246,31 @@ class EntityTask(Task[None]):
     def __init__(
         self,
         executor: Executor,
-        begin: Callable[[], Coroutine[Any, Any, None] | None],
-        keep: Callable[[Task[Any]], None],
+        start: Callable[[], Coroutine[Any, Any, None] | None],
+        retain: Callable[[Task[Any]], None],
     ) -> None:
         Future.__init__(self, executor=executor)
-        self._handler, self._args, self._kwargs = begin, (), {}
-        self._executing, self._rosidl_handed_out, self._rosidl_waits_for = False, True, None
+        self._handler, self._args, self._kwargs = start, (), {}
+        self._executing, self._rosidl_is_dispatched, self._rosidl_awaited_future = False, True, None
         self._task_lock = threading.Lock()
-        self._keep: Callable[[Task[Any]], None] | None = keep
+        self._rosidl_retain: Callable[[Task[Any]], None] | None = retain
 
     def _rosidl_step(self) -> None:
-        keep, self._keep = self._keep, None
-        if keep is not None:
+        retain, self._rosidl_retain = self._rosidl_retain, None
+        if retain is not None:
             assert callable(self._handler)
             try:
-                rest = self._handler()
+                continuation = self._handler()
             except Exception as error:
                 self._handler = None
                 self.set_exception(error)
                 return
-            if rest is None:
+            if continuation is None:
                 self._handler = None
                 self.set_result(None)
                 return
-            self._handler = rest
-            keep(self)
+            self._handler = continuation
+            retain(self)
         super()._rosidl_step()
 
 

@@ -92,7 +92,7 @@ class Time(_Ordered):
         except ValueError as error:
             raise ValueError("Subtraction leads to negative time.") from error
 
-    def _rosidl_comparable(self, other: object) -> int | None:
+    def _rosidl_comparable_ns(self, other: object) -> int | None:
         if not isinstance(other, Time):
             return None
         if self._rosidl_clock_type is not other._rosidl_clock_type:

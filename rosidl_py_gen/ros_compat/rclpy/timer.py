@@ -39,25 +39,25 @@ class TimerHandle(Destroyable):
         self.canceled = not autostart
         self._last_ns = self._now_ns()
         self._next_ns = self._last_ns + period_ns
-        self._credit_ns = 0
-        self._jumps = None
+        self._remaining_ns = 0
+        self._jump_handle = None
         if clock.clock_type == ClockType.ROS_TIME:
             ns = Duration(nanoseconds=1)
-            self._jumps = clock.create_jump_callback(
+            self._jump_handle = clock.create_jump_callback(
                 JumpThreshold(min_forward=ns, min_backward=Duration(nanoseconds=-1), on_clock_change=True),
-                pre_callback=_weak_call(self._before_jump),
-                post_callback=_weak_call(self._after_jump),
+                pre_callback=_weak_callback(self._before_jump),
+                post_callback=_weak_callback(self._after_jump),
             )
 
     def _before_jump(self) -> None:
-        self._credit_ns = self._next_ns - self._now_ns()
+        self._remaining_ns = self._next_ns - self._now_ns()
 
     def _after_jump(self, jump: TimeJump) -> None:
         now_ns = self._now_ns()
         with self._lock:
             if jump.clock_change.name in ("ROS_TIME_ACTIVATED", "ROS_TIME_DEACTIVATED"):  # keep the rest of the period
                 if now_ns:
-                    self._next_ns = now_ns + self._credit_ns
+                    self._next_ns = now_ns + self._remaining_ns
                     self._last_ns = self._next_ns - self.period_ns
             elif now_ns < self._last_ns:
                 self._last_ns, self._next_ns = now_ns, now_ns + self.period_ns
@@ -75,7 +75,7 @@ class TimerHandle(Destroyable):
                 self._next_ns += ((now_ns - self._next_ns) // self.period_ns + 1) * self.period_ns
 
     def is_ready(self) -> bool:
-        return not self.canceled and not self._is_destroyed and self._next_ns <= self._now_ns()
+        return not self.canceled and not self._is_destruction_requested and self._next_ns <= self._now_ns()
 
     def time_until_next_call(self) -> int | None:
         return None if self.canceled else self._next_ns - self._now_ns()
@@ -99,19 +99,19 @@ class TimerHandle(Destroyable):
             self._next_ns, self.canceled = now_ns + self.period_ns, False
         self._context.notify()
 
-    def seconds_left(self) -> float | None:
+    def max_wait_s(self) -> float | None:
         """Return the longest wait until the timer is due, None if only another event can make it due."""
-        if self.canceled or self._is_destroyed or (self._jumps is not None and self._is_simulated()):
+        if self.canceled or self._is_destruction_requested or (self._jump_handle is not None and self._is_simulated()):
             return None
         return max(0.0, (self._next_ns - self._now_ns()) / 1e9)
 
     def _destroy(self) -> None:
-        if self._jumps is not None:
-            self._jumps.unregister()
+        if self._jump_handle is not None:
+            self._jump_handle.unregister()
         self._context.notify()
 
 
-def _weak_call(method: Callable[..., None]) -> Callable[..., None]:
+def _weak_callback(method: Callable[..., None]) -> Callable[..., None]:
     reference = weakref.WeakMethod(method)
 
     def call(*args: Any) -> None:

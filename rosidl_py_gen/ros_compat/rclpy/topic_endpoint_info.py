@@ -19,18 +19,18 @@ class TopicEndpointTypeEnum(IntEnum):
     SUBSCRIPTION = 2
 
 
-def _ints(numbers: Any) -> list[int]:
+def _require_ints(numbers: Any) -> list[int]:
     for number in numbers:
         if not isinstance(number, int):
             raise AssertionError(f"endpoint_gid must be int, got {number!r:.100}")
     return list(numbers)
 
 
-def _type_hash(value: TypeHash | dict[str, Any]) -> TypeHash:
+def _to_type_hash(value: TypeHash | dict[str, Any]) -> TypeHash:
     return TypeHash(**value) if isinstance(value, dict) else value
 
 
-def _qos_profile(value: QoSProfile | dict[str, Any]) -> QoSProfile:
+def _to_qos_profile(value: QoSProfile | dict[str, Any]) -> QoSProfile:
     return QoSProfile(**value) if isinstance(value, dict) else value
 
 
@@ -66,10 +66,10 @@ class TopicEndpointInfo:
     node_name = Checked[str](str)
     node_namespace = Checked[str](str)
     topic_type = Checked[str](str)
-    topic_type_hash = Checked[TypeHash](TypeHash, dict, convert=_type_hash)
+    topic_type_hash = Checked[TypeHash](TypeHash, dict, convert=_to_type_hash)
     endpoint_type = Checked[TopicEndpointTypeEnum](int, convert=TopicEndpointTypeEnum)
-    endpoint_gid = Checked[list[int]](object, convert=_ints)
-    qos_profile = Checked[QoSProfile](QoSProfile, dict, convert=_qos_profile)
+    endpoint_gid = Checked[list[int]](object, convert=_require_ints)
+    qos_profile = Checked[QoSProfile](QoSProfile, dict, convert=_to_qos_profile)
 
     def __init__(self, **kwargs: Any) -> None:
         if not kwargs.keys() <= _DEFAULTS.keys():

@@ -13,7 +13,7 @@ from rclpy.constants import S_TO_NS
 from rclpy.context import Context
 from rosidl_py_gen import runtime
 
-_OLD_REMAPPING = re.compile(r"(\w+:)?[\w/~{}]+:=[\w/~{}]+")
+_DEPRECATED_REMAPPING = re.compile(r"(\w+:)?[\w/~{}]+:=[\w/~{}]+")
 """``from:=to`` without ``--ros-args``, which is deprecated."""
 _IDENTIFIERS = {"dds": "rmw_cyclonedds_cpp", "zenoh": "rmw_zenoh_cpp"}
 
@@ -35,15 +35,15 @@ def get_default_context(*, shutting_down: bool = False) -> Context:
 
 def remove_ros_args(args: Sequence[str] | None = None) -> list[str]:
     """Return a command line, by default `sys.argv`, without the arguments from ``--ros-args`` to ``--``."""
-    others, is_inside = [], False
+    remaining, is_inside = [], False
     for argument in sys.argv if args is None else args:
         if argument == "--ros-args":
             is_inside = True
         elif is_inside and argument == "--":
             is_inside = False
-        elif not is_inside and not _OLD_REMAPPING.fullmatch(argument):
-            others.append(argument)
-    return others
+        elif not is_inside and not _DEPRECATED_REMAPPING.fullmatch(argument):
+            remaining.append(argument)
+    return remaining
 
 
 def ok(*, context: Context | None = None) -> bool:
@@ -81,9 +81,9 @@ def get_available_rmw_implementations() -> set[str]:
     """
     available = set(_IDENTIFIERS.values())
     requested = set(filter(None, os.environ.get("RMW_IMPLEMENTATIONS", "").split(os.pathsep)))
-    if missing := requested - available:
+    if unavailable := requested - available:
         raise RuntimeError(
-            f"The RMW implementations {missing} specified in 'RMW_IMPLEMENTATIONS' are not available"
+            f"The RMW implementations {unavailable} specified in 'RMW_IMPLEMENTATIONS' are not available"
             f" ({', '.join(sorted(available))})"
         )
     return requested or available

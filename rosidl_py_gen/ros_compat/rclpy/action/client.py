@@ -103,7 +103,7 @@ class _Requests:
     def __init__(self, client: runtime.Client[Any, Any], owner: ActionClient, endpoints: ActionEndpoints) -> None:
         self.client = client
         self._endpoints = endpoints
-        self.arrived: deque[tuple[int, concurrent.futures.Future[Any]]] = deque()
+        self.responses: deque[tuple[int, concurrent.futures.Future[Any]]] = deque()
         self._owner = weakref.ref(owner)
         self._sequence_numbers = itertools.count(1)
         self._lock = threading.Lock()
@@ -115,16 +115,16 @@ class _Requests:
         assert owner is not None
         future: Future[Any] = Future()
         with self._endpoints:
-            sent = self.client.send_request(request)
+            response_future = self.client.send_request(request)
         with self._lock:
             sequence_number = next(self._sequence_numbers)
             self._pending[sequence_number] = future, subject
-        future.add_done_callback(partial(self._forget, sequence_number))
+        future.add_done_callback(partial(self._remove, sequence_number))
         owner.add_future(future)
-        sent.add_done_callback(partial(self._on_response, sequence_number, self._endpoints.context.notify))
+        response_future.add_done_callback(partial(self._on_response, sequence_number, self._endpoints.context.notify))
         return future
 
-    def _forget(self, sequence_number: int, future: Future[Any]) -> None:
+    def _remove(self, sequence_number: int, future: Future[Any]) -> None:
         with self._lock:
             pending = self._pending.pop(sequence_number, None)
         owner = self._owner()
@@ -132,20 +132,21 @@ class _Requests:
             owner.remove_future(future)
 
     def _on_response(
-        self, sequence_number: int, notify: Callable[[], None], sent: concurrent.futures.Future[Any]
+        self, sequence_number: int, notify: Callable[[], None], response_future: concurrent.futures.Future[Any]
     ) -> None:
-        if sent.cancelled() or isinstance(sent.exception(), (runtime.ServerLostError, runtime.ClosedError)):
+        lost_errors = runtime.ServerLostError, runtime.ClosedError
+        if response_future.cancelled() or isinstance(response_future.exception(), lost_errors):
             return  # in rclpy such a future stays pending
-        self.arrived.append((sequence_number, sent))
+        self.responses.append((sequence_number, response_future))
         notify()
 
     def take(self) -> tuple[tuple[Future[Any], Any] | None, Any] | None:
         """Return a response with the future and subject of its request, which are None if it was discarded."""
-        if not self.arrived:
+        if not self.responses:
             return None
-        sequence_number, sent = self.arrived.popleft()
+        sequence_number, response_future = self.responses.popleft()
         with self._lock:
-            return self._pending.get(sequence_number), sent
+            return self._pending.get(sequence_number), response_future
 
 
 class ActionClient(ActionWaitable):
@@ -173,22 +174,26 @@ class ActionClient(ActionWaitable):
         self._action_name = action_name
         self._goal_handles: dict[bytes, weakref.ref[ClientGoalHandle]] = {}
         self._feedback_callbacks: dict[bytes, Callable[[Any], Any]] = {}
-        self._rosidl_ended: list[bytes] = []
+        self._rosidl_ended_goal_ids: list[bytes] = []
         impl = action_type.Impl
-        with self._rosidl_endpoints.under_construction() as endpoints:
+        with self._rosidl_endpoints.closing_on_error() as endpoints:
             clients = {
-                "goal": endpoints.client(impl.SendGoalService, "send_goal", goal_service_qos_profile),
-                "result": endpoints.client(impl.GetResultService, "get_result", result_service_qos_profile),
-                "cancel": endpoints.client(impl.CancelGoalService, "cancel_goal", cancel_service_qos_profile),
+                "goal": endpoints.create_client(impl.SendGoalService, "send_goal", goal_service_qos_profile),
+                "result": endpoints.create_client(impl.GetResultService, "get_result", result_service_qos_profile),
+                "cancel": endpoints.create_client(impl.CancelGoalService, "cancel_goal", cancel_service_qos_profile),
             }
-            self._rosidl_feedback = endpoints.subscription(impl.FeedbackMessage, "feedback", feedback_sub_qos_profile)
-            self._rosidl_status = endpoints.subscription(impl.GoalStatusMessage, "status", status_sub_qos_profile)
+            self._rosidl_feedback = endpoints.create_subscription(
+                impl.FeedbackMessage, "feedback", feedback_sub_qos_profile
+            )
+            self._rosidl_status = endpoints.create_subscription(
+                impl.GoalStatusMessage, "status", status_sub_qos_profile
+            )
         self._rosidl_requests = {kind: _Requests(client, self, endpoints) for kind, client in clients.items()}
         node.add_waitable(self)
 
     def is_ready(self, wait_set: WaitSet) -> bool:
         return (
-            any(requests.arrived for requests in self._rosidl_requests.values())
+            any(requests.responses for requests in self._rosidl_requests.values())
             or self._rosidl_feedback.is_ready
             or self._rosidl_status.is_ready
         )
@@ -196,9 +201,9 @@ class ActionClient(ActionWaitable):
     def take_data(self) -> dict[str, Any]:
         """Return one item of each kind that arrived: ``goal``, ``cancel``, ``result``, ``feedback``, ``status``."""
         with self._rosidl_endpoints:
-            taken = {kind: requests.take() for kind, requests in self._rosidl_requests.items()}
-            taken |= {"feedback": self._rosidl_feedback.take(), "status": self._rosidl_status.take()}
-        return {kind: item for kind, item in taken.items() if item is not None}
+            items = {kind: requests.take() for kind, requests in self._rosidl_requests.items()}
+            items |= {"feedback": self._rosidl_feedback.take(), "status": self._rosidl_status.take()}
+        return {kind: item for kind, item in items.items() if item is not None}
 
     async def execute(self, taken_data: dict[str, Any]) -> None:
         for kind in ("goal", "cancel", "result"):
@@ -209,22 +214,22 @@ class ActionClient(ActionWaitable):
             callback = self._feedback_callbacks.get(bytes(message.goal_id.uuid))
             if callback is not None:
                 await await_or_execute(callback, message)
-        while self._rosidl_ended:  # not earlier, as feedback that arrived with the result has to be delivered
-            self._feedback_callbacks.pop(self._rosidl_ended.pop(), None)
+        while self._rosidl_ended_goal_ids:  # not earlier, as feedback that arrived with the result has to be delivered
+            self._feedback_callbacks.pop(self._rosidl_ended_goal_ids.pop(), None)
         if "status" in taken_data:
             self._rosidl_store_states(taken_data["status"].status_list)
 
-    def _rosidl_take_response(self, kind: str, pending: tuple[Future[Any], Any] | None, sent: Any) -> None:
+    def _rosidl_take_response(self, kind: str, pending: tuple[Future[Any], Any] | None, response_future: Any) -> None:
         if pending is None:
             text = "There may be more than one action server for the action"
             self._logger.warning(f"Ignoring unexpected {kind} response. {text} '{self._action_name}'")
             return
         future, goal_id = pending
-        error = sent.exception()
+        error = response_future.exception()
         if error is not None:
             future.set_exception(error)
             return
-        response = sent.result()
+        response = response_future.result()
         if kind == "goal":
             response = ClientGoalHandle(self, goal_id, response)
             if response.accepted:
@@ -233,7 +238,7 @@ class ActionClient(ActionWaitable):
                     raise RuntimeError(f"Two goals were accepted with the same ID ({response})")
                 self._goal_handles[key] = weakref.ref(response)
         elif kind == "result":
-            self._rosidl_ended.append(bytes(goal_id.uuid))
+            self._rosidl_ended_goal_ids.append(bytes(goal_id.uuid))
         future.set_result(response)
 
     def _rosidl_store_states(self, states: list[Any]) -> None:

@@ -33,8 +33,9 @@ if TYPE_CHECKING:
     from rclpy.waitable import WaitSet
 
 _CANCELABLE = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
-_UNKNOWN_GOAL_ID, _GOAL_TERMINATED = 2, 3
-"""Return codes of action_msgs/CancelGoal."""
+# Return codes of action_msgs/CancelGoal.
+_UNKNOWN_GOAL_ID = 2
+_GOAL_TERMINATED = 3
 
 
 class GoalResponse(Enum):
@@ -105,16 +106,18 @@ class ActionServer(ActionWaitable):
         self._rosidl_result_timeout_ns = int(result_timeout * 10**9)
         self._goal_handles: dict[bytes, ServerGoalHandle] = {}
         self._result_futures: dict[bytes, Future[Any]] = {}
-        self._rosidl_ended_ns: dict[bytes, int] = {}
+        self._rosidl_end_times_ns: dict[bytes, int] = {}
         impl = action_type.Impl
-        with self._rosidl_endpoints.under_construction() as endpoints:
+        with self._rosidl_endpoints.closing_on_error() as endpoints:
             self._rosidl_services = {
-                "goal": endpoints.service(impl.SendGoalService, "send_goal", goal_service_qos_profile),
-                "cancel": endpoints.service(impl.CancelGoalService, "cancel_goal", cancel_service_qos_profile),
-                "result": endpoints.service(impl.GetResultService, "get_result", result_service_qos_profile),
+                "goal": endpoints.create_service(impl.SendGoalService, "send_goal", goal_service_qos_profile),
+                "cancel": endpoints.create_service(impl.CancelGoalService, "cancel_goal", cancel_service_qos_profile),
+                "result": endpoints.create_service(impl.GetResultService, "get_result", result_service_qos_profile),
             }
-            self._rosidl_feedback = endpoints.publisher(impl.FeedbackMessage, "feedback", feedback_pub_qos_profile)
-            self._rosidl_status = endpoints.publisher(impl.GoalStatusMessage, "status", status_pub_qos_profile)
+            self._rosidl_feedback = endpoints.create_publisher(
+                impl.FeedbackMessage, "feedback", feedback_pub_qos_profile
+            )
+            self._rosidl_status = endpoints.create_publisher(impl.GoalStatusMessage, "status", status_pub_qos_profile)
         node.add_waitable(self)
 
     @property
@@ -187,8 +190,8 @@ class ActionServer(ActionWaitable):
 
     async def _execute_cancel_request(self, request: Any) -> None:
         response = self._action_type.Impl.CancelGoalService.Response()
-        response.return_code, chosen = self._rosidl_goals_to_cancel(request.message.goal_info)
-        for key in chosen:
+        response.return_code, keys = self._rosidl_find_goals_to_cancel(request.message.goal_info)
+        for key in keys:
             goal = self._goal_handles[key]
             if await await_or_execute(self._cancel_callback, goal) != CancelResponse.ACCEPT:
                 continue
@@ -197,20 +200,20 @@ class ActionServer(ActionWaitable):
                 response.goals_canceling.append(goal._goal_info)
         self._rosidl_respond(request, response, "cancel")
 
-    def _rosidl_goals_to_cancel(self, info: Any) -> tuple[int, list[bytes]]:
+    def _rosidl_find_goals_to_cancel(self, info: Any) -> tuple[int, list[bytes]]:
         """Return the return code and the goals of a request: one, those up to a time, or all."""
-        named, until = bytes(info.goal_id.uuid), Time.from_msg(info.stamp)
-        if any(named) and until.nanoseconds == 0:
-            goal = self._goal_handles.get(named)
+        requested_key, latest_stamp = bytes(info.goal_id.uuid), Time.from_msg(info.stamp)
+        if any(requested_key) and latest_stamp.nanoseconds == 0:
+            goal = self._goal_handles.get(requested_key)
             if goal is None:
                 return _UNKNOWN_GOAL_ID, []
-            return (0, [named]) if goal.status in _CANCELABLE else (_GOAL_TERMINATED, [])
+            return (0, [requested_key]) if goal.status in _CANCELABLE else (_GOAL_TERMINATED, [])
 
-        def is_meant(key: bytes, goal: ServerGoalHandle) -> bool:
-            early = until.nanoseconds == 0 or Time.from_msg(goal._goal_info.stamp) <= until
-            return goal.status in _CANCELABLE and (early or key == named)
+        def is_selected(key: bytes, goal: ServerGoalHandle) -> bool:
+            is_early_enough = latest_stamp.nanoseconds == 0 or Time.from_msg(goal._goal_info.stamp) <= latest_stamp
+            return goal.status in _CANCELABLE and (is_early_enough or key == requested_key)
 
-        return 0, [key for key, goal in list(self._goal_handles.items()) if is_meant(key, goal)]
+        return 0, [key for key, goal in list(self._goal_handles.items()) if is_selected(key, goal)]
 
     async def _execute_get_result_request(self, request: Any) -> None:
         future = self._result_futures.get(bytes(request.message.goal_id.uuid))
@@ -239,16 +242,16 @@ class ActionServer(ActionWaitable):
         with self._rosidl_endpoints:
             self._rosidl_feedback.publish(self._action_type.Impl.FeedbackMessage(goal_id=goal_id, feedback=feedback))
 
-    def _rosidl_expired(self) -> list[bytes]:
+    def _rosidl_find_expired_goals(self) -> list[bytes]:
         """Return the goals whose results have been retained long enough."""
         if self._rosidl_result_timeout_ns < 0:
             return []
         last_ns = self._rosidl_clock().now().nanoseconds - self._rosidl_result_timeout_ns
-        return [key for key, ended_ns in list(self._rosidl_ended_ns.items()) if ended_ns <= last_ns]
+        return [key for key, end_ns in list(self._rosidl_end_times_ns.items()) if end_ns <= last_ns]
 
     def _rosidl_remove_goal(self, key: bytes) -> None:
         goal = self._goal_handles.pop(key, None)
-        self._rosidl_ended_ns.pop(key, None)
+        self._rosidl_end_times_ns.pop(key, None)
         if goal is not None:  # None: another thread has removed it
             goal.destroy()
             self.remove_future(self._result_futures.pop(key))
@@ -258,7 +261,7 @@ class ActionServer(ActionWaitable):
         now_ns = self._rosidl_clock().now().nanoseconds
         for key, goal in list(self._goal_handles.items()):
             if not goal.is_active:
-                self._rosidl_ended_ns.setdefault(key, now_ns)
+                self._rosidl_end_times_ns.setdefault(key, now_ns)
         self._rosidl_endpoints.context.notify()
 
     def notify_execute(
@@ -271,14 +274,15 @@ class ActionServer(ActionWaitable):
         executor.create_task(self._execute_goal, execute_callback or self._execute_callback, goal_handle)
 
     def is_ready(self, wait_set: WaitSet) -> bool:
-        return any(service.is_ready for service in self._rosidl_services.values()) or bool(self._rosidl_expired())
+        has_request = any(service.is_ready for service in self._rosidl_services.values())
+        return has_request or bool(self._rosidl_find_expired_goals())
 
     def take_data(self) -> dict[str, Any]:
         """Return one request of each kind (``goal``, ``cancel``, ``result``), and the ``expired`` goals."""
         with self._rosidl_endpoints:
-            taken = {kind: service.take() for kind, service in self._rosidl_services.items()}
-        requests = {kind: request for kind, request in taken.items() if request is not None}
-        return requests | {"expired": self._rosidl_expired()}
+            items = {kind: service.take() for kind, service in self._rosidl_services.items()}
+        requests = {kind: request for kind, request in items.items() if request is not None}
+        return requests | {"expired": self._rosidl_find_expired_goals()}
 
     async def execute(self, taken_data: dict[str, Any]) -> None:
         if "goal" in taken_data:

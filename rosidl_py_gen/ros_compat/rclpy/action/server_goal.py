@@ -67,9 +67,9 @@ class ServerGoalHandle:
                 self._rosidl_status = runtime.next_goal_status(self._rosidl_status, event)
             except runtime.GoalTransitionError as error:
                 raise RCLError(f"Failed to update goal state: {error}") from error
-            ended = not self._rosidl_status.is_active
+            has_ended = not self._rosidl_status.is_active
         self._action_server._rosidl_publish_status()
-        if ended:
+        if has_ended:
             self._action_server.notify_goal_done()
 
     def execute(self, execute_callback: Callable[[ServerGoalHandle], Any] | None = None) -> None:

@@ -32,32 +32,34 @@ class ActionEndpoints(Destroyable):
         self._name = name
         self._endpoints: list[Any] = []
 
-    def client(self, srv_type: Any, name: str, qos: QoSProfile) -> Any:
-        return self._retain(self._node.create_client, srv_type, name, qos.get_c_qos_profile())
+    def create_client(self, srv_type: Any, name: str, qos: QoSProfile) -> Any:
+        return self._create(self._node.create_client, srv_type, name, qos.get_c_qos_profile())
 
-    def publisher(self, msg_type: Any, name: str, qos: QoSProfile) -> Any:
-        return self._retain(self._node.create_publisher, msg_type, name, qos.get_c_qos_profile())
+    def create_publisher(self, msg_type: Any, name: str, qos: QoSProfile) -> Any:
+        return self._create(self._node.create_publisher, msg_type, name, qos.get_c_qos_profile())
 
-    def service(self, srv_type: Any, name: str, qos: QoSProfile) -> Any:
-        return self._with_arrival_hook(self._node.create_service, srv_type, name, qos.get_c_qos_profile())
+    def create_service(self, srv_type: Any, name: str, qos: QoSProfile) -> Any:
+        return self._create_with_arrival_hook(self._node.create_service, srv_type, name, qos.get_c_qos_profile())
 
-    def subscription(self, msg_type: Any, name: str, qos: QoSProfile) -> Any:
-        return self._with_arrival_hook(self._node.create_subscription, msg_type, name, qos.get_c_qos_profile())
+    def create_subscription(self, msg_type: Any, name: str, qos: QoSProfile) -> Any:
+        return self._create_with_arrival_hook(self._node.create_subscription, msg_type, name, qos.get_c_qos_profile())
 
-    def _retain(self, create: Callable[..., Any], *args: Any) -> Any:
+    def _create(self, create: Callable[..., Any], *args: Any) -> Any:
         type_, name, *rest = args
         endpoint = create(type_, f"{self._name}/_action/{name}", *rest)
         self._endpoints.append(endpoint)
         return endpoint
 
-    def _with_arrival_hook(self, create: Callable[..., Any], type_: Any, name: str, qos: runtime.QoSProfile) -> Any:
+    def _create_with_arrival_hook(
+        self, create: Callable[..., Any], type_: Any, name: str, qos: runtime.QoSProfile
+    ) -> Any:
         """Create an endpoint that queues what it receives, and wakes up executors."""
-        endpoint = self._retain(create, type_, name, None, qos)
+        endpoint = self._create(create, type_, name, None, qos)
         endpoint.on_ready(self.context.notify_arrival)
         return endpoint
 
     @contextlib.contextmanager
-    def under_construction(self) -> Iterator[ActionEndpoints]:
+    def closing_on_error(self) -> Iterator[ActionEndpoints]:
         """Return a context manager for their creation, which closes all of them after an error."""
         try:
             yield self

@@ -8,7 +8,7 @@ from rclpy._rclpy_pybind11 import RCLError
 from rclpy.logging import get_logger
 from rosidl_py_gen import runtime
 
-Described = tuple[int, str, int, str, int, str]
+TransitionTuple = tuple[int, str, int, str, int, str]
 """Id and label of a transition, of its start state and of its goal state."""
 
 
@@ -32,28 +32,28 @@ class LifecycleStateMachine:
         return [(int(state), state.label) for state in runtime.State]
 
     @property
-    def available_transitions(self) -> list[Described]:
+    def available_transitions(self) -> list[TransitionTuple]:
         """Transitions that start in the current state."""
-        return [_described(row) for row in runtime.available_transitions(self._state)]
+        return [_as_tuple(transition) for transition in runtime.available_transitions(self._state)]
 
     @property
-    def transition_graph(self) -> list[Described]:
+    def transition_graph(self) -> list[TransitionTuple]:
         """All transitions."""
-        return [_described(row) for row in runtime.LIFECYCLE_TRANSITIONS]
+        return [_as_tuple(transition) for transition in runtime.LIFECYCLE_TRANSITIONS]
 
     def get_transition_by_label(self, label: str) -> int:
         """Return the id of a transition from the current state; raise RCLError if there is none."""
-        return self._find(label, "label").id
+        return self._find_transition(label, "label").id
 
     def trigger_transition_by_id(self, transition_id: int) -> None:
         """Change the state; raise RCLError if the transition does not start in the current one."""
-        self._apply(self._find(transition_id, "id"))
+        self._apply(self._find_transition(transition_id, "id"))
 
     def trigger_transition_by_label(self, label: str) -> None:
         """Change the state; raise RCLError if the transition does not start in the current one."""
-        self._apply(self._find(label, "label"))
+        self._apply(self._find_transition(label, "label"))
 
-    def _find(self, key: str | int, attribute: str) -> runtime.Transition:
+    def _find_transition(self, key: str | int, attribute: str) -> runtime.Transition:
         for transition in runtime.available_transitions(self._state):
             if getattr(transition, attribute) == key:
                 return transition
@@ -65,5 +65,6 @@ class LifecycleStateMachine:
         self._on_transition(transition)
 
 
-def _described(row: runtime.Transition) -> Described:
-    return row.id, row.label, int(row.start), row.start.label, int(row.goal), row.goal.label
+def _as_tuple(transition: runtime.Transition) -> TransitionTuple:
+    start, goal = transition.start, transition.goal
+    return transition.id, transition.label, int(start), start.label, int(goal), goal.label

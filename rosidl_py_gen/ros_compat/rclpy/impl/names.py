@@ -13,7 +13,7 @@ from rosidl_py_gen.runtime._rclpy_support import (
     find_node_name_fault,
 )
 
-_RELATIVE: dict[NameRule, str] = {
+_TOPIC_TEXTS: dict[NameRule, str] = {
     NameRule.EMPTY: "topic name must not be empty string",
     NameRule.TRAILING_SLASH: "topic name must not end with a forward slash",
     NameRule.TOKEN_FIRST_DIGIT: "topic name token must not start with a number",
@@ -23,8 +23,8 @@ _RELATIVE: dict[NameRule, str] = {
     NameRule.TILDE_SLASH: "topic name must not have a tilde '~' that is not followed by a forward slash '/'",
     NameRule.SUBSTITUTION: "substitution name must not contain characters other than alphanumerics or '_'",
 }
-"""Rule of a relative name -> text of rcl. The tables below are analogous."""
-_FULL: dict[NameRule, str] = {
+"""Rule of a name before expansion -> text of rcl. The tables below are analogous."""
+_FULL_TOPIC_TEXTS: dict[NameRule, str] = {
     NameRule.LEADING_SLASH: "topic name must be absolute, it must lead with a '/'",
     NameRule.TRAILING_SLASH: "topic name must not end with a '/'",
     NameRule.CHARACTER: "topic name must not contain characters other than alphanumerics, '_', or '/'",
@@ -32,7 +32,7 @@ _FULL: dict[NameRule, str] = {
     NameRule.TOKEN_FIRST_DIGIT: "topic name must not have a token that starts with a number",
     NameRule.LENGTH: "topic length should not exceed '255U - 8U'",
 }
-_NAMESPACE: dict[NameRule, str] = {
+_NAMESPACE_TEXTS: dict[NameRule, str] = {
     NameRule.LEADING_SLASH: "namespace must be absolute, it must lead with a '/'",
     NameRule.TRAILING_SLASH: "namespace must not end with a '/', unless only a '/'",
     NameRule.CHARACTER: "namespace must not contain characters other than alphanumerics, '_', or '/'",
@@ -40,13 +40,13 @@ _NAMESPACE: dict[NameRule, str] = {
     NameRule.TOKEN_FIRST_DIGIT: "namespace must not have a token that starts with a number",
     NameRule.LENGTH: "namespace should not exceed 'RMW_NAMESPACE_MAX_NAME_LENGTH'",
 }
-_NODE: dict[NameRule, str] = {
+_NODE_TEXTS: dict[NameRule, str] = {
     NameRule.EMPTY: "node name must not be empty",
     NameRule.CHARACTER: "node name must not contain characters other than alphanumerics or '_'",
     NameRule.FIRST_DIGIT: "node name must not start with a number",
     NameRule.LENGTH: "node name length should not exceed '255'",
 }
-_ONLY_RCL_TAKES = re.compile(r"~[A-Za-z0-9_]|.*\{\}", re.DOTALL)
+_VALID_IN_RCL_ONLY = re.compile(r"~[A-Za-z0-9_]|.*\{\}", re.DOTALL)
 """Names that rcl accepts: ``~x``, which it expands as ``~/x``, and ``{}``, which it refuses later."""
 
 Fault = tuple[str, int]
@@ -55,39 +55,41 @@ Fault = tuple[str, int]
 
 def topic_name_error(name: str) -> Fault | None:
     """Return the error of a topic or service name before expansion, None if it is valid."""
-    fault = find_name_fault(_text(name))
+    fault = find_name_fault(_require_str(name))
     if fault is None:
         return None
     index, rule, _ = fault
     if rule is NameRule.SUBSTITUTION and name[index : index + 1].isdigit() and name[index - 1 : index] == "{":
         return "substitution name must not start with a number", index
-    if rule in (NameRule.SUBSTITUTION, NameRule.TILDE_SLASH) and _ONLY_RCL_TAKES.match(name):
+    if rule in (NameRule.SUBSTITUTION, NameRule.TILDE_SLASH) and _VALID_IN_RCL_ONLY.match(name):
         return None
-    return _RELATIVE[rule], index
+    return _TOPIC_TEXTS[rule], index
 
 
 def full_topic_name_error(name: str) -> Fault | None:
     """Return the error of a fully qualified topic or service name, None if it is valid."""
-    return ("topic name must not be empty", 0) if name == "" else _fault(find_full_name_fault(_text(name)), _FULL)
+    if name == "":
+        return "topic name must not be empty", 0
+    return _with_text(find_full_name_fault(_require_str(name)), _FULL_TOPIC_TEXTS)
 
 
 def namespace_error(namespace: str) -> Fault | None:
     """Return the error of a namespace that begins with ``/``, None if it is valid."""
     if namespace == "":
         return "namespace must not be empty", 0
-    return _fault(find_namespace_fault(_text(namespace)), _NAMESPACE)
+    return _with_text(find_namespace_fault(_require_str(namespace)), _NAMESPACE_TEXTS)
 
 
 def node_name_error(name: str) -> Fault | None:
     """Return the error of a node name without namespace, None if it is valid."""
-    return _fault(find_node_name_fault(_text(name)), _NODE)
+    return _with_text(find_node_name_fault(_require_str(name)), _NODE_TEXTS)
 
 
-def _text(name: str) -> str:
+def _require_str(name: str) -> str:
     if not isinstance(name, str):
         raise TypeError(f"name must be a str, got {name!r:.100}")
     return name
 
 
-def _fault(fault: NameFault | None, texts: dict[NameRule, str]) -> Fault | None:
+def _with_text(fault: NameFault | None, texts: dict[NameRule, str]) -> Fault | None:
     return None if fault is None else (texts[fault.rule], fault.position)

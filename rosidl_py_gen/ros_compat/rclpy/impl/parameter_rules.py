@@ -15,7 +15,7 @@ _NAME_ONLY = (
 )
 
 
-def refusal(parameter: Parameter, descriptor: Any, *, is_declared: bool, check_read_only: bool) -> str:
+def refusal_reason(parameter: Parameter, descriptor: Any, *, is_declared: bool, check_read_only: bool) -> str:
     """Return the reason why a value is refused, or an empty string. A dynamic descriptor takes the value's type."""
     if check_read_only and descriptor.read_only:
         return rules.read_only_reason(parameter.name)

@@ -132,7 +132,7 @@ supported_filters: OrderedDict[str, type[LoggingFilter]] = OrderedDict(
 
 def get_filters_from_kwargs(**kwargs: Any) -> list[str]:
     """Return the names of the filters for options; raise TypeError for unknown and for missing options."""
-    known = [param for filter_ in supported_filters.values() for param in filter_.params]
+    known_params = [param for filter_ in supported_filters.values() for param in filter_.params]
     requested = [
         name for name, filter_ in supported_filters.items() if any(kwargs.get(param) for param in filter_.params)
     ]
@@ -143,8 +143,8 @@ def get_filters_from_kwargs(**kwargs: Any) -> list[str]:
                     f'required parameter "{param}" not specified but is required for the the logging filter "{name}"'
                 )
     for param in kwargs:
-        if param not in known:
-            raise TypeError(f'parameter "{param}" is not one of the recognized logging options "{known}"')
+        if param not in known_params:
+            raise TypeError(f'parameter "{param}" is not one of the recognized logging options "{known_params}"')
     return requested
 
 
@@ -186,7 +186,7 @@ class RcutilsLogger:
         name = kwargs.pop("name", self.name)
         filters = get_filters_from_kwargs(**kwargs)
         frame, depth = _find_caller(sys._getframe())
-        if not self._passes(CallerId(frame), name, severity, filters, kwargs):
+        if not self._passes_filters(CallerId(frame), name, severity, filters, kwargs):
             return False
         if message is None:
             message = "(null)"  # as in rclpy, which formats it in C
@@ -196,7 +196,7 @@ class RcutilsLogger:
             runtime.get_logger(name).log(severity, message, stacklevel=depth + 1)
         return True
 
-    def _passes(
+    def _passes_filters(
         self, site: CallerId, name: str, severity: LoggingSeverity, filters: list[str], options: dict[str, Any]
     ) -> bool:
         context = self.contexts.get(site)

@@ -64,7 +64,7 @@ class SimpleManagedEntity(ManagedEntity):
     ) -> Callable[..., Any]:
         """Decorate a method that runs only while the entity is active; else `when_not_enabled()` is called."""
 
-        def decorated(method: Callable[..., Any]) -> Callable[..., None]:
+        def decorate(method: Callable[..., Any]) -> Callable[..., None]:
             @wraps(method)
             def only_when_enabled(self: SimpleManagedEntity, *args: Any, **kwargs: Any) -> None:
                 if self._enabled:
@@ -74,4 +74,4 @@ class SimpleManagedEntity(ManagedEntity):
 
             return only_when_enabled
 
-        return decorated if wrapped is None else decorated(wrapped)
+        return decorate if wrapped is None else decorate(wrapped)

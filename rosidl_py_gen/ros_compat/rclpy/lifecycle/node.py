@@ -9,7 +9,7 @@ import lifecycle_msgs.srv
 
 from rclpy._rclpy_pybind11 import RCLError, TransitionCallbackReturnType
 from rclpy.callback_groups import CallbackGroup as CallbackGroup
-from rclpy.impl.lifecycle_machine import Described, LifecycleStateMachine
+from rclpy.impl.lifecycle_machine import LifecycleStateMachine, TransitionTuple
 from rclpy.lifecycle.managed_entity import ManagedEntity
 from rclpy.lifecycle.publisher import LifecyclePublisher
 from rclpy.node import Node
@@ -111,18 +111,18 @@ class LifecycleNodeMixin(ManagedEntity):
     def _rosidl_change_state(self, transition_id: int) -> TransitionCallbackReturn:
         machine = self._rosidl_machine
         state_id, label = machine.current_state
-        before = LifecycleState(label, state_id)
+        previous_state = LifecycleState(label, state_id)
         machine.trigger_transition_by_id(transition_id)
-        result = self._rosidl_run_callback(before)
+        result = self._rosidl_run_callback(previous_state)
         machine.trigger_transition_by_label(result.to_label())
         if result == TransitionCallbackReturn.ERROR:
-            machine.trigger_transition_by_label(self._rosidl_run_callback(before).to_label())
+            machine.trigger_transition_by_label(self._rosidl_run_callback(previous_state).to_label())
         return result
 
-    def _rosidl_run_callback(self, before: LifecycleState) -> TransitionCallbackReturn:
+    def _rosidl_run_callback(self, previous_state: LifecycleState) -> TransitionCallbackReturn:
         name = self._rosidl_machine.current_state[1]
         try:
-            result: TransitionCallbackReturn = self._rosidl_callbacks[name](before)
+            result: TransitionCallbackReturn = self._rosidl_callbacks[name](previous_state)
         except Exception as error:  # rclpy does not log it
             self._rosidl_as_node().get_logger().error(f"{_CALLBACKS[name]} raised {type(error).__name__}: {error}")
             return TransitionCallbackReturn.ERROR
@@ -198,15 +198,15 @@ class LifecycleNodeMixin(ManagedEntity):
         return response
 
     def _rosidl_on_get_available_transitions(self, request: Any, response: Any) -> Any:
-        response.available_transitions = _messages(self._rosidl_machine.available_transitions)
+        response.available_transitions = _transition_messages(self._rosidl_machine.available_transitions)
         return response
 
     def _rosidl_on_get_transition_graph(self, request: Any, response: Any) -> Any:
-        response.available_transitions = _messages(self._rosidl_machine.transition_graph)
+        response.available_transitions = _transition_messages(self._rosidl_machine.transition_graph)
         return response
 
 
-def _messages(transitions: Iterable[Described]) -> list[Any]:
+def _transition_messages(transitions: Iterable[TransitionTuple]) -> list[Any]:
     messages = []
     for transition in transitions:
         message = lifecycle_msgs.msg.TransitionDescription()

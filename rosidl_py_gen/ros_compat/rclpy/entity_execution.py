@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from rclpy.executors import Executor
 
 
-def handle_entity(executor: Executor, entity: Any, is_shutdown: bool) -> Coroutine[Any, Any, None] | None:
-    """Take an item and call the callback; return the rest of an async callback, which occupies its group."""
+def execute_entity(executor: Executor, entity: Any, is_shutdown: bool) -> Coroutine[Any, Any, None] | None:
+    """Take an item and call the callback; return the continuation of an async callback, which occupies its group."""
     group = entity.callback_group
     if is_shutdown or not group.beginning_execution(entity):
         entity._executor_event = False
         executor.wake()
         return None
-    rest: Coroutine[Any, Any, None] | None = None
+    continuation: Coroutine[Any, Any, None] | None = None
     try:
         call: Callable[[], Any] | None
         try:
@@ -42,14 +42,14 @@ def handle_entity(executor: Executor, entity: Any, is_shutdown: bool) -> Corouti
             and inspect.isawaitable(result)  # as in rclpy, a coroutine that a plain callback returns is not awaited
             and (isinstance(entity, Service) or inspect.iscoroutinefunction(call))
         ):
-            rest = _await_and_end(executor, entity, result)
-        return rest
+            continuation = _await_and_end_execution(executor, entity, result)
+        return continuation
     finally:
-        if rest is None:
+        if continuation is None:
             _end_execution(executor, entity)
 
 
-async def _await_and_end(executor: Executor, entity: Any, result: Awaitable[Any]) -> None:
+async def _await_and_end_execution(executor: Executor, entity: Any, result: Awaitable[Any]) -> None:
     try:
         await result
     finally:
