@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 
 from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime.loop.callable_checks import require_callable
+from rosidl_py_gen.runtime.loop.user_functions import require_callable
 from rosidl_py_gen.runtime.time.values import Time
 
 Policy = Literal["parallel", "reject", "preempt", "queue"]

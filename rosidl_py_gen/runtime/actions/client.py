@@ -23,21 +23,18 @@ from rosidl_py_gen.runtime.actions.argument_checks import (
     require_goal_id,
     require_stamp,
 )
-from rosidl_py_gen.runtime.actions.result_requests import FIRST_RETRY_DELAY_S, REGISTRATION_TIMEOUT_S, ResultRequester
-from rosidl_py_gen.runtime.actions.states import (
-    STATUSES,
-    ZERO_ID,
+from rosidl_py_gen.runtime.actions.errors import (
     ActionError,
     ActionServerLostError,
     ActionTimeoutError,
     AlreadyTerminatedError,
-    CancelCode,
     CancelError,
     CancelRejectedError,
     GoalRejectedError,
-    GoalStatus,
     UnknownGoalError,
 )
+from rosidl_py_gen.runtime.actions.result_requests import FIRST_RETRY_DELAY_S, REGISTRATION_TIMEOUT_S, ResultRequester
+from rosidl_py_gen.runtime.actions.states import STATUSES, ZERO_ID, CancelCode, GoalStatus
 from rosidl_py_gen.runtime.actions.status import find_status
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_goal_id
 from rosidl_py_gen.runtime.entities.client import Client

@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime.actions.errors import UnknownGoalError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -90,38 +91,6 @@ class GoalTransitionError(RosidlError):
         self.status, self.event = status, event
         possible = ", ".join(e.value for s, e in GOAL_TRANSITIONS if s is status) or "nothing"
         super().__init__(f"a goal that is {status.name} cannot {event.value}; possible events: {possible}")
-
-
-class ActionError(RosidlError):
-    """Base class of errors of goals and cancel requests."""
-
-
-class UnknownGoalError(ActionError, LookupError):
-    """Raised for a goal that the server does not know, or whose result has expired."""
-
-
-class GoalRejectedError(ActionError):
-    """Raised if the server rejects a goal."""
-
-
-class ActionTimeoutError(ActionError, TimeoutError):
-    """Raised if the server does not reply in time; the goal may continue."""
-
-
-class ActionServerLostError(ActionError):
-    """Raised if the server disappears before it replies, or before it sends the result."""
-
-
-class CancelError(ActionError):
-    """Raised if a cancel request fails."""
-
-
-class CancelRejectedError(CancelError):
-    """Raised if the server refuses to cancel."""
-
-
-class AlreadyTerminatedError(CancelError):
-    """Raised if the goal has ended, or is being cancelled already."""
 
 
 def next_goal_status(status: GoalStatus, event: GoalEvent) -> GoalStatus:

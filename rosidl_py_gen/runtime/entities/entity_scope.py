@@ -16,9 +16,9 @@ from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.graph.type_hashes import checked_mode
 from rosidl_py_gen.runtime.logs.loggers import node_logger
-from rosidl_py_gen.runtime.loop.callable_checks import start_task
 from rosidl_py_gen.runtime.loop.callback_failures import CallbackFailures
 from rosidl_py_gen.runtime.loop.shared_loop import WouldDeadlockError
+from rosidl_py_gen.runtime.loop.user_functions import start_task
 from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.time.values import ClockType

@@ -17,8 +17,8 @@ from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.entities.pollable import CallbackInUseError, PollableEntity
 from rosidl_py_gen.runtime.entities.service_common import ServiceEndpoint, incompatible_peer_text
 from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
-from rosidl_py_gen.runtime.loop.callable_checks import require_callable
 from rosidl_py_gen.runtime.loop.user_callback import UserCallback
+from rosidl_py_gen.runtime.loop.user_functions import require_callable
 from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer
 
 if TYPE_CHECKING:

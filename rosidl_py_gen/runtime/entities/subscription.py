@@ -23,8 +23,8 @@ from rosidl_py_gen.runtime.entities.type_hash_filter import TypeHashFilter
 from rosidl_py_gen.runtime.graph.endpoint_events import watch_events
 from rosidl_py_gen.runtime.graph.type_hashes import checked_mode
 from rosidl_py_gen.runtime.loop.blocking import blocking
-from rosidl_py_gen.runtime.loop.callable_checks import require_callable, require_concurrency
 from rosidl_py_gen.runtime.loop.user_callback import UserCallback
+from rosidl_py_gen.runtime.loop.user_functions import require_callable, require_concurrency
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.transport.api import EndpointSpec
 from rosidl_py_gen.runtime.transport.qos_matching import resolve_best_available

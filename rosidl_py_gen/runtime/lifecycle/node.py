@@ -15,7 +15,7 @@ from rosidl_py_gen.runtime.transport.qos import as_profile
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.message_types import DictMessage
     from rosidl_py_gen.runtime.graph.endpoint_events import PublisherEventCallbacks
-    from rosidl_py_gen.runtime.node.arguments import NodeOptions
+    from rosidl_py_gen.runtime.node.node_options import NodeOptions
     from rosidl_py_gen.runtime.transport.qos import QoSLike
 
 MessageT = TypeVar("MessageT", bound=Message)

@@ -6,8 +6,8 @@ from inspect import iscoroutine
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.runtime.loop.callable_checks import require_callable
 from rosidl_py_gen.runtime.loop.shared_loop import SharedLoop
+from rosidl_py_gen.runtime.loop.user_functions import require_callable
 from rosidl_py_gen.runtime.time.values import timeout_to_ns
 
 if TYPE_CHECKING:

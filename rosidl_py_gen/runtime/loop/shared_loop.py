@@ -29,8 +29,8 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import ClosedError, RosidlError
-from rosidl_py_gen.runtime.loop.callable_checks import start_task
 from rosidl_py_gen.runtime.loop.event_loop import end_tasks
+from rosidl_py_gen.runtime.loop.user_functions import start_task
 
 if sys.platform == "linux":
     from rosidl_py_gen.runtime.loop.event_loop import EventLoop as _Loop

@@ -15,7 +15,7 @@ from contextvars import copy_context
 from types import CoroutineType
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from rosidl_py_gen.runtime.loop.callable_checks import in_context, is_async, is_own_cancel
+from rosidl_py_gen.runtime.loop.user_functions import in_context, is_async, is_own_cancel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine

@@ -7,7 +7,7 @@ Source: docs/internals/protocol.md 10.4.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -226,19 +226,3 @@ def parse_node_arguments(arguments: Sequence[str] | None) -> RosArguments:
             "concern the whole process: pass them to Context(args=[...])"
         )
     return own
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NodeOptions:
-    """Keyword arguments of `Node`; `arguments` are its parsed ``cli_args``."""
-
-    arguments: RosArguments
-    use_global_arguments: bool
-    enable_rosout: bool
-    parameter_overrides: Mapping[str, object] | None
-    allow_undeclared_parameters: bool
-    automatically_declare_parameters_from_overrides: bool
-    start_services: bool
-    parameter_events: bool
-    logger_services: bool
-    time_source: bool

@@ -26,10 +26,11 @@ from rosidl_py_gen.runtime.names.rclpy_hints import HINTS, unknown_attribute
 from rosidl_py_gen.runtime.names.remapping import NodeNames
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, validate_node_name
 from rosidl_py_gen.runtime.node.action_methods import ActionMethods
-from rosidl_py_gen.runtime.node.arguments import NodeOptions, parse_node_arguments
+from rosidl_py_gen.runtime.node.adaptive_subscription import MessageMethods
+from rosidl_py_gen.runtime.node.arguments import parse_node_arguments
 from rosidl_py_gen.runtime.node.context import Context
 from rosidl_py_gen.runtime.node.graph_methods import GraphMethods
-from rosidl_py_gen.runtime.node.messages import MessageMethods
+from rosidl_py_gen.runtime.node.node_options import NodeOptions
 from rosidl_py_gen.runtime.node.parameter_methods import ParameterMethods
 from rosidl_py_gen.runtime.node.service_methods import ServiceMethods
 from rosidl_py_gen.runtime.node.time_methods import TimeMethods

@@ -40,7 +40,7 @@ from rosidl_py_gen.runtime.type_resolution.description_service import start_type
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.runtime.node.arguments import NodeOptions
+    from rosidl_py_gen.runtime.node.node_options import NodeOptions
     from rosidl_py_gen.runtime.parameters.client import ParameterClient, ParameterEvents
     from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher, ParameterService, ParameterServices
     from rosidl_py_gen.runtime.parameters.values import ParametersToSet

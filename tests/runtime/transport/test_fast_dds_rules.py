@@ -1,4 +1,4 @@
-"""Rules of `transport/cyclone/fast_dds_interop/sample_identity.py`.
+"""Rules of `transport/cyclone/fast_dds_interop/`: `sample_identity.py` and `interop.py`.
 
 Peers are our own, changed to speak as Fast DDS peers; real ones are in `tests/interop` and `tests/interop_rclpy`.
 HOOK_ROUNDS=1000 starts, stops and forks a thousand processes.
@@ -28,7 +28,7 @@ from rosidl_py_gen.runtime import IncompatibleServiceError
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.cyclone import private_layout
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import rtps
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import FastDdsInterop
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
 from rosidl_py_gen.runtime.transport.dds import correlation, services
 from rosidl_py_gen.runtime.transport.discovery_events import EntityLost, ParticipantDiscovered
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT

@@ -15,7 +15,7 @@ from support.node_fixtures import ROOT
 
 from rosidl_py_gen.runtime.transport.cyclone import library
 from rosidl_py_gen.runtime.transport.cyclone.c_api import REQUIRED_SYMBOLS, CycloneApi
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import FastDdsInterop
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
 from rosidl_py_gen.runtime.transport.cyclone.library import DdscLibrary, candidates, load
 from rosidl_py_gen.runtime.transport.cyclone.private_layout import VtableSlots
 

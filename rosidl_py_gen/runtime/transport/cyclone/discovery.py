@@ -38,7 +38,7 @@ from rosidl_py_gen.runtime.transport.type_names import ros_type
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import FastDdsInterop
+    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
 
 _BATCH = 64
 """Length of all arrays for a builtin reader, because 0.10 writes as many pointers as it has ever lent."""

@@ -20,7 +20,7 @@ from rosidl_py_gen.runtime.transport.cyclone.config import MAX_PARTICIPANT_INDEX
 from rosidl_py_gen.runtime.transport.cyclone.topics import Sertypes
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import FastDdsInterop
+    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
 
 _CLOSE_TIMEOUT_S = 5.0
 """Maximum time that `leave` waits for other threads that write."""

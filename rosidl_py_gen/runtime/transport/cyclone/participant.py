@@ -32,7 +32,7 @@ from rosidl_py_gen.runtime.transport.cyclone.domain import Domain
 from rosidl_py_gen.runtime.transport.cyclone.endpoints import CycloneReader, CycloneWriter, TakeBuffers
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_acknack import request_endpoints, request_samples
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples import EarlySampleReaders
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import PROBE_TYPE, FastDdsInterop
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import PROBE_TYPE, FastDdsInterop
 from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, new_qos
 from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import WakeupPipe, putw
 from rosidl_py_gen.runtime.transport.dds.names import participant_user_data

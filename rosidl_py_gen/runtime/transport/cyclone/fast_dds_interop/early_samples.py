@@ -28,7 +28,7 @@ from rosidl_py_gen.runtime.transport.cyclone import c_api, private_layout
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import FastDdsInterop
+    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
 
 
 class EarlySampleReaders:

@@ -18,10 +18,10 @@ Rules, each with a test:
 - Hooks run in Cyclone's threads, with locks of Cyclone held. They take no lock, call only functions of Cyclone that
   allocate and copy, do not log and never raise.
 - The receive hook adds half to the time of a service call, so it is active only while a Fast DDS participant may exist.
-  Cyclone reports a new participant in its own thread, before it processes anything else of it:
-  `on_participants_pending` activates the hook. A reader of the builtin topic calls `begin_read`, reads, and calls
-  `end_read` with the result. The hook is deactivated when no Fast DDS participant is known and no builtin reader has
-  unread data. That order leaves no gap in which a request could arrive without the hook.
+  Cyclone reports a new participant in its own thread, before it processes anything else of it: `FastDdsInterop` in
+  `interop.py` then activates the hook in `on_participants_pending`. A reader of the builtin topic calls `begin_read`,
+  reads, and calls `end_read` with the result. The hook is deactivated when no Fast DDS participant is known and no
+  builtin reader has unread data. That order leaves no gap in which a request could arrive without the hook.
 - Hooks must not run after the interpreter has ended: contexts are closed at exit, which ends Cyclone's threads.
 
 Source: docs/internals/dds.md 2 to 5; docs/internals/protocol.md 5.3.
@@ -31,29 +31,21 @@ from __future__ import annotations
 
 import ctypes as ct
 import os
-import platform
-import sys
-import threading
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.runtime.transport.cyclone import c_api, private_layout
-from rosidl_py_gen.runtime.transport.cyclone.c_api import SAMPLE_WITH_DATA, CycloneApi, address_of, pack_iov
-from rosidl_py_gen.runtime.transport.cyclone.config import IGNORE_TYPE_INFORMATION
+from rosidl_py_gen.runtime.transport.cyclone.c_api import SAMPLE_WITH_DATA, address_of, pack_iov
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import rtps
-from rosidl_py_gen.runtime.transport.cyclone.private_layout import SAMPLE_FUNCTIONS, TYPE_FUNCTIONS, bytes_at
+from rosidl_py_gen.runtime.transport.cyclone.private_layout import SAMPLE_FUNCTIONS, bytes_at
 from rosidl_py_gen.runtime.transport.dds.correlation import (
-    FAST_DDS_VENDOR,
     IDENTITY_BYTES,
     SampleIdentity,
     embed_identity,
 )
-from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent, EntityLost
 from rosidl_py_gen.runtime.transport.foreign_threads import retain_thread_state
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable
-
+    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
     from rosidl_py_gen.runtime.transport.cyclone.topics import Sertype
 
 _BAD_PARAMETER = -3
@@ -65,33 +57,14 @@ _INLINE_QOS_OFFSET = len(_IDENTITY_MAGIC) + 4
 _PREFIX_BYTES = _INLINE_QOS_OFFSET + rtps.INLINE_QOS_BYTES
 """Length of the hidden prefix: magic, writer id, inline QoS."""
 
-_UNBOUND = "with it, Cyclone DDS before 11 finds no nodes on Fast DDS; data may go to any address that peers announce"
-_CAPABILITIES = (
-    ("refusal", "services of nodes on Fast DDS", "services of Fast DDS nodes cannot be used here, topics can"),
-    (
-        "early_refusal",
-        "first samples of nodes on Fast DDS",
-        "what Fast DDS nodes send in their first second may be lost here",
-    ),
-    (
-        "lookup_refusal",
-        "nodes on Fast DDS that ask each other for types",
-        "Fast DDS nodes that ask each other for types, as those of Kilted do, may end this process",
-    ),
-    ("loopback_refusal", "localhost mode on the loopback interface alone", ""),
-)
-"""Capabilities that not every libddsc has: attribute with the reason why it is missing, name in `Context.capabilities`
-and `rosidl-py doctor`, and warning that is logged when a Fast DDS node is discovered."""
-_LOOKUP_REPLY = b"DDS::Builtin::TypeLookup_Reply"
-PROBE_TYPE = "rosidl_py_gen_neighbour"
-"""Type that is created in each domain in which `TypeLookup_Reply` must be found."""
 _Ptr, _Size = ct.c_void_p, ct.c_size_t
 _FromSer = (_Ptr, _Ptr, ct.c_int, _Ptr, _Size)
 _ToSerRef = (_Ptr, _Ptr, _Size, _Size, _Ptr)
-_create_no_sample = ct.CFUNCTYPE(*_FromSer)(lambda *_: None)
+create_no_sample = ct.CFUNCTYPE(*_FromSer)(lambda *_: None)
+"""Receive hook that drops all samples."""
 
 
-class _SampleHooks:
+class SampleHooks:
     """Vtable for samples of requests, or of replies: a copy of Cyclone's, with the hooks."""
 
     def __init__(
@@ -194,151 +167,3 @@ class _SampleHooks:
                 message, size = message - rtps.INLINE_QOS_BYTES, rtps.INLINE_QOS_BYTES + size
             private_layout.write_iovec(iov, message, size)
         return result
-
-
-class FastDdsInterop:
-    """Interoperation with Fast DDS peers; one object for the process.
-
-    Args:
-        unsupported: elements of a configuration that the library does not know.
-    """
-
-    def __init__(self, api: CycloneApi, unsupported: Collection[str] = ()) -> None:
-        self.api = api
-        self.packets = private_layout.PacketAccess()
-        self.refusal: str | None = _untested_platform()
-        """Reason why services of Fast DDS peers cannot be used; None if they can."""
-        self.reader_offsets: private_layout.ReaderOffsets | None = None
-        self.early_refusal = self.refusal or ""
-        """Reason why their early samples are not requested; empty if they are."""
-        self.lookup_refusal = ""
-        """Reason why type lookups between them are not dropped; empty if they are, or need not be."""
-        self.loopback_refusal = _UNBOUND if IGNORE_TYPE_INFORMATION in unsupported else ""
-        """Reason why localhost mode uses other network interfaces; empty if it does not."""
-        self._warned: set[str] = set()
-        self._samples: dict[tuple[int, bool], _SampleHooks] = {}
-        """Hooks by the address of Cyclone's vtable, and True for replies."""
-        self._tables: dict[int, _SampleHooks] = {}
-        """Hooks by the address of our vtable."""
-        self._lock = threading.Lock()
-        """Guards the following sets; never held during a call into Cyclone that takes a lock."""
-        self._unread: set[int] = set()
-        """Builtin readers of participants with unread data."""
-        self._peers: set[tuple[int, bytes]] = set()
-        """Fast DDS participants, each with the builtin reader that reported it."""
-
-    def capabilities(self) -> dict[str, str]:
-        """Return each capability with ``"yes"`` or the reason why it is missing, as far as probed."""
-        return {name: getattr(self, reason) or "yes" for reason, name, _ in _CAPABILITIES}
-
-    def new_warnings(self) -> list[str]:
-        """Return warnings about missing capabilities, each once, if there are Fast DDS peers."""
-        reasons = [(warning, getattr(self, reason)) for reason, _, warning in _CAPABILITIES if warning]
-        warnings = [f"{warning}: {reason}" for warning, reason in reasons if reason] if self._peers else []
-        new = [warning for warning in warnings if warning not in self._warned]
-        self._warned.update(new)
-        return new
-
-    def disable(self, unexpected: str) -> None:
-        """Refuse services of Fast DDS peers from now on, because of unexpected data in Cyclone."""
-        self.refusal = f"unexpected data in Cyclone DDS: {unexpected}"
-
-    @cached_property
-    def slots(self) -> private_layout.VtableSlots | None:
-        """Slots of the functions to replace; None if not found."""
-        slots = private_layout.probe_vtable_slots(self.api)
-        if slots is None and self.refusal is None:
-            self.refusal = "the functions for samples were not found in this library"
-        return slots
-
-    def _drop_type_lookups(self, neighbour: int) -> None:
-        """Make Cyclone drop replies of type lookups between peers, which crash some versions."""
-        slots = self.slots
-        type_object = private_layout.find_type_of_domain(neighbour, _LOOKUP_REPLY, self.api.sertype_version)
-        if slots is None or not type_object:
-            self.lookup_refusal = "the type of their replies was not found in this library"
-            return
-        private_layout.replace_vtable_function(
-            type_object, SAMPLE_FUNCTIONS, slots.from_ser, ct.cast(_create_no_sample, _Ptr).value
-        )
-
-    def prepare(self, type_object: Sertype, dds_type: str) -> None:
-        """Install the hooks in the sertype of requests or replies; other types are not changed."""
-        is_reply, address = dds_type.endswith("_Response_"), type_object.address
-        if dds_type == PROBE_TYPE:
-            self._drop_type_lookups(address)
-        if self.refusal is not None or not (is_reply or dds_type.endswith("_Request_")):
-            return
-        slots = self.slots
-        if slots is None:
-            return
-        original = private_layout.vtable_address(address, SAMPLE_FUNCTIONS)
-        with self._lock:
-            samples = self._samples.get((original, is_reply))
-            payload_offset = type_object.payload_offset
-            if payload_offset is None or (samples is not None and samples.payload_offset != payload_offset):
-                self.refusal = "payloads do not have a constant offset in samples"
-                return
-            if samples is None:
-                size_offset = private_layout.probe_size_offset(self.api, address, payload_offset)
-                if size_offset is None:
-                    self.refusal = "the layout of samples is unknown in this library"
-                    return
-                samples = _SampleHooks(self, type_object, slots, size_offset, is_reply=is_reply)
-                self._samples[original, is_reply] = samples
-                self._tables[ct.addressof(samples.table)] = samples
-                samples.enable_receive_hook(True)  # until the participants were read
-        # Otherwise endpoints would get derived sertypes with the original functions for samples.
-        private_layout.replace_vtable_function(address, TYPE_FUNCTIONS, slots.derive_sertype, None)
-        private_layout.set_vtable(address, SAMPLE_FUNCTIONS, samples.table)
-
-    def on_participants_pending(self, reader: int) -> None:
-        """Activate the receive hook, because a builtin reader of participants has unread data. Called by Cyclone."""
-        with self._lock:
-            self._unread.add(reader)
-            self._enable_receive_hooks(True)
-
-    def begin_read(self, reader: int) -> None:
-        """Announce that all data of that reader will be taken, followed by `end_read`."""
-        with self._lock:
-            self._unread.discard(reader)
-
-    def end_read(self, reader: int, events: Iterable[DiscoveryEvent]) -> None:
-        """Update the Fast DDS participants with the data of that reader."""
-        with self._lock:
-            for event in events:
-                if isinstance(event, EntityLost):
-                    self._peers.discard((reader, event.guid))
-                elif event.guid.startswith(FAST_DDS_VENDOR):
-                    self._peers.add((reader, event.guid))
-            if not self._peers and not self._unread:
-                self._enable_receive_hooks(False)
-
-    def forget_reader(self, reader: int) -> None:
-        """Remove a deleted reader."""
-        with self._lock:
-            self._unread.discard(reader)
-            self._peers = {peer for peer in self._peers if peer[0] != reader}
-
-    def _enable_receive_hooks(self, is_enabled: bool) -> None:
-        for samples in self._samples.values():
-            samples.enable_receive_hook(is_enabled)
-
-    def hooks_of(self, type_object: int) -> _SampleHooks | None:
-        """Return the hooks of a sertype; None if it has none."""
-        return self._tables.get(private_layout.vtable_address(type_object, SAMPLE_FUNCTIONS))
-
-    def set_inline_qos_flag(self, iov: int, writer_id: bytes) -> bool:
-        """Set the flag in the packet that `iov` belongs to; return False if no packet of that writer is being built."""
-        try:
-            return self.packets.set_inline_qos_flag(iov, writer_id)
-        except Exception as err:  # must not reach Cyclone
-            self.disable(f"a packet to send, {err}")
-            return False
-
-
-def _untested_platform() -> str | None:
-    system, bits = platform.system(), 8 * private_layout.WORD
-    if (system, bits, sys.byteorder) == ("Linux", 64, "little"):
-        return None
-    return f"not tested on {system} with {bits} bits, {sys.byteorder}-endian"
