@@ -22,7 +22,7 @@ import numpy as np
 
 from rosidl_py_gen.bags import BagReader, BagWriter
 from rosidl_py_gen.tables import write_dataset
-from rosidl_py_gen.tables.dataset import ROW_GROUP_BYTES
+from rosidl_py_gen.tables.dataset_writer import ROW_GROUP_BYTES
 
 IMUS = 1_000_000
 

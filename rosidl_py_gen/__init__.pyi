@@ -11,9 +11,9 @@ from rosidl_py_gen.cdr.convert import from_dict as from_dict
 from rosidl_py_gen.cdr.convert import from_json as from_json
 from rosidl_py_gen.cdr.convert import to_dict as to_dict
 from rosidl_py_gen.cdr.convert import to_json as to_json
-from rosidl_py_gen.cdr.typesupport import type_description as type_description
-from rosidl_py_gen.cdr.typesupport import type_hash as type_hash
-from rosidl_py_gen.cdr.typesupport import type_name as type_name
+from rosidl_py_gen.cdr.type_queries import type_description as type_description
+from rosidl_py_gen.cdr.type_queries import type_hash as type_hash
+from rosidl_py_gen.cdr.type_queries import type_name as type_name
 from rosidl_py_gen.errors import ClosedError as ClosedError
 from rosidl_py_gen.errors import DecodeError as DecodeError
 from rosidl_py_gen.errors import DefinitionError as DefinitionError

@@ -91,7 +91,7 @@ RESTRICTED = {
         "ros_cli.message_expressions",
         "ros_cli.message_text",
         "ros_cli.topic.statistics",
-        "bags.writer",
+        "bags.mcap_writer",
         "generator_cli.generate",
     ),
     r".*\b(from_address|memmove|memset|PyBytes_FromStringAndSize)": (KNOWS_LAYOUTS,),

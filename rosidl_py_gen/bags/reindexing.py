@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.bags.common import BagError, replace_durably
 from rosidl_py_gen.bags.definition_lookup import has_definition
-from rosidl_py_gen.bags.file_splitter import compress_file
+from rosidl_py_gen.bags.mcap_writer import BagWriter
 from rosidl_py_gen.bags.metadata import FILE, FileStatistics, metadata_text, write_metadata
 from rosidl_py_gen.bags.reader import BagReader
+from rosidl_py_gen.bags.splitting_writer import compress_file
 from rosidl_py_gen.bags.storage.bag_files import SUFFIX, bag_files, compression_of
 from rosidl_py_gen.bags.storage.storage_api import topics_by_name
-from rosidl_py_gen.bags.writer import BagWriter
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from rosidl_py_gen.base.descriptions import individual_descriptions, rihs01
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr.codec import encode
 from rosidl_py_gen.cdr.convert import to_dict
-from rosidl_py_gen.cdr.typesupport import type_description
+from rosidl_py_gen.cdr.type_queries import type_description
 from rosidl_py_gen.compiler.compatibility.definition_set import DefinitionSet, collect_with_dependencies, merge
 from rosidl_py_gen.compiler.frontend.type_description_reader import registry_from_descriptions
 from rosidl_py_gen.errors import RosidlError

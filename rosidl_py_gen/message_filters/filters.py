@@ -21,7 +21,7 @@ from rosidl_py_gen.base.registration import Registration, RegistrationSet
 from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.waiters import Waiters
-from rosidl_py_gen.message_filters.stamps import StampError, header_stamp
+from rosidl_py_gen.message_filters.header_stamp import StampError, header_stamp
 from rosidl_py_gen.runtime import CallbackInUseError, ClosedError, Duration, WaitTimeoutError
 
 if TYPE_CHECKING:

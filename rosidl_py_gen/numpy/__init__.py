@@ -8,6 +8,7 @@ type checkers cannot know.
 from rosidl_py_gen.numpy.clouds import array_to_pointcloud as array_to_pointcloud
 from rosidl_py_gen.numpy.clouds import pointcloud_dtype as pointcloud_dtype
 from rosidl_py_gen.numpy.clouds import pointcloud_to_array as pointcloud_to_array
+from rosidl_py_gen.numpy.clouds import points_to_xyz as points_to_xyz
 from rosidl_py_gen.numpy.common import ConversionError as ConversionError
 from rosidl_py_gen.numpy.compressed import array_to_compressedimage as array_to_compressedimage
 from rosidl_py_gen.numpy.compressed import compressedimage_to_array as compressedimage_to_array
@@ -23,7 +24,6 @@ from rosidl_py_gen.numpy.rotations import quaternion_to_euler as quaternion_to_e
 from rosidl_py_gen.numpy.rotations import quaternion_to_matrix as quaternion_to_matrix
 from rosidl_py_gen.numpy.rotations import transform_to_matrix as transform_to_matrix
 from rosidl_py_gen.numpy.scans import laserscan_to_points as laserscan_to_points
-from rosidl_py_gen.numpy.scans import points_to_xyz as points_to_xyz
 from rosidl_py_gen.numpy.times import datetime_to_time as datetime_to_time
 from rosidl_py_gen.numpy.times import duration_to_timedelta as duration_to_timedelta
 from rosidl_py_gen.numpy.times import time_to_datetime as time_to_datetime

@@ -119,6 +119,29 @@ def _has_nan(points: np.ndarray[Any, Any]) -> np.ndarray[Any, np.dtype[np.bool_]
     return result
 
 
+def points_to_xyz(points: Any, *, skip_nans: bool = False) -> np.ndarray[Any, np.dtype[np.floating[Any]]]:
+    """Return x, y and z of structured points, of `pointcloud_to_array` for example, with shape ``(..., 3)``.
+
+    Args:
+        skip_nans: exclude points of which x, y or z is NaN; the result then has shape ``(n, 3)``.
+
+    Raises:
+        ConversionError: x, y or z is missing, or not a number.
+    """
+    array = np.asarray(points)
+    names = array.dtype.names or ()
+    for name in ("x", "y", "z"):
+        if name not in names or array.dtype[name].kind not in "iuf" or array.dtype[name].shape:
+            raise ConversionError(f"points: expected numbers x, y and z, got {array.dtype!s:.200}")
+    kinds = {array.dtype[name].newbyteorder("=") for name in ("x", "y", "z")}
+    columns = np.stack([array[name] for name in ("x", "y", "z")], -1)
+    rows: np.ndarray[Any, Any] = columns.astype(np.result_type(np.float32, *kinds), copy=False)
+    if skip_nans:
+        rows = rows.reshape(-1, 3)
+        rows = rows[~np.isnan(rows).any(-1)]
+    return rows
+
+
 def array_to_pointcloud(
     array: Any,
     *,

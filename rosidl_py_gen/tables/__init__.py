@@ -4,8 +4,8 @@ Needs the extra ``tables``; without it the import raises `ExtraMissingError`, an
 """
 
 from rosidl_py_gen.tables import arrow as _arrow  # noqa: F401  first, as the extra of pyarrow brings all the others
-from rosidl_py_gen.tables.dataset import DatasetFile as DatasetFile
-from rosidl_py_gen.tables.dataset import DatasetReport as DatasetReport
-from rosidl_py_gen.tables.dataset import write_dataset as write_dataset
+from rosidl_py_gen.tables.dataset_writer import DatasetFile as DatasetFile
+from rosidl_py_gen.tables.dataset_writer import DatasetReport as DatasetReport
+from rosidl_py_gen.tables.dataset_writer import write_dataset as write_dataset
 from rosidl_py_gen.tables.multi_bag.datasets import DatasetsReport as DatasetsReport
 from rosidl_py_gen.tables.multi_bag.datasets import write_datasets as write_datasets

@@ -12,7 +12,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.cdr.typesupport import constants, referenced_classes
+from rosidl_py_gen.cdr.type_queries import constants, referenced_classes
 from rosidl_py_gen.tables.arrow import pa
 from rosidl_py_gen.tables.columns import LOG_TIME, PUBLISH_TIME, VARIABLE_LENGTH, Kind
 

@@ -17,7 +17,7 @@ from rosidl_py_gen.message_filters.filters import call_all
 from rosidl_py_gen.runtime import Durability, Duration, QoSProfile
 from rosidl_py_gen.tf.errors import InvalidTransformError, TransformError, TransformTimeoutError
 from rosidl_py_gen.tf.frame_tree import FrameTree
-from rosidl_py_gen.tf.history import FrameInfo, Link
+from rosidl_py_gen.tf.frames import FrameInfo, Link
 from rosidl_py_gen.tf.message_transforms import frame_and_stamp
 from rosidl_py_gen.tf.transform import Transform
 

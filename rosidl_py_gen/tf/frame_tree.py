@@ -13,7 +13,7 @@ from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.tf.errors import ConnectivityError, ExtrapolationError, InvalidTransformError, UnknownFrameError
-from rosidl_py_gen.tf.history import FrameInfo, Link, MovingFrame, NoDataError, StaticFrame, format_time
+from rosidl_py_gen.tf.frames import FrameInfo, Link, MovingFrame, NoDataError, StaticFrame, format_time
 from rosidl_py_gen.tf.quaternion_math import (
     IDENTITY,
     ORIGIN,

@@ -13,7 +13,7 @@ import numpy as np
 
 from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.errors import printable
-from rosidl_py_gen.message_filters.stamps import header_stamp
+from rosidl_py_gen.message_filters.header_stamp import header_stamp
 from rosidl_py_gen.numpy import ConversionError, pointcloud_to_array, quaternion_to_matrix
 from rosidl_py_gen.numpy.common import flat_bytes
 from rosidl_py_gen.tf.frame_tree import without_slash

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 from rosidl_py_gen.base.installed_classes import PREGENERATED_PACKAGE, find_installed_class
 from rosidl_py_gen.base.names import RosName, split_ros_name
 from rosidl_py_gen.cdr.message import Action, Message, Service
-from rosidl_py_gen.cdr.typesupport import constants, hashes_of, referenced_classes, type_description, type_hash
+from rosidl_py_gen.cdr.type_queries import constants, hashes_of, referenced_classes, type_description, type_hash
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, InvalidNameError, TypeNotFoundError, display_path
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.descriptions import individual_descriptions
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.cdr.typesupport import hashes_of, type_description, type_name
+from rosidl_py_gen.cdr.type_queries import hashes_of, type_description, type_name
 from rosidl_py_gen.errors import TypeNotFoundError
 from rosidl_py_gen.type_loading.class_lookup import class_of_registry, registry_of
 

@@ -17,7 +17,7 @@ from rosidl_py_gen.base.generated_files import is_generated
 from rosidl_py_gen.base.installed_classes import find_installed_class
 from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
 from rosidl_py_gen.base.project import GeneratedPackages
-from rosidl_py_gen.cdr.typesupport import type_description
+from rosidl_py_gen.cdr.type_queries import type_description
 from rosidl_py_gen.compiler.frontend.type_description_reader import registry_from_descriptions
 from rosidl_py_gen.errors import InvalidNameError, display_path
 

@@ -9,7 +9,7 @@ import pytest
 from mcap.reader import make_reader
 
 from rosidl_py_gen import get_message
-from rosidl_py_gen.bags import BagReader, BagWriter, writer
+from rosidl_py_gen.bags import BagReader, BagWriter, mcap_writer
 from rosidl_py_gen.bags.storage import storage_api
 
 String: Any = get_message("std_msgs/msg/String")
@@ -20,8 +20,8 @@ def test_what_the_writer_writes_is_never_refused_as_too_large(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str
 ) -> None:
     """With a limit of a megabyte for that of 1023; zeros become less than a thousandth."""
-    assert writer.MAX_COMPRESSED_BYTES + writer._CHUNK < storage_api.MAX_UNPACKED_BYTES
-    monkeypatch.setattr(writer, "MAX_COMPRESSED_BYTES", 1 << 20)
+    assert mcap_writer.MAX_COMPRESSED_BYTES + mcap_writer._CHUNK < storage_api.MAX_UNPACKED_BYTES
+    monkeypatch.setattr(mcap_writer, "MAX_COMPRESSED_BYTES", 1 << 20)
     large = String(data="\0" * (20 << 20)).encode()
     small = String(data="x" * 1000).encode()
     path = tmp_path / "b.mcap"

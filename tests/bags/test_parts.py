@@ -13,8 +13,8 @@ from rosbags.typesys import Stores, get_typestore
 from support.bag_samples import STORAGES, String, file_size_limit, write_strings
 
 from rosidl_py_gen.bags import BagError, BagReader, BagWriter, SqliteWriter
+from rosidl_py_gen.bags.mcap_writer import topic_of
 from rosidl_py_gen.bags.reindexing import reindex_folder
-from rosidl_py_gen.bags.writer import topic_of
 
 S = 1_000_000_000
 

@@ -32,7 +32,7 @@ from rosidl_py_gen import (
     type_hash,
     type_name,
 )
-from rosidl_py_gen.cdr.typesupport import constants
+from rosidl_py_gen.cdr.type_queries import constants
 
 HASHES: dict[str, str] = json.loads((TESTS / "vectors" / "type_hashes.json").read_text(encoding="utf-8"))
 DERIVED = ("_Request", "_Response", "_Event", "_Goal", "_Result", "_Feedback", "_FeedbackMessage")

@@ -27,7 +27,7 @@ from rosidl_py_gen import (
     to_json,
 )
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.cdr.typesupport import constants, type_description
+from rosidl_py_gen.cdr.type_queries import constants, type_description
 from rosidl_py_gen.cdr.wide import WideMessage
 from rosidl_py_gen.compiler.codegen import template_model, weights
 from rosidl_py_gen.compiler.frontend import idl_parser

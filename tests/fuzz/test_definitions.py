@@ -20,7 +20,7 @@ from support.example_counts import examples
 from rosidl_py_gen import compile_definition, decode, encode, from_dict, to_dict
 from rosidl_py_gen.bags.decoder import DecoderFactory
 from rosidl_py_gen.base.descriptions import individual_descriptions
-from rosidl_py_gen.cdr.typesupport import type_description
+from rosidl_py_gen.cdr.type_queries import type_description
 from rosidl_py_gen.errors import DefinitionError, RosidlError
 from rosidl_py_gen.type_loading.from_description import compile_described, definition_text
 

@@ -11,7 +11,7 @@ import sys
 from typing import Any
 
 from rosidl_py_gen import RosidlError, from_dict, to_json
-from rosidl_py_gen.cdr.typesupport import constants, referenced_classes
+from rosidl_py_gen.cdr.type_queries import constants, referenced_classes
 from rosidl_py_gen.errors import TypeNotFoundError
 from rosidl_py_gen.runtime import Node
 

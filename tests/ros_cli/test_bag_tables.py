@@ -13,7 +13,7 @@ import pytest
 from support.bag_datasets import bag_of, rows
 
 from rosidl_py_gen import get_message
-from rosidl_py_gen.bags import BagWriter, writer
+from rosidl_py_gen.bags import BagWriter, mcap_writer
 from rosidl_py_gen.tables.multi_bag import datasets as many
 from rosidl_py_gen.tables.multi_bag.bag_sources import names_of
 
@@ -142,13 +142,13 @@ def test_what_is_no_query_is_not_run(run_here: Any, tmp_path: Path) -> None:
 
 def test_a_bar_shows_on_a_terminal_how_far_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from rosidl_py_gen.ros_cli import terminal_output
-    from rosidl_py_gen.ros_cli.bag import selection as part
+    from rosidl_py_gen.ros_cli.bag import display
 
     monkeypatch.setattr(terminal_output, "is_terminal", lambda: True)
     monkeypatch.setattr("sys.stderr", screen := io.StringIO())
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("TERM", "xterm")
-    with part.progress_bar(10) as show:
+    with display.progress_bar(10) as show:
         show(4)
     assert "4/10" in screen.getvalue()
 
@@ -162,7 +162,7 @@ def test_processes_of_this_machine_do_it_without_a_scheduler(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run_here: Any
 ) -> None:
     monkeypatch.setattr(many, "RANGE_BYTES", 20_000)
-    monkeypatch.setattr(writer, "_CHUNK", 1 << 13)
+    monkeypatch.setattr(mcap_writer, "_CHUNK", 1 << 13)
     large = bag_of(tmp_path / "large.mcap", *range(3_000), compression="")
     good, out = bag_of(tmp_path / "b.mcap", 1), tmp_path / "out"
     (tmp_path / "junk.mcap").write_bytes(b"junk" * 30)

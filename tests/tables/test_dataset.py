@@ -24,8 +24,8 @@ from support.table_values import imus, of_message, of_row, write
 
 from rosidl_py_gen import DecodeError, compile_definition, get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter
-from rosidl_py_gen.tables import dataset
-from rosidl_py_gen.tables.dataset import write_dataset
+from rosidl_py_gen.tables import dataset_writer
+from rosidl_py_gen.tables.dataset_writer import write_dataset
 from rosidl_py_gen.tables.query import Database
 
 Imu: Any = get_message("sensor_msgs/msg/Imu")
@@ -121,8 +121,8 @@ def test_row_groups_follow_each_other_in_time_and_memory_is_bounded(tmp_path: Pa
 def test_what_waits_is_written_when_it_is_too_much(
     drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(dataset, "_BATCH_BYTES", 1 << 10)
-    monkeypatch.setattr(dataset, "_MAX_WAITING_BYTES", 1 << 13)
+    monkeypatch.setattr(dataset_writer, "_BATCH_BYTES", 1 << 10)
+    monkeypatch.setattr(dataset_writer, "_MAX_WAITING_BYTES", 1 << 13)
     with BagReader(drive) as bag:
         report = write_dataset(bag, tmp_path / "out")
     assert sum(one.messages for one in report.files) == 220

@@ -16,7 +16,7 @@ import pytest
 from support.bag_datasets import bag_of, rows, said
 
 from rosidl_py_gen import get_message
-from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, writer
+from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, mcap_writer
 from rosidl_py_gen.tables import write_dataset, write_datasets
 from rosidl_py_gen.tables.multi_bag import bag_tasks
 from rosidl_py_gen.tables.multi_bag import datasets as many
@@ -111,7 +111,7 @@ def test_a_large_bag_is_several_tasks_that_have_each_message_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str
 ) -> None:
     monkeypatch.setattr(many, "RANGE_BYTES", 2000)
-    monkeypatch.setattr(writer, "_CHUNK", 1 << 12)
+    monkeypatch.setattr(mcap_writer, "_CHUNK", 1 << 12)
     numbers = [*range(3000)]
     bag = bag_of(tmp_path / "a.mcap", *numbers, compression=compression)
     report = write_datasets([bag, bag_of(tmp_path / "b.mcap", 7)], tmp_path / "out")
@@ -130,7 +130,7 @@ def test_a_large_bag_is_several_tasks_that_have_each_message_once(
 
 def test_chunks_that_overlap_are_cut_by_time_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(many, "RANGE_BYTES", 2000)
-    monkeypatch.setattr(writer, "_CHUNK", 1 << 12)
+    monkeypatch.setattr(mcap_writer, "_CHUNK", 1 << 12)
     with BagWriter(tmp_path / "a.mcap") as made:
         for number in range(2000):
             made.write("/n", Int64(data=number), (number * 7919) % 500)

@@ -68,8 +68,9 @@ def convert(
     rosidl-py bag convert my_bag short.mcap --topics /imu --start-offset 10 --duration 5
     """
     from rosidl_py_gen.bags import BagReader
+    from rosidl_py_gen.ros_cli.bag.display import damaged_rows
     from rosidl_py_gen.ros_cli.bag.output_definitions import channels_with_definitions
-    from rosidl_py_gen.ros_cli.bag.selection import damaged_rows, select_part
+    from rosidl_py_gen.ros_cli.bag.selection import select_part
 
     with BagReader(path, search_path=paths, skip_damaged=True) as reader:
         part = select_part(reader, topics, offset_s, duration_s)
@@ -127,7 +128,7 @@ def copy_messages(
         channels: channels of the copy, by the key of the original.
         converter_of: returns the function that converts the messages of a channel.
     """
-    from rosidl_py_gen.ros_cli.bag.selection import progress
+    from rosidl_py_gen.ros_cli.bag.display import progress
 
     for channel in channels.values():
         writer.add_raw_topic(channel)

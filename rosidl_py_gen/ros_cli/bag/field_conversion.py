@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, Arity
-from rosidl_py_gen.cdr.typesupport import referenced_classes
+from rosidl_py_gen.cdr.type_queries import referenced_classes
 from rosidl_py_gen.compiler.compatibility.migration import ConversionKind
 from rosidl_py_gen.errors import EncodeError
 

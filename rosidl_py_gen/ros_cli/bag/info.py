@@ -60,7 +60,7 @@ def _size(reader: BagReader) -> int:
 
 def _document(reader: BagReader, channels: Sequence[BagTopic], is_verbose: bool) -> dict[str, Any]:
     from rosidl_py_gen.bags.metadata import qos_profiles
-    from rosidl_py_gen.ros_cli.bag.selection import damaged_rows
+    from rosidl_py_gen.ros_cli.bag.display import damaged_rows
 
     return {
         "path": str(reader.path),
@@ -121,7 +121,7 @@ def _qos(profile: QoSProfile) -> dict[str, Any]:
 
 
 def _show(reader: BagReader, channels: Sequence[BagTopic], is_verbose: bool) -> None:
-    from rosidl_py_gen.ros_cli.bag.selection import duration_text, size_text, time_text
+    from rosidl_py_gen.ros_cli.bag.display import duration_text, size_text, time_text
 
     rows = [
         ("Files", ", ".join(file.name for file in reader.files)),

@@ -178,7 +178,7 @@ def _plan_topics(
 def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, rules: MigrationRules) -> _Topic:
     from rosidl_py_gen import type_hash
     from rosidl_py_gen.bags.definition_lookup import described
-    from rosidl_py_gen.cdr.typesupport import referenced_classes
+    from rosidl_py_gen.cdr.type_queries import referenced_classes
     from rosidl_py_gen.compiler.compatibility.migration import plan
     from rosidl_py_gen.ros_cli.bag.field_conversion import message_converter
     from rosidl_py_gen.ros_cli.bag.output_definitions import guess_mismatch
@@ -223,7 +223,7 @@ def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, r
 
 def fields_of(cls: type[Message]) -> dict[str, list[tuple[str, Any]]]:
     """Return the fields of a message and of all types in it, as input of `plan`."""
-    from rosidl_py_gen.cdr.typesupport import referenced_classes
+    from rosidl_py_gen.cdr.type_queries import referenced_classes
 
     classes: dict[str, Any] = referenced_classes(cls)
     return {name: [(one.ros_name, one.type) for one in planned._TYPE.fields] for name, planned in classes.items()}

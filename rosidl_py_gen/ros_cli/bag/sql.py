@@ -63,7 +63,7 @@ def sql(
     import atexit
     import gc
 
-    from rosidl_py_gen.ros_cli.bag.selection import progress_bar
+    from rosidl_py_gen.ros_cli.bag.display import progress_bar
     from rosidl_py_gen.tables.multi_bag.bag_sources import names_of
     from rosidl_py_gen.tables.query import Database, is_dataset, topics_in
 

@@ -85,7 +85,7 @@ def table(
 
 @contextmanager
 def _task_bar() -> Iterator[Callable[[float, int], None]]:
-    from rosidl_py_gen.ros_cli.bag.selection import progress_bar
+    from rosidl_py_gen.ros_cli.bag.display import progress_bar
 
     with ExitStack() as stack:
         update: list[Callable[[float], None]] = []
@@ -99,7 +99,7 @@ def _task_bar() -> Iterator[Callable[[float, int], None]]:
 
 
 def _report(datasets: DatasetsReport, out: str, as_json: bool) -> None:
-    from rosidl_py_gen.ros_cli.bag.selection import damaged_rows
+    from rosidl_py_gen.ros_cli.bag.display import damaged_rows
 
     files = [(name, one) for name, some in datasets.files.items() for one in some]
     left_out = [(name, *one) for name, some in datasets.skipped_topics.items() for one in some.items()]

@@ -10,7 +10,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.cdr.typesupport import referenced_classes
+from rosidl_py_gen.cdr.type_queries import referenced_classes
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.ros_cli import CommandError, terminal_output, types
 from rosidl_py_gen.ros_cli.foxglove.decoding import Decoder, Worker

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions
-    from rosidl_py_gen.ros_cli.graph.picture import Edge, Picture
+    from rosidl_py_gen.ros_cli.graph.model import Edge, Picture
     from rosidl_py_gen.runtime import NamesAndTypes, Node
 
 
@@ -107,7 +107,7 @@ def _render(picture: Picture, kind: str) -> str:
 
 
 def _picture(session: CommandNode, everything: bool) -> Picture:
-    from rosidl_py_gen.ros_cli.graph.picture import Picture
+    from rosidl_py_gen.ros_cli.graph.model import Picture
 
     node = session.node
     edges: set[Edge] = set()
@@ -138,7 +138,7 @@ def _unmatched_nodes(node: Node, edges: Iterable[Edge]) -> frozenset[tuple[str, 
 
 
 def _edges_of(node: Node, name: str, namespace: str, full: str, everything: bool) -> Iterator[Edge]:
-    from rosidl_py_gen.ros_cli.graph.picture import Edge
+    from rosidl_py_gen.ros_cli.graph.model import Edge
 
     topics: dict[str, Callable[[str, str], NamesAndTypes]] = {
         "publishes": node.get_publisher_names_and_types_by_node,
@@ -163,7 +163,7 @@ def _edges_of(node: Node, name: str, namespace: str, full: str, everything: bool
 
 def _edges_without_node(node: Node, everything: bool) -> Iterator[Edge]:
     """Yield endpoints without a node, or whose node name did not arrive."""
-    from rosidl_py_gen.ros_cli.graph.picture import Edge
+    from rosidl_py_gen.ros_cli.graph.model import Edge
 
     for topic, _ in node.get_topic_names_and_types():
         if _is_topic(topic, everything):

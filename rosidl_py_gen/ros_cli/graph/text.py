@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.output import json_text
 from rosidl_py_gen.ros_cli import terminal_output
-from rosidl_py_gen.ros_cli.graph.picture import COUNTERPARTS
+from rosidl_py_gen.ros_cli.graph.model import COUNTERPARTS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rosidl_py_gen.ros_cli.graph.picture import Edge, Picture
+    from rosidl_py_gen.ros_cli.graph.model import Edge, Picture
 
 _ARROWS = {"publishes": "->", "subscribes": "<-", "serves": "<-", "calls": "->"}
 _SHAPES = {"topic": ('(["', '"])'), "service": ('{{"', '"}}'), "action": ('[["', '"]]')}

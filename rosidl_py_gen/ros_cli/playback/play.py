@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.stamps import stamp_ns
 from rosidl_py_gen.ros_cli import DAMAGED, AsyncCommand, CommandError, terminal_output
+from rosidl_py_gen.ros_cli.bag.display import progress
 from rosidl_py_gen.ros_cli.bag.qos_overrides import read_qos_overrides
 from rosidl_py_gen.ros_cli.bag.rosbag2_services import serve_rosbag2
-from rosidl_py_gen.ros_cli.bag.selection import progress
 from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, first_of
 from rosidl_py_gen.ros_cli.keyboard import read_keys
 from rosidl_py_gen.ros_cli.playback.player import Player
+from rosidl_py_gen.ros_cli.playback.publishers import cannot_play_reason
 from rosidl_py_gen.ros_cli.playback.recording import Recording
 from rosidl_py_gen.ros_cli.playback.selection import select_messages, selected_topics
-from rosidl_py_gen.ros_cli.playback.senders import cannot_play_reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -79,12 +79,14 @@ async def _play(
         await session.wait_for_discovery()
         if network.get("spin_time_s") is None:
             await asyncio.gather(
-                player.senders.wait_for_subscribers(_SUBSCRIBER_DISCOVERY_S),
+                player.publishers.wait_for_subscribers(_SUBSCRIBER_DISCOVERY_S),
                 player.requests.wait_for_servers(_SUBSCRIBER_DISCOVERY_S),
             )
         await asyncio.sleep(options.delay_s)
         await _play_with_keys(player, options)
-        await asyncio.gather(player.senders.wait_acknowledged(options.acked_ms), player.requests.wait_for_responses())
+        await asyncio.gather(
+            player.publishers.wait_acknowledged(options.acked_ms), player.requests.wait_for_responses()
+        )
         sent = player.requests.count
         requests_text = f" and sent {sent} requests" if options.publish_requests or options.actions_as_client else ""
         terminal_output.note(f"published {player.count - sent} messages of {len(part.topics)} topics{requests_text}")

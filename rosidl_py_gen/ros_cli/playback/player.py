@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.ros_cli import CommandError
-from rosidl_py_gen.ros_cli.bag.selection import duration_text
+from rosidl_py_gen.ros_cli.bag.display import duration_text
 from rosidl_py_gen.ros_cli.name_lookup import full_topic_name
+from rosidl_py_gen.ros_cli.playback.publishers import OnceNotes, TopicPublishers, cannot_play_reason
 from rosidl_py_gen.ros_cli.playback.recording import by_publish_time
 from rosidl_py_gen.ros_cli.playback.requests import Requests
-from rosidl_py_gen.ros_cli.playback.senders import OnceNotes, Senders, cannot_play_reason
 from rosidl_py_gen.ros_cli.playback.timeline import Timeline
 from rosidl_py_gen.runtime import QoSProfile
 
@@ -46,7 +46,7 @@ class Player:
         self._options = options
         self._node = session.node
         note = OnceNotes()
-        self.senders = Senders(session.node, overrides, note)
+        self.publishers = TopicPublishers(session.node, overrides, note)
         self.requests = Requests(session.node, options.requests_source, options.paths, note)
         self._names = _remapped_names(session, recording, part.topics, options.remaps)
         self._clock_topics = {full_topic_name(session, one) for one in options.clock_topics}
@@ -78,7 +78,7 @@ class Player:
             return lambda data: False  # the server publishes them
         if kind == "service" and self._options.publish_requests:
             return self.requests.sender(reader, channel, self._names.get(name, name))
-        return self.senders.sender(reader, channel, self._names.get(channel.name, channel.name))
+        return self.publishers.sender(reader, channel, self._names.get(channel.name, channel.name))
 
     def _publish(self, item: RawMessage) -> bool:
         send = self._by_channel.get(id(item.channel))  # comparing definitions for each message takes long

@@ -13,14 +13,14 @@ from rosidl_py_gen import compile_definition, get_service, type_hash
 from rosidl_py_gen.cdr import Service
 from rosidl_py_gen.errors import DecodeError, RosidlError
 from rosidl_py_gen.ros_cli import CommandError
-from rosidl_py_gen.ros_cli.playback.senders import wait_each_until_timeout
+from rosidl_py_gen.ros_cli.playback.publishers import wait_each_until_timeout
 from rosidl_py_gen.runtime import ServiceEventType
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from rosidl_py_gen.bags import BagReader, BagTopic
-    from rosidl_py_gen.ros_cli.playback.senders import OnceNotes
+    from rosidl_py_gen.ros_cli.playback.publishers import OnceNotes
     from rosidl_py_gen.runtime import Client, Node
 
 _EVENT_TYPES = {

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
-from rosidl_py_gen.ros_cli.bag.selection import BagSelection, compile_pattern, duration_text, time_text
+from rosidl_py_gen.ros_cli.bag.display import duration_text, time_text
+from rosidl_py_gen.ros_cli.bag.selection import BagSelection, compile_pattern
 
 if TYPE_CHECKING:
     import re

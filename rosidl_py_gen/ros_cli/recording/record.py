@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.bags import BagWriter, SqliteWriter
 from rosidl_py_gen.ros_cli import AsyncCommand, terminal_output
+from rosidl_py_gen.ros_cli.bag.display import progress, size_text
 from rosidl_py_gen.ros_cli.bag.qos_overrides import read_qos_overrides
 from rosidl_py_gen.ros_cli.bag.rosbag2_services import serve_rosbag2
-from rosidl_py_gen.ros_cli.bag.selection import progress, size_text
 from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, first_of
 from rosidl_py_gen.ros_cli.keyboard import read_keys
 from rosidl_py_gen.ros_cli.recording.recorder import Recorder

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import compile_definition, get_message, type_hash, type_name
 from rosidl_py_gen.bags import BagTopic
+from rosidl_py_gen.bags.mcap_writer import topic_of
 from rosidl_py_gen.bags.metadata import qos_text
-from rosidl_py_gen.bags.writer import topic_of
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import ClosedError, InvalidNameError, RosidlError, TypeNotFoundError
 from rosidl_py_gen.ros_cli import CommandError, terminal_output, types
-from rosidl_py_gen.ros_cli.bag.selection import size_text
+from rosidl_py_gen.ros_cli.bag.display import size_text
 from rosidl_py_gen.ros_cli.command_node import now_s
 from rosidl_py_gen.ros_cli.name_lookup import TopicOwner
 from rosidl_py_gen.ros_cli.recording.selection import owner_of

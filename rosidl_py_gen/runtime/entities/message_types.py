@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.cdr import Message, Service
 from rosidl_py_gen.cdr.message import is_of_type
-from rosidl_py_gen.cdr.typesupport import referenced_classes
+from rosidl_py_gen.cdr.type_queries import referenced_classes
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -15,7 +15,7 @@ from rosidl_py_gen.base.descriptions import rihs01
 from rosidl_py_gen.base.installed_classes import PREGENERATED_PACKAGE
 from rosidl_py_gen.base.resources import interfaces_dir
 from rosidl_py_gen.cdr.codec import encode
-from rosidl_py_gen.cdr.typesupport import referenced_classes, type_description, type_hash, type_name
+from rosidl_py_gen.cdr.type_queries import referenced_classes, type_description, type_hash, type_name
 from rosidl_py_gen.errors import TypeNotFoundError
 from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.msgs.type_description_interfaces import msg, srv

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.base.descriptions import rihs01
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Action, Message, Service
-from rosidl_py_gen.cdr.typesupport import hashes_of, type_hash
+from rosidl_py_gen.cdr.type_queries import hashes_of, type_hash
 from rosidl_py_gen.errors import (
     ClosedError,
     DefinitionError,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.bags.common import BagError
 from rosidl_py_gen.bags.remote import is_url, unreachable_as_error
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.tables.dataset import bag_name
+from rosidl_py_gen.tables.dataset_writer import bag_name
 from rosidl_py_gen.tables.output_files import file_system, url_of
 
 if TYPE_CHECKING:

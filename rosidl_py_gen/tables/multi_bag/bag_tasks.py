@@ -17,7 +17,7 @@ from rosidl_py_gen.bags.common import BagError, BagWarning, DamagedPart
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.tables.dataset import DatasetFile, StagedDataset
+from rosidl_py_gen.tables.dataset_writer import DatasetFile, StagedDataset
 from rosidl_py_gen.tables.multi_bag.bag_sources import digest
 from rosidl_py_gen.tables.multi_bag.manifest import DatasetManifest, ManifestEntry
 from rosidl_py_gen.tables.output_files import joined

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.bags.common import BagError, BagWarning, DamagedPart
 from rosidl_py_gen.bags.remote import is_url
-from rosidl_py_gen.tables.dataset import DatasetFile
+from rosidl_py_gen.tables.dataset_writer import DatasetFile
 from rosidl_py_gen.tables.multi_bag.bag_sources import BagSource, find_bags, names_of
 from rosidl_py_gen.tables.multi_bag.bag_tasks import Task, TaskOptions, TaskResult, run_task, split_task, split_times_of
 from rosidl_py_gen.tables.multi_bag.manifest import DatasetManifest, ManifestEntry

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from rosidl_py_gen.bags.remote import is_url, unreachable_as_error
-from rosidl_py_gen.tables.dataset import BAG, DatasetFile
+from rosidl_py_gen.tables.dataset_writer import BAG, DatasetFile
 from rosidl_py_gen.tables.output_files import PARTIAL, file_system
 
 if TYPE_CHECKING:

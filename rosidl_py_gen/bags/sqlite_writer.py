@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.bags.common import BagError, BagTopic, checked_time, require_printable
 from rosidl_py_gen.bags.definition_lookup import same_definition
-from rosidl_py_gen.bags.file_splitter import SplittingWriter
+from rosidl_py_gen.bags.splitting_writer import SplittingWriter
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Iterator, Mapping
 
     from rosidl_py_gen.bags.common import RawMessage
-    from rosidl_py_gen.bags.file_splitter import CompressionMode
+    from rosidl_py_gen.bags.splitting_writer import CompressionMode
 
 # Version 4 of rosbag2's own tables.
 _TABLES = """

@@ -1,4 +1,4 @@
-"""Transforms of one frame over time. Times are nanoseconds."""
+"""StaticFrame and MovingFrame: the transforms of one frame over time, in nanoseconds."""
 
 from __future__ import annotations
 

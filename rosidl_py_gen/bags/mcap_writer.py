@@ -11,8 +11,8 @@ from mcap.writer import CompressionType, Writer
 
 from rosidl_py_gen import __version__, encode, type_hash, type_name
 from rosidl_py_gen.bags.common import BagError, BagTopic, checked_time, require_printable
-from rosidl_py_gen.bags.file_splitter import SplittingWriter
 from rosidl_py_gen.bags.metadata import qos_text
+from rosidl_py_gen.bags.splitting_writer import SplittingWriter
 from rosidl_py_gen.bags.storage.storage_api import MAX_UNPACKED_BYTES
 from rosidl_py_gen.errors import EncodeError
 from rosidl_py_gen.type_loading.from_description import definition_text
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from rosidl_py_gen.bags.common import RawMessage
-    from rosidl_py_gen.bags.file_splitter import CompressionMode
+    from rosidl_py_gen.bags.splitting_writer import CompressionMode
     from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.runtime import QoSProfile
 

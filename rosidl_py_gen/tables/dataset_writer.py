@@ -16,7 +16,7 @@ from urllib.parse import quote
 from rosidl_py_gen.bags.common import BagError
 from rosidl_py_gen.bags.storage.storage_api import MessageBlock
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.cdr.typesupport import referenced_classes
+from rosidl_py_gen.cdr.type_queries import referenced_classes
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables.arrow import pa, parquet
 from rosidl_py_gen.tables.columns import free_name, nodes_of

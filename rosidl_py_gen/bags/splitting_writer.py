@@ -1,7 +1,7 @@
 """Base of the bag writers: the files of a bag one after the other, and ``metadata.yaml`` of a folder.
 
 rosbag2 compresses whole files or single messages, with zstd. Chunks inside MCAP files are compressed independently of
-that (`writer.py`).
+that (`mcap_writer.py`).
 """
 
 from __future__ import annotations

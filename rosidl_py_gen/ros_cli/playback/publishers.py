@@ -53,7 +53,7 @@ class OnceNotes:
             terminal_output.note(text)
 
 
-class Senders:
+class TopicPublishers:
     """Publishers of a player.
 
     Args:
