@@ -32,8 +32,8 @@ def get_package_prefix(package_name: str) -> str:
     try:
         return get_resource("packages", package_name)[1]
     except LookupError:
-        searched = get_search_paths() if os.environ.get(AMENT_PREFIX_PATH_ENV_VAR) else []
-        raise PackageNotFoundError(f"package '{package_name}' not found, searching: {searched}") from None
+        search_paths = get_search_paths() if os.environ.get(AMENT_PREFIX_PATH_ENV_VAR) else []
+        raise PackageNotFoundError(f"package '{package_name}' not found, searching: {search_paths}") from None
 
 
 def get_package_share_directory(package_name: str, print_warning: bool = True) -> str:

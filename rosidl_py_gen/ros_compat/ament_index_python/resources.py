@@ -13,7 +13,8 @@ from ament_index_python.constants import AMENT_PREFIX_PATH_ENV_VAR, RESOURCE_IND
 from ament_index_python.search_paths import get_search_paths
 from rosidl_py_gen import found_packages
 
-_PACKAGES, _INTERFACES = "packages", "rosidl_interfaces"
+_PACKAGES = "packages"
+_INTERFACES = "rosidl_interfaces"
 
 
 class InvalidResourceTypeNameError(ValueError):
@@ -37,7 +38,7 @@ def get_resource(resource_type: str, resource_name: str) -> tuple[str, str]:
         raise LookupError(f"Could not find the resource '{resource_name}' of type '{resource_type}'")
     path = _path(prefix, resource_type, resource_name)
     if not os.path.isfile(path):
-        return _of_sources(resource_type)[resource_name][1], prefix
+        return _source_resources(resource_type)[resource_name][1], prefix
     try:
         with open(path, encoding="utf-8") as file:
             return file.read(), prefix
@@ -52,21 +53,23 @@ def get_resources(resource_type: str) -> dict[str, str]:
     Raises:
         InvalidResourceTypeNameError: the name has a path separator.
     """
-    _check(resource_type)
+    _check_type_name(resource_type)
     prefixes: dict[str, str] = {}
     for prefix in _prefixes():
-        for name in _names(_path(prefix, resource_type)):
+        for name in _list_names(_path(prefix, resource_type)):
             if not os.path.isdir(_path(prefix, resource_type, name)):
                 prefixes.setdefault(name, prefix)
-    for name, (folder, _) in _of_sources(resource_type).items():
+    for name, (folder, _) in _source_resources(resource_type).items():
         prefixes.setdefault(name, folder)
     return prefixes
 
 
 def get_resource_types() -> set[str]:
     """Return all types of resources."""
-    types = {name for prefix in _prefixes() for name in _names(_path(prefix)) if os.path.isdir(_path(prefix, name))}
-    return types | {name for name in (_PACKAGES, _INTERFACES) if _of_sources(name)}
+    types = {
+        name for prefix in _prefixes() for name in _list_names(_path(prefix)) if os.path.isdir(_path(prefix, name))
+    }
+    return types | {name for name in (_PACKAGES, _INTERFACES) if _source_resources(name)}
 
 
 def has_resource(resource_type: str, resource_name: str) -> str | Literal[False]:
@@ -75,18 +78,18 @@ def has_resource(resource_type: str, resource_name: str) -> str | Literal[False]
     Raises:
         InvalidResourceTypeNameError, InvalidResourceNameError: a name has a path separator.
     """
-    _check(resource_type)
+    _check_type_name(resource_type)
     assert resource_name, "The resource name must not be empty"
     if "/" in resource_name or "\\" in resource_name:
         raise InvalidResourceNameError(f"Resource name '{resource_name}' is invalid")
     for prefix in _prefixes():
         if os.path.isfile(_path(prefix, resource_type, resource_name)):
             return prefix
-    resource = _of_sources(resource_type).get(resource_name)
+    resource = _source_resources(resource_type).get(resource_name)
     return False if resource is None else resource[0]
 
 
-def _check(resource_type: str) -> None:
+def _check_type_name(resource_type: str) -> None:
     assert resource_type, "The resource type must not be empty"
     if "/" in resource_type or "\\" in resource_type:
         raise InvalidResourceTypeNameError(f"Resource type '{resource_type}' is invalid")
@@ -100,14 +103,14 @@ def _path(prefix: str, *names: str) -> str:
     return os.path.join(prefix, RESOURCE_INDEX_SUBFOLDER, *names)
 
 
-def _names(folder: str) -> list[str]:
+def _list_names(folder: str) -> list[str]:
     try:
         return [name for name in os.listdir(folder) if not name.startswith(".")]
     except (FileNotFoundError, NotADirectoryError):
         return []
 
 
-def _of_sources(resource_type: str) -> dict[str, tuple[str, str]]:
+def _source_resources(resource_type: str) -> dict[str, tuple[str, str]]:
     """Return folder and content of the resources of packages that are not installed."""
     if resource_type not in (_PACKAGES, _INTERFACES):
         return {}

@@ -27,8 +27,8 @@ from rosidl_py_gen.numpy import (
 )
 
 Pixels = np.ndarray[Any, np.dtype[Any]]
-_BY_PILLOW = {"jpg": "jpeg", "jpeg": "jpeg", "jpe": "jpeg", "png": "png"}
-_ORDERS = {1: "mono", 3: "bgr", 4: "bgra"}
+_PILLOW_FORMATS = {"jpg": "jpeg", "jpeg": "jpeg", "jpe": "jpeg", "png": "png"}
+_CHANNEL_ORDERS = {1: "mono", 3: "bgr", 4: "bgra"}
 _BITS = {"uint8": 8, "uint16": 16}
 
 
@@ -49,8 +49,8 @@ class CvBridge:
         names = [f"{depth}C{channels}" for depth in DEPTHS for channels in (1, 2, 3, 4)]
         self.cvtype_to_name = {getCvType(name): name for name in names}
         self.cvdepth_to_numpy_depth = dict(enumerate(NUMPY_DEPTHS))
-        both = [*zip(NUMPY_DEPTHS, DEPTHS, strict=True), *zip(DEPTHS, NUMPY_DEPTHS, strict=True)]
-        self.numpy_type_to_cvtype = dict(both)
+        pairs = [*zip(NUMPY_DEPTHS, DEPTHS, strict=True), *zip(DEPTHS, NUMPY_DEPTHS, strict=True)]
+        self.numpy_type_to_cvtype = dict(pairs)
 
     def dtype_with_channels_to_cvtype2(self, dtype: np.dtype[Any], n_channels: int) -> str:
         """Return OpenCV's name, such as 8UC3; raise KeyError for a dtype that OpenCV does not have."""
@@ -126,7 +126,7 @@ class CvBridge:
                 raise CvBridgeError(f"data: {len(data)} bytes are not an image")
         if desired_encoding in ("passthrough", "bgr8"):  # as in the real package, for every image
             return np.asarray(pixels)
-        encoding = _order(pixels)
+        encoding = _native_encoding(pixels)
         if encoding is None:
             raise CvBridgeError(f"an image of {pixels.dtype} with shape {pixels.shape} has no encoding")
         return _convert(pixels, encoding, desired_encoding)
@@ -157,9 +157,9 @@ def _array(cvim: Any) -> Pixels:
     return np.asarray(cvim)
 
 
-def _order(pixels: Pixels) -> str | None:
+def _native_encoding(pixels: Pixels) -> str | None:
     """Return the encoding that OpenCV assumes for pixels."""
-    order, bits = _ORDERS.get(pixels.shape[2] if pixels.ndim == 3 else 1), _BITS.get(pixels.dtype.name)
+    order, bits = _CHANNEL_ORDERS.get(pixels.shape[2] if pixels.ndim == 3 else 1), _BITS.get(pixels.dtype.name)
     return f"{order}{bits}" if order and bits else None
 
 
@@ -173,7 +173,7 @@ def _convert(pixels: Pixels, before: str, after: str) -> Pixels:
 def _decompress(data: Any) -> Pixels:
     try:
         pixels = compressedimage_to_array(SimpleNamespace(format="", data=data))
-        after = _order(pixels)
+        after = _native_encoding(pixels)
         if pixels.ndim == 2 or after is None:
             return pixels
         return convert_pixels(pixels, after.replace("bgr", "rgb"), after)
@@ -182,12 +182,12 @@ def _decompress(data: Any) -> Pixels:
 
 
 def _compress(pixels: Pixels, dst_format: str) -> bytes:
-    shaped = pixels[..., 0] if pixels.ndim == 3 and pixels.shape[2] == 1 else pixels
-    encoding = _order(shaped)
-    if dst_format not in _BY_PILLOW or encoding is None:
+    squeezed = pixels[..., 0] if pixels.ndim == 3 and pixels.shape[2] == 1 else pixels
+    encoding = _native_encoding(squeezed)
+    if dst_format not in _PILLOW_FORMATS or encoding is None:
         image = f"{dst_format} of {pixels.dtype} with shape {pixels.shape}"
         raise CvBridgeError(f"{image} needs OpenCV; install opencv-python-headless")
     try:
-        return bytes(array_to_compressedimage(shaped, encoding, format=_BY_PILLOW[dst_format]).data)
+        return bytes(array_to_compressedimage(squeezed, encoding, format=_PILLOW_FORMATS[dst_format]).data)
     except (ConversionError, ModuleNotFoundError) as error:
         raise CvBridgeError(str(error)) from None

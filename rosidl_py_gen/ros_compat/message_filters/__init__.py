@@ -16,7 +16,7 @@ from rclpy.time import Time
 
 from rosidl_py_gen import message_filters
 
-_HEADERLESS = (
+_HEADERLESS_WARNING = (
     "can not use message filters {}messages without timestamp infomation when 'allow_headerless' is disabled. "
     "auto assign ROSTIME to headerless messages once enabling constructor option of 'allow_headerless'."
 )
@@ -90,7 +90,7 @@ class Cache(SimpleFilter):
 
     def add(self, msg: Any) -> None:
         """Store a message and pass it on."""
-        stamp = _stamp(msg, self.allow_headerless, "message_filters_cache", "")
+        stamp = _find_stamp(msg, self.allow_headerless, "message_filters_cache", "")
         if stamp is None:
             return
         self.cache_times.append(stamp)
@@ -102,15 +102,15 @@ class Cache(SimpleFilter):
     def getInterval(self, from_stamp: Time, to_stamp: Time) -> list[Any]:
         """Return the messages from `from_stamp` to `to_stamp`."""
         assert from_stamp <= to_stamp
-        return [msg for msg, time in self._rosidl_items() if from_stamp <= time <= to_stamp]
+        return [msg for msg, time in self._rosidl_messages_and_times() if from_stamp <= time <= to_stamp]
 
     def getElemAfterTime(self, stamp: Time) -> Any:
         """Return the first message with this stamp or a later one; None if there is none."""
-        return next((msg for msg, time in self._rosidl_items() if time >= stamp), None)
+        return next((msg for msg, time in self._rosidl_messages_and_times() if time >= stamp), None)
 
     def getElemBeforeTime(self, stamp: Time) -> Any:
         """Return the last message with this stamp or an earlier one; None if there is none."""
-        return next((msg for msg, time in reversed(self._rosidl_items()) if time <= stamp), None)
+        return next((msg for msg, time in reversed(self._rosidl_messages_and_times()) if time <= stamp), None)
 
     def getLastestTime(self) -> Time | None:
         """Return the stamp of the last message; the name is that of message_filters."""
@@ -125,7 +125,7 @@ class Cache(SimpleFilter):
         latest = self.getLastestTime()
         return None if latest is None else self.getElemAfterTime(latest)
 
-    def _rosidl_items(self) -> list[tuple[Any, Time]]:
+    def _rosidl_messages_and_times(self) -> list[tuple[Any, Time]]:
         return list(zip(self.cache_msgs, self.cache_times, strict=True))
 
 
@@ -143,13 +143,15 @@ class TimeSynchronizer(SimpleFilter):
 
     def connectInput(self, fs: Sequence[SimpleFilter]) -> None:
         """Connect the input filters."""
-        self._rosidl_synchronizer = self._rosidl_make([message_filters.MessageFilter() for _ in fs])
+        self._rosidl_synchronizer = self._rosidl_create_synchronizer([message_filters.MessageFilter() for _ in fs])
         self.input_connections = [f.registerCallback(self.add, number) for number, f in enumerate(fs)]
 
-    def _rosidl_make(self, inputs: list[message_filters.MessageFilter]) -> message_filters.TimeSynchronizer:
-        return message_filters.TimeSynchronizer(inputs, self._rosidl_on_set, queue_size=self.queue_size)
+    def _rosidl_create_synchronizer(
+        self, inputs: list[message_filters.MessageFilter]
+    ) -> message_filters.TimeSynchronizer:
+        return message_filters.TimeSynchronizer(inputs, self._rosidl_on_messages, queue_size=self.queue_size)
 
-    def _rosidl_on_set(self, *messages: Any) -> None:
+    def _rosidl_on_messages(self, *messages: Any) -> None:
         self.signalMessage(*messages)
 
     def add(self, msg: Any, my_queue_index: int) -> None:
@@ -172,17 +174,19 @@ class ApproximateTimeSynchronizer(TimeSynchronizer):
         self.slop, self.allow_headerless = Duration(seconds=slop), allow_headerless
         super().__init__(fs, queue_size)
 
-    def _rosidl_make(self, inputs: list[message_filters.MessageFilter]) -> message_filters.TimeSynchronizer:
+    def _rosidl_create_synchronizer(
+        self, inputs: list[message_filters.MessageFilter]
+    ) -> message_filters.TimeSynchronizer:
         return message_filters.ApproximateTimeSynchronizer(
-            inputs, self._rosidl_on_set, slop_s=self.slop.nanoseconds / 1e9, queue_size=self.queue_size
+            inputs, self._rosidl_on_messages, slop_s=self.slop.nanoseconds / 1e9, queue_size=self.queue_size
         )
 
     def add(self, msg: Any, my_queue_index: int) -> None:
-        stamp = _stamp(msg, self.allow_headerless, "message_filters_approx", "for ")
+        stamp = _find_stamp(msg, self.allow_headerless, "message_filters_approx", "for ")
         if stamp is not None:
             self._rosidl_synchronizer.add(my_queue_index, _Stamped(msg, stamp))
 
-    def _rosidl_on_set(self, *messages: Any) -> None:
+    def _rosidl_on_messages(self, *messages: Any) -> None:
         self.signalMessage(*(item.message for item in messages))
 
 
@@ -195,7 +199,7 @@ class _Stamped:
         self.stamp = stamp.to_msg()
 
 
-def _stamp(message: Any, allow_headerless: bool, logger: str, preposition: str) -> Time | None:
+def _find_stamp(message: Any, allow_headerless: bool, logger: str, preposition: str) -> Time | None:
     """Return the stamp of a message; None, with a warning, if it has none and that is not allowed."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     if stamp is not None:
@@ -204,5 +208,5 @@ def _stamp(message: Any, allow_headerless: bool, logger: str, preposition: str) 
         return ROSClock().now()
     log = get_logger(logger)
     log.set_level(LoggingSeverity.INFO)
-    log.warning(_HEADERLESS.format(preposition))
+    log.warning(_HEADERLESS_WARNING.format(preposition))
     return None

@@ -29,14 +29,14 @@ _Dumper.add_representer(
 
 
 @dataclass(frozen=True)
-class _Shortening:
+class _Limits:
     """Options that shorten values: maximum number of elements or characters, and types in place of values."""
 
     length: int | None
     no_arr: bool
     no_str: bool
 
-    def cuts(self, value: Any) -> bool:
+    def is_too_long(self, value: Any) -> bool:
         return self.length is not None and len(value) > self.length
 
 
@@ -64,13 +64,13 @@ def message_to_ordereddict(
         no_arr: describe the types of arrays in place of their elements.
         no_str: describe the lengths of texts in place of their contents.
     """
-    return _dict(msg, _Shortening(truncate_length, no_arr, no_str))
+    return _to_dict(msg, _Limits(truncate_length, no_arr, no_str))
 
 
 def message_to_csv(msg: Any, *, truncate_length: int | None = None, no_arr: bool = False, no_str: bool = False) -> str:
     """Return the values of a message, separated by commas; see `message_to_ordereddict` for the arguments."""
-    short = _Shortening(truncate_length, no_arr, no_str)
-    return ",".join(_csv(getattr(msg, name), kind, short) for name, kind in get_message_slot_types(msg).items())
+    limits = _Limits(truncate_length, no_arr, no_str)
+    return ",".join(_to_csv(getattr(msg, name), kind, limits) for name, kind in get_message_slot_types(msg).items())
 
 
 def get_message_slot_types(msg: Any) -> OrderedDict[str, Any]:
@@ -78,53 +78,58 @@ def get_message_slot_types(msg: Any) -> OrderedDict[str, Any]:
     return OrderedDict(zip(msg.get_fields_and_field_types(), msg.SLOT_TYPES, strict=True))
 
 
-def _dict(msg: Any, short: _Shortening) -> OrderedDict[str, Any]:
+def _to_dict(msg: Any, limits: _Limits) -> OrderedDict[str, Any]:
     types = get_message_slot_types(msg)
-    return OrderedDict((name, _plain(getattr(msg, name, None), kind, short)) for name, kind in types.items())
+    return OrderedDict((name, _to_plain(getattr(msg, name, None), kind, limits)) for name, kind in types.items())
 
 
-def _plain(value: Any, kind: Any, short: _Shortening) -> Any:
+def _to_plain(value: Any, kind: Any, limits: _Limits) -> Any:
     match value:
         case bytes():
-            text = value[: short.length].decode("latin-1")
-            return f"{text}..." if short.cuts(value) else text
+            text = value[: limits.length].decode("latin-1")
+            return f"{text}..." if limits.is_too_long(value) else text
         case str():
-            return _shortened(value, short)
+            return _shorten_text(value, limits)
         case list() | tuple() | array.array() | numpy.ndarray():
-            if short.no_arr and kind is not None:
+            if limits.no_arr and kind is not None:
                 return _array_type_text(value, kind)
             list_class: type[list[Any]] | type[tuple[Any, ...]] = tuple if isinstance(value, tuple) else list
-            items = [_plain(item, None, short) for item in (value[: short.length] if short.cuts(value) else value)]
-            return list_class([*items, "..."] if short.cuts(value) else items)
+            items = [
+                _to_plain(item, None, limits)
+                for item in (value[: limits.length] if limits.is_too_long(value) else value)
+            ]
+            return list_class([*items, "..."] if limits.is_too_long(value) else items)
         case dict():
-            unlimited = _Shortening(None, False, False)
-            return {_plain(name, None, unlimited): _plain(item, None, short) for name, item in value.items()}
+            unlimited = _Limits(None, False, False)
+            return {_to_plain(name, None, unlimited): _to_plain(item, None, limits) for name, item in value.items()}
         case numpy.number():
             return value.item()
         case bool() | float() | int():
             return value
-    return _dict(value, short)
+    return _to_dict(value, limits)
 
 
-def _csv(value: Any, kind: Any, short: _Shortening) -> str:
+def _to_csv(value: Any, kind: Any, limits: _Limits) -> str:
     if isinstance(value, _COLLECTIONS):
-        if short.no_arr and kind is not None:
+        if limits.no_arr and kind is not None:
             return _array_type_text(value, kind)
-        texts = [_csv(item, None, short) for item in (value[: short.length] if short.cuts(value) else value)]
-        return ",".join(texts) + ((",..." if texts else "...") if short.cuts(value) else "")
+        texts = [
+            _to_csv(item, None, limits) for item in (value[: limits.length] if limits.is_too_long(value) else value)
+        ]
+        return ",".join(texts) + ((",..." if texts else "...") if limits.is_too_long(value) else "")
     if isinstance(value, str):
-        return _shortened(value, short)
+        return _shorten_text(value, limits)
     if isinstance(value, bytes):
-        return str(value[: short.length] + b"..." if short.cuts(value) else value)
+        return str(value[: limits.length] + b"..." if limits.is_too_long(value) else value)
     if isinstance(value, bool | float | int | numpy.number):
         return str(value)
-    return ",".join(_csv(getattr(value, name), kind, short) for name, kind in get_message_slot_types(value).items())
+    return ",".join(_to_csv(getattr(value, name), kind, limits) for name, kind in get_message_slot_types(value).items())
 
 
-def _shortened(text: str, short: _Shortening) -> str:
-    if short.no_str:
+def _shorten_text(text: str, limits: _Limits) -> str:
+    if limits.no_str:
         return f"<string length: <{len(text)}>>"
-    return f"{text[: short.length]}..." if short.cuts(text) else text
+    return f"{text[: limits.length]}..." if limits.is_too_long(text) else text
 
 
 def _array_type_text(value: Any, kind: Any) -> str:

@@ -21,22 +21,22 @@ def get_interfaces(package_names: Collection[str] = ()) -> dict[str, list[str]]:
     Raises:
         LookupError: a package does not exist.
     """
-    return _of_kind(package_names, "", None)
+    return _interfaces_of_kind(package_names, "", None)
 
 
 def get_message_interfaces(package_names: Collection[str] = ()) -> dict[str, list[str]]:
     """Return the messages among `get_interfaces`."""
-    return _of_kind(package_names, "msg/", (".idl", ".msg"))
+    return _interfaces_of_kind(package_names, "msg/", (".idl", ".msg"))
 
 
 def get_service_interfaces(package_names: Collection[str] = ()) -> dict[str, list[str]]:
     """Return the services among `get_interfaces`."""
-    return _of_kind(package_names, "srv/", (".idl", ".srv"))
+    return _interfaces_of_kind(package_names, "srv/", (".idl", ".srv"))
 
 
 def get_action_interfaces(package_names: Collection[str] = ()) -> dict[str, list[str]]:
     """Return the actions among `get_interfaces`."""
-    return _of_kind(package_names, "action/", (".idl", ".action"))
+    return _interfaces_of_kind(package_names, "action/", (".idl", ".action"))
 
 
 def get_interface_path(interface_name: str) -> str:
@@ -56,17 +56,19 @@ def get_interface_path(interface_name: str) -> str:
     prefix = has_resource("packages", parts[0])
     if not prefix:
         raise LookupError(f"Unknown package '{parts[0]}'")
-    installed = os.path.join(prefix, "share", *parts)
-    in_sources = os.path.join(prefix, *parts[1:])  # a package that is not installed has its folder as prefix
-    for path in (installed, in_sources):
+    installed_path = os.path.join(prefix, "share", *parts)
+    source_path = os.path.join(prefix, *parts[1:])  # a package that is not installed has its folder as prefix
+    for path in (installed_path, source_path):
         for suffix in (f".{parts[-2]}", ".idl") if "." not in parts[-1] else ("",):
             if os.path.isfile(path + suffix):
                 return path + suffix
-    path_text = installed if "." in parts[-1] else f"{installed}.idl"
+    path_text = installed_path if "." in parts[-1] else f"{installed_path}.idl"
     raise LookupError(f"Could not find the interface '{path_text}'")
 
 
-def _of_kind(packages: Collection[str], start: str, suffixes: tuple[str, ...] | None) -> dict[str, list[str]]:
+def _interfaces_of_kind(
+    packages: Collection[str], folder: str, suffixes: tuple[str, ...] | None
+) -> dict[str, list[str]]:
     interfaces: dict[str, list[str]] = {}
     for package in packages or get_resources(_RESOURCE):
         if not has_resource("packages", package):
@@ -77,7 +79,7 @@ def _of_kind(packages: Collection[str], start: str, suffixes: tuple[str, ...] | 
         names = [
             os.path.splitext(file)[0]
             for file in files
-            if "_" not in file and file.startswith(start) and (suffixes is None or file.endswith(suffixes))
+            if "_" not in file and file.startswith(folder) and (suffixes is None or file.endswith(suffixes))
         ]
         if names:
             interfaces[package] = [*dict.fromkeys(names)]

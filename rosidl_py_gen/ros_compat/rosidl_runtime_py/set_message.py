@@ -13,7 +13,8 @@ from rosidl_parser.definition import AbstractNestedType, NamespacedType
 from rosidl_runtime_py.convert import get_message_slot_types
 from rosidl_runtime_py.import_message import import_message_from_namespaced_type
 
-_HEADER, _TIME = "std_msgs.msg._header.Header", "builtin_interfaces.msg._time.Time"
+_HEADER = "std_msgs.msg._header.Header"
+_TIME = "builtin_interfaces.msg._time.Time"
 
 
 def set_message_fields(
@@ -33,43 +34,45 @@ def set_message_fields(
         TypeError: a value does not fit its field, or is not a dict although fields are expected.
     """
     pending: list[Callable[[Any], None]] = []
-    _set(msg, values, expand_header_auto, expand_time_now, pending)
+    _set_fields(msg, values, expand_header_auto, expand_time_now, pending)
     return pending
 
 
-def _set(msg: Any, values: Any, header: bool, now: bool, pending: list[Callable[[Any], None]]) -> None:
+def _set_fields(
+    msg: Any, values: Any, expand_header: bool, expand_now: bool, pending: list[Callable[[Any], None]]
+) -> None:
     if not hasattr(values, "items"):
         text = f"Value '{values}' is expected to be a dictionary but is a {type(values).__name__}"
         raise TypeError(text)
     types = get_message_slot_types(msg)
-    for name, new in values.items():
+    for name, new_value in values.items():
         field = getattr(msg, name)
         kind = type(field)
         full_name = f"{kind.__module__}.{kind.__name__}"
         value: Any
         if kind is array.array:
-            value = array.array(field.typecode, new)
+            value = array.array(field.typecode, new_value)
         elif kind is numpy.ndarray:
-            value = numpy.array(new, dtype=field.dtype)
-        elif type(new) is kind:
-            value = new
-        elif header and full_name == _HEADER and new == "auto":
+            value = numpy.array(new_value, dtype=field.dtype)
+        elif type(new_value) is kind:
+            value = new_value
+        elif expand_header and full_name == _HEADER and new_value == "auto":
             pending.append(partial(setattr, field, "stamp"))
             continue
-        elif now and full_name == _TIME and new == "now":
+        elif expand_now and full_name == _TIME and new_value == "now":
             pending.append(partial(setattr, msg, name))
             continue
         else:
             try:
-                value = kind(new)
+                value = kind(new_value)
             except TypeError:  # a message, which takes keyword arguments only
                 value = kind()
-                _set(value, new, header, now, pending)
+                _set_fields(value, new_value, expand_header, expand_now, pending)
         slot = types[name]
         if isinstance(slot, AbstractNestedType) and isinstance(slot.value_type, NamespacedType):
             element = import_message_from_namespaced_type(slot.value_type)
             for index, item in enumerate(value):
                 message = element()
-                _set(message, item, header, now, pending)
+                _set_fields(message, item, expand_header, expand_now, pending)
                 value[index] = message
         setattr(msg, name, value)

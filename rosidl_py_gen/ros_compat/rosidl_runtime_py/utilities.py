@@ -17,37 +17,37 @@ def get_interface(identifier: str) -> Any:
 
 def get_message(identifier: str) -> Any:
     """Return the class of a message, also of ``std_msgs/String``; raise ValueError for other classes."""
-    return _required(identifier, get_message_namespaced_type(identifier), is_message, "a message")
+    return _import_interface(identifier, get_message_namespaced_type(identifier), is_message, "a message")
 
 
 def get_service(identifier: str) -> Any:
     """Return the class of a service, also of ``std_srvs/SetBool``; raise ValueError for other classes."""
-    return _required(identifier, get_service_namespaced_type(identifier), is_service, "a service")
+    return _import_interface(identifier, get_service_namespaced_type(identifier), is_service, "a service")
 
 
 def get_action(identifier: str) -> Any:
     """Return the class of an action, also of ``example_interfaces/Fibonacci``; raise ValueError for other classes."""
-    return _required(identifier, get_action_namespaced_type(identifier), is_action, "an action")
+    return _import_interface(identifier, get_action_namespaced_type(identifier), is_action, "an action")
 
 
 def get_namespaced_type(identifier: str) -> Any:
     """Return a full name as a `NamespacedType` of `rosidl_parser`."""
-    return _namespaced(identifier, None)
+    return _to_namespaced_type(identifier, None)
 
 
 def get_message_namespaced_type(identifier: str) -> Any:
     """Return the `NamespacedType` of a message, also without ``msg``."""
-    return _namespaced(identifier, "msg")
+    return _to_namespaced_type(identifier, "msg")
 
 
 def get_service_namespaced_type(identifier: str) -> Any:
     """Return the `NamespacedType` of a service, also without ``srv``."""
-    return _namespaced(identifier, "srv")
+    return _to_namespaced_type(identifier, "srv")
 
 
 def get_action_namespaced_type(identifier: str) -> Any:
     """Return the `NamespacedType` of an action, also without ``action``."""
-    return _namespaced(identifier, "action")
+    return _to_namespaced_type(identifier, "action")
 
 
 def is_message(interface: Any) -> bool:
@@ -65,14 +65,14 @@ def is_action(interface: Any) -> bool:
     return all(hasattr(interface, name) for name in ("Goal", "Result", "Feedback"))
 
 
-def _required(identifier: str, type_: Any, is_expected: Callable[[Any], bool], kind: str) -> Any:
+def _import_interface(identifier: str, type_: Any, is_expected: Callable[[Any], bool], kind: str) -> Any:
     interface = import_message_from_namespaced_type(type_)
     if not is_expected(interface):
         raise ValueError(f"Expected the full name of {kind}, got '{identifier}'")
     return interface
 
 
-def _namespaced(identifier: str, kind: str | None) -> Any:
+def _to_namespaced_type(identifier: str, kind: str | None) -> Any:
     *namespaces, name = identifier.split("/")
     if len(namespaces) == 1 and kind is not None:
         namespaces.append(kind)

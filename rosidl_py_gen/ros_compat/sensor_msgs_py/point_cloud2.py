@@ -32,7 +32,7 @@ _DATATYPES: dict[int, np.dtype[Any]] = {
     PointField.FLOAT32: np.dtype(np.float32),
     PointField.FLOAT64: np.dtype(np.float64),
 }
-_IS_BIG = sys.byteorder == "big"
+_IS_BIG_ENDIAN = sys.byteorder == "big"
 
 
 def read_points(
@@ -55,7 +55,7 @@ def read_points(
         TypeError: the cloud has fewer bytes than its sizes require.
     """
     assert isinstance(cloud, PointCloud2), f"expected a sensor_msgs.msg.PointCloud2, got {type(cloud).__name__}"
-    points = _all_points(cloud)
+    points = _read_all_points(cloud)
     if field_names is not None:
         names = list(field_names)
         for name in names:
@@ -73,7 +73,7 @@ def read_points(
     return points
 
 
-def _all_points(cloud: PointCloud2) -> Points:
+def _read_all_points(cloud: PointCloud2) -> Points:
     dtype = dtype_from_fields(cloud.fields, point_step=cloud.point_step)
     row = cloud.width * dtype.itemsize
     if cloud.height > 1 and cloud.row_step > row and len(cloud.data) >= cloud.row_step * (cloud.height - 1) + row:
@@ -83,7 +83,7 @@ def _all_points(cloud: PointCloud2) -> Points:
             raise TypeError(str(error)) from None
     else:
         points = np.ndarray(cloud.width * cloud.height, dtype, cloud.data)
-    if bool(cloud.is_bigendian) != _IS_BIG:
+    if bool(cloud.is_bigendian) != _IS_BIG_ENDIAN:
         points = points.byteswap()
     return points
 
@@ -167,7 +167,7 @@ def create_cloud(
         height=height,
         width=width,
         is_dense=False,
-        is_bigendian=_IS_BIG,
+        is_bigendian=_IS_BIG_ENDIAN,
         fields=fields,
         point_step=dtype.itemsize,
         row_step=dtype.itemsize * width,

@@ -56,7 +56,7 @@ from_msg_msg = to_msg_msg
 
 def do_transform_point(point: PointStamped, transform: TransformStamped) -> PointStamped:
     """Transform a point."""
-    x, y, z = _transform(transform).apply((point.point.x, point.point.y, point.point.z)).tolist()
+    x, y, z = _to_transform(transform).apply((point.point.x, point.point.y, point.point.z)).tolist()
     return PointStamped(header=transform.header, point=Point(x=x, y=y, z=z))
 
 
@@ -65,17 +65,17 @@ def do_transform_vector3(vector3: Vector3Stamped, transform: TransformStamped) -
     result = Vector3Stamped(header=transform.header)
     vector = vector3.vector
     result.vector.x, result.vector.y, result.vector.z = (
-        _transform(transform).rotate((vector.x, vector.y, vector.z)).tolist()
+        _to_transform(transform).rotate((vector.x, vector.y, vector.z)).tolist()
     )
     return result
 
 
 def do_transform_pose(pose: Pose, transform: TransformStamped) -> Pose:
     """Transform a pose; w of the resulting orientation is not negative."""
-    change, position, result = _transform(transform), pose.position, Pose()
+    change, position, result = _to_transform(transform), pose.position, Pose()
     x, y, z = change.apply((position.x, position.y, position.z)).tolist()
     result.position.x, result.position.y, result.position.z = x, y, z
-    rotation = quaternion_to_matrix(change.rotation) @ quaternion_to_matrix(_rotation(pose.orientation))
+    rotation = quaternion_to_matrix(change.rotation) @ quaternion_to_matrix(_quaternion_or_identity(pose.orientation))
     new = result.orientation
     new.x, new.y, new.z, new.w = matrix_to_quaternion(rotation).tolist()
     return result
@@ -100,25 +100,27 @@ def do_transform_polygon_stamped(polygon: PolygonStamped, transform: TransformSt
     """Transform a polygon."""
     points = np.array([(point.x, point.y, point.z) for point in polygon.polygon.points]).reshape(-1, 3)
     result = PolygonStamped(header=transform.header)
-    result.polygon.points = [Point32(x=x, y=y, z=z) for x, y, z in _transform(transform).apply(points).tolist()]
+    result.polygon.points = [Point32(x=x, y=y, z=z) for x, y, z in _to_transform(transform).apply(points).tolist()]
     return result
 
 
 def transform_covariance(cov_in: Any, transform: TransformStamped) -> Any:
     """Transform the 36 numbers of a covariance of position and angles."""
-    rotation = np.kron(np.eye(2), quaternion_to_matrix(_transform(transform).rotation))
+    rotation = np.kron(np.eye(2), quaternion_to_matrix(_to_transform(transform).rotation))
     result = PoseWithCovarianceStamped()
     result.pose.covariance = (rotation @ np.reshape(cov_in, (6, 6)) @ rotation.T).reshape(36)
     return result.pose.covariance
 
 
-def _transform(stamped: TransformStamped) -> tf.Transform:
+def _to_transform(stamped: TransformStamped) -> tf.Transform:
     move = stamped.transform.translation
     frames = stamped.header.frame_id, stamped.child_frame_id
-    return tf.Transform(*frames, 0, np.array((move.x, move.y, move.z)), _rotation(stamped.transform.rotation))
+    return tf.Transform(
+        *frames, 0, np.array((move.x, move.y, move.z)), _quaternion_or_identity(stamped.transform.rotation)
+    )
 
 
-def _rotation(quaternion: Any) -> Any:
+def _quaternion_or_identity(quaternion: Any) -> Any:
     """Return a quaternion; a zero one, which is not a rotation, becomes the identity."""
     values = np.array((quaternion.x, quaternion.y, quaternion.z, quaternion.w))
     return values if values @ values >= np.finfo(np.float64).eps else np.array((0.0, 0.0, 0.0, 1.0))

@@ -24,7 +24,7 @@ __all__ = [
     "TransformException",
 ]
 _NS_PER_S = 1_000_000_000
-_SHORTEST_NS = 100_000
+_MIN_SPAN_NS = 100_000
 """Minimum time span for the rate of transforms."""
 
 
@@ -112,14 +112,14 @@ class BufferCore:
 
     def can_transform_core(self, target_frame: str, source_frame: str, time: Any) -> tuple[bool, str]:
         """Return True if `lookup_transform_core` would succeed, and the reason why not."""
-        return _can(lambda: self.lookup_transform_core(target_frame, source_frame, time))
+        return _check_lookup(lambda: self.lookup_transform_core(target_frame, source_frame, time))
 
     def can_transform_full_core(
         self, target_frame: str, target_time: Any, source_frame: str, source_time: Any, fixed_frame: str
     ) -> tuple[bool, str]:
         """Return True if `lookup_transform_full_core` would succeed, and the reason why not."""
         arguments = target_frame, target_time, source_frame, source_time, fixed_frame
-        return _can(lambda: self.lookup_transform_full_core(*arguments))
+        return _check_lookup(lambda: self.lookup_transform_full_core(*arguments))
 
     def get_latest_common_time(self, target_frame: str, source_frame: str) -> Time:
         """Return the latest time at which the transform is known; raise as `lookup_transform_core`."""
@@ -166,7 +166,7 @@ class BufferCore:
                 f"{name}: ",
                 f"  parent: '{info.parent}'",
                 f"  broadcaster: '{self._rosidl_authorities.get(name, 'no recorded authority')}'",
-                f"  rate: {info.count * _NS_PER_S / max(newest - oldest, _SHORTEST_NS):.3f}",
+                f"  rate: {info.count * _NS_PER_S / max(newest - oldest, _MIN_SPAN_NS):.3f}",
                 f"  most_recent_transform: {newest / _NS_PER_S:.6f}",
                 f"  oldest_transform: {oldest / _NS_PER_S:.6f}",
                 f"  buffer_length: {(newest - oldest) / _NS_PER_S:.3f}",
@@ -185,7 +185,7 @@ class BufferCore:
         return [*self._rosidl_buffer.frames()]
 
 
-def _can(look_up: Callable[[], object]) -> tuple[bool, str]:
+def _check_lookup(look_up: Callable[[], object]) -> tuple[bool, str]:
     """Return True if the function raises no TransformException, and the text of the exception."""
     try:
         look_up()
@@ -201,10 +201,10 @@ def _tf2_errors() -> Iterator[None]:
         yield
     except (tf.TransformError, tf.InvalidTransformError) as error:
         kind = next(kind for base, kind in _EXCEPTIONS if isinstance(error, base))
-        raise kind(_text(error)) from None
+        raise kind(_error_text(error)) from None
 
 
-def _text(error: tf.TransformError | tf.InvalidTransformError) -> str:
+def _error_text(error: tf.TransformError | tf.InvalidTransformError) -> str:
     """Return the error's text; that of an extrapolation begins as in tf2, for which programs search."""
     if not isinstance(error, tf.ExtrapolationError):
         return str(error)

@@ -37,12 +37,12 @@ class Buffer(BufferCore, BufferInterface):
         self._rosidl_condition = threading.Condition()
         self._new_data_callbacks: list[Callable[[], None]] = []
         if node is not None:
-            self.srv = node.create_service(FrameGraph, "tf2_frames", self._rosidl_frames)
+            self.srv = node.create_service(FrameGraph, "tf2_frames", self._rosidl_on_frame_graph_request)
         self.clock = Clock() if node is None else node.get_clock()
         threshold = JumpThreshold(min_forward=None, min_backward=Duration(seconds=-1), on_clock_change=True)
         self.jump_handle = self.clock.create_jump_callback(threshold, post_callback=self.time_jump_callback)
 
-    def _rosidl_frames(self, request: Any, response: Any) -> Any:
+    def _rosidl_on_frame_graph_request(self, request: Any, response: Any) -> Any:
         return FrameGraph.Response(frame_yaml=self.all_frames_as_yaml())
 
     def time_jump_callback(self, time_jump: TimeJump) -> None:
@@ -148,28 +148,28 @@ class Buffer(BufferCore, BufferInterface):
     ) -> Future[Any]:
         """Return a future of the transform between two times."""
         arguments = target_frame, target_time, source_frame, source_time, fixed_frame
-        can, look_up = self.can_transform_full_core, self.lookup_transform_full_core
-        return self._rosidl_future(partial(can, *arguments), partial(look_up, *arguments))
+        can_transform, look_up = self.can_transform_full_core, self.lookup_transform_full_core
+        return self._rosidl_future(partial(can_transform, *arguments), partial(look_up, *arguments))
 
-    def _rosidl_future(self, can: Callable[[], tuple[bool, str]], look_up: Callable[[], Any]) -> Future[Any]:
+    def _rosidl_future(self, can_transform: Callable[[], tuple[bool, str]], look_up: Callable[[], Any]) -> Future[Any]:
         future: Future[Any] = Future()
 
         def try_lookup() -> None:
             if future.done() or future.cancelled():
                 return
             try:
-                if can()[0]:
+                if can_transform()[0]:
                     future.set_result(look_up())
             except Exception as error:
                 future.set_exception(error)
 
-        def forget(_: Future[Any]) -> None:
+        def remove_callback(_: Future[Any]) -> None:
             with self._rosidl_condition:
                 if try_lookup in self._new_data_callbacks:
                     self._new_data_callbacks.remove(try_lookup)
 
         with self._rosidl_condition:
             self._new_data_callbacks.append(try_lookup)
-        future.add_done_callback(forget)
+        future.add_done_callback(remove_callback)
         try_lookup()
         return future

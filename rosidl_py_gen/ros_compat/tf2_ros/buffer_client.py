@@ -22,12 +22,12 @@ from tf2_py import (
     LookupException,
     TimeoutException,
     TransformException,
-    _can,
+    _check_lookup,
 )
 
 from tf2_ros.buffer_interface import NO_TIME, BufferInterface
 
-_PADDING = Duration(seconds=2.0)
+_DEFAULT_TIMEOUT_PADDING = Duration(seconds=2.0)
 _MAX_TEXT = 2000
 """Maximum number of characters of a server's error text; those of tf2 have about 200."""
 _ERRORS = {
@@ -49,7 +49,7 @@ class BufferClient(BufferInterface):
     """
 
     def __init__(
-        self, node: Node, ns: str, check_frequency: float = 10.0, timeout_padding: Duration = _PADDING
+        self, node: Node, ns: str, check_frequency: float = 10.0, timeout_padding: Duration = _DEFAULT_TIMEOUT_PADDING
     ) -> None:
         super().__init__()
         self.node = node
@@ -89,7 +89,7 @@ class BufferClient(BufferInterface):
 
     def can_transform(self, target_frame: str, source_frame: str, time: Time, timeout: Duration = NO_TIME) -> bool:
         """Return True if `lookup_transform` succeeds."""
-        return _can(lambda: self.lookup_transform(target_frame, source_frame, time, timeout))[0]
+        return _check_lookup(lambda: self.lookup_transform(target_frame, source_frame, time, timeout))[0]
 
     def can_transform_full(
         self,
@@ -102,7 +102,7 @@ class BufferClient(BufferInterface):
     ) -> bool:
         """Return True if `lookup_transform_full` succeeds."""
         arguments = target_frame, target_time, source_frame, source_time, fixed_frame
-        return _can(lambda: self.lookup_transform_full(*arguments, timeout))[0]
+        return _check_lookup(lambda: self.lookup_transform_full(*arguments, timeout))[0]
 
     def destroy(self) -> None:
         """Destroy the action client."""
@@ -111,21 +111,21 @@ class BufferClient(BufferInterface):
     def _rosidl_request(self, goal: Any, timeout: Duration) -> Any:
         if not self.action_client.server_is_ready():
             raise TimeoutException("The BufferServer is not ready.")
-        sent = self.action_client.send_goal_async(goal)
-        if not _wait_for(sent, (timeout.nanoseconds + self.timeout_padding.nanoseconds) / 1e9):
+        goal_future = self.action_client.send_goal_async(goal)
+        if not _wait_for_future(goal_future, (timeout.nanoseconds + self.timeout_padding.nanoseconds) / 1e9):
             raise TimeoutException("the BufferServer did not reply to the goal in time")
-        handle: Any = sent.result()
+        handle: Any = goal_future.result()
         if not handle.accepted:
             raise TimeoutException("the BufferServer did not accept the goal")
         future = handle.get_result_async()
-        _wait_for(future, None)
+        _wait_for_future(future, None)
         result: Any = future.result().result
         if result.error.error != TF2Error.NO_ERROR:
             raise _ERRORS.get(result.error.error, TransformException)(result.error.error_string[:_MAX_TEXT])
         return result.transform
 
 
-def _wait_for(future: Future[Any], seconds: float | None) -> bool:
+def _wait_for_future(future: Future[Any], seconds: float | None) -> bool:
     event = threading.Event()
     future.add_done_callback(lambda _: event.set())
     return event.wait(seconds)

@@ -122,7 +122,7 @@ class TransformRegistration:
 
     def get(self, key: Any) -> Callable[[Any, Any], Any]:
         """Return the function of a type; raise `TypeException` if there is none."""
-        return _registered(self._types, key)
+        return _get_registered(self._types, key)
 
 
 class ConvertRegistration:
@@ -146,15 +146,15 @@ class ConvertRegistration:
 
     def get_from_msg(self, key: Any) -> Callable[[Any], Any]:
         """Return a registered function; raise `TypeException` if there is none."""
-        return _registered(self._from_msg, key)
+        return _get_registered(self._from_msg, key)
 
     def get_to_msg(self, key: Any) -> Callable[[Any], Any]:
         """Return a registered function; raise `TypeException` if there is none."""
-        return _registered(self._to_msg, key)
+        return _get_registered(self._to_msg, key)
 
     def get_convert(self, key: Any) -> Callable[[Any], Any]:
         """Return a registered function; raise `TypeException` if there is none."""
-        return _registered(self._convert, key)
+        return _get_registered(self._convert, key)
 
 
 def convert(a: Any, b_type: Any) -> Any:
@@ -165,16 +165,16 @@ def convert(a: Any, b_type: Any) -> Any:
     """
     registration = ConvertRegistration()
     try:
-        direct = registration.get_convert((type(a), b_type))
+        conversion = registration.get_convert((type(a), b_type))
     except TypeException:
         if type(a) is b_type:
             return deepcopy(a)
         to_message, from_message = registration.get_to_msg(type(a)), registration.get_from_msg(b_type)
         return from_message(to_message(a))
-    return direct(a)
+    return conversion(a)
 
 
-def _registered(table: dict[Any, Callable[..., Any]], key: Any) -> Callable[..., Any]:
+def _get_registered(table: dict[Any, Callable[..., Any]], key: Any) -> Callable[..., Any]:
     if key not in table:
         raise TypeException(f"Type {key} is not loaded or supported")
     return table[key]

@@ -45,11 +45,11 @@ def do_transform_cloud(cloud: PointCloud2, transform: Transform | TransformStamp
     names = {field.name for field in cloud.fields}
     assert {"x", "y", "z"} <= names, f"the cloud must have the fields x, y and z, got {sorted(names)}"
     points = read_points(cloud)
-    moved = transform_points(structured_to_unstructured(points[["x", "y", "z"]]), transform)
+    transformed = transform_points(structured_to_unstructured(points[["x", "y", "z"]]), transform)
     if names == {"x", "y", "z"}:
-        return create_cloud(header, cloud.fields, moved)
+        return create_cloud(header, cloud.fields, transformed)
     points = points.copy()
-    for column, name in zip(moved.T, "xyz", strict=True):
+    for column, name in zip(transformed.T, "xyz", strict=True):
         points[name] = column
     return create_cloud(header, cloud.fields, points, cloud.point_step)
 

@@ -14,7 +14,7 @@ from rosidl_py_gen.base.resources import missing_extra_message
 try:
     # The private module has the functions that the public ones leave out; therefore the extra excludes the next minor
     # version of transforms3d. With numpy 2, some of its functions take arrays of float64 only.
-    from transforms3d import _gohlketransforms as _more
+    from transforms3d import _gohlketransforms as _gohlke
     from transforms3d import affines, axangles, euler, quaternions, reflections, shears, zooms
 except ModuleNotFoundError as missing:
     raise missing_extra_message(missing) or missing from None
@@ -25,22 +25,22 @@ TRANSLATION_IDENTITY = [0.0, 0.0, 0.0]
 ROTATION_IDENTITY = np.identity(3, dtype=np.float64)
 ZOOM_IDENTITY = [1.0, 1.0, 1.0]
 SHEAR_IDENTITY = TRANSLATION_IDENTITY
-_AXES2TUPLE = _more._AXES2TUPLE
-_EPS = _more._EPS
-_NEXT_AXIS = _more._NEXT_AXIS
-_TUPLE2AXES = _more._TUPLE2AXES
-arcball_constrain_to_axis = _more.arcball_constrain_to_axis
-arcball_map_to_sphere = _more.arcball_map_to_sphere
-clip_matrix = _more.clip_matrix
-concatenate_matrices = _more.concatenate_matrices
-inverse_matrix = _more.inverse_matrix
-is_same_transform = _more.is_same_transform
-orthogonalization_matrix = _more.orthogonalization_matrix
-quaternion_slerp = _more.quaternion_slerp
-random_rotation_matrix = _more.random_rotation_matrix
-random_vector = _more.random_vector
-unit_vector = _more.unit_vector
-vector_norm = _more.vector_norm
+_AXES2TUPLE = _gohlke._AXES2TUPLE
+_EPS = _gohlke._EPS
+_NEXT_AXIS = _gohlke._NEXT_AXIS
+_TUPLE2AXES = _gohlke._TUPLE2AXES
+arcball_constrain_to_axis = _gohlke.arcball_constrain_to_axis
+arcball_map_to_sphere = _gohlke.arcball_map_to_sphere
+clip_matrix = _gohlke.clip_matrix
+concatenate_matrices = _gohlke.concatenate_matrices
+inverse_matrix = _gohlke.inverse_matrix
+is_same_transform = _gohlke.is_same_transform
+orthogonalization_matrix = _gohlke.orthogonalization_matrix
+quaternion_slerp = _gohlke.quaternion_slerp
+random_rotation_matrix = _gohlke.random_rotation_matrix
+random_vector = _gohlke.random_vector
+unit_vector = _gohlke.unit_vector
+vector_norm = _gohlke.vector_norm
 
 
 def _array(values: Any) -> Any:
@@ -127,12 +127,12 @@ def projection_matrix(
 
     With `pseudo`, a perspective projection keeps relative depths.
     """
-    return _more.projection_matrix(_array(point), _array(normal), _array(direction), _array(perspective), pseudo)
+    return _gohlke.projection_matrix(_array(point), _array(normal), _array(direction), _array(perspective), pseudo)
 
 
 def projection_from_matrix(matrix: Any, pseudo: bool = False) -> tuple[Any, Any, Any, Any, bool]:
     """Return the arguments of `projection_matrix`; raise ValueError for a matrix that does not project."""
-    point, normal, direction, perspective, pseudo = _more.projection_from_matrix(_array(matrix), pseudo)
+    point, normal, direction, perspective, pseudo = _gohlke.projection_from_matrix(_array(matrix), pseudo)
     return point, normal, direction, perspective, pseudo
 
 
@@ -159,7 +159,7 @@ def superimposition_matrix(v0: Any, v1: Any, scaling: bool = False, usesvd: bool
 
     Points are arrays of shape (3, n) or (4, n) with n at least 3; other shapes raise ValueError.
     """
-    return _more.superimposition_matrix(_array(v0), _array(v1), scaling, usesvd)
+    return _gohlke.superimposition_matrix(_array(v0), _array(v1), scaling, usesvd)
 
 
 def euler_matrix(ai: float, aj: float, ak: float, axes: Any = "sxyz") -> Any:
@@ -215,10 +215,10 @@ def quaternion_inverse(quaternion: Any) -> Any:
 
 def random_quaternion(rand: Any = None) -> Any:
     """Return a random rotation, uniformly distributed; `rand` are three numbers from 0 to 1."""
-    return np.roll(_more.random_quaternion(rand), -1)
+    return np.roll(_gohlke.random_quaternion(rand), -1)
 
 
-class Arcball(_more.Arcball):  # type: ignore[misc]
+class Arcball(_gohlke.Arcball):  # type: ignore[misc]
     """Virtual trackball control; `initial` is a quaternion or a 4 x 4 matrix."""
 
     def __init__(self, initial: Any = None) -> None:
@@ -237,4 +237,4 @@ class Arcball(_more.Arcball):  # type: ignore[misc]
 
 def arcball_nearest_axis(point: Any, axes: Any) -> Any:
     """Return the axis whose arc is nearest to a point."""
-    return _more.arcball_nearest_axis(_array(point), axes)
+    return _gohlke.arcball_nearest_axis(_array(point), axes)

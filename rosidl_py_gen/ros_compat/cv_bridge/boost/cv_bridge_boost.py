@@ -20,7 +20,7 @@ Pixels = np.ndarray[Any, np.dtype[Any]]
 DEPTHS = ("8U", "8S", "16U", "16S", "32S", "32F", "64F")
 """Depths in the order of OpenCV's numbers."""
 NUMPY_DEPTHS = ("uint8", "int8", "uint16", "int16", "int32", "float32", "float64")
-_GENERIC = re.compile(r"(8U|8S|16U|16S|32S|32F|64F)(?:C([0-9]+))?")
+_GENERIC_ENCODING = re.compile(r"(8U|8S|16U|16S|32S|32F|64F)(?:C([0-9]+))?")
 _CHANNELS = {"mono": 1, "rgb": 3, "bgr": 3, "rgba": 4, "bgra": 4}
 _CHANNELS.update({f"bayer_{order}": 1 for order in ("rggb", "bggr", "gbrg", "grbg")})
 _PACKED = {"yuv422": 1, "uyvy": 1, "yuv422_yuy2": 0, "yuyv": 0}
@@ -43,7 +43,7 @@ def _parse(encoding: Any) -> _Encoding:
             return _Encoding(f"{bits}U", _CHANNELS[family], family)
     if encoding in _PACKED:
         return _Encoding("8U", 2, encoding)
-    match = _GENERIC.fullmatch(encoding)
+    match = _GENERIC_ENCODING.fullmatch(encoding)
     if match is None or not 0 < int(match[2] or 1) <= 512:
         raise RuntimeError(f"Unrecognized image encoding [{encoding:.50}]")
     return _Encoding(match[1], int(match[2] or 1), None)
@@ -58,7 +58,7 @@ def opencv() -> Any:
         return None
 
 
-def _shift() -> int:
+def _depth_bits() -> int:
     """Return the number of bits of the depth in a type: 3, or 5 from OpenCV 5 on."""
     cv2 = opencv()
     return 3 if cv2 is None else int(cv2.CV_8UC2).bit_length() - 1
@@ -66,18 +66,18 @@ def _shift() -> int:
 
 def getCvType(encoding: str) -> int:
     """Return OpenCV's number for depth and channels of an encoding."""
-    parsed = _parse(encoding)
-    return DEPTHS.index(parsed.depth) | (parsed.channels - 1) << _shift()
+    parsed_encoding = _parse(encoding)
+    return DEPTHS.index(parsed_encoding.depth) | (parsed_encoding.channels - 1) << _depth_bits()
 
 
 def CV_MAT_CNWrap(i: int) -> int:
     """Return the number of channels of a type."""
-    return (i >> _shift()) + 1
+    return (i >> _depth_bits()) + 1
 
 
 def CV_MAT_DEPTHWrap(i: int) -> int:
     """Return the depth of a type."""
-    return i & (1 << _shift()) - 1
+    return i & (1 << _depth_bits()) - 1
 
 
 def cvtColor2(image: Any, encoding_in: str, encoding_out: str) -> Pixels:
