@@ -143,7 +143,7 @@ def rclpy_logging_set_logger_level(name: str, level: int, detailed_error: bool =
     if name or level:
         runtime.set_logger_level(name, int(level))
     else:
-        runtime.get_logger("").setLevel(1)  # 0 would be that of Python's root logger
+        runtime.get_logger("").setLevel(1)  # 0 would inherit the level of Python's root logger
 
 
 def rclpy_logging_get_logger_effective_level(name: str, /) -> int:

@@ -1,4 +1,4 @@
-"""The step of an executor for a ready entity: take one item, and call its callback."""
+"""Execution of a ready entity by an executor: one item is taken, and the callback called with it."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def execute_entity(executor: Executor, entity: Any, is_shutdown: bool) -> Corout
             call = None
         finally:
             entity._executor_event = False
-            if type(group) is not MutuallyExclusiveCallbackGroup:  # such a group runs nothing before the end
+            if type(group) is not MutuallyExclusiveCallbackGroup:  # such a group runs no other callback before the end
                 executor.wake()
         if call is None:
             return None

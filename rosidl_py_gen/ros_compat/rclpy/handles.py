@@ -204,7 +204,7 @@ class Handle(Destroyable, Generic[C]):
         self._kind = kind
         self._node = parent if isinstance(parent, Handle) else None
 
-    def handle_of(self, entity: Any, kind: int) -> Handle[Any]:
+    def create_endpoint_handle(self, entity: Any, kind: int) -> Handle[Any]:
         """Return the handle of an endpoint of this node, which the endpoint notifies of arrivals."""
         handle: Handle[Any] = Handle(self.context, entity, self, logger_name=self.logger_name, kind=kind)
         if hasattr(entity, "on_ready"):

@@ -49,7 +49,7 @@ from rclpy.executors import Executor as Executor
 from rclpy.expand_topic_name import expand_topic_name as expand_topic_name
 from rclpy.guard_condition import GuardCondition as GuardCondition
 from rclpy.handles import Handle
-from rclpy.impl._fields import valid_or
+from rclpy.impl._fields import value_or_default
 from rclpy.logging import get_logger as get_logger
 from rclpy.logging_service import LoggingService as LoggingService
 from rclpy.node_entities import NodeEntities
@@ -187,7 +187,7 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
 
     @property
     def context(self) -> Context:
-        return valid_or(self._context, Context, self._rosidl_context)
+        return value_or_default(self._context, Context, self._rosidl_context)
 
     @property
     def handle(self) -> Handle[runtime.Node]:
@@ -218,7 +218,7 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
         return clock if hasattr(clock, "now") else self._rosidl_clock
 
     def _rosidl_own_clock(self) -> Clock:
-        return valid_or(self._clock, Clock, self._rosidl_clock)
+        return value_or_default(self._clock, Clock, self._rosidl_clock)
 
     def get_logger(self) -> RcutilsLogger:
         """Return the logger with the node's name."""

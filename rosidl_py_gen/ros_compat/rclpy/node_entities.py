@@ -15,7 +15,7 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.exceptions import InvalidHandle
 from rclpy.guard_condition import GuardCondition
 from rclpy.handles import ContextHandle, Handle
-from rclpy.impl._fields import valid_or
+from rclpy.impl._fields import value_or_default
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, qos_profile_services_default
 from rclpy.qos_overriding_options import QoSOverridingOptions, _declare_qos_parameters
@@ -48,8 +48,8 @@ class NodeEntities:
         def _rosidl_resolve_name(self, name: str, only_expand: bool = False, *, is_service: bool) -> str: ...
 
     def _rosidl_init_entities(self) -> None:
-        # Some programs read rclpy's private attributes (`_timers`), others use their names for attributes of their own.
-        # So each is set next to one of ours, which is the one that is used.
+        # Some programs read rclpy's private attributes (`_timers`), others store values of other types in them. So each
+        # list has two attributes; the code here uses `_rosidl_timers` and so on.
         self._rosidl_publishers: list[Publisher] = []
         self._rosidl_subscriptions: list[Subscription] = []
         self._rosidl_clients: list[Client] = []
@@ -108,7 +108,7 @@ class NodeEntities:
     @property
     def default_callback_group(self) -> CallbackGroup:
         """Group of the entities that are created without a group: it runs one callback at a time."""
-        return valid_or(self._default_callback_group, CallbackGroup, self._rosidl_group)
+        return value_or_default(self._default_callback_group, CallbackGroup, self._rosidl_group)
 
     @staticmethod
     def _rosidl_to_profile(qos_or_depth: QoSProfile | int) -> QoSProfile:
@@ -137,7 +137,7 @@ class NodeEntities:
         return entity
 
     def _rosidl_lists_of_kind(self, kind: str) -> list[list[Any]]:
-        """Return our list of entities, and the list with which the program replaced rclpy's."""
+        """Return the list of entities, and the list that the program has stored in rclpy's attribute instead."""
         own_list, program_list = getattr(self, f"_rosidl_{kind}"), getattr(self, f"_{kind}", None)
         if isinstance(program_list, list) and program_list is not own_list:
             return [own_list, program_list]
@@ -197,7 +197,7 @@ class NodeEntities:
     def _rosidl_create_with_events(self, create: Callable[[], Any], queues: dict[int, deque[Any]]) -> Handle[Any]:
         try:
             with self.handle.context.creation_lock:
-                handle = self.handle.handle_of(create(), SUBSCRIPTIONS)
+                handle = self.handle.create_endpoint_handle(create(), SUBSCRIPTIONS)
         except runtime.UnsupportedEventError as error:
             raise UnsupportedEventTypeError(str(error)) from error
         handle.events = queues
@@ -269,7 +269,7 @@ class NodeEntities:
         self._rosidl_resolve_name(srv_name, is_service=True)
         with self.handle:
             _, node = self._rosidl_require_ok()
-            handle = self.handle.handle_of(
+            handle = self.handle.create_endpoint_handle(
                 node.create_client(srv_type, srv_name, qos_profile.get_c_qos_profile()), CLIENTS
             )
         client = Client(self.context, handle, srv_type, srv_name, qos_profile, group)
@@ -295,7 +295,7 @@ class NodeEntities:
         with self.handle:
             _, node = self._rosidl_require_ok()
             entity = node.create_service(srv_type, srv_name, None, qos_profile.get_c_qos_profile())
-            handle = self.handle.handle_of(entity, SERVICES)
+            handle = self.handle.create_endpoint_handle(entity, SERVICES)
         service = Service(handle, srv_type, srv_name, callback, group, qos_profile)
         return self._rosidl_register(service, group, "services")
 
@@ -337,7 +337,7 @@ class NodeEntities:
         """
         if frequency <= 0:
             raise ValueError("frequency must be > 0")
-        group = valid_or(self._rate_group, CallbackGroup, self._rosidl_rate_group)
+        group = value_or_default(self._rate_group, CallbackGroup, self._rosidl_rate_group)
         return Rate(self.create_timer(1.0 / frequency, None, group, clock), context=self.context)
 
     def add_waitable(self, waitable: Waitable) -> None:

@@ -22,8 +22,8 @@ from rclpy.exceptions import (
     ParameterNotDeclaredException,
     ParameterUninitializedException,
 )
-from rclpy.impl._fields import valid_or
-from rclpy.impl.parameter_rules import initial_value, read_declaration, refusal_reason
+from rclpy.impl._fields import value_or_default
+from rclpy.impl.parameter_rules import read_declaration, refusal_reason, to_rclpy_value
 from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter
 from rclpy.qos import qos_profile_parameter_events
 from rclpy.type_description_service import START_TYPE_DESCRIPTION_SERVICE_PARAM
@@ -78,7 +78,7 @@ class NodeParameters:
         if initial_parameters[START_TYPE_DESCRIPTION_SERVICE_PARAM].value.value is True:
             del initial_parameters[START_TYPE_DESCRIPTION_SERVICE_PARAM]  # the runtime declares it for its own service
         overrides = {
-            name: Parameter(name, value=initial_value(info.value.value)) for name, info in initial_parameters.items()
+            name: Parameter(name, value=to_rclpy_value(info.value.value)) for name, info in initial_parameters.items()
         }
         overrides |= {parameter.name: parameter for parameter in program_overrides or ()}
         self._rosidl_overrides = self._parameter_overrides = overrides
@@ -87,7 +87,7 @@ class NodeParameters:
             self.declare_parameters("", initial, ignore_override=True)
 
     def _rosidl_allows_undeclared(self) -> bool:
-        return valid_or(self._allow_undeclared_parameters, bool, self._rosidl_allow_undeclared)
+        return value_or_default(self._allow_undeclared_parameters, bool, self._rosidl_allow_undeclared)
 
     def declare_parameter(
         self, name: str, value: Any = None, descriptor: Any = None, ignore_override: bool = False
@@ -123,7 +123,7 @@ class NodeParameters:
         """
         requested: list[Parameter] = []
         descriptors: dict[str, Any] = {}
-        overrides: dict[str, Parameter] = valid_or(self._parameter_overrides, dict, self._rosidl_overrides)
+        overrides: dict[str, Parameter] = value_or_default(self._parameter_overrides, dict, self._rosidl_overrides)
         for index, declaration in enumerate(parameters):
             name, value, descriptor = read_declaration(namespace, index, declaration)
             if not ignore_override and name in overrides:

@@ -75,7 +75,7 @@ class ClientGoalHandle:
 
     def cancel_goal(self) -> Any:
         """Call `cancel_goal_async` and wait for the response, while an executor in another thread receives it."""
-        return _result_of(self.cancel_goal_async())
+        return _wait_for_result(self.cancel_goal_async())
 
     def cancel_goal_async(self) -> Future[Any]:
         """Request the cancellation; return a future of the action_msgs/CancelGoal response."""
@@ -83,17 +83,17 @@ class ClientGoalHandle:
 
     def get_result(self) -> Any:
         """Call `get_result_async` and wait for the response, while an executor in another thread receives it."""
-        return _result_of(self.get_result_async())
+        return _wait_for_result(self.get_result_async())
 
     def get_result_async(self) -> Future[Any]:
         """Return a future of the response with `status` and `result`, which is set when the goal ends."""
         return self._action_client._get_result_async(self)
 
 
-def _result_of(future: Future[Any]) -> Any:
-    done = threading.Event()
-    future.add_done_callback(lambda _: done.set())
-    done.wait()
+def _wait_for_result(future: Future[Any]) -> Any:
+    done_event = threading.Event()
+    future.add_done_callback(lambda _: done_event.set())
+    done_event.wait()
     return future.result()
 
 
@@ -255,7 +255,7 @@ class ActionClient(ActionWaitable):
 
     def send_goal(self, goal: Any, **kwargs: Any) -> Any:
         """Send a goal and wait for its result, while an executor in another thread receives it."""
-        return _result_of(self._get_result_async(_result_of(self.send_goal_async(goal, **kwargs))))
+        return _wait_for_result(self._get_result_async(_wait_for_result(self.send_goal_async(goal, **kwargs))))
 
     def send_goal_async(
         self, goal: Any, feedback_callback: Callable[[Any], Any] | None = None, goal_uuid: Any = None

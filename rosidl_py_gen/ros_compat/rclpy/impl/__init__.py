@@ -1,1 +1,1 @@
-"""Inner parts of rclpy that programs import all the same."""
+"""Internal modules of rclpy; some programs import them."""

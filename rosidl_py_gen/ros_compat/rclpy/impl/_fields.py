@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar, overload
 _T = TypeVar("_T")
 
 
-def valid_or(value: object, kind: type[_T], default: _T) -> _T:
+def value_or_default(value: object, kind: type[_T], default: _T) -> _T:
     """Return the value of an attribute, or `default` if the program replaced it by another type."""
     return value if isinstance(value, kind) else default
 

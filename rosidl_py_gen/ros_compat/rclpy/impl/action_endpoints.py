@@ -45,8 +45,8 @@ class ActionEndpoints(Destroyable):
         return self._create_with_arrival_hook(self._node.create_subscription, msg_type, name, qos.get_c_qos_profile())
 
     def _create(self, create: Callable[..., Any], *args: Any) -> Any:
-        type_, name, *rest = args
-        endpoint = create(type_, f"{self._name}/_action/{name}", *rest)
+        type_, name, *other_args = args
+        endpoint = create(type_, f"{self._name}/_action/{name}", *other_args)
         self._endpoints.append(endpoint)
         return endpoint
 

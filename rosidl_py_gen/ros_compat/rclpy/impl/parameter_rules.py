@@ -71,7 +71,7 @@ def read_declaration(namespace: str, index: int, declaration: tuple[Any, ...]) -
     return name, value, descriptor
 
 
-def initial_value(value: Any) -> Any:
+def to_rclpy_value(value: Any) -> Any:
     """Return an initial value with arrays as lists, and bytes (``!!binary``) as a list of single bytes."""
     items = [bytes([byte]) for byte in value] if isinstance(value, bytes) else value
     return list(items) if isinstance(items, (tuple, list)) else items

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen import runtime
 
 TransitionCallbackReturn = TransitionCallbackReturnType
-_ids = lifecycle_msgs.msg.Transition
+_Transition = lifecycle_msgs.msg.Transition
 _CALLBACKS = {
     "configuring": "on_configure",
     "cleaningup": "on_cleanup",
@@ -54,7 +54,7 @@ class LifecycleNodeMixin(ManagedEntity):
         self, *, enable_communication_interface: bool = True, callback_group: CallbackGroup | None = None
     ) -> None:
         node = self._rosidl_as_node()
-        # Programs read some private attributes of rclpy, and others replace them: ours have names of their own.
+        # Some programs read private attributes of rclpy, others replace them: the code here uses `_rosidl_…` only.
         self._rosidl_callbacks = {state: getattr(self, method) for state, method in _CALLBACKS.items()}
         self._rosidl_entities: set[ManagedEntity] = set()
         self._rosidl_machine = LifecycleStateMachine(self._rosidl_publish_transition)
@@ -87,26 +87,26 @@ class LifecycleNodeMixin(ManagedEntity):
 
     def trigger_configure(self) -> TransitionCallbackReturn:
         """Change from unconfigured to inactive, as `on_configure` decides; raise RCLError in other states."""
-        return self._rosidl_change_state(_ids.TRANSITION_CONFIGURE)
+        return self._rosidl_change_state(_Transition.TRANSITION_CONFIGURE)
 
     def trigger_cleanup(self) -> TransitionCallbackReturn:
         """Change from inactive to unconfigured."""
-        return self._rosidl_change_state(_ids.TRANSITION_CLEANUP)
+        return self._rosidl_change_state(_Transition.TRANSITION_CLEANUP)
 
     def trigger_shutdown(self) -> TransitionCallbackReturn:
         """Change from unconfigured, inactive or active to finalized."""
         name = f"TRANSITION_{self._rosidl_machine.current_state[1].upper()}_SHUTDOWN"
-        if not hasattr(_ids, name):
+        if not hasattr(_Transition, name):
             raise RCLError("Shutdown transtion not possible")  # spelled as in rclpy
-        return self._rosidl_change_state(getattr(_ids, name))
+        return self._rosidl_change_state(getattr(_Transition, name))
 
     def trigger_activate(self) -> TransitionCallbackReturn:
         """Change from inactive to active."""
-        return self._rosidl_change_state(_ids.TRANSITION_ACTIVATE)
+        return self._rosidl_change_state(_Transition.TRANSITION_ACTIVATE)
 
     def trigger_deactivate(self) -> TransitionCallbackReturn:
         """Change from active to inactive."""
-        return self._rosidl_change_state(_ids.TRANSITION_DEACTIVATE)
+        return self._rosidl_change_state(_Transition.TRANSITION_DEACTIVATE)
 
     def _rosidl_change_state(self, transition_id: int) -> TransitionCallbackReturn:
         machine = self._rosidl_machine
