@@ -150,7 +150,7 @@ async def test_create_and_close_a_thousand_times(world: World) -> None:
 
     def topics() -> set[str]:
         endpoints = peer._scope.graph.endpoints.values()
-        ours = {one.channel.name for one in endpoints if one.participant_guid == node.context._core.participant.guid}
+        ours = {one.topic_key.name for one in endpoints if one.participant_guid == node.context._core.participant.guid}
         return {name for name in ours if not name.startswith("/n/")}
 
     def is_at_rest() -> bool:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.transport.api import EndpointSpec
-from rosidl_py_gen.runtime.transport.dds.names import channel_of, wire_name
+from rosidl_py_gen.runtime.transport.dds.names import topic_key_of, wire_name
 from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
 from rosidl_py_gen.runtime.transport.memory import MemoryParticipant
 from rosidl_py_gen.runtime.transport.type_names import ros_type
@@ -37,10 +37,15 @@ def reply_name(name: str) -> str:
 
 def spec(topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "", **more: Any) -> EndpointSpec:
     """``rt/chatter`` is a topic; the halves of services, which a specification has no words for, are bare."""
-    channel = channel_of(topic)
-    is_topic = channel.kind == "topic"
+    topic_key = topic_key_of(topic)
+    is_topic = topic_key.kind == "topic"
     return EndpointSpec(
-        channel.name if is_topic else topic, type, qos, type_hash, avoid_ros_namespace_conventions=not is_topic, **more
+        topic_key.name if is_topic else topic,
+        type,
+        qos,
+        type_hash,
+        avoid_ros_namespace_conventions=not is_topic,
+        **more,
     )
 
 
@@ -48,7 +53,7 @@ def reader(node: Any, topic: str, type: str, qos: QoSProfile = DEEP, type_hash: 
     participant = node._scope.participant
     made: Reader
     if isinstance(participant, MemoryParticipant):
-        made = participant.make_reader(channel_of(topic), ros_type(type), type_hash, qos=qos)
+        made = participant.make_reader(topic_key_of(topic), ros_type(type), type_hash, qos=qos)
     else:
         made = participant.create_reader(spec(topic, type, qos, type_hash, node=node._scope.number))
     return made
@@ -58,7 +63,7 @@ def writer(node: Any, topic: str, type: str, qos: QoSProfile = DEEP, type_hash: 
     participant = node._scope.participant
     made: Writer
     if isinstance(participant, MemoryParticipant):
-        made = participant.make_writer(channel_of(topic), ros_type(type), type_hash, qos=qos)
+        made = participant.make_writer(topic_key_of(topic), ros_type(type), type_hash, qos=qos)
     else:
         made = participant.create_writer(spec(topic, type, qos, type_hash, node=node._scope.number))
     return made
@@ -74,4 +79,4 @@ def announce(node: Any, topic: str, type: str, type_hash: str = "", *, is_writer
 def found(guid: bytes, participant: bytes, topic: str, type: str, qos: QoSProfile, **more: Any) -> DiscoveredEndpoint:
     is_writer = not guid[15] & 4
     names = {"wire_name": topic, "wire_type": type}
-    return DiscoveredEndpoint(guid, participant, is_writer, channel_of(topic), ros_type(type), qos, **names, **more)
+    return DiscoveredEndpoint(guid, participant, is_writer, topic_key_of(topic), ros_type(type), qos, **names, **more)

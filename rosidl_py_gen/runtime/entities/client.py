@@ -64,7 +64,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         self._has_direct_callbacks = False
         """True if replies go to functions that may be the user's, not only to futures."""
         window = RequestFlowControl(name, batch_interval_s)
-        self._window = scope.request_windows.setdefault(self._spec.channels[0], window)
+        self._window = scope.request_windows.setdefault(self._spec.topic_keys[0], window)
         self._port.set_sink(self._on_replies)
         self._loss_registration = scope.discovery.on_endpoint_lost.add(self._on_endpoint_lost)
         reader, writer = self._port.endpoints
@@ -120,7 +120,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
     def _why_missing(self, ending: str = "") -> str:
         """Return why no server is connected; `ending` is that of `UnmatchedReasons.why`."""
         reader, writer = self._port.endpoints
-        requests, replies = self._spec.channels
+        requests, replies = self._spec.topic_keys
         why = self._scope.why_unmatched(writer, requests, is_writer=True, ending=ending)
         if not why.is_known:
             why = self._scope.why_unmatched(reader, replies, is_writer=False, ending=ending)

@@ -285,11 +285,11 @@ class EntityScope:
         return True
 
     def why_unmatched(
-        self, guid: bytes, channel: TopicKey, *, is_writer: bool, matched: Collection[bytes] = (), ending: str = ""
+        self, guid: bytes, topic_key: TopicKey, *, is_writer: bool, matched: Collection[bytes] = (), ending: str = ""
     ) -> UnmatchedReason:
         """Return why an endpoint has no other peers than `matched`; see `UnmatchedReasons.why`."""
         self.discovery.refresh()
-        return self.discovery.unmatched.why(guid, channel, is_writer=is_writer, matched=matched, ending=ending)
+        return self.discovery.unmatched.why(guid, topic_key, is_writer=is_writer, matched=matched, ending=ending)
 
     def create_task(self, coroutine: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
         """Run a coroutine as a task that is kept alive, and cancelled when the scope closes."""

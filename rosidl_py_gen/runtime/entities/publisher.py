@@ -57,11 +57,11 @@ class Publisher(Entity, Generic[T]):
         is_bare = qos.avoid_ros_namespace_conventions
         spec = EndpointSpec(topic, self.message_type, qos, message_type.type_hash, scope.number, is_bare)
         scope.discovery.refresh()
-        peers = [endpoint.qos for endpoint in scope.graph.endpoints_on(spec.channel, writers=False)]
+        peers = [endpoint.qos for endpoint in scope.graph.endpoints_on(spec.topic_key, writers=False)]
         self.qos = resolve_best_available(qos, publisher=True, peers=peers)
         """Profile in use; BEST_AVAILABLE is replaced according to the peers known at creation."""
         self._encode = message_type.encode
-        self._channel = spec.channel
+        self._topic_key = spec.topic_key
         self._writer: Writer = scope.participant.create_writer(replace(spec, qos=self.qos))
         self._write = self._writer.write
         scope.set_type_hash_check(mode, self._writer.guid)
@@ -170,7 +170,7 @@ class Publisher(Entity, Generic[T]):
 
     def _why_unmatched(self) -> str:
         matched = self.matched_subscriptions()
-        return self._scope.why_unmatched(self._writer.guid, self._channel, is_writer=True, matched=matched).text
+        return self._scope.why_unmatched(self._writer.guid, self._topic_key, is_writer=True, matched=matched).text
 
     async def wait_for_acknowledged(self, timeout_s: float | None = None) -> Literal[True]:
         """Wait until every reliable subscription has acknowledged all messages.

@@ -110,10 +110,10 @@ class Subscription(PollableEntity, Generic[T]):
             has_buffer=has_unbounded_bytes(message_type),
         )
         scope.discovery.refresh()
-        peers = [endpoint.qos for endpoint in scope.graph.endpoints_on(spec.channel, writers=True)]
+        peers = [endpoint.qos for endpoint in scope.graph.endpoints_on(spec.topic_key, writers=True)]
         self.qos = resolve_best_available(qos, publisher=False, peers=peers)
         """Profile in use; BEST_AVAILABLE is replaced according to the peers known at creation."""
-        self._channel = spec.channel
+        self._topic_key = spec.topic_key
         self._reader: Reader = scope.participant.create_reader(replace(spec, qos=self.qos))
         self._items = self._reader.queue.items
         self._type_hash_filter = TypeHashFilter(scope, mode, self._reader.writer_guid, message_type.type_hash)
@@ -385,14 +385,14 @@ class Subscription(PollableEntity, Generic[T]):
 
     def _why_unmatched(self) -> str:
         matched = self._reader.matched_writers()
-        return self._scope.why_unmatched(self._reader.guid, self._channel, is_writer=False, matched=matched).text
+        return self._scope.why_unmatched(self._reader.guid, self._topic_key, is_writer=False, matched=matched).text
 
     def _why_silent(self) -> str:
         """Return why no message was received."""
         if not (count := self.publisher_count):
             return self._why_unmatched()
         if self.incompatible_dropped and (
-            reason := self._scope.discovery.unmatched.disagreeing(self._reader.guid, self._channel)
+            reason := self._scope.discovery.unmatched.disagreeing(self._reader.guid, self._topic_key)
         ):
             return f"{reason}; {self.incompatible_dropped} messages were dropped"
         silent = f"{pluralize(count, 'publisher')} connected, but sent nothing"

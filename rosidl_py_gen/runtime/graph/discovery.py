@@ -173,11 +173,11 @@ class Discovery:
             kind = IncompatibilityKind.DEFINITION
         return None if kind is None else Incompatibility(kind, writer, reader)
 
-    def mismatches(self, channel: TopicKey) -> Iterator[Mismatch]:
+    def mismatches(self, topic_key: TopicKey) -> Iterator[Mismatch]:
         """Yield all incompatible pairs of discovered endpoints on a topic."""
         info = self.graph.endpoint_info
-        for writer in self.graph.endpoints_on(channel, writers=True):
-            for reader in self.graph.endpoints_on(channel, writers=False):
+        for writer in self.graph.endpoints_on(topic_key, writers=True):
+            for reader in self.graph.endpoints_on(topic_key, writers=False):
                 if result := self.incompatibility(writer, reader):
                     yield Mismatch(info(writer), info(reader), result.mismatch_kind, result.reason)
 
@@ -187,7 +187,7 @@ class Discovery:
         Each pair is reported once. Node names arrive some milliseconds after endpoints, so the warning is delayed. With
         ``type_hash_check="off"``, a different definition is not reported.
         """
-        for other in self.graph.endpoints_on(new.channel, writers=not new.is_writer):
+        for other in self.graph.endpoints_on(new.topic_key, writers=not new.is_writer):
             writer, reader = (new, other) if new.is_writer else (other, new)
             own = [endpoint for endpoint in (writer, reader) if endpoint.participant_guid == self._participant.guid]
             if not own or (writer.guid, reader.guid) in self._reported_pairs:
@@ -207,7 +207,7 @@ class Discovery:
 
     def _is_first_report(self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> bool:
         """Return False if the other topic of the service was reported for the same two participants."""
-        kind, name = writer.channel
+        kind, name = writer.topic_key
         if kind not in ("request", "reply"):
             return True
         first, second = sorted((writer.participant_guid, reader.participant_guid))
@@ -227,11 +227,11 @@ class Discovery:
             own = writer if writer.participant_guid == self._participant.guid else reader
             effect = "messages that may be decoded wrongly" if warning.is_delivered else "no messages"
             names = f"from {self.graph.describe_node(writer)} to {self.graph.describe_node(reader)}"
-            text = f"{effect} on {own.channel.name} {names}: {incompatibility.reason}"
+            text = f"{effect} on {own.topic_key.name} {names}: {incompatibility.reason}"
             if incompatibility.kind is IncompatibilityKind.DEFINITION:
                 text += _STILL_DELIVERED if warning.is_delivered else _ADVICE
             if self.on_incompatible_endpoint is not None:
-                self.on_incompatible_endpoint(text, own.channel.name)
+                self.on_incompatible_endpoint(text, own.topic_key.name)
                 continue
             namespace, node_name = self.graph.node_of(own)
             get_logger(logger_name(fully_qualified_node_name(node_name, namespace))).warning(text)

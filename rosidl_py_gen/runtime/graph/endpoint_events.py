@@ -228,7 +228,7 @@ class EndpointEventPoller:
         own = graph.endpoints.get(self._endpoint.guid)
         if own is None:
             return
-        others = graph.endpoints_on(own.channel, writers=not own.is_writer)
+        others = graph.endpoints_on(own.topic_key, writers=not own.is_writer)
         self._incompatible &= {other.guid for other in others}
         events: dict[str, list[tuple[str, QoSPolicyKind]]] = {}
         for other in others:

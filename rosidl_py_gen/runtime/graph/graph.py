@@ -139,7 +139,7 @@ class Graph:
         self.version = 0
         self.endpoints: dict[bytes, DiscoveredEndpoint] = {}
         self._participants: dict[bytes, _Participant] = {}
-        self._by_channel: defaultdict[TopicKey, dict[bytes, DiscoveredEndpoint]] = defaultdict(dict)
+        self._by_topic_key: defaultdict[TopicKey, dict[bytes, DiscoveredEndpoint]] = defaultdict(dict)
 
     def apply(self, event: DiscoveryEvent) -> DiscoveredEndpoint | None:
         """Apply an event; return the endpoint if it is a new one."""
@@ -152,7 +152,7 @@ class Graph:
             case DiscoveredEndpoint():
                 new_endpoint = None if event.guid in self.endpoints else event
                 self.endpoints[event.guid] = event
-                self._by_channel[event.channel][event.guid] = event
+                self._by_topic_key[event.topic_key][event.guid] = event
             case EntityLost():
                 self._remove(event.guid)
         self.version += 1  # last, because other threads cache what they have read by the version
@@ -161,10 +161,10 @@ class Graph:
     def _remove(self, guid: bytes) -> None:
         endpoint = self.endpoints.pop(guid, None)
         if endpoint is not None:
-            others = self._by_channel[endpoint.channel]
+            others = self._by_topic_key[endpoint.topic_key]
             others.pop(guid, None)
             if not others:
-                del self._by_channel[endpoint.channel]
+                del self._by_topic_key[endpoint.topic_key]
         self._participants.pop(guid, None)
 
     def set_nodes(self, participant_guid: bytes, nodes: Iterable[NodeEntities]) -> None:
@@ -172,9 +172,9 @@ class Graph:
         self._participants.setdefault(participant_guid, _Participant()).nodes = list(nodes)
         self.version += 1
 
-    def endpoints_on(self, channel: TopicKey, *, writers: bool) -> list[DiscoveredEndpoint]:
+    def endpoints_on(self, topic_key: TopicKey, *, writers: bool) -> list[DiscoveredEndpoint]:
         """Return the writers or readers of a topic."""
-        endpoints = self._by_channel.get(channel, {})
+        endpoints = self._by_topic_key.get(topic_key, {})
         return [endpoint for endpoint in list(endpoints.values()) if endpoint.is_writer is writers]
 
     def node_of(self, endpoint: DiscoveredEndpoint) -> tuple[str, str]:
@@ -205,7 +205,7 @@ class Graph:
 
     def names_on(self, kind: str, *, writers: bool) -> list[str]:
         """Return the sorted names of all topics of one kind that have writers, or readers."""
-        keys = [key for key in list(self._by_channel) if key.kind == kind]
+        keys = [key for key in list(self._by_topic_key) if key.kind == kind]
         return sorted(key.name for key in keys if self.endpoints_on(key, writers=writers))
 
     def has_others(self) -> bool:
@@ -237,7 +237,7 @@ class Graph:
         return all(info.nodes for info in participants) and not any(
             self.node_of(endpoint) == UNKNOWN_NODE
             for endpoint in list(self.endpoints.values())
-            if endpoint.channel.kind != "unmangled"  # belongs to the participant itself, or to a program without ROS
+            if endpoint.topic_key.kind != "unmangled"  # belongs to the participant itself, or to a program without ROS
             and participant in (None, endpoint.participant_guid)
         )
 
@@ -313,9 +313,9 @@ class Graph:
         for writers in (True, False):
             for endpoint in self._endpoints_of(name, namespace, writers):
                 if endpoint.type == type_name:
-                    names[endpoint.type_hash].add(endpoint.channel.name)
+                    names[endpoint.type_hash].add(endpoint.topic_key.name)
                 elif endpoint.service_hash and endpoint.service_type == type_name:
-                    names[endpoint.service_hash].add(endpoint.channel.name)
+                    names[endpoint.service_hash].add(endpoint.topic_key.name)
         return dict(names)
 
     def _endpoints_of(self, name: str, namespace: str, writers: bool) -> Iterator[DiscoveredEndpoint]:
@@ -328,15 +328,15 @@ class Graph:
 
 def _topics(endpoints: Iterable[DiscoveredEndpoint]) -> NamesAndTypes:
     return _grouped(
-        (endpoint.channel.name, endpoint.type) for endpoint in endpoints if endpoint.channel.kind == "topic"
+        (endpoint.topic_key.name, endpoint.type) for endpoint in endpoints if endpoint.topic_key.kind == "topic"
     )
 
 
 def _services(endpoints: Iterable[DiscoveredEndpoint], *kinds: str) -> NamesAndTypes:
     return _grouped(
-        (endpoint.channel.name, endpoint.service_type)
+        (endpoint.topic_key.name, endpoint.service_type)
         for endpoint in endpoints
-        if endpoint.channel.kind in kinds and endpoint.service_type is not None
+        if endpoint.topic_key.kind in kinds and endpoint.service_type is not None
     )
 
 

@@ -55,7 +55,7 @@ class UnmatchedReasons:
         self._version = -1
 
     def why(
-        self, guid: bytes, channel: TopicKey, *, is_writer: bool, matched: Collection[bytes] = (), ending: str = ""
+        self, guid: bytes, topic_key: TopicKey, *, is_writer: bool, matched: Collection[bytes] = (), ending: str = ""
     ) -> UnmatchedReason:
         """Return why an own endpoint has no other peers than `matched`.
 
@@ -66,18 +66,20 @@ class UnmatchedReasons:
         if self._graph.version != self._version:
             self._cache.clear()
             self._version = self._graph.version
-        key = guid, channel, frozenset(matched), ending
+        key = guid, topic_key, frozenset(matched), ending
         if key not in self._cache:
-            self._cache[key] = self._find_reason(guid, channel, is_writer, matched, ending)
+            self._cache[key] = self._find_reason(guid, topic_key, is_writer, matched, ending)
         return self._cache[key]
 
     def _find_reason(
-        self, guid: bytes, channel: TopicKey, is_writer: bool, matched: Collection[bytes], ending: str
+        self, guid: bytes, topic_key: TopicKey, is_writer: bool, matched: Collection[bytes], ending: str
     ) -> UnmatchedReason:
-        peers = [peer for peer in self._graph.endpoints_on(channel, writers=not is_writer) if peer.guid not in matched]
+        peers = [
+            peer for peer in self._graph.endpoints_on(topic_key, writers=not is_writer) if peer.guid not in matched
+        ]
         own = self._graph.endpoints.get(guid)
         if not peers:
-            return UnmatchedReason("" if matched else self._no_peer_text(channel, is_writer, ending))
+            return UnmatchedReason("" if matched else self._no_peer_text(topic_key, is_writer, ending))
         if own is None:  # not discovered yet
             return UnmatchedReason(self._peer_text(peers[0], None), is_known=False)
         results = [(peer, self._compare(*((own, peer) if is_writer else (peer, own)))) for peer in peers]
@@ -93,10 +95,10 @@ class UnmatchedReasons:
             return ""
         return f"no other participant was found{_ADVICES.get(self._middleware, '')}"
 
-    def disagreeing(self, guid: bytes, channel: TopicKey) -> str:
+    def disagreeing(self, guid: bytes, topic_key: TopicKey) -> str:
         """Return a text about a publisher that has another definition of the type; empty if there is none."""
         own = self._graph.endpoints.get(guid)
-        for writer in self._graph.endpoints_on(channel, writers=True):
+        for writer in self._graph.endpoints_on(topic_key, writers=True):
             result = None if own is None else self._compare(writer, own)
             if result is not None and result.kind is IncompatibilityKind.DEFINITION:
                 return self._peer_text(writer, result)
@@ -107,16 +109,16 @@ class UnmatchedReasons:
         return f"{name} was found, but is not connected (yet)" if result is None else result.reason_of(peer, name)
 
     def _preset_hint(self, own: DiscoveredEndpoint) -> str:
-        profiles = [peer.qos for peer in self._graph.endpoints_on(own.channel, writers=not own.is_writer)]
+        profiles = [peer.qos for peer in self._graph.endpoints_on(own.topic_key, writers=not own.is_writer)]
         name = find_preset(
-            own.qos, publisher=own.is_writer, peers=profiles, is_service=own.channel.kind in ("request", "reply")
+            own.qos, publisher=own.is_writer, peers=profiles, is_service=own.topic_key.kind in ("request", "reply")
         )
         return f"; use the preset {name}" if name else "; no preset fits all peers"
 
-    def _no_peer_text(self, channel: TopicKey, is_writer: bool, ending: str) -> str:
-        verb = _VERBS.get((is_writer, channel.kind), "serves")
-        names = self._graph.names_on(channel.kind, writers=not is_writer)
-        name = channel.name.removesuffix(ending)
+    def _no_peer_text(self, topic_key: TopicKey, is_writer: bool, ending: str) -> str:
+        verb = _VERBS.get((is_writer, topic_key.kind), "serves")
+        names = self._graph.names_on(topic_key.kind, writers=not is_writer)
+        name = topic_key.name.removesuffix(ending)
         hint = similar_name(name, (known.removesuffix(ending) for known in names if known.endswith(ending)))
         if not hint and (alone := self.alone()):
             return alone

@@ -51,9 +51,9 @@ class GraphMethods(NodeBase):
         graph = self._refreshed_graph()
         return [graph.endpoint_info(endpoint) for endpoint in graph.endpoints_by_wire_name(topic, writers=writers)]
 
-    def _infos(self, channel: TopicKey, *, writers: bool) -> list[TopicEndpointInfo]:
+    def _infos(self, topic_key: TopicKey, *, writers: bool) -> list[TopicEndpointInfo]:
         graph = self._refreshed_graph()
-        return [graph.endpoint_info(endpoint) for endpoint in graph.endpoints_on(channel, writers=writers)]
+        return [graph.endpoint_info(endpoint) for endpoint in graph.endpoints_on(topic_key, writers=writers)]
 
     def count_publishers(self, topic: str) -> int:
         """Return the number of publishers of a topic, including those of DDS programs without ROS."""
@@ -64,21 +64,21 @@ class GraphMethods(NodeBase):
         return self._count(self._topic(topic), writers=False)
 
     def _topic(self, topic: str) -> TopicKey:
-        return self._channel("topic", topic, self._names.resolve_topic)
+        return self._topic_key_of("topic", topic, self._names.resolve_topic)
 
     def _service(self, kind: Literal["request", "reply"], service: str) -> TopicKey:
-        return self._channel(kind, service, self._names.resolve_service)
+        return self._topic_key_of(kind, service, self._names.resolve_service)
 
-    def _channel(
+    def _topic_key_of(
         self, kind: Literal["topic", "request", "reply"], name: str, resolve: Callable[[str], str]
     ) -> TopicKey:
         try:
             return TopicKey(kind, resolve(name))
         except InvalidNameError:  # programs without ROS may use names that ROS refuses
-            channel, graph = TopicKey(kind, name), self._refreshed_graph()
-            if not any(graph.endpoints_on(channel, writers=writers) for writers in (True, False)):
+            topic_key, graph = TopicKey(kind, name), self._refreshed_graph()
+            if not any(graph.endpoints_on(topic_key, writers=writers) for writers in (True, False)):
                 raise
-            return channel
+            return topic_key
 
     def get_service_names_and_types(self) -> NamesAndTypes:
         """Return all services with their types."""
@@ -108,12 +108,12 @@ class GraphMethods(NodeBase):
         """Return the incompatible pairs of clients and servers of a service, of any node."""
         return self._mismatches(self._service("request", service))
 
-    def _mismatches(self, channel: TopicKey) -> list[Mismatch]:
+    def _mismatches(self, topic_key: TopicKey) -> list[Mismatch]:
         self._refreshed_graph()
-        return list(self._scope.discovery.mismatches(channel))
+        return list(self._scope.discovery.mismatches(topic_key))
 
-    def _count(self, channel: TopicKey, *, writers: bool) -> int:
-        return len(self._refreshed_graph().endpoints_on(channel, writers=writers))
+    def _count(self, topic_key: TopicKey, *, writers: bool) -> int:
+        return len(self._refreshed_graph().endpoints_on(topic_key, writers=writers))
 
     def get_nodes(self) -> list[NodeInfo]:
         """Return name, namespace and enclave of all nodes."""

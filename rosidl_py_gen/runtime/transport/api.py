@@ -156,7 +156,7 @@ class EndpointSpec:
     has_buffer: bool = False
 
     @property
-    def channel(self) -> TopicKey:
+    def topic_key(self) -> TopicKey:
         """Topic that the endpoint belongs to."""
         return TopicKey("unmangled" if self.avoid_ros_namespace_conventions else "topic", self.name)
 

@@ -73,7 +73,7 @@ class DiscoveredEndpoint:
     guid: bytes
     participant_guid: bytes
     is_writer: bool
-    channel: TopicKey
+    topic_key: TopicKey
     type: str
     qos: QoSProfile
     type_hash: str = ""

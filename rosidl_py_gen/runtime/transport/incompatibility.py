@@ -78,7 +78,7 @@ class Incompatibility:
             return f"{name} has another type, {_type_text(peer, _MAX_PEER_TYPE_CHARS)}"
         if self.kind is IncompatibilityKind.DEFINITION:
             theirs, ours = (printable(text, _MAX_PEER_HASH_CHARS) for text in _hashes(peer, own))
-            of = "its type" if own.channel.kind != "topic" else printable(own.type, _MAX_PEER_TYPE_CHARS)
+            of = "its type" if own.topic_key.kind != "topic" else printable(own.type, _MAX_PEER_TYPE_CHARS)
             return f"{name} has another definition of {of}, {theirs}; here it is {ours}"
         policies = (policy.name.lower() for policy in self.policies)
         if differ := describe_policies(theirs=peer.qos, ours=own.qos, policies=policies):

@@ -103,10 +103,10 @@ class MemoryParticipant:
         self._discovery_sink: Callable[[list[DiscoveryEvent]], None] | None = None
 
     def create_writer(self, spec: EndpointSpec) -> MemoryWriter:
-        return self.make_writer(spec.channel, spec.type, spec.type_hash, qos=spec.qos)
+        return self.make_writer(spec.topic_key, spec.type, spec.type_hash, qos=spec.qos)
 
     def create_reader(self, spec: EndpointSpec) -> MemoryReader:
-        return self.make_reader(spec.channel, spec.type, spec.type_hash, qos=spec.qos, ignore_local=spec.ignore_local)
+        return self.make_reader(spec.topic_key, spec.type, spec.type_hash, qos=spec.qos, ignore_local=spec.ignore_local)
 
     def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> MemoryClient:
         (requests, request_type), (replies, reply_type) = _request_and_reply_topics(service)
@@ -125,18 +125,18 @@ class MemoryParticipant:
         return MemoryServer(reader, writer, gid)
 
     def make_writer(
-        self, channel: TopicKey, type: str, type_hash: str = "", *, qos: QoSProfile, service_id: str = ""
+        self, topic_key: TopicKey, type: str, type_hash: str = "", *, qos: QoSProfile, service_id: str = ""
     ) -> MemoryWriter:
         """Create a writer of a topic or service."""
         with self.lock:
-            writer = MemoryWriter(self, self._info(channel, type, qos, type_hash, service_id, is_writer=True))
+            writer = MemoryWriter(self, self._info(topic_key, type, qos, type_hash, service_id, is_writer=True))
             self.writers.append(writer)
             self._report_to_all(writer.info)
             return writer
 
     def make_reader(
         self,
-        channel: TopicKey,
+        topic_key: TopicKey,
         type: str,
         type_hash: str = "",
         *,
@@ -146,7 +146,7 @@ class MemoryParticipant:
     ) -> MemoryReader:
         """Create a reader of a topic or service."""
         with self.lock:
-            info = self._info(channel, type, qos, type_hash, service_id, is_writer=False)
+            info = self._info(topic_key, type, qos, type_hash, service_id, is_writer=False)
             reader = MemoryReader(self, info, ignore_local)
             self.readers.append(reader)
             self._report_to_all(reader.info)
@@ -157,11 +157,13 @@ class MemoryParticipant:
             return reader
 
     def _info(
-        self, channel: TopicKey, type: str, qos: QoSProfile, type_hash: str, service_id: str, *, is_writer: bool
+        self, topic_key: TopicKey, type: str, qos: QoSProfile, type_hash: str, service_id: str, *, is_writer: bool
     ) -> DiscoveredEndpoint:
         guid, profile = self._next_guid(b"\x03" if is_writer else b"\x04"), effective(qos, is_writer=is_writer)
-        wire = channel.name, type
-        return DiscoveredEndpoint(guid, self.guid, is_writer, channel, type, profile, type_hash, service_id, "", *wire)
+        wire = topic_key.name, type
+        return DiscoveredEndpoint(
+            guid, self.guid, is_writer, topic_key, type, profile, type_hash, service_id, "", *wire
+        )
 
     def _next_guid(self, kind: bytes) -> bytes:
         if self.closed:
@@ -370,7 +372,7 @@ def matches(writer: MemoryWriter, reader: MemoryReader) -> bool:
     """Return True if DDS would match the two: equal names, compatible QoS, not excluded by `ignore_local`."""
     if reader.ignore_local and writer.owner is reader.owner:
         return False
-    has_same_names = writer.info.channel == reader.info.channel and writer.info.type == reader.info.type
+    has_same_names = writer.info.topic_key == reader.info.topic_key and writer.info.type == reader.info.type
     return has_same_names and check_compatible(writer.qos, reader.qos).matches
 
 
@@ -378,7 +380,7 @@ def _request_and_reply_topics(
     service: ServiceSpec,
 ) -> tuple[tuple[TopicKey, tuple[str, str]], tuple[TopicKey, tuple[str, str]]]:
     """Return topic, type and hash of the requests, and of the replies."""
-    requests, replies = service.channels
+    requests, replies = service.topic_keys
     return (
         (requests, (f"{service.type}_Request", service.request_hash)),
         (replies, (f"{service.type}_Response", service.response_hash)),

@@ -39,7 +39,7 @@ class ServiceSpec:
     is_compatible: Callable[[DiscoveredEndpoint], bool] = lambda _: True
 
     @property
-    def channels(self) -> tuple[TopicKey, TopicKey]:
+    def topic_keys(self) -> tuple[TopicKey, TopicKey]:
         """Topics of the requests and of the replies."""
         if self.avoid_ros_namespace_conventions:
             return TopicKey("unmangled", f"{self.name}Request"), TopicKey("unmangled", f"{self.name}Reply")

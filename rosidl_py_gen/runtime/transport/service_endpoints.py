@@ -41,29 +41,29 @@ class ServicePeers:
         self.version = 0
         """Grows with each change."""
         self._known: dict[bytes, DiscoveredEndpoint] = {}
-        self._by_channel: defaultdict[TopicKey, dict[bytes, DiscoveredEndpoint]] = defaultdict(dict)
+        self._by_topic_key: defaultdict[TopicKey, dict[bytes, DiscoveredEndpoint]] = defaultdict(dict)
 
     def apply(self, events: Iterable[DiscoveryEvent]) -> None:
         """Record discovery events."""
         for event in events:
             if isinstance(event, DiscoveredEndpoint) and event.service_type is not None:
-                self._known[event.guid] = self._by_channel[event.channel][event.guid] = event
+                self._known[event.guid] = self._by_topic_key[event.topic_key][event.guid] = event
                 self.version += 1
             elif isinstance(event, EntityLost) and event.guid in self._known:
                 lost = self._known.pop(event.guid)
-                remaining = self._by_channel[lost.channel]
+                remaining = self._by_topic_key[lost.topic_key]
                 del remaining[event.guid]
                 if not remaining:  # else the name of each service that ever existed would be retained
-                    del self._by_channel[lost.channel]
+                    del self._by_topic_key[lost.topic_key]
                 self.version += 1
 
     def get(self, guid: bytes) -> DiscoveredEndpoint | None:
         """Return the endpoint with that GUID, or None."""
         return self._known.get(guid)
 
-    def on(self, channel: TopicKey, *, writers: bool) -> list[DiscoveredEndpoint]:
+    def on(self, topic_key: TopicKey, *, writers: bool) -> list[DiscoveredEndpoint]:
         """Return the writers or readers of a topic."""
-        endpoints = list(self._by_channel.get(channel, {}).values())  # copied at once: another thread may add some
+        endpoints = list(self._by_topic_key.get(topic_key, {}).values())  # copied at once: another thread may add some
         return [endpoint for endpoint in endpoints if endpoint.is_writer is writers]
 
     def known(self, guids: Iterable[bytes]) -> list[DiscoveredEndpoint]:
@@ -91,7 +91,7 @@ class EndpointPairClient(_EndpointPair):
         super().__init__(reader, writer, gid)
         self._service = service
         self._peers = peers
-        self._requests, self._replies = service.channels
+        self._requests, self._replies = service.topic_keys
         self._in_flight: dict[int, frozenset[bytes]] = {}
         """Endpoints of the servers that existed when a request was sent, by the number of the request."""
         self._lost: deque[int] = deque()

@@ -117,9 +117,9 @@ def provider_participants(graph: Graph, query: TypeQuery) -> Collection[bytes]:
     """Return the GUIDs of the participants that publish the topic, or serve the service or action."""
     return {
         endpoint.participant_guid
-        for channel in query.required
-        if channel.kind != "request"  # clients write requests
-        for endpoint in graph.endpoints_on(channel, writers=True)
+        for topic_key in query.required
+        if topic_key.kind != "request"  # clients write requests
+        for endpoint in graph.endpoints_on(topic_key, writers=True)
     }
 
 
@@ -129,8 +129,8 @@ def announced(graph: Graph, query: TypeQuery, participants: Collection[bytes] = 
     A type that is not a ROS type has its name in DDS.
     """
     announcements: dict[str, TypeAnnouncement] = {}
-    for channel, suffix in (*query.required.items(), *query.optional.items()):
-        for endpoint in (*graph.endpoints_on(channel, writers=True), *graph.endpoints_on(channel, writers=False)):
+    for topic_key, suffix in (*query.required.items(), *query.optional.items()):
+        for endpoint in (*graph.endpoints_on(topic_key, writers=True), *graph.endpoints_on(topic_key, writers=False)):
             if participants and endpoint.participant_guid not in participants:
                 continue
             name = endpoint.type.removesuffix(suffix)
@@ -167,11 +167,11 @@ def _node_of(graph: Graph, endpoint: DiscoveredEndpoint) -> str:
         namespace, name = graph.node_of(endpoint)
         return fully_qualified_node_name(name, namespace)
     names = {
-        other.channel.name.removesuffix(_SERVICE_SUFFIX)
+        other.topic_key.name.removesuffix(_SERVICE_SUFFIX)
         for other in graph.endpoints.values()
         if other.participant_guid == endpoint.participant_guid
         and other.is_writer
-        and other.channel.kind == "reply"
-        and other.channel.name.endswith(_SERVICE_SUFFIX)
+        and other.topic_key.kind == "reply"
+        and other.topic_key.name.endswith(_SERVICE_SUFFIX)
     }
     return names.pop() if len(names) == 1 else ""

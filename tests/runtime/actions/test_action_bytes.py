@@ -104,7 +104,7 @@ def test_names_types_and_qos_are_those_of_ros(world: World) -> None:
     node._scope.discovery.refresh()
     endpoints = [e for e in node._scope.graph.endpoints.values() if "/_action/" in e.wire_name]
     found = {
-        (e.channel, e.type, e.is_writer): (e.qos.reliability.name, e.qos.durability.name, e.qos.depth)
+        (e.topic_key, e.type, e.is_writer): (e.qos.reliability.name, e.qos.durability.name, e.qos.depth)
         for e in endpoints
     }
     names = {topic for topic, _, _ in found}

@@ -265,7 +265,7 @@ def test_wrong_arguments_of_a_server(world: World, options: Any, error: type[Exc
     with pytest.raises(error, match=words):
         node.create_action_server(Fibonacci, "fib", **{"execute": fibonacci, **options})
     node._scope.discovery.refresh()
-    assert not [e for e in node._scope.graph.endpoints.values() if "_action/" in e.channel.name]
+    assert not [e for e in node._scope.graph.endpoints.values() if "_action/" in e.topic_key.name]
 
 
 @pytest.mark.parametrize(("options", "error", "words"), CLIENT_ARGUMENTS)
@@ -274,7 +274,7 @@ def test_wrong_arguments_of_a_client(world: World, options: Any, error: type[Exc
     with pytest.raises(error, match=words):
         node.create_action_client(Fibonacci, "fib", **options)
     node._scope.discovery.refresh()
-    assert not [e for e in node._scope.graph.endpoints.values() if "_action/" in e.channel.name]
+    assert not [e for e in node._scope.graph.endpoints.values() if "_action/" in e.topic_key.name]
 
 
 @pytest.mark.parametrize(

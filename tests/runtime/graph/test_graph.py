@@ -12,7 +12,7 @@ from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.graph.graph import Graph
 from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
 
-CHANNEL = TopicKey("topic", "/t")
+TOPIC_KEY = TopicKey("topic", "/t")
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Meanwhile:
 @pytest.mark.parametrize(
     "ask",
     [
-        lambda graph: len(graph.endpoints_on(CHANNEL, writers=True)),
+        lambda graph: len(graph.endpoints_on(TOPIC_KEY, writers=True)),
         lambda graph: len(graph.topics()),
     ],
 )
@@ -40,12 +40,12 @@ def test_others_may_come_while_it_is_asked(ask: Callable[[Graph], int]) -> None:
 
     def endpoint() -> DiscoveredEndpoint:
         guid = next(numbers).to_bytes(16, "big")
-        return DiscoveredEndpoint(guid, bytes(16), True, CHANNEL, "std_msgs/msg/String", QoSProfile())
+        return DiscoveredEndpoint(guid, bytes(16), True, TOPIC_KEY, "std_msgs/msg/String", QoSProfile())
 
     first = endpoint()
     graph.apply(first)
     looked_at: Any = Meanwhile(first, lambda: graph.apply(endpoint()) and None)
     graph.endpoints[first.guid] = looked_at
-    graph._by_channel[CHANNEL][first.guid] = looked_at
+    graph._by_topic_key[TOPIC_KEY][first.guid] = looked_at
     assert ask(graph) == 1
     assert len(graph.endpoints) > 1

@@ -45,8 +45,8 @@ def test_names(ros: str, dds: str) -> None:
     ],
 )
 def test_a_name_of_dds_tells_what_it_carries_and_is_found_again(dds: str, kind: str, name: str) -> None:
-    channel = ddsnames.channel_of(dds)
-    assert channel == (kind, name) and ddsnames.wire_name(channel) == dds
+    topic_key = ddsnames.topic_key_of(dds)
+    assert topic_key == (kind, name) and ddsnames.wire_name(topic_key) == dds
 
 
 @pytest.mark.parametrize(

@@ -53,11 +53,11 @@ def test_the_services_are_reliable_volatile_and_drop_nothing(world: World, servi
         world.node("n")
         other = world.node("other")
         remote = other.create_parameter_client("/n")
-        channels = TopicKey("request", f"/n/{service}"), TopicKey("reply", f"/n/{service}")
+        topic_keys = TopicKey("request", f"/n/{service}"), TopicKey("reply", f"/n/{service}")
 
         def endpoints() -> list[QoSProfile]:
             other._scope.discovery.refresh()
-            return [one.qos for one in other._scope.graph.endpoints.values() if one.channel in channels]
+            return [one.qos for one in other._scope.graph.endpoints.values() if one.topic_key in topic_keys]
 
         await until(lambda: len(endpoints()) == 4)  # two of the server, two of the client
         for qos in endpoints():

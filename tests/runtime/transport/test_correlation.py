@@ -265,4 +265,4 @@ def test_nothing_is_retained_of_services_that_went() -> None:
     peers = ServicePeers()
     peers.apply([*CYCLONE, *OTHER])
     peers.apply([EntityLost(lost.guid) for lost in (*CYCLONE, *OTHER)])
-    assert (peers.version, peers._known, peers._by_channel) == (8, {}, {})
+    assert (peers.version, peers._known, peers._by_topic_key) == (8, {}, {})

@@ -25,7 +25,7 @@ from rosidl_py_gen.runtime.transport.cyclone.c_api import (
 from rosidl_py_gen.runtime.transport.cyclone.qos import read_profile, read_property, read_user_data
 from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import putw
 from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR
-from rosidl_py_gen.runtime.transport.dds.names import channel_of, parse_user_data
+from rosidl_py_gen.runtime.transport.dds.names import topic_key_of, parse_user_data
 from rosidl_py_gen.runtime.transport.discovery_events import (
     GUID_PREFIX_BYTES,
     DiscoveredEndpoint,
@@ -180,7 +180,7 @@ class BuiltinTopicReaders:
             guid,
             bytes(endpoint.participant_key),
             is_writer,
-            channel_of(name),
+            topic_key_of(name),
             ros_type(type),
             read_profile(self._api, endpoint.qos, is_writer=is_writer),
             user_data.get("typehash", ""),

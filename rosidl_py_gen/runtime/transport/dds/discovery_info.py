@@ -74,7 +74,7 @@ class DiscoveryInfoTopic:
             if isinstance(event, EntityLost):
                 self._heard_writers.discard(event.guid)
                 self._unheard_writers.discard(event.guid)
-            elif isinstance(event, DiscoveredEndpoint) and event.is_writer and event.channel == _TOPIC:
+            elif isinstance(event, DiscoveredEndpoint) and event.is_writer and event.topic_key == _TOPIC:
                 self._expect_message(event.guid)
 
     def _expect_message(self, writer: bytes) -> None:

@@ -25,15 +25,15 @@ _AFFIXES: Mapping[Literal["topic", "request", "reply"], tuple[str, str]] = {
 _PAIR = re.compile(rb"([A-Za-z0-9]+)=([^;]*);")
 
 
-def wire_name(channel: TopicKey) -> str:
+def wire_name(topic_key: TopicKey) -> str:
     """Return the name in DDS: ``rt/chatter`` for topic ``/chatter``, ``rq/addRequest`` for requests of ``/add``."""
-    if channel.kind == "unmangled":
-        return channel.name
-    prefix, suffix = _AFFIXES[channel.kind]
-    return f"{prefix}{channel.name}{suffix}"
+    if topic_key.kind == "unmangled":
+        return topic_key.name
+    prefix, suffix = _AFFIXES[topic_key.kind]
+    return f"{prefix}{topic_key.name}{suffix}"
 
 
-def channel_of(dds_name: str) -> TopicKey:
+def topic_key_of(dds_name: str) -> TopicKey:
     """Return the topic that has this name in DDS: the inverse of `wire_name`."""
     for kind, (prefix, suffix) in _AFFIXES.items():
         if dds_name.startswith(f"{prefix}/") and dds_name.endswith(suffix):

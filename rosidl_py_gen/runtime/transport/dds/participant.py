@@ -124,12 +124,12 @@ class DdsParticipant:
 
 
 def _dds_endpoint(spec: EndpointSpec) -> DdsEndpoint:
-    name, type = wire_name(spec.channel), wire_type(spec.type)
+    name, type = wire_name(spec.topic_key), wire_type(spec.type)
     return DdsEndpoint(name, type, spec.qos, spec.type_hash, ignore_local=spec.ignore_local)
 
 
 def _request_and_reply_endpoints(service: ServiceSpec, qos: QoSProfile) -> tuple[DdsEndpoint, DdsEndpoint]:
-    requests, replies = map(wire_name, service.channels)
+    requests, replies = map(wire_name, service.topic_keys)
     return (
         DdsEndpoint(requests, wire_type(f"{service.type}_Request"), qos, service.request_hash),
         DdsEndpoint(replies, wire_type(f"{service.type}_Response"), qos, service.response_hash),

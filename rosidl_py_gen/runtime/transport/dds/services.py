@@ -129,7 +129,7 @@ class DdsServer(EndpointPairServer):
         self._reachable_clients: MatchCache[bool] = MatchCache(self._peers, self._is_reachable)
         """Results by client and the GUID of its request writer."""
         self._window = ReplyWindow(writer.all_acknowledged)
-        self._replies = service.channels[1]
+        self._replies = service.topic_keys[1]
         self._window_version = -1
 
     def take(self) -> Request | None:

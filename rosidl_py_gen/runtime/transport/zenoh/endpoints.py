@@ -152,13 +152,13 @@ class ZenohWriter:
 
     def write(self, data: Payload) -> bool:
         if self._closed:
-            raise ClosedError(f"the writer of {self.info.channel.name} is closed")
+            raise ClosedError(f"the writer of {self.info.topic_key.name} is closed")
         attachment = pack(next(self._numbers), _time_ns(), self.guid)
         try:
             self._put(data if data.__class__ is bytes else bytes(data), attachment=attachment)
         except zenoh.ZError as error:
             raise TransportError(
-                f"Zenoh could not write {len(data)} bytes to {self.info.channel.name}: {error}"
+                f"Zenoh could not write {len(data)} bytes to {self.info.topic_key.name}: {error}"
             ) from None
         return True
 

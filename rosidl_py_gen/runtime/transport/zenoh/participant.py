@@ -162,7 +162,7 @@ class ZenohParticipant:
         except zenoh.ZError as error:
             if endpoint is not None:
                 endpoint.close()
-            subject = f"an endpoint of {infos[0].channel.name} at {key}"
+            subject = f"an endpoint of {infos[0].topic_key.name} at {key}"
             raise TransportError(f"Zenoh could not create {subject}: {error}") from None
         self._local_endpoints[endpoint.guid] = _LocalEndpoint(endpoint, token, infos)
         self.graph.add_own(infos)

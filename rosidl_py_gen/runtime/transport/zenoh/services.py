@@ -98,7 +98,7 @@ class ZenohClient(_ZenohServiceEndpoint):
 
     def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
         if self._closed:
-            raise ClosedError(f"the client of {self.info.channel.name} is closed")
+            raise ClosedError(f"the client of {self.info.topic_key.name} is closed")
         # Not by a listener: Zenoh calls it in the thread that undeclaring an advanced publisher waits for, up to ten
         # seconds with the GIL.
         changes = self._owner.graph.changes
@@ -127,7 +127,7 @@ class ZenohClient(_ZenohServiceEndpoint):
             self._sent = number
             self._cancel(number)
             if isinstance(error, zenoh.ZError):
-                subject = f"Zenoh could not send a request of {len(data)} bytes on {self.info.channel.name}"
+                subject = f"Zenoh could not send a request of {len(data)} bytes on {self.info.topic_key.name}"
                 raise TransportError(f"{subject}: {error}") from None
             raise
         self._sent = number
@@ -315,7 +315,7 @@ class ZenohServer(_ZenohServiceEndpoint):
 
     def send(self, to: _RequestOrigin, data: bytes) -> bool:
         if self._closed:
-            raise ClosedError(f"the server of {self.info.channel.name} is closed")
+            raise ClosedError(f"the server of {self.info.topic_key.name} is closed")
         gid, number = to
         is_limited = self._is_limited()
         if is_limited and not self._window.is_open(gid):
@@ -328,7 +328,7 @@ class ZenohServer(_ZenohServiceEndpoint):
         try:
             query.reply(self._key, data, attachment=pack(number, _time_ns(), gid))
         except zenoh.ZError as error:
-            subject = f"Zenoh could not send a response of {len(data)} bytes on {self.info.channel.name}"
+            subject = f"Zenoh could not send a response of {len(data)} bytes on {self.info.topic_key.name}"
             raise TransportError(f"{subject}: {error}") from None
         finally:
             query.drop()

@@ -78,8 +78,8 @@ def endpoints_of(token: EndpointToken, gid: bytes) -> tuple[DiscoveredEndpoint, 
     participant, type_hash = participant_guid(token.node.zid), valid_hash_or_empty(token.type_hash)
     type, wire = ros_type(token.type), (token.name, token.type)
     if token.kind in (EntityKind.PUBLISHER, EntityKind.SUBSCRIPTION):
-        is_writer, channel = token.kind is EntityKind.PUBLISHER, TopicKey("topic", token.name)
-        return (DiscoveredEndpoint(gid, participant, is_writer, channel, type, token.qos, type_hash, "", "", *wire),)
+        is_writer, topic_key = token.kind is EntityKind.PUBLISHER, TopicKey("topic", token.name)
+        return (DiscoveredEndpoint(gid, participant, is_writer, topic_key, type, token.qos, type_hash, "", "", *wire),)
     request = TopicKey("request", token.name), f"{type}_Request"
     reply = TopicKey("reply", token.name), f"{type}_Response"
     read, written = (request, reply) if token.kind is EntityKind.SERVER else (reply, request)
@@ -242,7 +242,7 @@ class TokenGraph:
 
 
 def _key(endpoint: DiscoveredEndpoint, is_writer: bool) -> Key:
-    return endpoint.channel, endpoint.type, _announced_hash(endpoint), is_writer
+    return endpoint.topic_key, endpoint.type, _announced_hash(endpoint), is_writer
 
 
 def _announced_hash(endpoint: DiscoveredEndpoint) -> str:
@@ -257,6 +257,6 @@ def incompatibility(writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> I
     there would be hundreds of reports.
     """
     hashes = {_announced_hash(writer), _announced_hash(reader)}
-    if len(hashes) == 1 or writer.channel == _TOPIC_OF_ALL_NODES or writer.channel.kind == "reply":
+    if len(hashes) == 1 or writer.topic_key == _TOPIC_OF_ALL_NODES or writer.topic_key.kind == "reply":
         return None
     return IncompatibilityKind.HASH_FORMAT if "" in hashes else IncompatibilityKind.DEFINITION
