@@ -42,7 +42,7 @@ async def test_a_request_is_answered_that_came_before_its_writer_was_connected(d
     """
     name, cls = fresh("early"), service(shared_peer, KIND)
     server = dds.node("server").create_service(cls, name, lambda _: cls.Response(success=True, message="heard"))
-    function = delay_match(server._port._reader, 0.2)
+    function = delay_match(server._transport_server._reader, 0.2)
     await shared_peer.do("client", name=name, type=KIND)
     answers = await shared_peer.do("call", name=name, requests_=[{}, {}], within_s=10)
     assert [answer["message"] for answer in answers] == ["heard", "heard"]
@@ -62,7 +62,7 @@ async def test_a_new_writer_is_asked_once_what_it_has_written(
     node = dds.node("server")
     server = node.create_service(cls, name, lambda _: cls.Response(success=True, message="heard"))
     node.create_subscription("std_msgs/msg/String", f"{name}/best_effort", qos=QoSProfile().best_effort())
-    reader, best_effort = server._port.endpoints[0], list(node._scope.participant.readers.values())[-1].guid
+    reader, best_effort = server._transport_server.endpoints[0], list(node._scope.participant.readers.values())[-1].guid
     monkeypatch.setattr(cyclone, "request_samples", record)
     await shared_peer.do("publisher", topic=f"{name}/best_effort", type="std_msgs/msg/String")
     await shared_peer.do("client", name=name, type=KIND)

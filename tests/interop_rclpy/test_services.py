@@ -187,7 +187,7 @@ async def test_requests_name_the_reader_that_waits_until_all_servers_have_answer
     name, kind = fresh("named"), "std_srvs/srv/Trigger"
     client = await client_of_theirs(dds.node("tester"), shared_peer, name, kind, "trigger", note="first")
     request = service(shared_peer, kind).Request()
-    writer, named = client._port._writer, []
+    writer, named = client._transport_client._writer, []
     write, write_with_identity = writer.write, writer.write_with_identity
     monkeypatch.setattr(writer, "write", lambda data: (named.append(False), write(data))[1])
     monkeypatch.setattr(

@@ -56,7 +56,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         type_hash_check: TypeCheck | None = None,
     ) -> None:
         super().__init__(scope, service_type, name, qos, is_client=True, type_hash_check=type_hash_check)
-        self._port = self._open(scope.participant.create_client(self._spec, self.qos, node=scope.number))
+        self._transport_client = self._open(scope.participant.create_client(self._spec, self.qos, node=scope.number))
         self._pending: dict[int, PendingRequest[ResponseT]] = {}
         self._by_sequence_number: dict[int, PendingRequest[ResponseT]] = {}
         """The requests that were sent."""
@@ -65,9 +65,9 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         """True if replies go to functions that may be the user's, not only to futures."""
         window = RequestFlowControl(name, batch_interval_s)
         self._window = scope.request_windows.setdefault(self._spec.topic_keys[0], window)
-        self._port.set_sink(self._on_replies)
+        self._transport_client.set_sink(self._on_replies)
         self._loss_registration = scope.discovery.on_endpoint_lost.add(self._on_endpoint_lost)
-        reader, writer = self._port.endpoints
+        reader, writer = self._transport_client.endpoints
         scope.register(self, reader=reader, writer=writer)
 
     def service_is_available(self) -> bool:
@@ -101,13 +101,13 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
     def _servers(self) -> set[bytes]:
         """Return the GUIDs of the reply writers of all servers; empty if none can be called."""
         try:
-            return set(self._port.connected()) if self._available() else set()
+            return set(self._transport_client.connected()) if self._available() else set()
         except IncompatibleServiceError:
             return set()
 
     def _available(self) -> ServerAvailability:
         """Return the servers that can be called; falsy if there are none. Raises `IncompatibleServiceError`."""
-        servers = self._port.servers()
+        servers = self._transport_client.servers()
         if servers.incompatible_server is not None:
             raise IncompatibleServiceError(
                 incompatible_peer_text(self._scope.graph, servers.incompatible_server, self.name, "the server")
@@ -119,7 +119,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
 
     def _why_missing(self, ending: str = "") -> str:
         """Return why no server is connected; `ending` is that of `UnmatchedReasons.why`."""
-        reader, writer = self._port.endpoints
+        reader, writer = self._transport_client.endpoints
         requests, replies = self._spec.topic_keys
         why = self._scope.why_unmatched(writer, requests, is_writer=True, ending=ending)
         if not why.is_known:
@@ -210,7 +210,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         self._has_direct_callbacks = True
         pending = PendingRequest(encoded, on_reply, on_error)
         future.add_done_callback(on_done)
-        scope.loop_binding.call_in_loop(lambda: self._enqueue(pending, self._port.servers()))
+        scope.loop_binding.call_in_loop(lambda: self._enqueue(pending, self._transport_client.servers()))
         return future
 
     def _start_request(
@@ -233,7 +233,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         self._scope.loop_binding.running_loop()
         self._has_direct_callbacks = True
         pending = PendingRequest(self._type.request.encode(request), on_reply, on_error)
-        self._enqueue(pending, self._port.servers())
+        self._enqueue(pending, self._transport_client.servers())
         return pending.key
 
     def _abandon_request(self, key: int) -> None:
@@ -242,14 +242,14 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         if pending is not None:
             if pending.sequence_number:
                 del self._by_sequence_number[pending.sequence_number]
-                self._port.cancel(pending.sequence_number)
+                self._transport_client.cancel(pending.sequence_number)
             if pending.timeouts is not None:
                 pending.timeouts.remove(key)
             if pending.flow_number:
                 self._window.release(pending.flow_number)
 
     def _enqueue(self, pending: PendingRequest[ResponseT], servers: ServerAvailability) -> None:
-        pending.had_servers = servers.is_available or bool(self._port.server_endpoints())
+        pending.had_servers = servers.is_available or bool(self._transport_client.server_endpoints())
         self._pending[pending.key] = pending
         if servers.request_queue_depth:
             self._window.acquire(partial(self._send_in_window, pending), servers.request_queue_depth, self)
@@ -269,7 +269,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         if pending.key not in self._pending:
             return False
         # Clients that share the server's queue may have appeared since the request was enqueued.
-        self._window.server_queue_depth = self._port.servers().request_queue_depth or sys.maxsize
+        self._window.server_queue_depth = self._transport_client.servers().request_queue_depth or sys.maxsize
         pending.flow_number = flow_number
         self._send_soon(pending)
         return True
@@ -279,7 +279,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         if pending.key not in self._pending:
             return True
         try:
-            number = self._port.send(pending.encoded, pending.timeout_s)
+            number = self._transport_client.send(pending.encoded, pending.timeout_s)
         except RosidlError as error:
             self._fail(pending, error)
             return True
@@ -306,7 +306,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         return None
 
     def _read_all(self) -> None:
-        take, accepted = self._port.take, self._accepted_writers
+        take, accepted = self._transport_client.take, self._accepted_writers
         while (reply := take()) is not None:
             number, response, server = reply
             if isinstance(response, NoReply):
@@ -329,9 +329,9 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         """Fail the requests that no server can reply to any more, after all received replies were read."""
         if self._closed:
             return
-        self._port.report_lost_requests()
+        self._transport_client.report_lost_requests()
         self._read_all()
-        if not self._port.server_endpoints():
+        if not self._transport_client.server_endpoints():
             for pending in list(self._pending.values()):
                 if pending.had_servers and not pending.sequence_number:
                     self._fail(pending, self._lost_reason(NoReply()))
@@ -352,7 +352,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
 
     def all_acknowledged(self) -> bool:
         """Return True if every server has received all requests; a live server needs some milliseconds for that."""
-        return self._port.all_acknowledged()
+        return self._transport_client.all_acknowledged()
 
     @property
     def in_flight_count(self) -> int:
@@ -361,9 +361,9 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
 
     def close(self) -> None:
         """Stop; calls in flight raise `ClosedError`. May be called twice."""
-        if self._begin_close(*self._port.endpoints):
+        if self._begin_close(*self._transport_client.endpoints):
             self._loss_registration.close()
             for pending in list(self._pending.values()):
                 self._fail(pending, ClosedError(f"the client of {self.name} was closed during the call"))
             self._send_queue.close()
-            self._port.close()
+            self._transport_client.close()

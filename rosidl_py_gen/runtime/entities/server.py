@@ -87,7 +87,7 @@ class ServiceRequest(Generic[RequestT, ResponseT]):
     @property
     def info(self) -> RequestInfo:
         """Times, client and sequence number."""
-        return RequestInfo(*self._times_ns, *self._server._port.request_origin(self._origin))
+        return RequestInfo(*self._times_ns, *self._server._transport_server.request_origin(self._origin))
 
     def respond(self, response: ResponseT) -> None:
         """Send the response; returns at once.
@@ -123,9 +123,9 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         super().__init__(scope, service_type, name, qos, is_client=False, type_hash_check=type_hash_check)
         self._handler = None if handler is None else UserCallback(scope, handler, subject)
         self._requests: AsyncQueue[ServiceRequest[RequestT, ResponseT]] = AsyncQueue()
-        self._port = self._open(scope.participant.create_server(self._spec, self.qos, node=scope.number))
-        self._port.set_sink(self._on_requests)
-        reader, writer = self._port.endpoints
+        self._transport_server = self._open(scope.participant.create_server(self._spec, self.qos, node=scope.number))
+        self._transport_server.set_sink(self._on_requests)
+        reader, writer = self._transport_server.endpoints
         scope.register(self, reader=reader, writer=writer)
 
     def __aiter__(self) -> ServiceServer[RequestT, ResponseT]:
@@ -172,7 +172,7 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         return self._on_arrival if self._requests.waiting else None
 
     def _read_all(self) -> None:
-        take = self._port.take
+        take = self._transport_server.take
         while not self._closed and (received := take()) is not None:
             request = self._decode_request(*received)
             if request is None:
@@ -201,7 +201,7 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
             if isinstance(data, DecodeError):
                 raise data
             if self._introspection is not None:
-                self._introspection.on_received(*self._port.request_origin(origin), data)
+                self._introspection.on_received(*self._transport_server.request_origin(origin), data)
             return ServiceRequest(self, origin, self._type.request.decode(data), (source_ns, received_ns))
         except DecodeError as err:
             if self._throttle.allows():
@@ -218,7 +218,7 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         if self._closed:
             raise ClosedError(f"service {self.name} of node {self._scope.node_name} is closed")
         data = self._type.response.encode(response)
-        if self._port.can_reach_client(origin):
+        if self._transport_server.can_reach_client(origin):
             if self._send_queue.waiting or not self._send(origin, data):
                 self._send_queue.send(partial(self._send, origin, data))
         elif self._scope.loop_binding.loop is None or self._scope.loop_binding.in_loop_thread():
@@ -227,9 +227,9 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
             self._scope.loop_binding.call_soon(lambda: self._wait_and_send(origin, data))
 
     def _send(self, origin: RequestId, data: bytes) -> bool:
-        is_sent = self._port.send(origin, data)
+        is_sent = self._transport_server.send(origin, data)
         if is_sent and self._introspection is not None:
-            self._introspection.on_sent(*self._port.request_origin(origin), data)
+            self._introspection.on_sent(*self._transport_server.request_origin(origin), data)
         return is_sent
 
     def _wait_and_send(self, origin: RequestId, data: bytes) -> None:
@@ -237,7 +237,7 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
             self._scope.create_task(self._send_later(origin, data))
 
     async def _send_later(self, origin: RequestId, data: bytes) -> None:
-        can_reach = partial(self._port.can_reach_client, origin)
+        can_reach = partial(self._transport_server.can_reach_client, origin)
         try:
             is_reachable = await self._scope.wait_until(
                 can_reach, _CLIENT_MATCH_TIMEOUT_S, lambda: self._closed, poll_s=_CLIENT_MATCH_POLL_INTERVAL_S
@@ -251,15 +251,15 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
 
     def matched_clients(self) -> list[bytes]:
         """Return the GUIDs of the matched request writers."""
-        return self._port.connected()
+        return self._transport_server.connected()
 
     def close(self) -> None:
         """Stop serving: iterators end, running handlers continue without sending a response. May be called twice."""
-        self._port.release()
+        self._transport_server.release()
         self._send_queue.flush()
-        if self._begin_close(*self._port.endpoints):
+        if self._begin_close(*self._transport_server.endpoints):
             self._requests.close()
             if self._handler is not None:
                 self._handler.close()
             self._send_queue.close()
-            self._port.close()
+            self._transport_server.close()

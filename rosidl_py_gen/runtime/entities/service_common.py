@@ -10,7 +10,7 @@ from rosidl_py_gen.runtime.entities.type_hash_filter import TypeHashFilter
 from rosidl_py_gen.runtime.graph.type_hashes import checked_mode
 from rosidl_py_gen.runtime.loop.send_queue import SendQueue
 from rosidl_py_gen.runtime.transport.qos_matching import without_best_available
-from rosidl_py_gen.runtime.transport.service_api import ServiceClientTransport, ServiceServerTransport, ServiceSpec
+from rosidl_py_gen.runtime.transport.service_api import ServiceSpec, TransportClient, TransportServer
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
-PortT = TypeVar("PortT", ServiceClientTransport, ServiceServerTransport)
+TransportEndT = TypeVar("TransportEndT", TransportClient, TransportServer)
 
 
 class IncompatibleServiceError(RosidlError):
@@ -44,7 +44,7 @@ class CallTimeoutError(RosidlError, TimeoutError):
 
 
 class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
-    """Base of clients and servers; subclasses own the transport's port, its sink and `close`."""
+    """Base of clients and servers; subclasses own the `TransportClient` or `TransportServer`, its sink and `close`."""
 
     def __init__(
         self,
@@ -85,11 +85,11 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
             self._is_compatible,
         )
 
-    def _open(self, port: PortT) -> PortT:
-        self._gid = port.gid
-        self._connected = port.connected
-        self._scope.set_type_hash_check(self._mode, *port.endpoints)
-        return port
+    def _open(self, transport_end: TransportEndT) -> TransportEndT:
+        self._gid = transport_end.gid
+        self._connected = transport_end.connected
+        self._scope.set_type_hash_check(self._mode, *transport_end.endpoints)
+        return transport_end
 
     def _is_compatible(self, endpoint: DiscoveredEndpoint) -> bool:
         return self._type_hash_filter.is_compatible(endpoint, None if endpoint.is_writer else self._written_hash)

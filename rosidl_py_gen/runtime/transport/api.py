@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.clock_functions import ClockFunctions
     from rosidl_py_gen.runtime.transport.incompatibility import IncompatibilityKind
     from rosidl_py_gen.runtime.transport.samples import Payload, ReceiveQueue, Sink
-    from rosidl_py_gen.runtime.transport.service_api import ServiceClientTransport, ServiceServerTransport, ServiceSpec
+    from rosidl_py_gen.runtime.transport.service_api import ServiceSpec, TransportClient, TransportServer
 
 
 class TransportError(RosidlError):
@@ -202,10 +202,10 @@ class Participant(Protocol):
     def create_reader(self, spec: EndpointSpec) -> Reader:
         """Create a reader."""
 
-    def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> ServiceClientTransport:
+    def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> TransportClient:
         """Create a client."""
 
-    def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> ServiceServerTransport:
+    def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> TransportServer:
         """Create a server."""
 
     def announce(self, nodes: Mapping[int, NodeEntities]) -> None:

@@ -111,7 +111,7 @@ class _ServiceEndpoint(Protocol):
         """Delete the client or server. May be called twice."""
 
 
-class ServiceClientTransport(_ServiceEndpoint, Protocol):
+class TransportClient(_ServiceEndpoint, Protocol):
     """Client of a service."""
 
     def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
@@ -140,7 +140,7 @@ class ServiceClientTransport(_ServiceEndpoint, Protocol):
         """Return the GUIDs of all endpoints of servers, matched or not; the same object until they change."""
 
 
-class ServiceServerTransport(_ServiceEndpoint, Protocol):
+class TransportServer(_ServiceEndpoint, Protocol):
     """Server of a service."""
 
     def take(self) -> Request | None:

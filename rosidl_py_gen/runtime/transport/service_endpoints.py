@@ -85,7 +85,7 @@ class _EndpointPair:
 
 
 class EndpointPairClient(_EndpointPair):
-    """Part of a `ServiceClientTransport` that knows the servers."""
+    """Part of a `TransportClient` that knows the servers."""
 
     def __init__(self, service: ServiceSpec, peers: ServicePeers, reader: Reader, writer: Writer, gid: bytes) -> None:
         super().__init__(reader, writer, gid)
@@ -133,7 +133,7 @@ class EndpointPairClient(_EndpointPair):
 
 
 class EndpointPairServer(_EndpointPair):
-    """Part of a `ServiceServerTransport` that does not depend on how requests are identified."""
+    """Part of a `TransportServer` that does not depend on how requests are identified."""
 
     def release(self) -> None:
         """Do nothing: there is no flow control."""

@@ -149,7 +149,7 @@ async def test_a_second_server_changes_nothing_while_the_first_lives(world: Worl
 @pytest.mark.every_transport
 async def test_unknown_from_another_server_is_not_the_answer(world: World) -> None:
     async def execute(handle: Any) -> Any:
-        await until(lambda: bool(asked) and stranger._port.all_acknowledged())  # UNKNOWN has arrived
+        await until(lambda: bool(asked) and stranger._transport_client.all_acknowledged())  # UNKNOWN has arrived
         return result(5)
 
     _, client = await pair(world, execute)
@@ -404,8 +404,8 @@ async def test_servers_that_keep_few_requests_get_the_questions_in_turn(
 
     _, client = await pair(world, until_canceled)
     questions = client._result.client
-    servers = questions._port.servers
-    monkeypatch.setattr(questions._port, "servers", lambda: replace(servers(), request_queue_depth=3))
+    servers = questions._transport_client.servers
+    monkeypatch.setattr(questions._transport_client, "servers", lambda: replace(servers(), request_queue_depth=3))
     handles = []
     for _ in range(10):
         handles.append(await client.send_goal(goal()))

@@ -21,7 +21,7 @@ def record(monkeypatch: pytest.MonkeyPatch, server: Any) -> list[str]:
     written: list[str] = []
     for owner in server._parts.owned.values():
         name = str(getattr(owner, "topic", None) or getattr(owner, "name", "")).rpartition("/")[2]
-        of, function = (owner._port, "send") if hasattr(owner, "_port") else (owner, "_write")
+        of, function = (owner._transport_server, "send") if hasattr(owner, "_transport_server") else (owner, "_write")
         if not hasattr(of, function):
             continue
 

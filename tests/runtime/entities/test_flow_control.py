@@ -171,14 +171,20 @@ async def test_what_a_server_keeps_is_shared_by_all_who_have_clients(
         assert await client.wait_for_service(timeout_s=5)
     await until(
         lambda: (
-            [client.service_is_available() and client._port.servers().request_queue_depth for client in clients]
+            [
+                client.service_is_available() and client._transport_client.servers().request_queue_depth
+                for client in clients
+            ]
             == [3] * 4
         )
     )
     nodes[2].close()
     await until(
         lambda: (
-            [client.service_is_available() and client._port.servers().request_queue_depth for client in clients[:2]]
+            [
+                client.service_is_available() and client._transport_client.servers().request_queue_depth
+                for client in clients[:2]
+            ]
             == [5] * 2
         )
     )

@@ -105,7 +105,7 @@ async def test_what_a_server_answered_before_it_closed_counts(world: World) -> N
     for number in range(10):
         call = asyncio.ensure_future(client.call(Request(a=number), timeout_s=5))
         (await asyncio.wait_for(anext(server), 5)).respond(Response(sum=number))
-        await until(server._port.all_acknowledged)
+        await until(server._transport_server.all_acknowledged)
         if number == 9:
             server.close()
         assert (await call).sum == number
@@ -127,13 +127,13 @@ async def test_requests_that_wait_for_their_turn_go_to_the_server_that_comes_nex
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     server, client, (call,) = await asked(memory)
-    servers = client._port.servers
-    monkeypatch.setattr(client._port, "servers", lambda: replace(servers(), request_queue_depth=1))
+    servers = client._transport_client.servers
+    monkeypatch.setattr(client._transport_client, "servers", lambda: replace(servers(), request_queue_depth=1))
     second = asyncio.ensure_future(client.call(Request(a=1, b=2), timeout_s=5))
     third = asyncio.ensure_future(client.call(Request(a=2, b=2), timeout_s=5))
     await until(lambda: client.in_flight_count == 3)
     memory.node("next").create_service(AddTwoInts, "add", add)
-    await until(lambda: len(client._port.server_endpoints()) == 4)
+    await until(lambda: len(client._transport_client.server_endpoints()) == 4)
     server.close()
     for lost in (call, second):
         with pytest.raises(ServerLostError, match=_LOST):

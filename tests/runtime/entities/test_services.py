@@ -43,7 +43,7 @@ async def test_a_response_waits_for_the_reader_of_its_client(
     client = bob.create_client(AddTwoInts, "add")
     time_s = asyncio.get_running_loop().time
     there_s = time_s() + late_s
-    monkeypatch.setattr(server._port, "can_reach_client", lambda _: time_s() >= there_s)
+    monkeypatch.setattr(server._transport_server, "can_reach_client", lambda _: time_s() >= there_s)
     call = client.call(Request(a=1, b=2), timeout_s=10)
     if late_s < 5:
         assert (await call).sum == 3 and time_s() >= there_s and not caplog.records
@@ -101,15 +101,15 @@ async def test_requests_can_be_answered_later_from_another_task(world: World) ->
 @pytest.mark.every_transport
 async def test_replies_that_wait_are_sent_when_their_server_closes(memory: World, monkeypatch: Any) -> None:
     server, client = memory.node().create_service(AddTwoInts, "add"), memory.node().create_client(AddTwoInts, "add")
-    port, is_released = server._port, False
+    transport_server, is_released = server._transport_server, False
 
     def release() -> None:
         nonlocal is_released
         is_released = True
 
-    send = port.send
-    monkeypatch.setattr(port, "release", release)
-    monkeypatch.setattr(port, "send", lambda to, data: is_released and send(to, data))
+    send = transport_server.send
+    monkeypatch.setattr(transport_server, "release", release)
+    monkeypatch.setattr(transport_server, "send", lambda to, data: is_released and send(to, data))
     await client.wait_for_service(timeout_s=5)
     call = asyncio.ensure_future(client.call(AddTwoInts.Request(), timeout_s=5))
     (await anext(server)).respond(AddTwoInts.Response(sum=7))
@@ -213,7 +213,7 @@ async def test_late_and_foreign_replies_are_ignored(dds: World) -> None:
     call = asyncio.create_task(client.call(Request(a=3), timeout_s=5))
     request = await task
     (number,) = client._by_sequence_number
-    replies: Any = server._port
+    replies: Any = server._transport_server
     replies._writer.write(add_request_header(Response(sum=2).encode(), 12345, number))  # of another client
     replies._writer.write(b"\0\1\0\0\7\7\7\7")  # nonsense
     request.respond(Response(sum=3))
@@ -323,10 +323,12 @@ async def test_both_ends_announce_their_id_as_cyclone_does(world: World) -> None
     client = bob.create_client(AddTwoInts, "add")
     assert await client.wait_for_service(timeout_s=5)
     graph = bob._scope.graph
-    await until(lambda: graph.endpoints.keys() >= {*server._port.endpoints, *client._port.endpoints})
-    reads, writes = (graph.endpoints[guid] for guid in server._port.endpoints)
+    await until(
+        lambda: graph.endpoints.keys() >= {*server._transport_server.endpoints, *client._transport_client.endpoints}
+    )
+    reads, writes = (graph.endpoints[guid] for guid in server._transport_server.endpoints)
     assert reads.service_id == writes.service_id != ""
     assert reads.type_hash == AddTwoInts.Request._TYPE.hash
     assert writes.type_hash == AddTwoInts.Response._TYPE.hash
-    own = {graph.endpoints[guid].service_id for guid in client._port.endpoints}
+    own = {graph.endpoints[guid].service_id for guid in client._transport_client.endpoints}
     assert len(own) == 1 and own.isdisjoint({"", reads.service_id})

@@ -131,7 +131,7 @@ async def test_the_answer_comes_before_the_events_it_caused(world: World) -> Non
     await until(lambda: _event_publisher(node).has_subscriptions)
     written: list[str] = []
     _note(_event_publisher(node), "_write", "event", written)
-    _note(_set_service(node)._port, "send", "answer", written)
+    _note(_set_service(node)._transport_server, "send", "answer", written)
     assert (await client.set({"a": 2}, 5))[0].successful
     await until(lambda: len(written) == 2)
     assert written == ["answer", "event"]

@@ -215,7 +215,7 @@ async def test_calls_in_the_way_of_fast_dds_inside_one_process(dds: World, as_fa
     for number in range(20):
         response = await client.call(SetBool.Request(data=bool(number % 2)), timeout_s=10)
         assert (response.success, len(response.message)) == (bool(number % 2), 999_999 * (number % 2))
-    assert client._port._sent == 20  # no request was repeated
+    assert client._transport_client._sent == 20  # no request was repeated
 
 
 @pytest.mark.parametrize("lossiness", [0, 100], ids=["all packets", "one of ten lost"])
@@ -243,7 +243,7 @@ async def test_requests_given_up_leave_no_numbers_behind(dds: World, as_fast_dds
     for _ in range(5):
         calls = (client.call(SetBool.Request(), timeout_s=0.05) for _ in range(100))
         assert all(isinstance(error, TimeoutError) for error in await asyncio.gather(*calls, return_exceptions=True))
-    assert client._port._sent == 500 and client.in_flight_count == 0
+    assert client._transport_client._sent == 500 and client.in_flight_count == 0
 
 
 async def test_endpoints_come_and_go_while_others_call(dds: World, as_fast_dds: None) -> None:
@@ -458,7 +458,7 @@ async def test_ctrl_c_waits_until_cyclone_is_back(dds: World, as_fast_dds: None)
             types._start_request(GetParameterTypes.Request(names=["x"]), list, list)
         assert len(calls) == 1
         assert (await types.call(GetParameterTypes.Request(names=["abc"]), timeout_s=10)).types.tolist() == [3]
-        writer: Any = types._port._writer
+        writer: Any = types._transport_client._writer
         with interrupted(writer._fast_dds_hooks) as calls:  # the hook is called for a sample without identity, too
             writer.write(correlation.add_request_header(GetParameterTypes.Request(names=["y"]).encode(), 1, 1))
         assert len(calls) == 1

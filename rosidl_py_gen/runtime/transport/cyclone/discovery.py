@@ -25,7 +25,7 @@ from rosidl_py_gen.runtime.transport.cyclone.c_api import (
 from rosidl_py_gen.runtime.transport.cyclone.qos import read_profile, read_property, read_user_data
 from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import putw
 from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR
-from rosidl_py_gen.runtime.transport.dds.names import topic_key_of, parse_user_data
+from rosidl_py_gen.runtime.transport.dds.names import parse_user_data, topic_key_of
 from rosidl_py_gen.runtime.transport.discovery_events import (
     GUID_PREFIX_BYTES,
     DiscoveredEndpoint,

@@ -133,7 +133,7 @@ async def test_another_definition_is_a_warning_and_the_same_one_is_none(
     publisher = zenoh.node("ours").create_publisher(String, "/chatter")
     peer.tell("MS", "/chatter", f"std_msgs::msg::dds_::String_/{type_hash(String)}")
     peer.tell("MS", "/chatter", f"std_msgs::msg::dds_::String_/RIHS01_{0:064x}")
-    warning = "no messages on /chatter from node /ours to node /peer: they have std_msgs/msg/String by different"
+    warning = "no messages on /chatter from node /ours to node /peer: their definitions of std_msgs/msg/String differ"
     await until(lambda: warning in caplog.text)
     assert caplog.text.count("no messages on") == 1 and len(publisher._writer.matched_readers()) == 1
 

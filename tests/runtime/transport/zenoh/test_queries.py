@@ -27,8 +27,8 @@ class Pair:
         self.node = world.node("server")
         self.server = self.node.create_service(AddTwoInts, "add")
         self.client = world.node("caller").create_client(AddTwoInts, "add")
-        self.reader: Any = self.server._port
-        self.replies: Any = self.client._port
+        self.reader: Any = self.server._transport_server
+        self.replies: Any = self.client._transport_client
         self.session: Any = self.node._scope.participant.session  # type: ignore[attr-defined]
         self.key = (
             f"{self.node.context.domain_id}/add/example_interfaces::srv::dds_::AddTwoInts_/{AddTwoInts._TYPE.hash}"
@@ -66,7 +66,7 @@ async def test_a_call_that_was_answered_leaves_nothing_in_zenoh(zenoh: World) ->
     client = zenoh.node("caller").create_client(AddTwoInts, "add")
     calls = (client.call(AddTwoInts.Request(), timeout_s=20) for _ in range(200))
     assert {response.sum for response in await asyncio.gather(*calls)} == {3}
-    replies: Any = client._port
+    replies: Any = client._transport_client
     await until(lambda: not replies._in_flight)
 
 
@@ -125,7 +125,11 @@ async def test_a_response_counts_that_comes_after_the_news_that_its_server_is_go
     calling = pair.call()
     await until(lambda: pair.reader._queries)
     caller: Any = pair.client._scope.participant
-    (token,) = (text for text, ends in caller.graph._tokens.items() if pair.server._port.gid in {e.guid for e in ends})
+    (token,) = (
+        text
+        for text, ends in caller.graph._tokens.items()
+        if pair.server._transport_server.gid in {e.guid for e in ends}
+    )
     caller.graph.on_token(False, token)
     caller.report_discovery()
     await until(lambda: not pair.client._servers())

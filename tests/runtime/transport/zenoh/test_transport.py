@@ -152,7 +152,7 @@ async def test_of_two_servers_the_first_answer_counts(zenoh: World) -> None:
             AddTwoInts, "add", lambda request, factor=factor: AddTwoInts.Response(sum=request.a * factor)
         )
     client = zenoh.node().create_client(AddTwoInts, "add")
-    await until(lambda: client._scope.graph is not None and len(client._port.connected()) == 2)
+    await until(lambda: client._scope.graph is not None and len(client._transport_client.connected()) == 2)
     assert (await client.call(AddTwoInts.Request(a=5), timeout_s=5)).sum in (5, 10)
     assert client.in_flight_count == 0
 
@@ -163,7 +163,7 @@ async def test_requests_that_nobody_answers_go_with_their_client(zenoh: World) -
     client = caller.create_client(AddTwoInts, "add")
     calling = asyncio.ensure_future(client.call(AddTwoInts.Request(), timeout_s=20))
     await anext(server)
-    reader: Any = server._port
+    reader: Any = server._transport_server
     assert len(reader._queries) == 1
     caller.context.close()
     await until(lambda: not reader._queries)
