@@ -350,7 +350,7 @@ def _typed_pad(column: Column, pad: Any) -> Any:
     return array[()]
 
 
-def frame(array: np.ndarray[Any, np.dtype[np.void]]) -> Any:
+def to_dataframe(array: np.ndarray[Any, np.dtype[np.void]]) -> Any:
     """Return a table as a `pandas.DataFrame`; see `BagReader.to_pandas`."""
     try:
         pandas: Any = import_module("pandas")

@@ -23,14 +23,14 @@ from rosidl_py_gen.bags.definition_lookup import (
     checked_decoder,
     is_empty,
 )
-from rosidl_py_gen.bags.numpy_table import frame, table
+from rosidl_py_gen.bags.numpy_table import table, to_dataframe
 from rosidl_py_gen.bags.remote import bag_path
 from rosidl_py_gen.bags.storage.bag_files import open_files
-from rosidl_py_gen.bags.storage.damage import Skipped
+from rosidl_py_gen.bags.storage.damage import SkippedParts
 from rosidl_py_gen.bags.storage.storage_api import (
     MAX_UNPACKED_BYTES,
     BagChannel,
-    Raw,
+    RawTuple,
     TableInput,
     as_table_input,
     merge_by_time,
@@ -92,7 +92,7 @@ class BagReader:
         skip_damaged: bool = False,
     ) -> None:
         self.path = bag_path(path)
-        skipped = Skipped()
+        skipped = SkippedParts()
         self.damaged = skipped.parts
         """Damaged parts of MCAP files that were skipped so far; a `BagWarning` reports each of the first 20."""
         self._resources = ExitStack()
@@ -217,11 +217,11 @@ class BagReader:
             self._channels_of(name)
         return names
 
-    def _merged(self, names: list[str] | None, start_ns: int | None, end_ns: int | None) -> Iterator[Raw]:
+    def _merged(self, names: list[str] | None, start_ns: int | None, end_ns: int | None) -> Iterator[RawTuple]:
         return merge_by_time(self._files, names, start_ns or 0, _END if end_ns is None else end_ns)
 
     def _decoded(
-        self, messages: Iterable[Raw], arrays: bool, may_skip_topic: bool, may_skip: bool
+        self, messages: Iterable[RawTuple], arrays: bool, may_skip_topic: bool, may_skip: bool
     ) -> Iterator[BagMessage]:
         decoders: dict[BagChannel, Callable[[bytes | memoryview], Any] | None] = {}
         make = tuple.__new__  # twice as fast as BagMessage()
@@ -345,7 +345,7 @@ class BagReader:
         Raises:
             ModuleNotFoundError: pandas is not installed. Others as for `to_arrays`.
         """
-        return frame(self.to_arrays(topic, fields, start_ns=start_ns, end_ns=end_ns, pad=pad))
+        return to_dataframe(self.to_arrays(topic, fields, start_ns=start_ns, end_ns=end_ns, pad=pad))
 
     def batches(
         self,

@@ -105,7 +105,7 @@ def write_dataset(
     dataset = StagedDataset(bag, str(out), name or bag_name(bag.path.name), overwrite, compression, row_group_bytes)
     with dataset:
         dataset.read_bag(topics, include_large, start_ns, end_ns, on_error, progress)
-        dataset.publish()
+        dataset.commit()
     return dataset.report
 
 
@@ -173,7 +173,7 @@ class _File:
 
 
 class StagedDataset:
-    """Files of a bag, or of a part of it, that become visible by `publish`; a context manager.
+    """Files of a bag, or of a part of it, that become visible by `commit`; a context manager.
 
     Args:
         suffix: end of the names of files, for one of several parts of a bag.
@@ -218,7 +218,7 @@ class StagedDataset:
         for channel in channels:
             self._add_file(channel, BatchBuilder(bag, channel, None, source.decoded))
         count = 0
-        for message in source.found if self._by_key else ():
+        for message in source.messages_or_blocks if self._by_key else ():
             count += self._add_messages(message)
             if progress is not None:
                 progress(count)
@@ -282,9 +282,9 @@ class StagedDataset:
                 channel = file.channel
                 self.report.files.append(DatasetFile(channel.name, channel.type_name, file.path, file.rows))
 
-    def publish(self) -> None:
+    def commit(self) -> None:
         """Rename the files to their final names."""
-        self._output.publish()
+        self._output.commit()
 
     def __enter__(self) -> StagedDataset:
         self._output.__enter__()

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from rosidl_py_gen.bags.storage.storage_api import Raw
+    from rosidl_py_gen.bags.storage.storage_api import RawTuple
 
     Times = NDArray[np.uint64]
 
@@ -30,13 +30,13 @@ _MAX_RATIO = 4
 class MessageList:
     """Messages one by one."""
 
-    def __init__(self, messages: list[Raw]) -> None:
+    def __init__(self, messages: list[RawTuple]) -> None:
         self._messages = messages
 
     def __len__(self) -> int:
         return len(self._messages)
 
-    def raw(self) -> Sequence[Raw]:
+    def raw(self) -> Sequence[RawTuple]:
         """Return each message."""
         return self._messages
 
@@ -59,7 +59,7 @@ class MessageBlocks:
     def __len__(self) -> int:
         return sum(len(block.begin) for block in self._blocks)
 
-    def raw(self) -> Sequence[Raw]:
+    def raw(self) -> Sequence[RawTuple]:
         """Return each message."""
         return [message for block in self._blocks for message in _raw_messages(block)]
 
@@ -100,7 +100,7 @@ def _slices(block: MessageBlock) -> list[bytes | memoryview]:
     return [view[at:end] for at, end in zip(block.begin.tolist(), ends, strict=True)]
 
 
-def _raw_messages(block: MessageBlock) -> list[Raw]:
+def _raw_messages(block: MessageBlock) -> list[RawTuple]:
     columns = _slices(block), block.log_times.tolist(), block.publish_times.tolist()
     return [(block.channel, *row) for row in zip(*columns, strict=True)]
 
@@ -125,7 +125,7 @@ def detach_block(block: MessageBlock) -> MessageBlock:
     return block._replace(data=b"".join(_slices(block)), begin=np.cumsum(block.size) - block.size)
 
 
-def detach_message(message: Raw) -> Raw:
+def detach_message(message: RawTuple) -> RawTuple:
     """Return the message, with copied bytes if they are a view of a much larger chunk."""
     channel, data, log_time, publish_time = message
     if type(data) is memoryview and len(data.obj) > _MAX_RATIO * len(data):  # type: ignore[arg-type]

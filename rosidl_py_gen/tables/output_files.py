@@ -88,7 +88,7 @@ class Output:
             with self._system.open(path, "wb", block_size=_BLOCK_BYTES) as stream:
                 yield stream
 
-    def publish(self) -> None:
+    def commit(self) -> None:
         """Rename the files to their final names."""
         for place, partial in list(self._partial.items()):
             os.replace(partial, place)

@@ -128,7 +128,7 @@ class Database:
             on_count = None if progress is None else lambda own_count, before=count: progress(before + own_count)
             with StagedDataset(bag, self._folder.name, name, compression="lz4", folder_of=self._folder_of) as dataset:
                 dataset.read_bag(own, False, None, None, on_error, on_count)
-                dataset.publish()
+                dataset.commit()
             count += sum(bag.topics[topic].count or 0 for topic in own)
             skipped.update(dataset.report.skipped_topics)
             for file_report in dataset.report.files:

@@ -35,12 +35,12 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.bags import BagReader
     from rosidl_py_gen.bags.common import BagMessage, BagTopic
-    from rosidl_py_gen.bags.storage.storage_api import BagChannel, Raw, TableInput
+    from rosidl_py_gen.bags.storage.storage_api import BagChannel, RawTuple, TableInput
     from rosidl_py_gen.tables.batch_decoder import BatchCursor
     from rosidl_py_gen.tables.columns import ColumnNode
 
     Times = NDArray[np.uint64]
-    Decode = Callable[[Iterable[Raw]], Iterator[BagMessage]]
+    Decode = Callable[[Iterable[RawTuple]], Iterator[BagMessage]]
     Batches = Iterator[tuple["BatchBuilder", MessageList | MessageBlocks]]
 
 MAX_ROWS = 1 << 16
@@ -117,7 +117,7 @@ def _require_ends(cursor: BatchCursor) -> None:
         raise BatchUnsupportedError
 
 
-def _portions(messages: Sequence[Raw]) -> Iterator[Sequence[Raw]]:
+def _portions(messages: Sequence[RawTuple]) -> Iterator[Sequence[RawTuple]]:
     begin, size = 0, 0
     for number, message in enumerate(messages, 1):
         size += len(message[1])
@@ -150,7 +150,9 @@ def reader(
             f"{bag.path}: {channels[0].name} was recorded with {len(by_class)} definitions with different columns; "
             "select columns that all of them have, or read one of `channels`"
         )
-    return pa.RecordBatchReader.from_batches(schema, _batches(by_key, source.found, schema, max(1, batch_bytes)))
+    return pa.RecordBatchReader.from_batches(
+        schema, _batches(by_key, source.messages_or_blocks, schema, max(1, batch_bytes))
+    )
 
 
 def _batches(
@@ -173,7 +175,7 @@ class BatchBuffer:
         self._channel: BagChannel | None = None
         self._builder: BatchBuilder | None = None
 
-    def take(self, message: Raw | MessageBlock, by_key: dict[tuple[str, ...], BatchBuilder]) -> Batches:
+    def take(self, message: RawTuple | MessageBlock, by_key: dict[tuple[str, ...], BatchBuilder]) -> Batches:
         """Add a message or a block, and yield the batches that are full."""
         if message[0] is not self._channel:
             builder = by_key.get(message[0].info.key)
@@ -188,7 +190,7 @@ class BatchBuffer:
         for block in split_block(message, self._max_bytes, MAX_ROWS):
             yield from self._add(detach_block(block), int(block.size.sum()), len(block.size))
 
-    def _add(self, message: Raw | MessageBlock, size: int, rows: int) -> Batches:
+    def _add(self, message: RawTuple | MessageBlock, size: int, rows: int) -> Batches:
         self._messages.append(message)
         self._size += size
         self._rows += rows

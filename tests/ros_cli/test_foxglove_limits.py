@@ -169,7 +169,7 @@ async def test_messages_that_wait_for_their_type_have_a_limit_for_all_topics(mem
     session: Any = SimpleNamespace(node=memory.node())
     publisher = ClientPublishing(session, told, paths=())
     for key in offers:
-        await publisher.take(key, bytes(400_000))
+        await publisher.publish_from_viewer(key, bytes(400_000))
     waiting = [len(one.waiting) for one in publisher._publishers.values()]
     assert waiting == [1, 1, 0, 0] and "messages for /q2 are dropped" in "".join(warnings)
     await publisher.close()

@@ -98,7 +98,7 @@ async def test_names_that_ros_refuses_are_told_those_who_watch_and_harm_nothing_
     await until(lambda: {*wanted} <= {*told.channels})
     for topic in wanted:
         told.watch(topic)
-    topics.serve()
+    topics.update_subscriptions()
     assert await words.wait_for_subscribers(5)
     topics.refresh()
     for topic in ("/2d_scan", "/a//b", "/plain"):
@@ -192,7 +192,7 @@ async def test_viewers_can_define_so_many_types_and_no_more(
     async def refusal(number: int, name: str, schema: bytes) -> str:
         topic = f"/many{number}"
         told.offers[1, number] = ClientAdvertisement(topic, "cdr", f"viewers/msg/{name}", "ros2msg", schema)
-        publisher.serve()
+        publisher.update_publishers()
         await until(lambda: node.count_publishers(topic) > 0 or any(topic in text for text in told.warnings))
         return "".join(text for text in told.warnings if topic in text)
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from contextlib import ExitStack
 
     from rosidl_py_gen.bags.common import DamagedPart
-    from rosidl_py_gen.bags.storage.storage_api import MessageBlock, Raw, Storage
+    from rosidl_py_gen.bags.storage.storage_api import MessageBlock, RawTuple, Storage
 
 SUFFIX = ".zstd"
 _SUFFIXES = ".mcap", ".db3"
@@ -224,14 +224,14 @@ class _CompressedMessages:
     def span(self) -> tuple[int, int] | None:
         return self._storage.span()
 
-    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
+    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[RawTuple]:
         messages = self._storage.messages(topics, start, end)
         for first in messages:
             rest = chain(iter([first]), messages)
             return self._decompress_all(rest) if bytes(first[1][:4]) == _MAGIC else rest  # all messages, or none
         return iter(())
 
-    def _decompress_all(self, messages: Iterator[Raw]) -> Iterator[Raw]:
+    def _decompress_all(self, messages: Iterator[RawTuple]) -> Iterator[RawTuple]:
         for channel, data, log_time, publish_time in messages:
             yield channel, self._decompress_message(bytes(data), channel.topic, log_time), log_time, publish_time
 

@@ -40,7 +40,7 @@ _INDEX = struct.Struct("<BQH")
 """Start of a message index record: opcode, length, channel."""
 
 
-class Damage(NamedTuple):
+class DamagedRange(NamedTuple):
     """Damaged range of a file.
 
     Attributes:
@@ -56,7 +56,7 @@ class Damage(NamedTuple):
     channels: Collection[int] | None = None
 
 
-class Skipped:
+class SkippedParts:
     """Damaged parts that were skipped.
 
     Attributes:
@@ -80,7 +80,7 @@ class Skipped:
             warnings.warn(text, BagWarning, stacklevel=2)
 
 
-OnDamage = Callable[[Damage], None]
+OnDamage = Callable[[DamagedRange], None]
 """Records a damage, or raises `BagError`."""
 
 

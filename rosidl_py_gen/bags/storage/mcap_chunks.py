@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from rosidl_py_gen.bags.storage.storage_api import BagChannel, Raw
+    from rosidl_py_gen.bags.storage.storage_api import BagChannel, RawTuple
 
     Array = NDArray[Any]
 
@@ -140,7 +140,7 @@ class ChunkDecompressor:
 
     def messages(
         self, data: bytes | bytearray, requested: Mapping[int, BagChannel], known: Container[int], size: int = -1
-    ) -> list[Raw]:
+    ) -> list[RawTuple]:
         """Return the messages of the channels in `requested`; `known` are all channels.
 
         Args:

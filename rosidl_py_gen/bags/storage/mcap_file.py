@@ -20,7 +20,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from rosidl_py_gen.bags.common import BagError, BagTopic, DamagedPart
 from rosidl_py_gen.bags.remote import BagUnreachableError, opened
-from rosidl_py_gen.bags.storage.damage import Damage
+from rosidl_py_gen.bags.storage.damage import DamagedRange
 from rosidl_py_gen.bags.storage.mcap_chunks import (
     MAX_WHOLE_CHUNK_BYTES,
     MIN_MESSAGE_BYTES,
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from mcap.records import Schema
 
     from rosidl_py_gen.bags.storage.mcap_chunks import ChunkHeader
-    from rosidl_py_gen.bags.storage.storage_api import Raw
+    from rosidl_py_gen.bags.storage.storage_api import RawTuple
 
 T = TypeVar("T")
 _MESSAGE_BYTES = 200
@@ -127,18 +127,18 @@ class McapFile:
             )
 
     def _walk(self, index: Index, start: int, end: int) -> None:
-        damages: list[Damage] = []  # reported at the end, when all topics are known
+        damaged_ranges: list[DamagedRange] = []  # reported at the end, when all topics are known
         skips = self._on_skipped is not None
-        on_damage = damages.append if skips else lambda one: self._report_damage(one, index)
+        on_damage = damaged_ranges.append if skips else lambda one: self._report_damage(one, index)
         with library_errors_as_bag_error(self._path), self._lock:
             try:
                 Walk(self._stream, self._size, self._chunks, index, on_damage, skips).run(start, end)
             except BagError as error:
                 raise error if str(self._path) in str(error) else BagError(f"{self._path}: {error}") from None
-        for one in damages:
+        for one in damaged_ranges:
             self._report_damage(one, index)
 
-    def _report_damage(self, damage: Damage, index: Index) -> None:
+    def _report_damage(self, damage: DamagedRange, index: Index) -> None:
         names = None
         if damage.channels is not None:
             names = tuple(sorted({index.channels[one].topic for one in damage.channels if one in index.channels}))
@@ -158,7 +158,7 @@ class McapFile:
         except BagError as error:
             begin = segment.offset - RECORD.size if segment.is_chunk else segment.offset
             self._report_damage(
-                Damage(begin, segment.end, error, segment.first, segment.last, segment.channels), self._index
+                DamagedRange(begin, segment.end, error, segment.first, segment.last, segment.channels), self._index
             )
 
     @property
@@ -191,7 +191,7 @@ class McapFile:
         with library_errors_as_bag_error(self._path):
             return [(one.first, one.end - one.offset) for one in self._segments]
 
-    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
+    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[RawTuple]:
         with library_errors_as_bag_error(self._path):
             yield from self._merge_by_time(*self._select(topics, start, end), start, end)
 
@@ -215,7 +215,7 @@ class McapFile:
         known: Container[int],
         start: int,
         end: int,
-    ) -> Iterator[Raw]:
+    ) -> Iterator[RawTuple]:
         buffer = _MergeBuffer()
         due = [
             (segment.first, number, self._reporting_damage(segment, self._blocks(segment, requested, known)))
@@ -307,7 +307,7 @@ class McapFile:
 
     def _blocks(
         self, segment: MessageSegment, requested: Mapping[int, BagChannel], known: Container[int]
-    ) -> Iterator[tuple[list[Raw], int, bool]]:
+    ) -> Iterator[tuple[list[RawTuple], int, bool]]:
         """Yield the messages of a segment in blocks by log time, each with its size and True if more may follow."""
         for data, whole, has_more in self._contents(segment, known):
             messages = self._chunks.messages(data, requested, known, whole)
@@ -375,20 +375,21 @@ class _MergeBuffer:
     def __init__(self) -> None:
         self.size = 0
         self._count = 0
-        self._runs: list[tuple[int, int, int, list[Raw]]] = []  # next log time, number, position of the next message
+        # Next log time, number, position of the next message, and messages of each run.
+        self._runs: list[tuple[int, int, int, list[RawTuple]]] = []
 
     @property
     def is_empty(self) -> bool:
         return not self._runs
 
-    def add(self, run: list[Raw]) -> None:
+    def add(self, run: list[RawTuple]) -> None:
         """Add messages; of equal log times, those that were added first come first."""
         if run:
             heappush(self._runs, (run[0][2], self._count, 0, run))
             self._count += 1
             self.size += _memory_of(run)
 
-    def before(self, end: int | None) -> Iterator[Raw]:
+    def before(self, end: int | None) -> Iterator[RawTuple]:
         """Remove and yield the messages with ``log_time < end`` by log time; all if `end` is None."""
         runs = self._runs
         while runs and (end is None or runs[0][0] < end):
@@ -405,5 +406,5 @@ class _MergeBuffer:
             yield from due
 
 
-def _memory_of(messages: list[Raw]) -> int:
+def _memory_of(messages: list[RawTuple]) -> int:
     return _MESSAGE_BYTES * len(messages) + sum(len(message[1]) for message in messages)

@@ -19,7 +19,7 @@ from rosidl_py_gen.bags.storage.storage_api import BagChannel, library_errors_as
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
 
-    from rosidl_py_gen.bags.storage.storage_api import Raw
+    from rosidl_py_gen.bags.storage.storage_api import RawTuple
 
 _TABLES = "messages", "topics", "message_definitions"
 """Tables that are read."""
@@ -127,7 +127,7 @@ class SqliteFile:
                 raise BagError(f"{self._path}: a message has no time")
             return first, last
 
-    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
+    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[RawTuple]:
         with library_errors_as_bag_error(self._path):
             known = {key: BagChannel(topic) for key, topic in {**self._without_topic, **self._topics({})}.items()}
             requested = [key for key, channel in known.items() if topics is None or channel.topic in topics]

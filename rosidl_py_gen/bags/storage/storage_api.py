@@ -46,7 +46,7 @@ class BagChannel:
 
 _NO_CHANNEL = BagChannel(BagTopic("", ""))
 """Channel of a placeholder message at the first log time of a file."""
-Raw: TypeAlias = "tuple[BagChannel, bytes | memoryview, int, int]"
+RawTuple: TypeAlias = "tuple[BagChannel, bytes | memoryview, int, int]"
 """Contents of a `BagMessage` before decoding; a plain tuple takes a third of the time.
 
 Large messages are views of their chunk, and so are arrays that are decoded from them.
@@ -89,7 +89,7 @@ class Storage(Protocol):
     def span(self) -> tuple[int, int] | None:
         """Return the log times of the first and the last message; None without messages."""
 
-    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
+    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[RawTuple]:
         """Yield raw messages with ``start <= log_time < end``, by log time; None means all topics."""
 
     def blocks(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[MessageBlock] | None:
@@ -115,7 +115,7 @@ def library_errors_as_bag_error(path: Path) -> Iterator[None]:
         raise BagError(f"{path}: damaged: {type(error).__name__}: {str(error)[:200]}") from None
 
 
-def with_bytes(messages: Iterable[Raw], kind: type[M], first: Callable[[BagChannel], Any]) -> Iterator[M]:
+def with_bytes(messages: Iterable[RawTuple], kind: type[M], first: Callable[[BagChannel], Any]) -> Iterator[M]:
     """Yield messages as named tuples that begin with `first`, without a reference to a chunk while the next is read."""
     make = tuple.__new__  # in half the time of a call of `kind`
     for channel, data, log_time, publish_time in messages:
@@ -125,7 +125,7 @@ def with_bytes(messages: Iterable[Raw], kind: type[M], first: Callable[[BagChann
         del made
 
 
-def merge_by_time(files: list[Storage], topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
+def merge_by_time(files: list[Storage], topics: Collection[str] | None, start: int, end: int) -> Iterator[RawTuple]:
     """Yield the messages of several files by log time."""
     if len(files) == 1:
         return files[0].messages(topics, start, end)
@@ -137,7 +137,7 @@ def merge_by_time(files: list[Storage], topics: Collection[str] | None, start: i
     return (one for one in heapq.merge(*each, key=LOG_TIME) if one[0] is not _NO_CHANNEL)
 
 
-def _open_when_due(file: Storage, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
+def _open_when_due(file: Storage, topics: Collection[str] | None, start: int, end: int) -> Iterator[RawTuple]:
     """Read a file once its first message is due, so that not every file has a chunk in memory."""
     yield from file.messages(topics, start, end)
 
@@ -146,17 +146,17 @@ class TableInput(NamedTuple):
     """Input of tables.
 
     Attributes:
-        found: blocks, ordered for each topic, or messages by log time.
+        messages_or_blocks: blocks, ordered for each topic, or messages by log time.
         decoded: decodes raw messages; errors are raised or skipped as requested.
     """
 
-    found: Iterator[MessageBlock] | Iterator[Raw]
-    decoded: Callable[[Iterable[Raw]], Iterator[BagMessage]]
+    messages_or_blocks: Iterator[MessageBlock] | Iterator[RawTuple]
+    decoded: Callable[[Iterable[RawTuple]], Iterator[BagMessage]]
 
 
 def as_table_input(
     files: list[Storage], topics: Collection[str] | None, start: int, end: int
-) -> Iterator[MessageBlock] | Iterator[Raw]:
+) -> Iterator[MessageBlock] | Iterator[RawTuple]:
     """Return the messages in blocks if the files do not overlap in time, else as `merge_by_time`."""
     due = [(span, file) for file in files if (span := file.span()) is not None and span[0] < end and span[1] >= start]
     due.sort(key=itemgetter(0))

@@ -16,7 +16,7 @@ from rosidl_py_gen.bags.common import BagError
 from rosidl_py_gen.bags.remote import BagUnreachableError
 from rosidl_py_gen.bags.storage.damage import (
     ChunkHead,
-    Damage,
+    DamagedRange,
     OnDamage,
     are_zeros,
     indexed_channels,
@@ -112,10 +112,10 @@ class Walk:
 
     def _skip(self, at: int, after: int, error: BagError, head: ChunkHead | None = None) -> int:
         if head is None:
-            self._on_damage(Damage(at, after, error))
+            self._on_damage(DamagedRange(at, after, error))
         else:
             channels = indexed_channels(self._read, after, self._size)
-            self._on_damage(Damage(at, after, error, head.first, head.last, channels))
+            self._on_damage(DamagedRange(at, after, error, head.first, head.last, channels))
         self._is_doubtful = True
         return after
 

@@ -53,7 +53,7 @@ class _ClientPublisher:
 
 
 class ClientPublishing:
-    """Publishes messages of viewers: `serve` is called after changes of their topics, `take` with messages."""
+    """Publishes messages of viewers: `update_publishers` is called after changes of their topics."""
 
     def __init__(self, session: CommandNode, server: Server, *, paths: Sequence[str]) -> None:
         self._session = session
@@ -65,7 +65,7 @@ class ClientPublishing:
         self._compiled_bytes = 0
         self._compiling, self._decoding = Worker(), Worker()
 
-    def serve(self) -> None:
+    def update_publishers(self) -> None:
         """Create and close publishers as viewers advertise."""
         offers = self._server.offers
         for key in [*self._publishers]:
@@ -76,11 +76,11 @@ class ClientPublishing:
                 client = self._publishers[key] = _ClientPublisher(offer)
                 client.opening = asyncio.ensure_future(self._start_publishing(client))
 
-    async def take(self, key: ClientChannelKey, data: bytes) -> None:
+    async def publish_from_viewer(self, key: ClientChannelKey, data: bytes) -> None:
         """Publish a message of a viewer, now or when its type is known."""
         client = self._publishers.get(key)
         if client is None or client.offer is not self._server.offers[key]:  # it was advertised just now
-            self.serve()
+            self.update_publishers()
             client = self._publishers[key]
         if client.publisher is not None:
             await self._publish(client, data)

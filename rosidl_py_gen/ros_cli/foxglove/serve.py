@@ -63,7 +63,7 @@ class _View:
         options = self._options
         self._has_clock = options.use_sim_time or self._node.count_publishers(CLOCK) > 0
         handlers = Handlers(
-            self._viewers_changed.set, self._publishing.take, self._parameters.get, self._parameters.set_
+            self._viewers_changed.set, self._publishing.publish_from_viewer, self._parameters.get, self._parameters.set_
         )
         listening = Listening(
             *(options.host, options.port, options.queue, options.max_mib << 20, options.per_s),
@@ -97,8 +97,8 @@ class _View:
     async def _follow_viewers(self) -> None:
         while await self._viewers_changed.wait():
             self._viewers_changed.clear()
-            self._topics.serve()
-            self._publishing.serve()
+            self._topics.update_subscriptions()
+            self._publishing.update_publishers()
             await asyncio.sleep(_VIEWERS_INTERVAL_S)
 
     async def _follow_parameters(self) -> None:

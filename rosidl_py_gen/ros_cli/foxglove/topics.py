@@ -54,7 +54,7 @@ class _AdvertisedTopic:
 
 
 class TopicBridge:
-    """Advertises the topics of the graph: `refresh` is called after its changes, `serve` after those of viewers."""
+    """Advertises the topics of the graph: `refresh` is called after its changes."""
 
     def __init__(
         self, session: CommandNode, server: Server, clock: ViewerClock, *, paths: Sequence[str], hidden: bool
@@ -78,7 +78,7 @@ class TopicBridge:
             if key not in self._topics:
                 entry = self._topics[key] = _AdvertisedTopic()
                 entry.opening = asyncio.ensure_future(self._open(key, entry))
-        self.serve()
+        self.update_subscriptions()
 
     def _current(self) -> set[_Key]:
         """Return the topics and types of other participants."""
@@ -116,7 +116,7 @@ class TopicBridge:
             )
             return ""
 
-    def serve(self) -> None:
+    def update_subscriptions(self) -> None:
         """Update the subscriptions of watched topics, and close those of others."""
         for key, entry in self._topics.items():
             before, entry.viewers = entry.viewers, entry.channel.viewers if entry.channel else frozenset()

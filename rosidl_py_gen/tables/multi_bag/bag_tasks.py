@@ -154,6 +154,6 @@ def _write(task: Task, on_progress: Callable[[float], None] | None) -> TaskResul
             prefix = len(joined(task.out, ""))
             files = tuple(replace(one, path=one.path[prefix:].replace(os.sep, "/")) for one in report.files)
             manifest.begin(replace(entry, files=files))
-            dataset.publish()
+            dataset.commit()
             manifest.end(replace(entry, files=files, is_done=True))
     return TaskResult(tuple(report.files), report.skipped_topics, damaged=tuple(reader.damaged))
