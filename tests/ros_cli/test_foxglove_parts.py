@@ -199,7 +199,7 @@ async def test_viewers_can_define_so_many_types_and_no_more(
     assert await refusal(0, "Wrong", b"no field\n")
     assert [await refusal(number, f"Many{number}", b"int8 x\n") for number in (1, 2)] == ["", ""]
     assert await refusal(3, "Many2", b"int8 x\n") == ""
-    assert "would be 3 types of 21 bytes; at most 2 types" in await refusal(4, "Many4", b"int8 x\n")
+    assert "too many definitions: 3 (21 bytes); expected at most 2 (" in await refusal(4, "Many4", b"int8 x\n")
     await publisher.close()
 
 
