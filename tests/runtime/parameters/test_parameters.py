@@ -330,7 +330,7 @@ def test_whole_numbers_are_doubles_where_doubles_are_declared_and_hold_them() ->
     assert world.set(p("whole", 2.0)).reason == "Wrong parameter type, expected 'Type.INTEGER' got 'Type.DOUBLE'"
 
 
-def test_mirrors_are_asked_last_and_commit_before_the_event() -> None:
+def test_bound_objects_are_asked_last_and_commit_before_the_event() -> None:
     world = World()
     world.declare("a", 1)
     seen: list[object] = []
