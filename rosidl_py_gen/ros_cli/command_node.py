@@ -251,10 +251,10 @@ async def list_graph(
     """
     from rosidl_py_gen.ros_cli.name_lookup import is_hidden
 
-    async with CommandNode(network) as session:
-        await session.wait_for_discovery()
-        rows = rows_of(session.node)
-        session.note_if_alone()
+    async with CommandNode(network) as command_node:
+        await command_node.wait_for_discovery()
+        rows = rows_of(command_node.node)
+        command_node.note_if_alone()
     return [
         row
         for row in rows

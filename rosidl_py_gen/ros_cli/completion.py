@@ -49,7 +49,9 @@ def complete_call(kind: str, context: click.Context, incomplete: str) -> list[Co
     """
     words = context.params.get("words") or ()
     if not words:
-        announced = _or_empty(lambda: _query(context, lambda session: _announced_types(session, kind, context)))
+        announced = _or_empty(
+            lambda: _query(context, lambda command_node: _announced_types(command_node, kind, context))
+        )
         return shells.items(announced, incomplete) or complete_names(_TYPE_KINDS[kind], context, incomplete)
     if len(words) == 1 and "/" in words[0] and not context.params.get("stdin"):
         return shells.items(_or_empty(lambda: [_prototype(kind, words[0], context)]), incomplete)
@@ -80,7 +82,7 @@ def _names(what: str, context: click.Context) -> list[str]:
         from rosidl_py_gen.ros_cli.definitions import known_names
 
         return known_names(what, paths)
-    return _query(context, lambda session: _live_names(what, session, context))
+    return _query(context, lambda command_node: _live_names(what, command_node, context))
 
 
 def _query(context: click.Context, request: Callable[[CommandNode], Coroutine[Any, Any, list[str]]]) -> list[str]:
@@ -90,9 +92,9 @@ def _query(context: click.Context, request: Callable[[CommandNode], Coroutine[An
     network: NetworkOptions = context.params.get("network", {})
 
     async def main() -> list[str]:
-        async with CommandNode(network) as session:
-            await session.wait_for_discovery()
-            return await request(session)
+        async with CommandNode(network) as command_node:
+            await command_node.wait_for_discovery()
+            return await request(command_node)
 
     return asyncio.run(main())
 
@@ -101,12 +103,12 @@ def _timeout_s(context: click.Context) -> float:
     return max(context.params.get("network", {}).get("spin_time_s") or 0.0, _TIMEOUT_S)
 
 
-async def _live_names(what: str, session: CommandNode, context: click.Context) -> list[str]:
+async def _live_names(what: str, command_node: CommandNode, context: click.Context) -> list[str]:
     if what == "parameters":
         name = context.params["node"]
-        client = session.node.create_parameter_client(name if name.startswith("/") else f"/{name}")
+        client = command_node.node.create_parameter_client(name if name.startswith("/") else f"/{name}")
         return list((await client.list(timeout_s=_timeout_s(context))).names)
-    return _graph_names(what, session.node)
+    return _graph_names(what, command_node.node)
 
 
 def _graph_names(what: str, node: Node) -> list[str]:
@@ -137,15 +139,15 @@ def _bag_names(kind: str, context: click.Context) -> list[str]:
     return sorted(names)
 
 
-async def _announced_types(session: CommandNode, kind: str, context: click.Context) -> list[str]:
+async def _announced_types(command_node: CommandNode, kind: str, context: click.Context) -> list[str]:
     from rosidl_py_gen.ros_cli import types
 
-    return types.announced_types(session, kind, _full_name(session, kind, context))
+    return types.announced_types(command_node, kind, _full_name(command_node, kind, context))
 
 
-def _full_name(session: CommandNode, kind: str, context: click.Context) -> str:
+def _full_name(command_node: CommandNode, kind: str, context: click.Context) -> str:
     name = context.params[kind]
-    resolve = session.node.resolve_topic_name if kind == "topic" else session.node.resolve_service_name
+    resolve = command_node.node.resolve_topic_name if kind == "topic" else command_node.node.resolve_service_name
     return resolve(name if name.startswith("/") else f"/{name}")
 
 
@@ -174,9 +176,9 @@ def _class(kind: str, type_name: str | None, context: click.Context) -> Any:
     resolve: Any = {"topic": types.message_class, "service": types.service_class, "action": types.action_class}[kind]
     classes: list[Any] = []
 
-    async def request(session: CommandNode) -> list[str]:
-        full_name = _full_name(session, kind, context)
-        classes.append(await asyncio.wait_for(resolve(session, full_name, name, paths), _timeout_s(context)))
+    async def request(command_node: CommandNode) -> list[str]:
+        full_name = _full_name(command_node, kind, context)
+        classes.append(await asyncio.wait_for(resolve(command_node, full_name, name, paths), _timeout_s(context)))
         return []
 
     _query(context, request)

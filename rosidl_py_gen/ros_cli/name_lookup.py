@@ -39,21 +39,21 @@ def is_hidden(name: str) -> bool:
     return "/_" in name
 
 
-def full_topic_name(session: CommandNode, topic: str) -> str:
+def full_topic_name(command_node: CommandNode, topic: str) -> str:
     """Return the full name of a topic, which need not exist. Raises `InvalidNameError`."""
-    return session.node.resolve_topic_name(topic if topic.startswith("/") else f"/{topic}")
+    return command_node.node.resolve_topic_name(topic if topic.startswith("/") else f"/{topic}")
 
 
-async def find_topic(session: CommandNode, topic: str, timeout_s: float | None) -> str:
+async def find_topic(command_node: CommandNode, topic: str, timeout_s: float | None) -> str:
     """Wait for a topic and return its full name; a note is printed after 2 s. Raises as `CommandNode.find`."""
-    node = session.node
+    node = command_node.node
     waiting = asyncio.get_running_loop().call_later(
         _WAITING_NOTE_DELAY_S,
         terminal_output.note,
         f"topic {topic} does not appear to be published yet; waiting for it",
     )
     try:
-        return await session.find("topic", topic, lambda: [*dict(node.get_topic_names_and_types())], timeout_s)
+        return await command_node.find("topic", topic, lambda: [*dict(node.get_topic_names_and_types())], timeout_s)
     finally:
         waiting.cancel()
 
@@ -85,9 +85,9 @@ def nodes_serving(node: Node, ending: str, type_name: str, *, hidden: bool) -> l
     return [name for name in names if hidden or not is_hidden_node(name)]
 
 
-async def find_node(session: CommandNode, node: str, timeout_s: float | None = None) -> str:
+async def find_node(command_node: CommandNode, node: str, timeout_s: float | None = None) -> str:
     """Wait for a node and return its full name; raises as `CommandNode.find`."""
-    return await session.find("node", node, session.node.get_node_names, timeout_s)
+    return await command_node.find("node", node, command_node.node.get_node_names, timeout_s)
 
 
 # -------------------------------------------------------------------------------------------------------------- actions
@@ -103,15 +103,15 @@ def actions(topics: Iterable[tuple[str, list[str]]]) -> list[tuple[str, list[str
     ]
 
 
-async def find_action(session: CommandNode, action: str, timeout_s: float | None = None) -> str:
+async def find_action(command_node: CommandNode, action: str, timeout_s: float | None = None) -> str:
     """Wait for an action and its services, and return its full name; raises as `CommandNode.find`."""
-    node = session.node
+    node = command_node.node
 
     def known() -> list[str]:
         services = {name for name, _ in node.get_service_names_and_types()}
         return [name for name, _ in actions(node.get_topic_names_and_types()) if name + _SEND_GOAL in services]
 
-    return await session.find("action", action, known, timeout_s)
+    return await command_node.find("action", action, known, timeout_s)
 
 
 # ----------------------------------------------------------------------------------------------------------- recordings

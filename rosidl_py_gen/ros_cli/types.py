@@ -48,7 +48,7 @@ def _preload_compiler() -> None:
 
 
 async def message_class(
-    session: CommandNode, topic: str, type_name: str | None = None, paths: Sequence[str] = ()
+    command_node: CommandNode, topic: str, type_name: str | None = None, paths: Sequence[str] = ()
 ) -> type[Message]:
     """Return the class of a topic's messages.
 
@@ -60,15 +60,15 @@ async def message_class(
         CommandError: the topic has several types.
         RosidlError: `type_name` is invalid, or the type cannot be found, described or compiled.
     """
-    types = _topic_types(session, topic)
+    types = _topic_types(command_node, topic)
     name = _only("topic", topic, types) if type_name is None else str(split_ros_name(type_name, "msg"))
     if name not in types:
         return get_message(name, path=paths)
-    return await session.node.resolve_type(topic, name, path=paths, timeout_s=_DESCRIPTION_TIMEOUT_S)
+    return await command_node.node.resolve_type(topic, name, path=paths, timeout_s=_DESCRIPTION_TIMEOUT_S)
 
 
 async def service_class(
-    session: CommandNode, service: str, type_name: str | None = None, paths: Sequence[str] = ()
+    command_node: CommandNode, service: str, type_name: str | None = None, paths: Sequence[str] = ()
 ) -> type[Service[Any, Any]]:
     """Return the class of a service.
 
@@ -76,21 +76,21 @@ async def service_class(
         CommandError: the service has several types, or another one than `type_name`.
         RosidlError: see `message_class`.
     """
-    types = _services(session).get(service, [])
+    types = _services(command_node).get(service, [])
     name = _given_or_only("service", service, types, type_name)
     if name not in types:
         return get_service(name, path=paths)
-    return await session.node.resolve_service_type(service, name, path=paths, timeout_s=_DESCRIPTION_TIMEOUT_S)
+    return await command_node.node.resolve_service_type(service, name, path=paths, timeout_s=_DESCRIPTION_TIMEOUT_S)
 
 
 async def action_class(
-    session: CommandNode, action: str, type_name: str | None = None, paths: Sequence[str] = ()
+    command_node: CommandNode, action: str, type_name: str | None = None, paths: Sequence[str] = ()
 ) -> type[Action[Any, Any, Any]]:
     """Return the class of an action; raises as `service_class`."""
-    name = _given_or_only("action", action, types := _action_types(session, action), type_name)
+    name = _given_or_only("action", action, types := _action_types(command_node, action), type_name)
     if name not in types:
         return get_action(name, path=paths)
-    return await session.node.resolve_action_type(action, name, path=paths, timeout_s=_DESCRIPTION_TIMEOUT_S)
+    return await command_node.node.resolve_action_type(action, name, path=paths, timeout_s=_DESCRIPTION_TIMEOUT_S)
 
 
 def opaque_message_class(type_name: str, type_hash: str) -> type[Message]:
@@ -103,17 +103,19 @@ def opaque_message_class(type_name: str, type_hash: str) -> type[Message]:
     return OpaqueMessage
 
 
-def opaque_class(session: CommandNode, topic: str, type_name: str | None = None) -> type[Message]:
+def opaque_class(command_node: CommandNode, topic: str, type_name: str | None = None) -> type[Message]:
     """Return a class for the serialized messages of a topic.
 
     Raises:
         CommandError: the topic has several types.
         InvalidNameError: `type_name` is invalid.
     """
-    name = str(split_ros_name(type_name, "msg")) if type_name else _only("topic", topic, _topic_types(session, topic))
+    name = (
+        str(split_ros_name(type_name, "msg")) if type_name else _only("topic", topic, _topic_types(command_node, topic))
+    )
     endpoints = [
-        *session.node.get_publishers_info_by_topic(topic),
-        *session.node.get_subscriptions_info_by_topic(topic),
+        *command_node.node.get_publishers_info_by_topic(topic),
+        *command_node.node.get_subscriptions_info_by_topic(topic),
     ]
     hashes = [one.topic_type_hash for one in endpoints if one.topic_type == name and one.topic_type_hash]
     return opaque_message_class(name, hashes[0] if hashes else "")
@@ -127,14 +129,14 @@ def interface_names(kind: str = "msg", paths: Sequence[str] = ()) -> list[str]:
     return sorted(str(name) for package in packages for name in package.files if name.kind == kind)
 
 
-def announced_types(session: CommandNode, kind: str, name: str) -> list[str]:
+def announced_types(command_node: CommandNode, kind: str, name: str) -> list[str]:
     """Return the types that nodes announce for a topic, service or action (`kind`)."""
     match kind:
         case "topic":
-            return _topic_types(session, name)
+            return _topic_types(command_node, name)
         case "service":
-            return _services(session).get(name, [])
-    return _action_types(session, name)
+            return _services(command_node).get(name, [])
+    return _action_types(command_node, name)
 
 
 async def announced_types_of(
@@ -143,20 +145,20 @@ async def announced_types_of(
     """Return the announced types of the topic, service or action whose name `find` returns."""
     from rosidl_py_gen.ros_cli.command_node import CommandNode
 
-    async with CommandNode(network) as session:
-        return announced_types(session, kind, await find(session))
+    async with CommandNode(network) as command_node:
+        return announced_types(command_node, kind, await find(command_node))
 
 
-def _topic_types(session: CommandNode, topic: str) -> list[str]:
-    return dict(session.node.get_topic_names_and_types()).get(topic, [])
+def _topic_types(command_node: CommandNode, topic: str) -> list[str]:
+    return dict(command_node.node.get_topic_names_and_types()).get(topic, [])
 
 
-def _services(session: CommandNode) -> dict[str, list[str]]:
-    return dict(session.node.get_service_names_and_types())
+def _services(command_node: CommandNode) -> dict[str, list[str]]:
+    return dict(command_node.node.get_service_names_and_types())
 
 
-def _action_types(session: CommandNode, action: str) -> list[str]:
-    return [name.removesuffix(_GOAL_TYPE) for name in _services(session).get(action + _GOAL_SERVICE, [])]
+def _action_types(command_node: CommandNode, action: str) -> list[str]:
+    return [name.removesuffix(_GOAL_TYPE) for name in _services(command_node).get(action + _GOAL_SERVICE, [])]
 
 
 def _given_or_only(kind: str, name: str, types: Sequence[str], type_name: str | None) -> str:

@@ -166,8 +166,8 @@ async def test_messages_that_wait_for_their_type_have_a_limit_for_all_topics(mem
     warnings: list[str] = []
     offers = {(1, n): ClientAdvertisement(f"/q{n}", "cdr", "nobody/msg/Knows", "", b"") for n in range(4)}
     told: Any = SimpleNamespace(offers=offers, send_control=lambda _, text: warnings.append(text))
-    session: Any = SimpleNamespace(node=memory.node())
-    publisher = ClientPublishing(session, told, paths=())
+    command_node: Any = SimpleNamespace(node=memory.node())
+    publisher = ClientPublishing(command_node, told, paths=())
     for key in offers:
         await publisher.publish_from_viewer(key, bytes(400_000))
     waiting = [len(one.waiting) for one in publisher._publishers.values()]

@@ -73,7 +73,7 @@ def told() -> Any:
     return Told()
 
 
-def session_of(node: Node) -> Any:
+def command_node_of(node: Node) -> Any:
     return SimpleNamespace(node=node)
 
 
@@ -91,7 +91,7 @@ async def test_names_that_ros_refuses_are_told_those_who_watch_and_harm_nothing_
         write(robot, topic, DDS_STRING)
     write(robot, "rt/plain", "Plain")
     words = robot.create_publisher(String, "words")
-    topics = TopicBridge(session_of(ours), told, ViewerClock(), **SHOWN)
+    topics = TopicBridge(command_node_of(ours), told, ViewerClock(), **SHOWN)
     await until(lambda: "/words" in dict(ours.get_topic_names_and_types()))
     topics.refresh()
     wanted = ["/2d_scan", "/a//b", "/plain", "/words"]
@@ -112,8 +112,8 @@ async def test_services_and_parameters_with_names_that_ros_refuses_are_left_out(
         write(robot, f"rr/{service}Reply", DDS_TRIGGER)
     robot.create_service(Trigger, "trigger", lambda request: Trigger.Response())
     robot.declare_parameter("gain", 1.0)
-    services = ServiceBridge(session_of(ours), told, **SHOWN)
-    parameters = ParameterBridge(session_of(ours), told, print, is_read_only=False)
+    services = ServiceBridge(command_node_of(ours), told, **SHOWN)
+    parameters = ParameterBridge(command_node_of(ours), told, print, is_read_only=False)
     async with robot:
         services.refresh()
         await until(lambda: "/trigger" in told.calls)
@@ -135,7 +135,7 @@ async def test_nodes_in_namespaces_that_ros_refuses_are_left_out(memory: World, 
 async def test_topics_of_a_namesake_are_shown_and_our_own_are_not(memory: World, told: Any) -> None:
     ours, namesake = memory.node("same"), memory.node("same")
     ours._scope.discovery._announce_delay_s = 5.0  # our endpoints are of no node yet
-    topics = TopicBridge(session_of(ours), told, ViewerClock(), **SHOWN)
+    topics = TopicBridge(command_node_of(ours), told, ViewerClock(), **SHOWN)
     await asyncio.sleep(0)
     namesake.create_publisher(String, "theirs")
     ours.create_publisher(String, "ours")
@@ -152,7 +152,7 @@ async def test_topics_of_a_namesake_are_shown_and_our_own_are_not(memory: World,
 async def test_a_call_of_a_service_that_has_gone_makes_no_client(memory: World, told: Any) -> None:
     robot, ours = memory.pair()
     service = robot.create_service(Trigger, "trigger", lambda request: Trigger.Response())
-    services = ServiceBridge(session_of(ours), told, **SHOWN)
+    services = ServiceBridge(command_node_of(ours), told, **SHOWN)
     services.refresh()
     await until(lambda: "/trigger" in told.calls)
     service.close()
@@ -167,7 +167,7 @@ async def test_a_call_of_a_service_that_has_gone_makes_no_client(memory: World, 
 async def test_events_of_nodes_that_are_not_there_are_not_kept(memory: World, told: Any) -> None:
     robot, ours = memory.pair()
     robot.declare_parameter("gain", 1.0)
-    parameters = ParameterBridge(session_of(ours), told, print, is_read_only=False)
+    parameters = ParameterBridge(command_node_of(ours), told, print, is_read_only=False)
     async with robot:
         await parameters.get([])
         events = robot.create_publisher(Event, "/parameter_events")
@@ -187,7 +187,7 @@ async def test_viewers_can_define_so_many_types_and_no_more(
 ) -> None:
     monkeypatch.setattr(limits, "MAX_SCHEMAS", 2)
     node = memory.node()
-    publisher = ClientPublishing(session_of(node), told, paths=())
+    publisher = ClientPublishing(command_node_of(node), told, paths=())
 
     async def refusal(number: int, name: str, schema: bytes) -> str:
         topic = f"/many{number}"

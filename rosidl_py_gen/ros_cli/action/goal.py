@@ -55,12 +55,12 @@ async def send_goal(
 
     type_name, text = message_text.type_and_values(words, stdin=stdin)
     show = _Printer(as_json)
-    async with CommandNode(network) as session:
+    async with CommandNode(network) as command_node:
         show.say("Waiting for an action server to become available...")
-        name = await types.preload_while_waiting(find_action(session, action, timeout_s))
-        cls: Any = await types.action_class(session, name, type_name, paths)
+        name = await types.preload_while_waiting(find_action(command_node, action, timeout_s))
+        cls: Any = await types.action_class(command_node, name, type_name, paths)
         goal = message_text.message_from(cls.Goal, text)
-        client = session.node.create_action_client(cls, name)
+        client = command_node.node.create_action_client(cls, name)
         try:
             await client.wait_for_server(timeout_s)
         except WaitTimeoutError as error:

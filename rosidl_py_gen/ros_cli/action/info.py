@@ -30,10 +30,10 @@ async def info(network: options.NetworkOptions, action: str, show_types: bool, c
     from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.ros_cli.name_lookup import actions, find_action
 
-    async with CommandNode(network) as session:
-        node = session.node
-        name = await find_action(session, action)
-        await session.wait_for_node_names()
+    async with CommandNode(network) as command_node:
+        node = command_node.node
+        name = await find_action(command_node, action)
+        await command_node.wait_for_node_names()
         types = dict(actions(node.get_topic_names_and_types())).get(name, [])
         clients = _nodes_with(name, node, node.get_subscriber_names_and_types_by_node)
         servers = _nodes_with(name, node, node.get_publisher_names_and_types_by_node)
@@ -64,7 +64,7 @@ async def type_(network: options.NetworkOptions, action: str, as_json: bool) -> 
     from rosidl_py_gen.ros_cli.types import announced_types_of
 
     terminal_output.values(
-        await announced_types_of(network, "action", lambda session: find_action(session, action)), as_json
+        await announced_types_of(network, "action", lambda command_node: find_action(command_node, action)), as_json
     )
     return 0
 

@@ -93,51 +93,53 @@ async def _peers(network: options.NetworkOptions) -> list[Finding]:
     from rosidl_py_gen.ros_cli.doctor.machine import uses_zenoh
 
     try:
-        session = CommandNode(network)
+        command_node = CommandNode(network)
     except Exception as error:  # any reason is a finding
         name = "" if isinstance(error, RosidlError) else f"{type(error).__name__}: "
         reason = str(error).partition(" The configuration was ")[0]
         middleware = "Zenoh" if uses_zenoh(os.environ) else "DDS"
         return [Finding(BROKEN, f"{middleware} does not start: {name}{reason}")]
-    async with session:
-        findings = run_check("services of Fast DDS nodes", lambda: _middleware(session))
-        if session.context.settings.discovery_range.name == "OFF":
+    async with command_node:
+        findings = run_check("services of Fast DDS nodes", lambda: _middleware(command_node))
+        if command_node.context.settings.discovery_range.name == "OFF":
             return [*findings, Finding(NOTE, "discovery is off: this process discovers no peers and is not discovered")]
-        return [*findings, *await _discovered(session)]
+        return [*findings, *await _discovered(command_node)]
 
 
-def _middleware(session: CommandNode) -> Iterator[Finding]:
-    reason = session.context.services_unavailable_reason
-    if session.context.middleware != "DDS":
-        yield Finding(OK, f"this program and its peers use {session.context.middleware}")
+def _middleware(command_node: CommandNode) -> Iterator[Finding]:
+    reason = command_node.context.services_unavailable_reason
+    if command_node.context.middleware != "DDS":
+        yield Finding(OK, f"this program and its peers use {command_node.context.middleware}")
         return
-    yield Finding(OK, f"DDS is {session.context.ddsc_library}", data={"library": session.context.ddsc_library})
+    yield Finding(
+        OK, f"DDS is {command_node.context.ddsc_library}", data={"library": command_node.context.ddsc_library}
+    )
     if reason is None:
         yield Finding(OK, "topics and services work with nodes on Cyclone DDS and Fast DDS")
     else:
         advice = "use another libddsc: that of the wheel of cyclonedds, or one set by ROSIDL_LIBDDSC"
         text = f"topics work with all nodes, services only with nodes on Cyclone DDS: {reason}"
         yield Finding(WARNING, text, advice)
-    for capability, state in session.context.library_capabilities.items():
+    for capability, state in command_node.context.library_capabilities.items():
         if state not in ("yes", reason):
             yield Finding(NOTE, f"{capability}: {state}", data={capability: state})
 
 
-async def _discovered(session: CommandNode) -> list[Finding]:
+async def _discovered(command_node: CommandNode) -> list[Finding]:
     from rosidl_py_gen.ros_cli.doctor import peers
 
     try:
-        test = peers.SelfTest(session)
+        test = peers.SelfTest(command_node)
     except OSError as error:
         return [Finding(NOTE, f"the second process of the self-test does not start: {error}")]
     try:
         result = await test.result()
-        await session.wait_for_node_names()
+        await command_node.wait_for_node_names()
         return [
             result,
-            *run_check("the peers", lambda: peers.peers(session, test.guid)),
-            *run_check("names of nodes", lambda: peers.duplicate_node_names(session.node)),
-            *run_check("quality of service", lambda: peers.mismatches(session.node)),
+            *run_check("the peers", lambda: peers.peers(command_node, test.guid)),
+            *run_check("names of nodes", lambda: peers.duplicate_node_names(command_node.node)),
+            *run_check("quality of service", lambda: peers.mismatches(command_node.node)),
         ]
     finally:
         test.close()

@@ -21,8 +21,11 @@ def topics(test_id: str) -> tuple[str, str]:
 async def main(domain_id: int, discovery: str, test_id: str) -> None:
     """Publish received messages until the process is ended."""
     there, back = topics(test_id)
-    async with CommandNode(NetworkOptions(domain_id=domain_id, discovery=discovery)) as session:
-        out, messages = session.node.create_publisher(Time, back), session.node.create_subscription(Time, there)
+    async with CommandNode(NetworkOptions(domain_id=domain_id, discovery=discovery)) as command_node:
+        out, messages = (
+            command_node.node.create_publisher(Time, back),
+            command_node.node.create_subscription(Time, there),
+        )
         print("ready", flush=True)
         async for message in messages:
             out.publish(message)

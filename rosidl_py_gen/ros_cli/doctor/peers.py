@@ -57,10 +57,10 @@ _MAX_MISMATCHES = 20
 class SelfTest:
     """Second process that joins the same domain with the same settings, and sends messages back."""
 
-    def __init__(self, session: CommandNode) -> None:
-        self._session = session
+    def __init__(self, command_node: CommandNode) -> None:
+        self._command_node = command_node
         self._test_id = f"p{os.getpid()}"
-        settings = session.context.settings
+        settings = command_node.context.settings
         arguments = (str(settings.domain_id), settings.discovery_range.value, self._test_id)
         self._process = subprocess.Popen(
             [sys.executable, "-m", "rosidl_py_gen.ros_cli.doctor.echo", *arguments],
@@ -74,7 +74,7 @@ class SelfTest:
     async def result(self) -> Finding:
         """Run the test."""
         there, back = topics(self._test_id)
-        node = self._session.node
+        node = self._command_node.node
         out, replies = node.create_publisher(Time, there), node.create_subscription(Time, back)
         if not await self._has_started():
             return Finding(NOTE, f"the second process of the self-test did not start within {_START_TIMEOUT_S:.0f} s")
@@ -114,7 +114,7 @@ class SelfTest:
             "check the firewall: it must pass UDP on all interfaces of this machine, multicast included; "
             "try `rosidl-py doctor --discovery localhost`, and unset CYCLONEDDS_URI"
         )
-        return Finding(BROKEN, text, advice if _is_dds(self._session) else _ZENOH_ADVICE)
+        return Finding(BROKEN, text, advice if _is_dds(self._command_node) else _ZENOH_ADVICE)
 
     def close(self) -> None:
         """End the process."""
@@ -131,15 +131,15 @@ class SelfTest:
 # --------------------------------------------------------------------------------------------------------------- peers
 
 
-def peers(session: CommandNode, without: bytes) -> Iterator[Finding]:
+def peers(command_node: CommandNode, without: bytes) -> Iterator[Finding]:
     """Report participants by middleware, except `without`, which is that of the self-test."""
-    participants = [one for one in session.context.participants() if not one.is_own and one.guid != without]
+    participants = [one for one in command_node.context.participants() if not one.is_own and one.guid != without]
     if not participants:
-        yield _no_peers(session)
+        yield _no_peers(command_node)
         return
     groups: defaultdict[str, list[ParticipantInfo]] = defaultdict(list)
     for one in participants:
-        groups[middleware_text(one, session.context.middleware)].append(one)
+        groups[middleware_text(one, command_node.context.middleware)].append(one)
     for name, members in sorted(groups.items()):
         yield _group(name, members)
 
@@ -168,12 +168,12 @@ def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def _is_dds(session: CommandNode) -> bool:
-    return session.context.middleware == "DDS"
+def _is_dds(command_node: CommandNode) -> bool:
+    return command_node.context.middleware == "DDS"
 
 
-def _no_peers(session: CommandNode) -> Finding:
-    settings = session.context.settings
+def _no_peers(command_node: CommandNode) -> Finding:
+    settings = command_node.context.settings
     first = 7400 + 250 * settings.domain_id
     advice = (
         f"check that the other nodes use ROS_DOMAIN_ID={settings.domain_id}, and a ROS_AUTOMATIC_DISCOVERY_RANGE that "
@@ -184,7 +184,7 @@ def _no_peers(session: CommandNode) -> Finding:
             f" Firewalls between machines must pass UDP ports {first} to {first + 249} and multicast to 239.255.0.1; "
             "otherwise set ROS_STATIC_PEERS to the machines"
         )
-    if not _is_dds(session):
+    if not _is_dds(command_node):
         advice = f"check that the other nodes use ROS_DOMAIN_ID={settings.domain_id}; {_ZENOH_ADVICE}"
     return Finding(NOTE, f"no other participant was found in domain {settings.domain_id}", advice)
 

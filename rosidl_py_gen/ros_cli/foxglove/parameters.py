@@ -39,10 +39,10 @@ class ParameterBridge:
     """
 
     def __init__(
-        self, session: CommandNode, server: Server, changed: Callable[[], object], *, is_read_only: bool
+        self, command_node: CommandNode, server: Server, changed: Callable[[], object], *, is_read_only: bool
     ) -> None:
-        self._session = session
-        self._node = session.node
+        self._command_node = command_node
+        self._node = command_node.node
         self._server = server
         self._changed = changed
         self._is_read_only = is_read_only

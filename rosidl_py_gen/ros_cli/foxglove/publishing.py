@@ -55,8 +55,8 @@ class _ClientPublisher:
 class ClientPublishing:
     """Publishes messages of viewers: `update_publishers` is called after changes of their topics."""
 
-    def __init__(self, session: CommandNode, server: Server, *, paths: Sequence[str]) -> None:
-        self._session = session
+    def __init__(self, command_node: CommandNode, server: Server, *, paths: Sequence[str]) -> None:
+        self._command_node = command_node
         self._server = server
         self._paths = paths
         self._publishers: dict[ClientChannelKey, _ClientPublisher] = {}
@@ -101,11 +101,11 @@ class ClientPublishing:
     async def _start_publishing(self, client: _ClientPublisher) -> None:
         offer = client.offer
         try:
-            topic = full_topic_name(self._session, offer.topic)
+            topic = full_topic_name(self._command_node, offer.topic)
             cls = await self._class(topic, offer)
             client.decoder = Decoder(cls, offer.encoding)
-            client.publisher = self._session.node.create_publisher(cls, topic, BEST_AVAILABLE)
-            timeout_s = 5.0 if self._session.node.count_subscribers(topic) else 1.0
+            client.publisher = self._command_node.node.create_publisher(cls, topic, BEST_AVAILABLE)
+            timeout_s = 5.0 if self._command_node.node.count_subscribers(topic) else 1.0
             with suppress(WaitTimeoutError):
                 await client.publisher.wait_for_subscribers(timeout_s)
         except RosidlError as error:
@@ -121,19 +121,19 @@ class ClientPublishing:
             )
         name = str(split_ros_name(offer.schema_name, "msg"))
         if self._has_type(topic, name):
-            return await types.message_class(self._session, topic, name, self._paths)
+            return await types.message_class(self._command_node, topic, name, self._paths)
         try:
             return await self._compiling.run(lambda: get_message(name, path=self._paths))
         except TypeNotFoundError:
             if offer.schema_encoding == "ros2msg":
                 return await self._compile(name, offer.schema)
-            if not await self._session.wait_for(lambda: self._has_type(topic, name)):
+            if not await self._command_node.wait_for(lambda: self._has_type(topic, name)):
                 raise
-        return await types.message_class(self._session, topic, name, self._paths)
+        return await types.message_class(self._command_node, topic, name, self._paths)
 
     def _has_type(self, topic: str, name: str) -> bool:
         """Return True if a node has the topic with this type; raises `CommandError` for another type."""
-        announced = dict(self._session.node.get_topic_names_and_types()).get(topic, [])
+        announced = dict(self._command_node.node.get_topic_names_and_types()).get(topic, [])
         if announced and name not in announced:
             raise CommandError(f"its type is {', '.join(announced)}; expected {name}")
         return bool(announced)

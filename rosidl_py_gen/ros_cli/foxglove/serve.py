@@ -31,9 +31,9 @@ _VIEWERS_INTERVAL_S = 0.01
 
 async def serve(network: NetworkOptions, options: FoxgloveOptions) -> int:
     """Serve viewers until cancelled."""
-    async with CommandNode(network) as session:
-        await session.wait_for_discovery()
-        view = _View(session, options)
+    async with CommandNode(network) as command_node:
+        await command_node.wait_for_discovery()
+        view = _View(command_node, options)
         try:
             await view.show()
         finally:
@@ -42,22 +42,22 @@ async def serve(network: NetworkOptions, options: FoxgloveOptions) -> int:
 
 
 class _View:
-    def __init__(self, session: CommandNode, options: FoxgloveOptions) -> None:
+    def __init__(self, command_node: CommandNode, options: FoxgloveOptions) -> None:
         self._options = options
-        self._node = session.node
+        self._node = command_node.node
         self._clock = ViewerClock()
         self._server = server = Server(Access(options.origins, options.token))
         self._parameters_changed = asyncio.Event()
         self._viewers_changed = asyncio.Event()  # or their subscriptions
         self._has_clock = self._has_noted_clock = False
         settings: dict[str, Any] = {"paths": options.paths, "hidden": options.hidden}
-        self._topics = TopicBridge(session, server, self._clock, **settings)
-        self._services = ServiceBridge(session, server, **settings)
-        self._publishing = ClientPublishing(session, server, paths=options.paths)
+        self._topics = TopicBridge(command_node, server, self._clock, **settings)
+        self._services = ServiceBridge(command_node, server, **settings)
+        self._publishing = ClientPublishing(command_node, server, paths=options.paths)
         self._parameters = ParameterBridge(
-            session, server, self._parameters_changed.set, is_read_only=options.is_read_only
+            command_node, server, self._parameters_changed.set, is_read_only=options.is_read_only
         )
-        self._connections = ConnectionGraph(session.node, server, hidden=options.hidden)
+        self._connections = ConnectionGraph(command_node.node, server, hidden=options.hidden)
 
     async def show(self) -> None:
         options = self._options

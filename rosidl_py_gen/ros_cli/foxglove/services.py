@@ -48,8 +48,8 @@ class _AdvertisedService:
 class ServiceBridge:
     """Advertises the services of the graph: `refresh` is called after changes."""
 
-    def __init__(self, session: CommandNode, server: Server, *, paths: Sequence[str], hidden: bool) -> None:
-        self._session = session
+    def __init__(self, command_node: CommandNode, server: Server, *, paths: Sequence[str], hidden: bool) -> None:
+        self._command_node = command_node
         self._server = server
         self._paths = paths
         self._hidden = hidden
@@ -59,7 +59,7 @@ class ServiceBridge:
 
     def refresh(self) -> None:
         """Advertise new services, and withdraw those that have disappeared."""
-        node = self._session.node
+        node = self._command_node.node
         current = {
             name: kinds[0]
             for name, kinds in node.get_service_names_and_types()
@@ -81,7 +81,7 @@ class ServiceBridge:
         try:
             split_ros_name(service.type_name, "srv")
             async with self._limiter:
-                cls: Any = await types.service_class(self._session, name, service.type_name, self._paths)
+                cls: Any = await types.service_class(self._command_node, name, service.type_name, self._paths)
                 texts = await asyncio.to_thread(_definitions, cls)
         except InvalidNameError:
             return  # belongs to an action
@@ -105,7 +105,7 @@ class ServiceBridge:
         if self._services.get(name) is not service:  # a client that is created now would never be closed
             raise CommandError(f"service {name} has disappeared")
         if service.client is None:
-            service.client = self._session.node.create_client(cls, name)
+            service.client = self._command_node.node.create_client(cls, name)
         response = await service.client.call(request, _CALL_TIMEOUT_S)
         encoded: bytes = response.encode()
         return encoded

@@ -57,10 +57,10 @@ class TopicBridge:
     """Advertises the topics of the graph: `refresh` is called after its changes."""
 
     def __init__(
-        self, session: CommandNode, server: Server, clock: ViewerClock, *, paths: Sequence[str], hidden: bool
+        self, command_node: CommandNode, server: Server, clock: ViewerClock, *, paths: Sequence[str], hidden: bool
     ) -> None:
-        self._session = session
-        self._node = session.node
+        self._command_node = command_node
+        self._node = command_node.node
         self._server = server
         self._clock = clock
         self._paths = paths
@@ -108,7 +108,7 @@ class TopicBridge:
 
     async def _definition(self, key: _Key) -> str:
         try:
-            cls = await types.message_class(self._session, key.topic, key.type_name, self._paths)
+            cls = await types.message_class(self._command_node, key.topic, key.type_name, self._paths)
             return await asyncio.to_thread(definition_text, cls)
         except RosidlError as error:
             terminal_output.note(
@@ -143,7 +143,7 @@ class TopicBridge:
     def _subscribe(self, key: _Key, entry: _AdvertisedTopic) -> AdaptiveSubscription[bytes]:
         assert entry.channel is not None
         send, now_ns = entry.channel.send, self._clock.now_ns
-        cls = types.opaque_class(self._session, key.topic, key.type_name)
+        cls = types.opaque_class(self._command_node, key.topic, key.type_name)
         return AdaptiveSubscription(self._node, key.topic, cls, lambda data: send(data, now_ns()), raw=True)
 
     async def close(self) -> None:

@@ -75,9 +75,9 @@ async def graph(
     from rosidl_py_gen.ros_cli.command_node import CommandNode
 
     kind = options.output_format("svg", kind, as_json, output)
-    async with CommandNode(network) as session:
-        await session.wait_for_node_names()
-        picture = _filtered(_picture(session, everything), nodes, topics)
+    async with CommandNode(network) as command_node:
+        await command_node.wait_for_node_names()
+        picture = _filtered(_picture(command_node, everything), nodes, topics)
     if output is None and kind == "text":
         from rosidl_py_gen.ros_cli.graph.text import print_text
 
@@ -106,10 +106,10 @@ def _render(picture: Picture, kind: str) -> str:
     return draw[kind](picture)
 
 
-def _picture(session: CommandNode, everything: bool) -> Picture:
+def _picture(command_node: CommandNode, everything: bool) -> Picture:
     from rosidl_py_gen.ros_cli.graph.model import Picture
 
-    node = session.node
+    node = command_node.node
     edges: set[Edge] = set()
     names = []
     for info in node.get_nodes():
@@ -119,7 +119,9 @@ def _picture(session: CommandNode, everything: bool) -> Picture:
             edges.update(_edges_of(node, info.name, info.namespace, full, everything))
     edges.update(_edges_without_node(node, everything))
     unlisted = {edge.node for edge in edges} - set(names)
-    return Picture(session.context.domain_id, sorted({*names, *unlisted}), sorted(edges), _unmatched_nodes(node, edges))
+    return Picture(
+        command_node.context.domain_id, sorted({*names, *unlisted}), sorted(edges), _unmatched_nodes(node, edges)
+    )
 
 
 def _unmatched_nodes(node: Node, edges: Iterable[Edge]) -> frozenset[tuple[str, str, str]]:

@@ -70,11 +70,11 @@ async def lifecycle_of(network: NetworkOptions, node: str, timeout_s: float) -> 
     Raises:
         CommandError: the node does not exist, is not a lifecycle node, or does not reply in time.
     """
-    async with CommandNode(network) as session:
-        name = await find_node(session, node, timeout_s)
-        if not await session.wait_for(lambda: name in lifecycle_nodes(session.node, hidden=True), timeout_s):
+    async with CommandNode(network) as command_node:
+        name = await find_node(command_node, node, timeout_s)
+        if not await command_node.wait_for(lambda: name in lifecycle_nodes(command_node.node, hidden=True), timeout_s):
             raise CommandError(f"{name} is not a lifecycle node: it does not serve {name}{_IDENTIFYING_SERVICE}")
         try:
-            yield LifecycleAccess(session.node, name, timeout_s)
+            yield LifecycleAccess(command_node.node, name, timeout_s)
         except (CallTimeoutError, ServerLostError) as error:
             raise CommandError(f"node {name} does not reply: {error}") from None

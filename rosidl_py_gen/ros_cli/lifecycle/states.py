@@ -27,10 +27,10 @@ async def nodes(network: options.NetworkOptions, hidden: bool, count: bool, as_j
     from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.ros_cli.lifecycle.lifecycle_access import lifecycle_nodes
 
-    async with CommandNode(network) as session:
-        await session.wait_for_discovery()
-        names = lifecycle_nodes(session.node, hidden=hidden)
-        session.note_if_alone()
+    async with CommandNode(network) as command_node:
+        await command_node.wait_for_discovery()
+        names = lifecycle_nodes(command_node.node, hidden=hidden)
+        command_node.note_if_alone()
     terminal_output.values([str(len(names))] if count and not as_json else names, as_json)
     return 0
 
@@ -72,10 +72,12 @@ async def _print_all_states(network: options.NetworkOptions, hidden: bool, timeo
     from rosidl_py_gen.ros_cli.command_node import CommandNode, results_by_name
     from rosidl_py_gen.ros_cli.lifecycle.lifecycle_access import LifecycleAccess, lifecycle_nodes
 
-    async with CommandNode(network) as session:
-        await session.wait_for_discovery()
-        names = lifecycle_nodes(session.node, hidden=hidden)
-        states = await results_by_name({name: LifecycleAccess(session.node, name, timeout_s).state() for name in names})
+    async with CommandNode(network) as command_node:
+        await command_node.wait_for_discovery()
+        names = lifecycle_nodes(command_node.node, hidden=hidden)
+        states = await results_by_name(
+            {name: LifecycleAccess(command_node.node, name, timeout_s).state() for name in names}
+        )
     if as_json:
         terminal_output.document({name: _row(state) for name, state in states.items()})
     else:

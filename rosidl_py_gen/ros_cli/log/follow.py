@@ -96,12 +96,12 @@ async def _follow(network: options.NetworkOptions, printer: LogPrinter, only_new
     from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.runtime import AdaptiveSubscription
 
-    async with CommandNode(network) as session:
-        await session.wait_for_discovery()
+    async with CommandNode(network) as command_node:
+        await command_node.wait_for_discovery()
         cls: Any = get_message(_TYPE)
-        qos = _profile(session, only_new)
+        qos = _profile(command_node, only_new)
         subscription: AdaptiveSubscription[Any] = AdaptiveSubscription(
-            session.node, _TOPIC, cls, qos=qos, depth=_DEPTH, note=terminal_output.note
+            command_node.node, _TOPIC, cls, qos=qos, depth=_DEPTH, note=terminal_output.note
         )
         async with subscription as messages:
             for message in await _retained(messages):
@@ -112,13 +112,13 @@ async def _follow(network: options.NetworkOptions, printer: LogPrinter, only_new
     return 0
 
 
-def _profile(session: CommandNode, only_new: bool) -> QoSProfile | None:
+def _profile(command_node: CommandNode, only_new: bool) -> QoSProfile | None:
     """Return the QoS that nodes offer, to receive all messages of later nodes; None if any node offers less."""
     from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability
 
     if only_new:
         return QoSProfile(depth=_DEPTH)
-    for one in session.node.get_publishers_info_by_topic(_TOPIC):
+    for one in command_node.node.get_publishers_info_by_topic(_TOPIC):
         offered = one.qos_profile
         if (offered.reliability, offered.durability) != (Reliability.RELIABLE, Durability.TRANSIENT_LOCAL):
             return None

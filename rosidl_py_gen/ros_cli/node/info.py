@@ -22,19 +22,19 @@ async def info(network: options.NetworkOptions, node: str, hidden: bool, as_json
     from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.ros_cli.name_lookup import actions, find_node, is_hidden
 
-    async with CommandNode(network) as session:
-        full_name = await find_node(session, node)
-        await session.wait_for_discovery()
-        count = session.node.get_node_names().count(full_name)
+    async with CommandNode(network) as command_node:
+        full_name = await find_node(command_node, node)
+        await command_node.wait_for_discovery()
+        count = command_node.node.get_node_names().count(full_name)
         namespace, _, name = full_name.rpartition("/")
         identity = name, namespace or "/"
-        subscribed = session.node.get_subscriber_names_and_types_by_node(*identity)
-        published = session.node.get_publisher_names_and_types_by_node(*identity)
+        subscribed = command_node.node.get_subscriber_names_and_types_by_node(*identity)
+        published = command_node.node.get_publisher_names_and_types_by_node(*identity)
         entities = {
             "Subscribers": subscribed,
             "Publishers": published,
-            "Service Servers": session.node.get_service_names_and_types_by_node(*identity),
-            "Service Clients": session.node.get_client_names_and_types_by_node(*identity),
+            "Service Servers": command_node.node.get_service_names_and_types_by_node(*identity),
+            "Service Clients": command_node.node.get_client_names_and_types_by_node(*identity),
             "Action Servers": actions(published),
             "Action Clients": actions(subscribed),
         }

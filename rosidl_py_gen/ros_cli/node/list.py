@@ -23,10 +23,10 @@ async def list_(network: options.NetworkOptions, hidden: bool, count: bool, as_j
     from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.ros_cli.name_lookup import is_hidden_node
 
-    async with CommandNode(network) as session:
-        await session.wait_for_node_names()
-        nodes = session.node.get_nodes()
-        session.note_if_alone()
+    async with CommandNode(network) as command_node:
+        await command_node.wait_for_node_names()
+        nodes = command_node.node.get_nodes()
+        command_node.note_if_alone()
     rows = [
         {"name": node.fully_qualified_name, "enclave": node.enclave}
         for node in sorted(nodes, key=lambda one: one.fully_qualified_name)

@@ -88,11 +88,11 @@ async def _list_all(
     from rosidl_py_gen.ros_cli.command_node import CommandNode, results_by_name
     from rosidl_py_gen.ros_cli.name_lookup import LIST_PARAMETERS, nodes_serving
 
-    async with CommandNode(network) as session:
-        await session.wait_for_discovery()
-        nodes = nodes_serving(session.node, *LIST_PARAMETERS, hidden=hidden)
-        session.note_if_alone()
-        create = session.node.create_parameter_client
+    async with CommandNode(network) as command_node:
+        await command_node.wait_for_discovery()
+        nodes = nodes_serving(command_node.node, *LIST_PARAMETERS, hidden=hidden)
+        command_node.note_if_alone()
+        create = command_node.node.create_parameter_client
         parameters = await results_by_name({name: list_parameters(create(name)) for name in nodes})
     _print(parameters, as_json, headings=True)
     return 1 if nodes and not parameters else 0

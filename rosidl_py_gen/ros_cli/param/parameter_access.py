@@ -31,12 +31,12 @@ async def parameters_of(network: NetworkOptions, node: str, timeout_s: float) ->
     Raises:
         CommandError: the node does not exist, serves no parameters, does not reply in time, or has no such parameter.
     """
-    async with CommandNode(network) as session:
-        client = session.node.create_parameter_client(node if node.startswith("/") else f"/{node}")
+    async with CommandNode(network) as command_node:
+        client = command_node.node.create_parameter_client(node if node.startswith("/") else f"/{node}")
         try:
             await client.wait_for_services(timeout_s)
         except WaitTimeoutError:
-            await find_node(session, node, 0)
+            await find_node(command_node, node, 0)
             text = f"node {client.node} exists, but offered no parameter services in {timeout_s:g} s"
             raise CommandError(text) from None
         try:

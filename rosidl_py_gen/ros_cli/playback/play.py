@@ -73,10 +73,10 @@ async def _play(
     overrides: Mapping[str, QoSProfile],
 ) -> None:
     node_options = {"start_type_description_service": True}  # peers may not have the types
-    async with CommandNode(network, parameter_overrides=node_options) as session:
-        player = Player(session, recording, part, options, overrides)
-        _serve(session.node, player)
-        await session.wait_for_discovery()
+    async with CommandNode(network, parameter_overrides=node_options) as command_node:
+        player = Player(command_node, recording, part, options, overrides)
+        _serve(command_node.node, player)
+        await command_node.wait_for_discovery()
         if network.get("spin_time_s") is None:
             await asyncio.gather(
                 player.publishers.wait_for_subscribers(_SUBSCRIBER_DISCOVERY_S),

@@ -35,7 +35,7 @@ class Player:
 
     def __init__(
         self,
-        session: CommandNode,
+        command_node: CommandNode,
         recording: Recording,
         part: BagSelection,
         options: PlayOptions,
@@ -44,12 +44,12 @@ class Player:
         self._recording = recording
         self._part = part
         self._options = options
-        self._node = session.node
+        self._node = command_node.node
         note = OnceNotes()
-        self.publishers = TopicPublishers(session.node, overrides, note)
-        self.requests = Requests(session.node, options.requests_source, options.paths, note)
-        self._names = _remapped_names(session, recording, part.topics, options.remaps)
-        self._clock_topics = {full_topic_name(session, one) for one in options.clock_topics}
+        self.publishers = TopicPublishers(command_node.node, overrides, note)
+        self.requests = Requests(command_node.node, options.requests_source, options.paths, note)
+        self._names = _remapped_names(command_node, recording, part.topics, options.remaps)
+        self._clock_topics = {full_topic_name(command_node, one) for one in options.clock_topics}
         _check_clock_topics(self._clock_topics, part.topics)
         self._clock: Callable[[int], None] = self._clock_sender() if options.has_clock else lambda now: None
         self._send: dict[tuple[str, ...], Callable[[bytes], bool]] = {}
@@ -213,7 +213,7 @@ def _check_clock_topics(clock_topics: set[str], topics: Sequence[str]) -> None:
 
 
 def _remapped_names(
-    session: CommandNode, recording: Recording, topics: Sequence[str], remaps: Sequence[str]
+    command_node: CommandNode, recording: Recording, topics: Sequence[str], remaps: Sequence[str]
 ) -> dict[str, str]:
     known = {*topics, *filter(None, (recording.owners[topic].service for topic in topics))}
     names = {}
@@ -221,8 +221,8 @@ def _remapped_names(
         before, arrow, after = remap.partition(":=")
         if not (before and arrow and after):
             raise CommandError(f"--remap {remap}: expected FROM:=TO")
-        name = full_topic_name(session, before)
+        name = full_topic_name(command_node, before)
         if name not in known:
             raise CommandError(f"--remap {remap}: {name} is not played; topics are {', '.join(topics)[:300]}")
-        names[name] = full_topic_name(session, after)
+        names[name] = full_topic_name(command_node, after)
     return names

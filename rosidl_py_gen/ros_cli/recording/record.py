@@ -63,15 +63,15 @@ async def _record(
     overrides = {"start_type_description_service": True, "use_sim_time": options.sim_time}
     try:
         # The network first, so that no bag is created if it fails.
-        async with CommandNode(network, name=options.node_name, parameter_overrides=overrides) as session:
+        async with CommandNode(network, name=options.node_name, parameter_overrides=overrides) as command_node:
             writer = WriterThread(
                 create(),
                 partial(loop.call_soon_threadsafe, failed.set),
                 max_bytes=options.cache_bytes,
                 snapshots=options.snapshots,
             )
-            recorder = Recorder(session, writer, options, selection, qos)
-            _serve(session.node, recorder, snapshots=options.snapshots)
+            recorder = Recorder(command_node, writer, options, selection, qos)
+            _serve(command_node.node, recorder, snapshots=options.snapshots)
             with ExitStack() as resources:
                 if not options.no_keys and resources.enter_context(read_keys({"space": recorder.toggle_paused})):
                     terminal_output.note("space pauses and resumes")

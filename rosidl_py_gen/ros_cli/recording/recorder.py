@@ -48,14 +48,14 @@ class Recorder:
 
     def __init__(
         self,
-        session: CommandNode,
+        command_node: CommandNode,
         writer: WriterThread,
         options: RecordOptions,
         selection: Selection,
         qos: Mapping[str, QoSProfile],
     ) -> None:
-        self._session = session
-        self._node = session.node
+        self._command_node = command_node
+        self._node = command_node.node
         self._writer = writer
         self._options = options
         self._selection = selection
@@ -113,7 +113,7 @@ class Recorder:
     async def run(self) -> None:
         """Record existing and new topics until cancelled."""
         try:
-            await self._session.wait_for_discovery()
+            await self._command_node.wait_for_discovery()
             self._subscribe_to_new()
             for named in self._selection.named:
                 if named not in self._owners:
@@ -185,7 +185,7 @@ class Recorder:
     async def _record(self, topic: str, kind: str) -> None:
         publishers = self._node.get_publishers_info_by_topic(topic)
         offered = [one.qos_profile for one in publishers if one.topic_type == kind]
-        cls = types.opaque_class(self._session, topic, kind)
+        cls = types.opaque_class(self._command_node, topic, kind)
         following: AdaptiveSubscription[bytes] = AdaptiveSubscription(
             self._node,
             topic,
@@ -219,7 +219,7 @@ class Recorder:
             with suppress(RosidlError):  # in a thread, so that messages get their own times
                 await asyncio.to_thread(get_message, kind, path=tuple(self._options.paths))
         try:
-            cls = await types.message_class(self._session, topic, kind, self._options.paths)
+            cls = await types.message_class(self._command_node, topic, kind, self._options.paths)
             return await self._topic_of(topic, cls, qos)
         except RosidlError as error:
             terminal_output.note(f"{topic}: recorded without a definition of {kind}: {error}")
@@ -234,7 +234,7 @@ class Recorder:
             owner = owner_of(topic, type_name(cls))
             if owner.kind != "action":
                 raise
-            action = await types.action_class(self._session, owner.name, paths=self._options.paths)
+            action = await types.action_class(self._command_node, owner.name, paths=self._options.paths)
             text = definition_text(action)
             if type_hash(compile_definition(type_name(cls), text)) != type_hash(cls):
                 raise

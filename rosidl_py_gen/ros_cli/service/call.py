@@ -53,11 +53,11 @@ def call(
 
     async def main() -> int:
         type_name, text = message_text.type_and_values(words, stdin=stdin)
-        async with CommandNode(network) as session:
-            name = await types.preload_while_waiting(find_service(session, service, timeout_s))
-            cls: Any = await types.service_class(session, name, type_name, paths)
+        async with CommandNode(network) as command_node:
+            name = await types.preload_while_waiting(find_service(command_node, service, timeout_s))
+            cls: Any = await types.service_class(command_node, name, type_name, paths)
             request = message_text.message_from(cls.Request, text)
-            client = session.node.create_client(cls, name)
+            client = command_node.node.create_client(cls, name)
             loop = asyncio.get_running_loop()
             while True:
                 start_s = loop.time()

@@ -48,10 +48,10 @@ def echo(
     from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
 
     async def main() -> int:
-        async with CommandNode(network) as session:
-            name = await types.preload_while_waiting(find_service(session, service))
-            cls: Any = await types.service_class(session, name, type_name, paths)
-            events = session.node.create_subscription(cls.Event, f"{name}/_service_event", qos=SERVICES_DEFAULT)
+        async with CommandNode(network) as command_node:
+            name = await types.preload_while_waiting(find_service(command_node, service))
+            cls: Any = await types.service_class(command_node, name, type_name, paths)
+            events = command_node.node.create_subscription(cls.Event, f"{name}/_service_event", qos=SERVICES_DEFAULT)
             try:
                 await events.wait_for_publishers(_PUBLISHER_TIMEOUT_S)
             except WaitTimeoutError:

@@ -30,11 +30,11 @@ async def info(network: options.NetworkOptions, service: str, verbose: bool, as_
     """
     from rosidl_py_gen.ros_cli.command_node import CommandNode
 
-    async with CommandNode(network) as session:
-        node = session.node
-        name = await find_service(session, service)
-        await (session.wait_for_node_names() if verbose else session.wait_for_discovery())
-        await session.wait_for(lambda: node.count_services(name) or node.count_clients(name), _ENDPOINTS_TIMEOUT_S)
+    async with CommandNode(network) as command_node:
+        node = command_node.node
+        name = await find_service(command_node, service)
+        await (command_node.wait_for_node_names() if verbose else command_node.wait_for_discovery())
+        await command_node.wait_for(lambda: node.count_services(name) or node.count_clients(name), _ENDPOINTS_TIMEOUT_S)
         row: dict[str, Any] = {
             "name": name,
             "types": dict(node.get_service_names_and_types()).get(name, []),
@@ -76,15 +76,15 @@ async def type_(network: options.NetworkOptions, service: str, as_json: bool) ->
     from rosidl_py_gen.ros_cli.types import announced_types_of
 
     terminal_output.values(
-        await announced_types_of(network, "service", lambda session: find_service(session, service)), as_json
+        await announced_types_of(network, "service", lambda command_node: find_service(command_node, service)), as_json
     )
     return 0
 
 
-async def find_service(session: CommandNode, service: str, timeout_s: float | None = None) -> str:
+async def find_service(command_node: CommandNode, service: str, timeout_s: float | None = None) -> str:
     """Wait for a service and return its full name; raises as `CommandNode.find`."""
-    return await session.find(
-        "service", service, lambda: [name for name, _ in session.node.get_service_names_and_types()], timeout_s
+    return await command_node.find(
+        "service", service, lambda: [name for name, _ in command_node.node.get_service_names_and_types()], timeout_s
     )
 
 

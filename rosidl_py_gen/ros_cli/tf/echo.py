@@ -60,8 +60,8 @@ def echo(
 
     async def main() -> int:
         left = count
-        async with CommandNode(network) as session:
-            buffer = TransformBuffer(session.node)
+        async with CommandNode(network) as command_node:
+            buffer = TransformBuffer(command_node.node)
             try:
                 await buffer.wait_for_transform(target, source, timeout_s=timeout_s)
             except (TransformTimeoutError, InvalidTransformError) as error:

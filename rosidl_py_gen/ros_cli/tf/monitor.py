@@ -61,17 +61,17 @@ class _Monitor:
         from rosidl_py_gen.ros_cli.command_node import CommandNode, first_of
         from rosidl_py_gen.ros_cli.tf.frame_statistics import listeners
 
-        async with CommandNode(network) as session:
-            await session.wait_for_discovery()
-            feeding = listeners(session.node, self._frames, self._note_age)
-            await first_of(self._report(session), *feeding)
+        async with CommandNode(network) as command_node:
+            await command_node.wait_for_discovery()
+            feeding = listeners(command_node.node, self._frames, self._note_age)
+            await first_of(self._report(command_node), *feeding)
         return 0
 
     def _note_age(self, arrived_ns: int) -> None:
         if self._path and (age_ns := self._frames.age_ns(self._path[0], self._path[1], arrived_ns)) is not None:
             self._ages_ns.append(age_ns)
 
-    async def _report(self, session: CommandNode) -> None:
+    async def _report(self, command_node: CommandNode) -> None:
         import asyncio
 
         from rosidl_py_gen.ros_cli.tf.frame_statistics import names_of
@@ -83,7 +83,7 @@ class _Monitor:
             frames = self._selected_frames()
             if not frames:
                 continue
-            names = names_of(session.node)
+            names = names_of(command_node.node)
             if self._as_json:
                 age = _mean_and_max(self._ages_ns)
                 whole = {"net_delay_s": age and {"mean": age[0], "max": age[1]}} if self._path else {}

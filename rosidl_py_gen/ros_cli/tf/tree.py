@@ -50,11 +50,11 @@ async def _show_live(network: options.NetworkOptions, kind: str, output: str | N
     from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameStatistics, listeners, names_of
 
     frames = FrameStatistics()
-    async with CommandNode(network) as session:
-        await session.wait_for_discovery()
-        await first_of(asyncio.sleep(wait_s), *listeners(session.node, frames))
-        await session.wait_for(session.node.node_names_complete, 1.0)
-        names = names_of(session.node)
+    async with CommandNode(network) as command_node:
+        await command_node.wait_for_discovery()
+        await first_of(asyncio.sleep(wait_s), *listeners(command_node.node, frames))
+        await command_node.wait_for(command_node.node.node_names_complete, 1.0)
+        names = names_of(command_node.node)
     await asyncio.to_thread(_show, frames, names, kind, output)
     return 0
 

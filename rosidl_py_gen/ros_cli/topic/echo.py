@@ -111,8 +111,8 @@ def echo(
     rate_limit = _RateLimit(max_rate_hz, now_s)
 
     async def main() -> int:
-        async with CommandNode(network) as session:
-            naming = full_name(session)
+        async with CommandNode(network) as command_node:
+            naming = full_name(command_node)
             name = await (naming if raw else types.preload_while_waiting(naming))
             printer = value_printer(
                 style or "yaml",
@@ -123,16 +123,16 @@ def echo(
             )
             cls: Any
             if raw:
-                cls = types.opaque_class(session, name, type_name)
+                cls = types.opaque_class(command_node, name, type_name)
                 show = _message_printer(lambda value: value, lambda value: True, rate_limit, printer)
             else:
-                cls = await types.message_class(session, name, type_name, paths)
+                cls = await types.message_class(command_node, name, type_name, paths)
                 field = _fields(cls, fields, arrays)
                 condition = compile_filter(filter_text, cls) if filter_text else lambda value: True
                 show = _message_printer(field, condition, rate_limit, printer)
             profile = topic_qos.requested_profile(qos, presets.SENSOR_DATA)
             subscription: AdaptiveSubscription[Any] = AdaptiveSubscription(
-                session.node, name, cls, raw=raw, qos=profile, note=terminal_output.note
+                command_node.node, name, cls, raw=raw, qos=profile, note=terminal_output.note
             )
             async with subscription as messages:
                 try:
@@ -141,12 +141,12 @@ def echo(
                     rate_limit.report_dropped()
         return 0
 
-    async def full_name(session: CommandNode) -> str:
+    async def full_name(command_node: CommandNode) -> str:
         """Return the full name of the topic after its publishers had time to be discovered."""
         if type_name is None:
-            return await find_topic(session, topic, timeout_s)
-        name = full_topic_name(session, topic)
-        await session.wait_for_discovery()
+            return await find_topic(command_node, topic, timeout_s)
+        name = full_topic_name(command_node, topic)
+        await command_node.wait_for_discovery()
         return name
 
     async def print_from(messages: AdaptiveSubscription[Any], name: str, show: Callable[[Any], bool]) -> None:

@@ -31,10 +31,10 @@ async def info(
     from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.ros_cli.name_lookup import find_topic
 
-    async with CommandNode(network) as session:
-        name = await find_topic(session, topic, timeout_s)
-        await (session.wait_for_node_names() if verbose else session.wait_for_discovery())
-        node = session.node
+    async with CommandNode(network) as command_node:
+        name = await find_topic(command_node, topic, timeout_s)
+        await (command_node.wait_for_node_names() if verbose else command_node.wait_for_discovery())
+        node = command_node.node
         types = dict(node.get_topic_names_and_types()).get(name, [])
         publishers = node.get_publishers_info_by_topic(name)
         subscriptions = node.get_subscriptions_info_by_topic(name)
@@ -73,9 +73,9 @@ async def type_(network: options.NetworkOptions, topic: str, timeout_s: float | 
     from rosidl_py_gen.ros_cli.name_lookup import find_topic
     from rosidl_py_gen.ros_cli.types import announced_types_of
 
-    async def find(session: CommandNode) -> str:
-        name = await find_topic(session, topic, timeout_s)
-        await session.wait_for_discovery()
+    async def find(command_node: CommandNode) -> str:
+        name = await find_topic(command_node, topic, timeout_s)
+        await command_node.wait_for_discovery()
         return name
 
     terminal_output.values(await announced_types_of(network, "topic", find), as_json)

@@ -136,14 +136,14 @@ async def _measure(
         "bw": BandwidthStatistics,
         "delay": DelayStatistics,
     }
-    async with CommandNode(network) as session:
+    async with CommandNode(network) as command_node:
         meters = []
         for topic in topics:
-            name = await find_topic(session, topic, timeout_s)
-            cls, value = await _value_extractor(session, name, kind, paths, filter_text)
+            name = await find_topic(command_node, topic, timeout_s)
+            cls, value = await _value_extractor(command_node, name, kind, paths, filter_text)
             raw: Any = cls is None
-            subscription: Subscription[Any] = session.node.create_subscription(
-                cls or types.opaque_class(session, name), name, qos=presets.SENSOR_DATA.keep_last(_DEPTH), raw=raw
+            subscription: Subscription[Any] = command_node.node.create_subscription(
+                cls or types.opaque_class(command_node, name), name, qos=presets.SENSOR_DATA.keep_last(_DEPTH), raw=raw
             )
             meters.append(_TopicMeter(name, subscription, value, kinds[kind](window)))
             if not as_json and (kind == "bw" or len(topics) > 1):
@@ -182,18 +182,18 @@ def _is_narrow() -> bool:
 
 
 async def _value_extractor(
-    session: CommandNode, topic: str, kind: str, paths: Sequence[str], filter_text: str | None
+    command_node: CommandNode, topic: str, kind: str, paths: Sequence[str], filter_text: str | None
 ) -> tuple[type[Message] | None, _Value]:
     """Return the class to decode messages with, or None for bytes, and a function for the value of a message."""
     from rosidl_py_gen.ros_cli import types
     from rosidl_py_gen.ros_cli.message_expressions import compile_filter
 
     if filter_text is not None:
-        cls = await types.message_class(session, topic, paths=paths)
+        cls = await types.message_class(command_node, topic, paths=paths)
         return cls, _zero_if(compile_filter(filter_text, cls))
     if kind != "delay":
         return None, len
-    cls = await types.message_class(session, topic, paths=paths)
+    cls = await types.message_class(command_node, topic, paths=paths)
     headers = [field.py_name for field in cls._TYPE.fields if str(field.type) == _HEADER and field.ros_name == "header"]
     if not headers:
         raise CommandError(f"messages of {topic} have no header with a stamp: {cls._TYPE.name}")

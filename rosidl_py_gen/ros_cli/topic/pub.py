@@ -91,23 +91,23 @@ def pub(
     max_count = 1 if once else times
 
     async def main() -> int:
-        async with CommandNode(network) as session:
+        async with CommandNode(network) as command_node:
             if type_name is None:
-                name = await types.preload_while_waiting(find_topic(session, topic, timeout_s))
+                name = await types.preload_while_waiting(find_topic(command_node, topic, timeout_s))
             else:
-                name = full_topic_name(session, topic)
-            cls = await types.message_class(session, name, type_name, paths)
+                name = full_topic_name(command_node, topic)
+            cls = await types.message_class(command_node, name, type_name, paths)
             # Before the wait for subscriptions, so that errors in the text are reported at once.
             template = None if text == _STDIN else message_text.message_and_stamps(cls, text)
             profile = topic_qos.requested_profile(qos, presets.DEFAULT) or presets.DEFAULT
-            publisher: Publisher[Any] = session.node.create_publisher(cls, name, profile)
+            publisher: Publisher[Any] = command_node.node.create_publisher(cls, name, profile)
             ends = max_count is not None or template is None
             await _wait_for_subscriptions(publisher, int(ends) if wait is None else wait, timeout_s)
             if not as_json:
                 terminal_output.line("publisher: beginning loop")
             hz = rate or (1.0 if template else None)
             async with aclosing(_repeated(*template) if template else _from_stdin(cls)) as messages:
-                await publish_each(publisher, messages, None if hz is None else session.node.create_rate(hz))
+                await publish_each(publisher, messages, None if hz is None else command_node.node.create_rate(hz))
             published_s = now_s()
             with suppress(WaitTimeoutError):
                 await publisher.wait_for_acknowledged(_ACKNOWLEDGE_TIMEOUT_S)

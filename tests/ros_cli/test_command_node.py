@@ -14,7 +14,7 @@ from support.node_fixtures import until
 
 from rosidl_py_gen import ros_cli
 from rosidl_py_gen.ros_cli import CommandError
-from rosidl_py_gen.ros_cli import command_node as session
+from rosidl_py_gen.ros_cli import command_node as module
 from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, context_opened_early
 from rosidl_py_gen.ros_cli.message_text import type_and_values
 from rosidl_py_gen.runtime import EnvironmentSettingError
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
 
 
 async def test_what_is_there_needs_no_time() -> None:
-    async with CommandNode({}) as session:
-        assert await session.wait_for(lambda: True, 0)
-        assert not await session.wait_for(lambda: False, 0)
+    async with CommandNode({}) as command_node:
+        assert await command_node.wait_for(lambda: True, 0)
+        assert not await command_node.wait_for(lambda: False, 0)
 
 
 async def test_a_command_does_not_count_itself_among_what_is_there() -> None:
-    async with CommandNode({"spin_time_s": 0}) as session:
+    async with CommandNode({"spin_time_s": 0}) as command_node:
         with pytest.raises(CommandError, match="none exist in this domain"):
-            await session.find("node", "somebody", session.node.get_node_names)
+            await command_node.find("node", "somebody", command_node.node.get_node_names)
 
 
 @pytest.mark.parametrize(
@@ -58,13 +58,13 @@ def test_values_that_a_shell_took_apart_are_refused() -> None:
 
 async def test_peers_are_told_of_endpoints_a_moment_later(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     assert dds
-    async with CommandNode({}) as session:
-        discovery = session.context._core.discovery
+    async with CommandNode({}) as command_node:
+        discovery = command_node.context._core.discovery
         publish, told = discovery.publish, []
         monkeypatch.setattr(discovery, "publish", lambda: (publish(), told.append(monotonic())))
         began = monotonic()
-        session.node.create_publisher(String, "/short")
-        session.node.create_publisher(String, "/brief")
+        command_node.node.create_publisher(String, "/short")
+        command_node.node.create_publisher(String, "/brief")
         await until(lambda: told)
         assert told[0] - began >= discovery._announce_delay_s > 0.01
         assert len(told) == 1
@@ -72,9 +72,11 @@ async def test_peers_are_told_of_endpoints_a_moment_later(dds: World, monkeypatc
 
 async def test_names_are_known_when_every_endpoint_is_of_a_node(dds: World) -> None:
     dds.node("base").create_publisher(String, "/speed")
-    async with CommandNode({}) as session:
-        graph, node_names_complete = session.node._scope.graph, session.node.node_names_complete
-        await until(lambda: "/base" in session.node.get_node_names() and session.node.count_publishers("/speed") == 1)
+    async with CommandNode({}) as command_node:
+        graph, node_names_complete = command_node.node._scope.graph, command_node.node.node_names_complete
+        await until(
+            lambda: "/base" in command_node.node.get_node_names() and command_node.node.count_publishers("/speed") == 1
+        )
         await until(lambda: node_names_complete())
         participant = b"\1\x0f" + bytes(10) + b"\0\0\1\xc1"
         graph.apply(ParticipantDiscovered(participant, "/"))
@@ -85,8 +87,8 @@ async def test_names_are_known_when_every_endpoint_is_of_a_node(dds: World) -> N
 
 async def test_endpoints_are_known_when_all_that_nodes_tell_of_are_found(dds: World) -> None:
     dds.node("base").create_publisher(String, "/speed")
-    async with CommandNode({}) as session:
-        graph, node = session.node._scope.graph, session.node
+    async with CommandNode({}) as command_node:
+        graph, node = command_node.node._scope.graph, command_node.node
         await until(lambda: "/base" in node.get_node_names() and node.endpoints_complete())
         participant = b"\1\x0f" + bytes(10) + b"\0\0\1\xc1"
         late = participant[:12] + b"\0\0\1\4"
@@ -99,7 +101,7 @@ async def test_endpoints_are_known_when_all_that_nodes_tell_of_are_found(dds: Wo
 
 async def test_a_command_listens_longer_when_it_was_held_up(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     loop, held_up_s = asyncio.get_running_loop(), 0.0
-    monkeypatch.setattr(session, "now_s", lambda: loop.time() + held_up_s)
+    monkeypatch.setattr(module, "now_s", lambda: loop.time() + held_up_s)
     async with CommandNode({}) as made:
         waiting = asyncio.ensure_future(made.wait_for_discovery())
         loop.call_later(0.3, dds.node, "late")
@@ -118,9 +120,9 @@ class Told:
         self._times, self.seen, self._known = times, 0, endpoints_complete
 
     async def graph_changes(self) -> AsyncIterator[None]:
-        began = session.now_s()
+        began = module.now_s()
         for time in self._times:
-            await asyncio.sleep(began + time - session.now_s())
+            await asyncio.sleep(began + time - module.now_s())
             self.seen += 1
             yield
         await asyncio.Event().wait()
@@ -150,11 +152,11 @@ async def test_a_command_listens_while_news_come(
     memory: World, news: list[float], are_known: bool, seen: int, took_s: float
 ) -> None:
     made, told = object.__new__(CommandNode), Told(news, endpoints_complete=are_known)
-    made._spin_time_s, made._start_s = None, session.now_s()
+    made._spin_time_s, made._start_s = None, module.now_s()
     made.node = made.context = told  # type: ignore[assignment]
     await made.wait_for_discovery()
     assert told.seen == pytest.approx(seen, abs=1)
-    assert session.now_s() - made._start_s == pytest.approx(took_s, abs=0.001)
+    assert module.now_s() - made._start_s == pytest.approx(took_s, abs=0.001)
 
 
 async def test_what_came_while_a_command_was_held_up_counts(memory: World) -> None:
