@@ -15,7 +15,7 @@ import numpy as np
 
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.output import json_value
+from rosidl_py_gen.base.terminal_text import json_value
 from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError, coerce, short_repr
 from rosidl_py_gen.cdr.field_walk import validate
 from rosidl_py_gen.cdr.message import Field, Message, require_message

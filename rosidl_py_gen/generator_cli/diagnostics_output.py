@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from rosidl_py_gen.base.output import json_text, printable_lines
+from rosidl_py_gen.base.terminal_text import json_text, printable_lines
 from rosidl_py_gen.errors import Diagnostic, printable
 
 

@@ -20,8 +20,7 @@ from rosidl_py_gen.compiler.compatibility.definition_set import (
     collect_with_dependencies,
     merge,
 )
-from rosidl_py_gen.compiler.frontend.definition_text import read_checked
-from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import load, notes_of
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, RosidlError, TypeNotFoundError, display_path

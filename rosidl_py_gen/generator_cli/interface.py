@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from rosidl_py_gen.base.descriptions import build_type_description
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.compiler.frontend.definition_text import full_text, read_checked, source_text
-from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
+from rosidl_py_gen.compiler.frontend.definition_text import full_text, source_text
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.errors import TypeNotFoundError
 from rosidl_py_gen.generator_cli.diagnostics_output import echo, print_json, print_line
-from rosidl_py_gen.type_loading.generated import registry_of_generated_class
+from rosidl_py_gen.type_loading.generated_definitions import registry_of_generated_class
 
 
 def run(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> int:

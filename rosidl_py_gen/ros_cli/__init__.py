@@ -28,9 +28,9 @@ import click
 
 from rosidl_py_gen import __version__
 from rosidl_py_gen.base.interrupts import command_interrupts
-from rosidl_py_gen.base.output import printable_line, printable_lines
 from rosidl_py_gen.base.project import importable_current_folder
 from rosidl_py_gen.base.resources import missing_extra_message
+from rosidl_py_gen.base.terminal_text import printable_line, printable_lines
 from rosidl_py_gen.errors import DefinitionError, RosidlError, printable
 from rosidl_py_gen.ros_cli.groups import LazyGroup
 

@@ -75,7 +75,7 @@ def _or_empty(find: Callable[[], Iterable[str]]) -> Iterable[str]:
 def _names(what: str, context: click.Context) -> list[str]:
     paths = context.params.get("paths") or ()
     if what in _KINDS:
-        from rosidl_py_gen.ros_cli.types import interface_names
+        from rosidl_py_gen.ros_cli.type_resolution import interface_names
 
         return interface_names(_KINDS[what], paths)
     if what in ("interfaces", "packages"):
@@ -140,9 +140,9 @@ def _bag_names(kind: str, context: click.Context) -> list[str]:
 
 
 async def _announced_types(command_node: CommandNode, kind: str, context: click.Context) -> list[str]:
-    from rosidl_py_gen.ros_cli import types
+    from rosidl_py_gen.ros_cli import type_resolution
 
-    return types.announced_types(command_node, kind, _full_name(command_node, kind, context))
+    return type_resolution.announced_types(command_node, kind, _full_name(command_node, kind, context))
 
 
 def _full_name(command_node: CommandNode, kind: str, context: click.Context) -> str:
@@ -163,7 +163,7 @@ def _prototype(kind: str, type_name: str, context: click.Context) -> str:
 def _class(kind: str, type_name: str | None, context: click.Context) -> Any:
     """Return an installed class of a topic's messages, of a service or of an action; else that of the graph."""
     from rosidl_py_gen import get_action, get_message, get_service
-    from rosidl_py_gen.ros_cli import types
+    from rosidl_py_gen.ros_cli import type_resolution
 
     name = type_name or context.params.get("type_name")
     paths = context.params.get("paths") or ()
@@ -173,7 +173,11 @@ def _class(kind: str, type_name: str | None, context: click.Context) -> Any:
             return get(name, path=paths)
         except RosidlError:
             pass
-    resolve: Any = {"topic": types.message_class, "service": types.service_class, "action": types.action_class}[kind]
+    resolve: Any = {
+        "topic": type_resolution.message_class,
+        "service": type_resolution.service_class,
+        "action": type_resolution.action_class,
+    }[kind]
     classes: list[Any] = []
 
     async def request(command_node: CommandNode) -> list[str]:

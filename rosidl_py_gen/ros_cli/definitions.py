@@ -5,9 +5,8 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.compiler.frontend.definition_text import full_name, read_checked
 from rosidl_py_gen.compiler.frontend.missing import missing_package
-from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked, resolve_name
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.errors import TypeNotFoundError
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
@@ -32,7 +31,7 @@ def known_names(what: str, paths: Sequence[str] = ()) -> list[str]:
 
 def names_of(search: SearchPath, package: str, kinds: Collection[str]) -> list[RosName]:
     """Return the interfaces of a package, or of all packages. Raises `CommandError` for an unknown package."""
-    from rosidl_py_gen.type_loading.generated import generated_names
+    from rosidl_py_gen.type_loading.generated_definitions import generated_names
 
     generated = [
         name for name in generated_names() if name.package not in search.packages and package in ("", name.package)
@@ -58,7 +57,7 @@ def name_or_stdin(text: str) -> str:
 def read_definition(search: SearchPath, text: str) -> tuple[InterfaceRegistry, RosName]:
     """Read a definition from the search path, from a generated package, or from the cache of descriptions."""
     text = name_or_stdin(text)
-    name = full_name(search, text)
+    name = resolve_name(search, text)
     registry = InterfaceRegistry(search)
     try:
         read_checked(registry, name)
@@ -73,7 +72,7 @@ def read_definition(search: SearchPath, text: str) -> tuple[InterfaceRegistry, R
 
 
 def _generated(text: str) -> tuple[InterfaceRegistry, RosName] | None:
-    from rosidl_py_gen.type_loading.generated import registry_of_generated_class
+    from rosidl_py_gen.type_loading.generated_definitions import registry_of_generated_class
 
     if (definition := registry_of_generated_class(text)) is None:
         return None

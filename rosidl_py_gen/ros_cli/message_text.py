@@ -16,8 +16,8 @@ import yaml
 
 from rosidl_py_gen import from_dict
 from rosidl_py_gen.base.fieldtype import Arity
-from rosidl_py_gen.base.output import printable_lines
 from rosidl_py_gen.base.stamps import set_stamp
+from rosidl_py_gen.base.terminal_text import printable_lines
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import EncodeError, InvalidNameError, TypeNotFoundError
 from rosidl_py_gen.ros_cli import CommandError, values

@@ -11,7 +11,7 @@ import shutil
 import sys
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.output import json_text, printable_line, printable_lines
+from rosidl_py_gen.base.terminal_text import json_text, printable_line, printable_lines
 from rosidl_py_gen.errors import printable
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ from uuid import uuid4
 from rosidl_py_gen.bags.common import BagError
 from rosidl_py_gen.bags.remote import is_url, unreachable_as_error
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.output import escape_json
 from rosidl_py_gen.base.resources import missing_extra_message
+from rosidl_py_gen.base.terminal_text import escape_json
 from rosidl_py_gen.tables.dataset_writer import TOPIC, StagedDataset
 from rosidl_py_gen.tables.output_files import file_system, url_of
 

@@ -288,7 +288,7 @@ def _registry(path: tuple[str, ...]) -> InterfaceRegistry:
 
 def registry_of(name: RosName) -> InterfaceRegistry | None:
     """Return the registry of the search path with a checked interface; None if it does not exist or has problems."""
-    from rosidl_py_gen.compiler.frontend.definition_text import read_checked
+    from rosidl_py_gen.compiler.frontend.registry import read_checked
 
     with _lock:
         registry = _registry(())
@@ -303,7 +303,7 @@ def registry_of(name: RosName) -> InterfaceRegistry | None:
 
 
 def _from_definitions(name: RosName, path: tuple[str, ...]) -> type:
-    from rosidl_py_gen.compiler.frontend.definition_text import read_checked
+    from rosidl_py_gen.compiler.frontend.registry import read_checked
 
     registry = _registry(path)
     if path and registry.owner(name) is None and (cls := find_installed_class(name)) is not None:

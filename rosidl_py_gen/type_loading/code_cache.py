@@ -19,7 +19,7 @@ from types import CodeType
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.resources import templates_dir
-from rosidl_py_gen.type_loading.description_cache import cache_home, store_file
+from rosidl_py_gen.type_loading.cache_files import cache_home, store_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable

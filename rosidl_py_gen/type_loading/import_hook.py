@@ -59,7 +59,7 @@ class FoundPackage:
     @property
     def share(self) -> Path:
         """Share folder: `folder`, or a folder of links if setup.py or CMakeLists.txt install files elsewhere."""
-        from rosidl_py_gen.type_loading.package_files import share_folder
+        from rosidl_py_gen.type_loading.share_folder import share_folder
 
         return share_folder(self.name, self.folder)
 

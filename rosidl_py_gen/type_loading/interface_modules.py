@@ -111,8 +111,7 @@ class Interfaces:
         from rosidl_py_gen.compiler.codegen.layout_planner import LayoutPlanner
         from rosidl_py_gen.compiler.codegen.module_sources import module_source
         from rosidl_py_gen.compiler.codegen.template_model import Target, module_path
-        from rosidl_py_gen.compiler.frontend.definition_text import read_checked
-        from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
+        from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked
 
         if self._registry is None or self._planner is None:
             self._registry = InterfaceRegistry(self.search)

@@ -12,7 +12,7 @@ from support import raw_endpoints
 from support.node_fixtures import until
 
 from rosidl_py_gen import get_message, get_service
-from rosidl_py_gen.ros_cli import CommandError, types
+from rosidl_py_gen.ros_cli import CommandError, type_resolution
 from rosidl_py_gen.ros_cli.foxglove import limits
 from rosidl_py_gen.ros_cli.foxglove.clock import ViewerClock
 from rosidl_py_gen.ros_cli.foxglove.connections import ConnectionGraph
@@ -210,10 +210,10 @@ async def test_the_compiler_is_loaded_ahead_only_when_others_are_waited_for(monk
         times.append(loop.time())
         loop.call_soon_threadsafe(loaded.set)
 
-    monkeypatch.setattr(types, "load_compiler", load)
-    await types.preload_while_waiting(asyncio.sleep(0))
+    monkeypatch.setattr(type_resolution, "load_compiler", load)
+    await type_resolution.preload_while_waiting(asyncio.sleep(0))
     began = loop.time()
-    await asyncio.wait_for(types.preload_while_waiting(loaded.wait()), 10)
+    await asyncio.wait_for(type_resolution.preload_while_waiting(loaded.wait()), 10)
     assert [time > began for time in times] == [True]
 
 
@@ -224,10 +224,10 @@ async def test_a_compiler_that_cannot_be_loaded_ahead_is_not_complained_of(monke
         loop.call_soon_threadsafe(failed.set)
         raise ImportError("broken")
 
-    monkeypatch.setattr(types, "load_compiler", fail)
+    monkeypatch.setattr(type_resolution, "load_compiler", fail)
     complaints: list[Any] = []
     loop.set_exception_handler(lambda _, context: complaints.append(context))
-    await asyncio.wait_for(types.preload_while_waiting(failed.wait()), 20)
+    await asyncio.wait_for(type_resolution.preload_while_waiting(failed.wait()), 20)
     await loop.run_in_executor(None, print)
     for _ in range(10):
         await asyncio.sleep(0)

@@ -13,8 +13,8 @@ import pytest
 from support.node_fixtures import WAITS, take, until
 
 from rosidl_py_gen import get_message
-from rosidl_py_gen.base.output import json_text
-from rosidl_py_gen.ros_cli import types
+from rosidl_py_gen.base.terminal_text import json_text
+from rosidl_py_gen.ros_cli import type_resolution
 from rosidl_py_gen.ros_cli.topic.statistics import RateStatistics
 from rosidl_py_gen.runtime import Node
 
@@ -154,7 +154,7 @@ def test_hz_and_bw_need_no_definition_and_delay_only_the_place_of_the_stamp(
 
     spread = r"\n\tmin: (\d+\.\d{3})s max: (\d+\.\d{3})s std dev: \d+\.\d{5}s window: \d+\n"
     with monkeypatch.context() as patched:
-        patched.setattr(types, "get_message", None)
+        patched.setattr(type_resolution, "get_message", None)
         patched.setattr(Node, "resolve_type", None)
         rate, bandwidth = report("hz", "/demo/_poses"), report("bw", "/demo/_words")
         reports = (report("hz", "/demo/_poses", "/demo/_words") for _ in range(3))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from rosidl_py_gen import compile_definition, to_dict, to_json
-from rosidl_py_gen.base.output import printable_lines
+from rosidl_py_gen.base.terminal_text import printable_lines
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.message_text import message_from, to_plain, to_yaml

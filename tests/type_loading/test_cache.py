@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from rosidl_py_gen.type_loading import description_cache
-from rosidl_py_gen.type_loading.description_cache import VARIABLE, cache_folder, load_description, store_description
+from rosidl_py_gen.type_loading.cache_files import VARIABLE
+from rosidl_py_gen.type_loading.description_cache import cache_folder, load_description, store_description
 
 HASHES = [f"RIHS01_{index:064x}" for index in range(5)]
 

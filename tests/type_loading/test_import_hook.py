@@ -19,7 +19,7 @@ from rosidl_py_gen import DefinitionError, ImportHookWarning, get_message, insta
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import generate
 from rosidl_py_gen.type_loading import code_cache
-from rosidl_py_gen.type_loading.description_cache import VARIABLE
+from rosidl_py_gen.type_loading.cache_files import VARIABLE
 
 PACKAGE_XML = "<package><name>{}</name></package>"
 APIS = pytest.mark.parametrize("message_api", ["native", "rclpy"])

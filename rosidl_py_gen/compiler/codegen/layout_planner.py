@@ -28,7 +28,7 @@ from rosidl_py_gen.cdr.layout import (
     min_element_size,
 )
 from rosidl_py_gen.compiler.codegen import layout_ir as ir
-from rosidl_py_gen.compiler.codegen.weights import Weights, cached_per_name
+from rosidl_py_gen.compiler.codegen.message_properties import MessageProperties, cached_per_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,13 +42,13 @@ _RCLPY_CODES = {**_CODES, "byte": "c"}
 """Struct codes by primitive for rclpy's API, in which a byte is bytes of length 1."""
 
 
-class LayoutPlanner(Weights):
+class LayoutPlanner(MessageProperties):
     """Layout plans by message name.
 
     Args:
-        lookup: as for `Weights`.
+        lookup: as for `MessageProperties`.
         rclpy: plan for classes in which `byte` is bytes of length 1.
-        max_leaves: as for `Weights`.
+        max_leaves: as for `MessageProperties`.
     """
 
     def __init__(

@@ -13,9 +13,15 @@ from pathlib import Path
 from rosidl_py_gen.base.generated_files import is_generated
 from rosidl_py_gen.base.names import KINDS, RosName, did_you_mean, split_ros_name
 from rosidl_py_gen.compiler.frontend.cmake_reader import GENERATE, UNKNOWN, CMakeArgument, CMakeScript, inside
-from rosidl_py_gen.compiler.frontend.files import UnreadableError, files_below, interface_name, is_of_package, read_text
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface, read_source
 from rosidl_py_gen.compiler.frontend.model import MAX_PROBLEMS, Diagnostics, Location, SourceText, nested_types
+from rosidl_py_gen.compiler.frontend.package_files import (
+    UnreadableError,
+    files_below,
+    interface_name,
+    is_of_package,
+    read_text,
+)
 from rosidl_py_gen.errors import Diagnostic, display_path
 
 

@@ -13,7 +13,7 @@ from fnmatch import fnmatchcase
 from itertools import takewhile
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.compiler.frontend.files import UnreadableError, files_below, read_text
+from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below, read_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -11,10 +11,8 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.descriptions import default_text
-from rosidl_py_gen.base.names import KINDS, RosName, is_constant_name, is_field_name, split_ros_name
-from rosidl_py_gen.compiler.frontend.missing import missing_interface
+from rosidl_py_gen.base.names import RosName, is_constant_name, is_field_name, split_ros_name
 from rosidl_py_gen.compiler.frontend.model import FieldDef, MessageDef, sections_of
-from rosidl_py_gen.compiler.frontend.registry import check, raise_diagnostics
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, TypeNotFoundError
 
 if TYPE_CHECKING:
@@ -22,44 +20,10 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.compiler.frontend.model import ConstantDef, Interface
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
-    from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
 MAX_LINES = 20_000
 """Maximum lines of an expanded definition: types that contain each other twice double the text with each level."""
 _SEPARATOR = "=" * 80
-
-
-def read_checked(registry: InterfaceRegistry, name: RosName) -> RosName:
-    """Read and check an interface, and return its name; X for a derived name such as ``X_Request``.
-
-    Raises:
-        TypeNotFoundError: the interface does not exist.
-        DefinitionError: the interface or a type that it uses has problems.
-    """
-    owner = registry.owner(name)
-    if owner is None:
-        raise TypeNotFoundError(missing_interface(registry.search, name, f"no interface {name}"))
-    check(registry, [owner])
-    raise_diagnostics(registry)
-    if not registry.knows(str(name)):
-        raise TypeNotFoundError(missing_interface(registry.search, name, f"no interface {name}"))
-    return owner
-
-
-def full_name(search: SearchPath, text: str) -> RosName:
-    """Return the interface of a text: ``pkg/msg/Name``, ``pkg/Name`` of any kind, or ``Name`` if one package has it.
-
-    Raises:
-        InvalidNameError: the text is not a name.
-        TypeNotFoundError: several interfaces have the name.
-    """
-    if "/" in text:
-        kinds = (kind for kind in KINDS if search.file(split_ros_name(text, kind)) is not None)
-        return split_ros_name(text, next(kinds, "msg"))
-    found = [name for package in search.packages.values() for name in package.files if name.name == text]
-    if len(found) > 1:
-        raise TypeNotFoundError(f'"{text}" may be {", ".join(map(str, found))}')
-    return found[0] if found else split_ros_name(text)
 
 
 def source_text(registry: InterfaceRegistry, owner: RosName) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.compiler.frontend.msg_line_parser import Token
+    from rosidl_py_gen.compiler.frontend.syntax import Token
 
 
 @dataclass(frozen=True, slots=True)

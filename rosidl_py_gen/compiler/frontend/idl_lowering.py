@@ -35,7 +35,7 @@ from rosidl_py_gen.compiler.frontend.model import (
     MessageDef,
     SourceText,
 )
-from rosidl_py_gen.compiler.frontend.msg_line_parser import SyntaxProblem, Token
+from rosidl_py_gen.compiler.frontend.syntax import SyntaxProblem, Token
 
 if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.model import Scalar

@@ -24,7 +24,7 @@ from rosidl_py_gen.compiler.frontend.idl_ast import (
     IdlType,
     IdlTypedef,
 )
-from rosidl_py_gen.compiler.frontend.msg_line_parser import SyntaxProblem, Token
+from rosidl_py_gen.compiler.frontend.syntax import SyntaxProblem, Token
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -11,30 +11,10 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
+from rosidl_py_gen.compiler.frontend.syntax import SyntaxProblem, Token
+
 _TYPE, _SIZE = r"[^\s/<=\[\]]+", r"[^\s<=\[\]]+"
 _END = "the end"
-
-
-class SyntaxProblem(Exception):
-    """A definition breaks a rule of its language; `line` and `column` are 1-based."""
-
-    def __init__(self, line: int, column: int, text: str) -> None:
-        self.line = line
-        self.column = column
-        self.text = text
-        super().__init__(text)
-
-
-class Token(NamedTuple):
-    """A lexical token with its 1-based position."""
-
-    text: str
-    line: int
-    column: int
-
-    def problem(self, text: str) -> SyntaxProblem:
-        """Return an exception for the token."""
-        return SyntaxProblem(self.line, self.column, text)
 
 
 class _Rule(NamedTuple):

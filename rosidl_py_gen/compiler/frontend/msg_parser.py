@@ -25,7 +25,8 @@ from rosidl_py_gen.base.names import (
 )
 from rosidl_py_gen.compiler.frontend.literal_values import LiteralProblem, parse_default, parse_scalar
 from rosidl_py_gen.compiler.frontend.model import ConstantDef, Diagnostics, FieldDef, Location, MessageDef, SourceText
-from rosidl_py_gen.compiler.frontend.msg_line_parser import SyntaxProblem, Token, parse_element
+from rosidl_py_gen.compiler.frontend.msg_line_parser import parse_element
+from rosidl_py_gen.compiler.frontend.syntax import SyntaxProblem, Token
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

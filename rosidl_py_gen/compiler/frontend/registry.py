@@ -1,7 +1,8 @@
 """Checked set of interfaces of a search path and a selection: parsed, complete, free of cycles.
 
 `InterfaceRegistry` parses on demand and never twice. `select` converts the user's filter to interfaces and adds their
-dependencies; `check` reports references to types that do not exist, and types that contain themselves.
+dependencies; `check` reports references to types that do not exist, and types that contain themselves; `resolve_name`
+and `read_checked` find and check one interface.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from rosidl_py_gen.base.descriptions import (
     individual_descriptions,
     service_rows,
 )
-from rosidl_py_gen.base.names import INTERFACE_RULE, RosName, did_you_mean, split_ros_name
+from rosidl_py_gen.base.names import INTERFACE_RULE, KINDS, RosName, did_you_mean, split_ros_name
 from rosidl_py_gen.compiler.frontend.derived_interfaces import IMPLIED
 from rosidl_py_gen.compiler.frontend.interface_parser import may_be_file, parse_interface, read_source
 from rosidl_py_gen.compiler.frontend.missing import missing_interface, missing_package
@@ -171,6 +172,22 @@ class InterfaceRegistry:
             for message in messages_of(interface):
                 self._messages[str(message.name)] = message
         return interface
+
+
+def resolve_name(search: SearchPath, text: str) -> RosName:
+    """Return the interface of a text: ``pkg/msg/Name``, ``pkg/Name`` of any kind, or ``Name`` if one package has it.
+
+    Raises:
+        InvalidNameError: the text is not a name.
+        TypeNotFoundError: several interfaces have the name.
+    """
+    if "/" in text:
+        kinds = (kind for kind in KINDS if search.file(split_ros_name(text, kind)) is not None)
+        return split_ros_name(text, next(kinds, "msg"))
+    found = [name for package in search.packages.values() for name in package.files if name.name == text]
+    if len(found) > 1:
+        raise TypeNotFoundError(f'"{text}" may be {", ".join(map(str, found))}')
+    return found[0] if found else split_ros_name(text)
 
 
 def split_filter(text: str) -> list[str]:
@@ -331,6 +348,23 @@ def raise_diagnostics(registry: InterfaceRegistry) -> None:
     """Raise `DefinitionError` with the diagnostics of a registry, if there are any."""
     if registry.diagnostics.items:
         raise DefinitionError(sorted_diagnostics(registry.diagnostics.items))
+
+
+def read_checked(registry: InterfaceRegistry, name: RosName) -> RosName:
+    """Read and check an interface, and return its name; X for a derived name such as ``X_Request``.
+
+    Raises:
+        TypeNotFoundError: the interface does not exist.
+        DefinitionError: the interface or a type that it uses has problems.
+    """
+    owner = registry.owner(name)
+    if owner is None:
+        raise TypeNotFoundError(missing_interface(registry.search, name, f"no interface {name}"))
+    check(registry, [owner])
+    raise_diagnostics(registry)
+    if not registry.knows(str(name)):
+        raise TypeNotFoundError(missing_interface(registry.search, name, f"no interface {name}"))
+    return owner
 
 
 def sorted_diagnostics(problems: Iterable[Diagnostic]) -> list[Diagnostic]:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import KINDS, PACKAGE_RULE, RosName, is_package_name
 from rosidl_py_gen.base.resources import ENTRY_POINTS, interfaces_dir
-from rosidl_py_gen.compiler.frontend.files import BUILD_TREE_MARKERS, IGNORE_MARKS, mentions_interfaces
+from rosidl_py_gen.compiler.frontend.package_files import BUILD_TREE_MARKERS, IGNORE_MARKS, mentions_interfaces
 from rosidl_py_gen.errors import DefinitionError, Diagnostic
 
 if TYPE_CHECKING:

@@ -48,7 +48,7 @@ async def send_goal(
     rosidl-py action send_goal /fibonacci '{order: 5}' --feedback
     rosidl-py action send_goal /fibonacci example_interfaces/action/Fibonacci '{order: 5}' --json
     """
-    from rosidl_py_gen.ros_cli import message_text, types
+    from rosidl_py_gen.ros_cli import message_text, type_resolution
     from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.ros_cli.name_lookup import find_action
     from rosidl_py_gen.runtime import WaitTimeoutError
@@ -57,8 +57,8 @@ async def send_goal(
     show = _Printer(as_json)
     async with CommandNode(network) as command_node:
         show.say("Waiting for an action server to become available...")
-        name = await types.preload_while_waiting(find_action(command_node, action, timeout_s))
-        cls: Any = await types.action_class(command_node, name, type_name, paths)
+        name = await type_resolution.preload_while_waiting(find_action(command_node, action, timeout_s))
+        cls: Any = await type_resolution.action_class(command_node, name, type_name, paths)
         goal = message_text.message_from(cls.Goal, text)
         client = command_node.node.create_action_client(cls, name)
         try:

@@ -61,7 +61,7 @@ async def type_(network: options.NetworkOptions, action: str, as_json: bool) -> 
     rosidl-py action type /fibonacci
     """
     from rosidl_py_gen.ros_cli.name_lookup import find_action
-    from rosidl_py_gen.ros_cli.types import announced_types_of
+    from rosidl_py_gen.ros_cli.type_resolution import announced_types_of
 
     terminal_output.values(
         await announced_types_of(network, "action", lambda command_node: find_action(command_node, action)), as_json

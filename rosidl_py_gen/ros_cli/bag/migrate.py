@@ -143,7 +143,8 @@ class _NewDefinitions:
             DefinitionError: the definition is invalid.
         """
         from rosidl_py_gen import get_message
-        from rosidl_py_gen.compiler.frontend.definition_text import full_text, read_checked
+        from rosidl_py_gen.compiler.frontend.definition_text import full_text
+        from rosidl_py_gen.compiler.frontend.registry import read_checked
 
         try:
             owner = read_checked(self._library, split_ros_name(name))

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen import Message, compile_definition, encode, get_message
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
-from rosidl_py_gen.ros_cli import CommandError, types
+from rosidl_py_gen.ros_cli import CommandError, type_resolution
 from rosidl_py_gen.ros_cli.foxglove import limits
 from rosidl_py_gen.ros_cli.foxglove.decoding import Decoder, Worker
 from rosidl_py_gen.ros_cli.name_lookup import full_topic_name
@@ -121,7 +121,7 @@ class ClientPublishing:
             )
         name = str(split_ros_name(offer.schema_name, "msg"))
         if self._has_type(topic, name):
-            return await types.message_class(self._command_node, topic, name, self._paths)
+            return await type_resolution.message_class(self._command_node, topic, name, self._paths)
         try:
             return await self._compiling.run(lambda: get_message(name, path=self._paths))
         except TypeNotFoundError:
@@ -129,7 +129,7 @@ class ClientPublishing:
                 return await self._compile(name, offer.schema)
             if not await self._command_node.wait_for(lambda: self._has_type(topic, name)):
                 raise
-        return await types.message_class(self._command_node, topic, name, self._paths)
+        return await type_resolution.message_class(self._command_node, topic, name, self._paths)
 
     def _has_type(self, topic: str, name: str) -> bool:
         """Return True if a node has the topic with this type; raises `CommandError` for another type."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr.type_queries import referenced_classes
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
-from rosidl_py_gen.ros_cli import CommandError, terminal_output, types
+from rosidl_py_gen.ros_cli import CommandError, terminal_output, type_resolution
 from rosidl_py_gen.ros_cli.foxglove.decoding import Decoder, Worker
 from rosidl_py_gen.ros_cli.name_lookup import has_server, is_hidden
 from rosidl_py_gen.type_loading.from_description import definition_text
@@ -81,7 +81,7 @@ class ServiceBridge:
         try:
             split_ros_name(service.type_name, "srv")
             async with self._limiter:
-                cls: Any = await types.service_class(self._command_node, name, service.type_name, self._paths)
+                cls: Any = await type_resolution.service_class(self._command_node, name, service.type_name, self._paths)
                 texts = await asyncio.to_thread(_definitions, cls)
         except InvalidNameError:
             return  # belongs to an action

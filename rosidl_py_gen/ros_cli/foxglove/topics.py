@@ -10,7 +10,7 @@ import asyncio
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.ros_cli import terminal_output, types
+from rosidl_py_gen.ros_cli import terminal_output, type_resolution
 from rosidl_py_gen.ros_cli.name_lookup import is_hidden
 from rosidl_py_gen.runtime import AdaptiveSubscription, Durability
 from rosidl_py_gen.type_loading.from_description import definition_text
@@ -108,7 +108,7 @@ class TopicBridge:
 
     async def _definition(self, key: _Key) -> str:
         try:
-            cls = await types.message_class(self._command_node, key.topic, key.type_name, self._paths)
+            cls = await type_resolution.message_class(self._command_node, key.topic, key.type_name, self._paths)
             return await asyncio.to_thread(definition_text, cls)
         except RosidlError as error:
             terminal_output.note(
@@ -143,7 +143,7 @@ class TopicBridge:
     def _subscribe(self, key: _Key, entry: _AdvertisedTopic) -> AdaptiveSubscription[bytes]:
         assert entry.channel is not None
         send, now_ns = entry.channel.send, self._clock.now_ns
-        cls = types.opaque_class(self._command_node, key.topic, key.type_name)
+        cls = type_resolution.opaque_class(self._command_node, key.topic, key.type_name)
         return AdaptiveSubscription(self._node, key.topic, cls, lambda data: send(data, now_ns()), raw=True)
 
     async def close(self) -> None:

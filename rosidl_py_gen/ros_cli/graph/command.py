@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.output import printable_line
+from rosidl_py_gen.base.terminal_text import printable_line
 from rosidl_py_gen.ros_cli import CommandError, options, terminal_output, verb
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.output import json_text
+from rosidl_py_gen.base.terminal_text import json_text
 from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.ros_cli.graph.model import COUNTERPARTS
 

@@ -45,10 +45,10 @@ def proto(name: str, no_quotes: bool, paths: tuple[str, ...], as_json: bool) -> 
 def _example(text: str, paths: tuple[str, ...]) -> Message:
     """Return a message with default values: the request of a service, the goal of an action."""
     from rosidl_py_gen import get_message
-    from rosidl_py_gen.compiler.frontend.definition_text import full_name
+    from rosidl_py_gen.compiler.frontend.registry import resolve_name
     from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 
-    name = full_name(scan_search_path(paths), text)
+    name = resolve_name(scan_search_path(paths), text)
     try:
         suffix = _message_suffix(name)
         return get_message(f"{name}_{suffix}" if suffix else str(name), path=paths)()

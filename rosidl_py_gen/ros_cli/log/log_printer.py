@@ -6,8 +6,8 @@ import re
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.output import printable_line
 from rosidl_py_gen.base.stamps import sec_nanosec, stamp_ns
+from rosidl_py_gen.base.terminal_text import printable_line
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from rosidl_py_gen.base.output import printable_line
+from rosidl_py_gen.base.terminal_text import printable_line
 from rosidl_py_gen.ros_cli import options, report, terminal_output, verb
 
 

@@ -14,7 +14,7 @@ from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import DecodeError, EncodeError, RosidlError
 from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.ros_cli.bag.output_definitions import guess_mismatch
-from rosidl_py_gen.ros_cli.types import opaque_message_class
+from rosidl_py_gen.ros_cli.type_resolution import opaque_message_class
 from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability, WaitTimeoutError, validate_full_name
 
 if TYPE_CHECKING:

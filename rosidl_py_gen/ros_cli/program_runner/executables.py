@@ -14,10 +14,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from rosidl_py_gen.compiler.frontend.files import UnreadableError, read_text
+from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, read_text
 from rosidl_py_gen.ros_cli import CommandError
-from rosidl_py_gen.type_loading.package_files import cmake_installs
 from rosidl_py_gen.type_loading.setup_py import SetupSyntaxError, setup_calls
+from rosidl_py_gen.type_loading.share_folder import cmake_installs
 
 _ENTRY = re.compile(r"\s*([^\s=]+)\s*=\s*([\w.]+)\s*:\s*([\w.]+)\s*(?:\[.*\])?\s*")
 _TOML_LINE = re.compile(r"""\s*(?:"([^"]+)"|'([^']+)'|([\w-]+))\s*=\s*(?:"([^"\\]*)"|'([^']*)')\s*(?:#.*)?""")

@@ -15,7 +15,7 @@ from rosidl_py_gen.bags.mcap_writer import topic_of
 from rosidl_py_gen.bags.metadata import qos_text
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import ClosedError, InvalidNameError, RosidlError, TypeNotFoundError
-from rosidl_py_gen.ros_cli import CommandError, terminal_output, types
+from rosidl_py_gen.ros_cli import CommandError, terminal_output, type_resolution
 from rosidl_py_gen.ros_cli.bag.display import size_text
 from rosidl_py_gen.ros_cli.command_node import now_s
 from rosidl_py_gen.ros_cli.name_lookup import TopicOwner
@@ -185,7 +185,7 @@ class Recorder:
     async def _record(self, topic: str, kind: str) -> None:
         publishers = self._node.get_publishers_info_by_topic(topic)
         offered = [one.qos_profile for one in publishers if one.topic_type == kind]
-        cls = types.opaque_class(self._command_node, topic, kind)
+        cls = type_resolution.opaque_class(self._command_node, topic, kind)
         following: AdaptiveSubscription[bytes] = AdaptiveSubscription(
             self._node,
             topic,
@@ -219,7 +219,7 @@ class Recorder:
             with suppress(RosidlError):  # in a thread, so that messages get their own times
                 await asyncio.to_thread(get_message, kind, path=tuple(self._options.paths))
         try:
-            cls = await types.message_class(self._command_node, topic, kind, self._options.paths)
+            cls = await type_resolution.message_class(self._command_node, topic, kind, self._options.paths)
             return await self._topic_of(topic, cls, qos)
         except RosidlError as error:
             terminal_output.note(f"{topic}: recorded without a definition of {kind}: {error}")
@@ -234,7 +234,7 @@ class Recorder:
             owner = owner_of(topic, type_name(cls))
             if owner.kind != "action":
                 raise
-            action = await types.action_class(self._command_node, owner.name, paths=self._options.paths)
+            action = await type_resolution.action_class(self._command_node, owner.name, paths=self._options.paths)
             text = definition_text(action)
             if type_hash(compile_definition(type_name(cls), text)) != type_hash(cls):
                 raise

@@ -47,15 +47,15 @@ def call(
     import asyncio
 
     from rosidl_py_gen import to_dict
-    from rosidl_py_gen.ros_cli import message_text, types
+    from rosidl_py_gen.ros_cli import message_text, type_resolution
     from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.ros_cli.service.info import find_service
 
     async def main() -> int:
         type_name, text = message_text.type_and_values(words, stdin=stdin)
         async with CommandNode(network) as command_node:
-            name = await types.preload_while_waiting(find_service(command_node, service, timeout_s))
-            cls: Any = await types.service_class(command_node, name, type_name, paths)
+            name = await type_resolution.preload_while_waiting(find_service(command_node, service, timeout_s))
+            cls: Any = await type_resolution.service_class(command_node, name, type_name, paths)
             request = message_text.message_from(cls.Request, text)
             client = command_node.node.create_client(cls, name)
             loop = asyncio.get_running_loop()

@@ -41,7 +41,7 @@ def echo(
     \b
     rosidl-py service echo /add_two_ints
     """
-    from rosidl_py_gen.ros_cli import message_text, types
+    from rosidl_py_gen.ros_cli import message_text, type_resolution
     from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.ros_cli.service.info import find_service
     from rosidl_py_gen.runtime import WaitTimeoutError
@@ -49,8 +49,8 @@ def echo(
 
     async def main() -> int:
         async with CommandNode(network) as command_node:
-            name = await types.preload_while_waiting(find_service(command_node, service))
-            cls: Any = await types.service_class(command_node, name, type_name, paths)
+            name = await type_resolution.preload_while_waiting(find_service(command_node, service))
+            cls: Any = await type_resolution.service_class(command_node, name, type_name, paths)
             events = command_node.node.create_subscription(cls.Event, f"{name}/_service_event", qos=SERVICES_DEFAULT)
             try:
                 await events.wait_for_publishers(_PUBLISHER_TIMEOUT_S)

@@ -73,7 +73,7 @@ async def type_(network: options.NetworkOptions, service: str, as_json: bool) ->
     \b
     rosidl-py service type /add_two_ints
     """
-    from rosidl_py_gen.ros_cli.types import announced_types_of
+    from rosidl_py_gen.ros_cli.type_resolution import announced_types_of
 
     terminal_output.values(
         await announced_types_of(network, "service", lambda command_node: find_service(command_node, service)), as_json

@@ -100,7 +100,7 @@ def echo(
     not in, abs all any bool float int isfinite isinf isnan len max min round sqrt sum, and
     any(x < 1 for x in m.ranges).
     """
-    from rosidl_py_gen.ros_cli import types
+    from rosidl_py_gen.ros_cli import type_resolution
     from rosidl_py_gen.ros_cli.command_node import CommandNode, now_s
     from rosidl_py_gen.ros_cli.message_expressions import compile_filter
     from rosidl_py_gen.ros_cli.name_lookup import find_topic, full_topic_name
@@ -113,7 +113,7 @@ def echo(
     async def main() -> int:
         async with CommandNode(network) as command_node:
             naming = full_name(command_node)
-            name = await (naming if raw else types.preload_while_waiting(naming))
+            name = await (naming if raw else type_resolution.preload_while_waiting(naming))
             printer = value_printer(
                 style or "yaml",
                 full_length=full_length,
@@ -123,10 +123,10 @@ def echo(
             )
             cls: Any
             if raw:
-                cls = types.opaque_class(command_node, name, type_name)
+                cls = type_resolution.opaque_class(command_node, name, type_name)
                 show = _message_printer(lambda value: value, lambda value: True, rate_limit, printer)
             else:
-                cls = await types.message_class(command_node, name, type_name, paths)
+                cls = await type_resolution.message_class(command_node, name, type_name, paths)
                 field = _fields(cls, fields, arrays)
                 condition = compile_filter(filter_text, cls) if filter_text else lambda value: True
                 show = _message_printer(field, condition, rate_limit, printer)

@@ -71,7 +71,7 @@ async def type_(network: options.NetworkOptions, topic: str, timeout_s: float | 
     rosidl-py interface show $(rosidl-py topic type /scan)
     """
     from rosidl_py_gen.ros_cli.name_lookup import find_topic
-    from rosidl_py_gen.ros_cli.types import announced_types_of
+    from rosidl_py_gen.ros_cli.type_resolution import announced_types_of
 
     async def find(command_node: CommandNode) -> str:
         name = await find_topic(command_node, topic, timeout_s)

@@ -125,7 +125,7 @@ async def _measure(
     as_json: bool,
     filter_text: str | None = None,
 ) -> int:
-    from rosidl_py_gen.ros_cli import types
+    from rosidl_py_gen.ros_cli import type_resolution
     from rosidl_py_gen.ros_cli.command_node import CommandNode, first_of
     from rosidl_py_gen.ros_cli.name_lookup import find_topic
     from rosidl_py_gen.ros_cli.topic.statistics import BandwidthStatistics, DelayStatistics, RateStatistics
@@ -143,7 +143,10 @@ async def _measure(
             cls, value = await _value_extractor(command_node, name, kind, paths, filter_text)
             raw: Any = cls is None
             subscription: Subscription[Any] = command_node.node.create_subscription(
-                cls or types.opaque_class(command_node, name), name, qos=presets.SENSOR_DATA.keep_last(_DEPTH), raw=raw
+                cls or type_resolution.opaque_class(command_node, name),
+                name,
+                qos=presets.SENSOR_DATA.keep_last(_DEPTH),
+                raw=raw,
             )
             meters.append(_TopicMeter(name, subscription, value, kinds[kind](window)))
             if not as_json and (kind == "bw" or len(topics) > 1):
@@ -185,15 +188,15 @@ async def _value_extractor(
     command_node: CommandNode, topic: str, kind: str, paths: Sequence[str], filter_text: str | None
 ) -> tuple[type[Message] | None, _Value]:
     """Return the class to decode messages with, or None for bytes, and a function for the value of a message."""
-    from rosidl_py_gen.ros_cli import types
+    from rosidl_py_gen.ros_cli import type_resolution
     from rosidl_py_gen.ros_cli.message_expressions import compile_filter
 
     if filter_text is not None:
-        cls = await types.message_class(command_node, topic, paths=paths)
+        cls = await type_resolution.message_class(command_node, topic, paths=paths)
         return cls, _zero_if(compile_filter(filter_text, cls))
     if kind != "delay":
         return None, len
-    cls = await types.message_class(command_node, topic, paths=paths)
+    cls = await type_resolution.message_class(command_node, topic, paths=paths)
     headers = [field.py_name for field in cls._TYPE.fields if str(field.type) == _HEADER and field.ros_name == "header"]
     if not headers:
         raise CommandError(f"messages of {topic} have no header with a stamp: {cls._TYPE.name}")

@@ -81,7 +81,7 @@ def pub(
     """
     import asyncio
 
-    from rosidl_py_gen.ros_cli import message_text, types
+    from rosidl_py_gen.ros_cli import message_text, type_resolution
     from rosidl_py_gen.ros_cli.command_node import CommandNode, now_s
     from rosidl_py_gen.ros_cli.name_lookup import find_topic, full_topic_name
     from rosidl_py_gen.runtime import WaitTimeoutError
@@ -93,10 +93,10 @@ def pub(
     async def main() -> int:
         async with CommandNode(network) as command_node:
             if type_name is None:
-                name = await types.preload_while_waiting(find_topic(command_node, topic, timeout_s))
+                name = await type_resolution.preload_while_waiting(find_topic(command_node, topic, timeout_s))
             else:
                 name = full_topic_name(command_node, topic)
-            cls = await types.message_class(command_node, name, type_name, paths)
+            cls = await type_resolution.message_class(command_node, name, type_name, paths)
             # Before the wait for subscriptions, so that errors in the text are reported at once.
             template = None if text == _STDIN else message_text.message_and_stamps(cls, text)
             profile = topic_qos.requested_profile(qos, presets.DEFAULT) or presets.DEFAULT

@@ -11,8 +11,7 @@ from support.interface_packages import problems_of, write
 
 from rosidl_py_gen.base.generated_files import GENERATED_HEADER
 from rosidl_py_gen.base.names import RosName, split_ros_name
-from rosidl_py_gen.compiler.frontend.definition_text import read_checked
-from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, select, split_filter
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked, select, split_filter
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
 from rosidl_py_gen.compiler.generate import load
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, InvalidNameError, TypeNotFoundError

@@ -26,7 +26,7 @@ WIDE_WEIGHT = 500
 """Leaves above which a message has no generated codec, but that of `cdr.wide.WideMessage`: CPython takes 40 kB to
 compile the code for one string. Messages of public packages have up to 70 fields."""
 
-_Self = TypeVar("_Self", bound="Weights")
+_Self = TypeVar("_Self", bound="MessageProperties")
 _Result = TypeVar("_Result")
 
 
@@ -44,7 +44,7 @@ def cached_per_name(method: Callable[[_Self, str], _Result]) -> Callable[[_Self,
     return cached
 
 
-class Weights:
+class MessageProperties:
     """Properties of messages by name.
 
     Args:

@@ -23,8 +23,8 @@ from itertools import pairwise, takewhile
 from pathlib import Path
 
 from rosidl_py_gen.compiler.frontend.cmake_reader import UNKNOWN, CMakeScript, inside
-from rosidl_py_gen.compiler.frontend.files import UnreadableError, read_text
-from rosidl_py_gen.type_loading.description_cache import cache_home
+from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, read_text
+from rosidl_py_gen.type_loading.cache_files import cache_home
 from rosidl_py_gen.type_loading.setup_py import SetupSyntaxError, setup_calls
 
 _LIST_ENDS = ("DESTINATION", "PERMISSIONS", "CONFIGURATIONS", "COMPONENT", "RENAME", "OPTIONAL", "TYPE", "PATTERN")

@@ -7,7 +7,7 @@ import json
 import math
 from pathlib import Path
 
-from rosidl_py_gen.base.output import escape_json, json_text, printable_lines
+from rosidl_py_gen.base.terminal_text import escape_json, json_text, printable_lines
 
 PACKAGE = Path(__file__).parents[2] / "rosidl_py_gen"
 HOSTILE = "\x1b]0;t\x07\x9b2J\x7f\u202e\u2066\u200b\ufeff\ud800\U000e0041\x00\r"
