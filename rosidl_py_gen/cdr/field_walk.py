@@ -1,4 +1,4 @@
-"""Slow paths of generated code, and the decoder of wide messages: field by field, by the field table.
+"""Slow paths of generated code, and the decoder of table-coded messages: field by field, by the field table.
 
 Generated code is flat and does not know at which field it failed. Only after a failure these functions run: `validate`
 names the wrong value, `decode_slow` names the wrong byte and also reads big-endian data, which no officially

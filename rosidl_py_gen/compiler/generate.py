@@ -26,7 +26,7 @@ from rosidl_py_gen.compiler.codegen.output_folder import (
 )
 from rosidl_py_gen.compiler.codegen.template_model import Target, module_name, module_path
 from rosidl_py_gen.compiler.frontend.model import Interface, MessageDef, messages_of
-from rosidl_py_gen.compiler.frontend.partial_selection import skip_strays, split_valid
+from rosidl_py_gen.compiler.frontend.partial_selection import drop_unused_invalid_files, split_valid
 from rosidl_py_gen.compiler.frontend.registry import (
     InterfaceRegistry,
     check,
@@ -97,7 +97,7 @@ def _read(
     if more:
         names = sorted({*names, *select(registry, more)})
     check(registry, names)
-    names = skip_strays(registry, names, wanted)
+    names = drop_unused_invalid_files(registry, names, wanted)
     _check_modules(registry, names)
     return registry, names
 

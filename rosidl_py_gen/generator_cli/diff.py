@@ -45,7 +45,7 @@ def run(
             if name not in known and all(name != type_name.partition("/")[0] for type_name in known):
                 raise SourceError(f"--filter {name}: neither {old} nor {new} has it{did_you_mean(name, known)}")
         comparison = select_names(comparison, names)
-    breaking = sorted(sort.value for sort in comparison.sorts() & _failing(fail_on or _DEFAULT))
+    breaking = sorted(one.value for one in comparison.consequences() & _failing(fail_on or _DEFAULT))
     notes = [*before.notes, *after.notes]
     if as_json:
         print_json(diff_output.document(old, new, comparison, breaking, notes))

@@ -47,8 +47,8 @@ def show(found: Comparison, breaking: Sequence[str]) -> None:
         f"{len(found.changed)} changed, {len(found.added)} added, {len(found.removed)} removed, "
         f"{len(found.same)} unchanged"
     )
-    sorts = ", ".join(sorted(sort.value for sort in found.sorts()))
-    parts = [counts, *([f"changes of {sorts}"] if sorts else [])]
+    consequences = ", ".join(sorted(one.value for one in found.consequences()))
+    parts = [counts, *([f"changes of {consequences}"] if consequences else [])]
     _line("; ".join([*parts, f"breaking: {', '.join(breaking)}" if breaking else "not breaking"]))
 
 
@@ -117,7 +117,7 @@ def document(old: str, new: str, found: Comparison, breaking: Sequence[str], not
                 "name": one.name,
                 "old_hash": one.old_hash,
                 "new_hash": one.new_hash,
-                "sorts": sorted(sort.value for sort in one.sorts()),
+                "sorts": sorted(consequence.value for consequence in one.consequences()),
                 "used_by": list(one.used_by),
                 "messages": [_message(message) for message in one.messages],
             }
@@ -125,7 +125,7 @@ def document(old: str, new: str, found: Comparison, breaking: Sequence[str], not
         ],
         "not_compared": list(found.not_compared),
         "unchanged": len(found.same),
-        "sorts": sorted(sort.value for sort in found.sorts()),
+        "sorts": sorted(consequence.value for consequence in found.consequences()),
         "breaking": list(breaking),
         "notes": list(notes),
     }
@@ -144,4 +144,6 @@ def _message(change: MessageChange) -> dict[str, Any]:
 
 
 def _entry(one: FieldChange | ConstantChange) -> dict[str, Any]:
-    return {**one._asdict(), "sort": one.sort.value}
+    entry = one._asdict()
+    entry["sort"] = entry.pop("consequence").value
+    return entry

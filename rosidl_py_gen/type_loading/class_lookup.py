@@ -361,7 +361,7 @@ def _same_definition_and_defaults(registry: InterfaceRegistry, name: RosName) ->
 def _same_definition(registry: InterfaceRegistry, full_name: str, cls: type) -> bool:
     if type_hash(cls) != registry.type_hash(full_name):
         return False
-    description, constants_of = registry.fingerprint(full_name)
+    description, constants_of = registry.description_and_constants(full_name)
     own = {
         name: {key: repr(value) for key, value in constants(nested).items()}
         for name, nested in referenced_classes(cls).items()

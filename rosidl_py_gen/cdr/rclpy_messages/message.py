@@ -61,7 +61,7 @@ def _complete(cls: Any, namespace: dict[str, Any]) -> None:
     cls.__slots__ = [*(f"_{name}" for name in cls._SLOTS), "_check_fields"]
 
 
-def wide_rclpy_message(cls: Any) -> Any:
+def add_rclpy_table_members(cls: Any) -> Any:
     """Return the class with the slots and constants of the class's table; `cls` must not be used afterwards."""
     info = cls._TYPE
     namespace = {key: value for key, value in vars(cls).items() if key not in ("__dict__", "__weakref__")}

@@ -226,9 +226,9 @@ class _EncoderEmitter:
         if isinstance(step, ir.StringContent):
             if kind.string_bound:
                 out += check(">", self.api.support("check_max_length"), f"len({source})", kind.string_bound)
-            is_wide = kind.base == "wstring"
-            out.append(f"{name} = {self.api.support('utf16' if is_wide else 'utf8')}({source})")
-            return f"len({name}) >> 2" if is_wide else f"len({name}) + 1"
+            is_wstring = kind.base == "wstring"
+            out.append(f"{name} = {self.api.support('utf16' if is_wstring else 'utf8')}({source})")
+            return f"len({name}) >> 2" if is_wstring else f"len({name}) + 1"
         if isinstance(step, ir.NumberArray):
             function = self.api.sequence(step.code, is_array=kind.arity is Arity.ARRAY)
             out.append(f"{name} = {function}({source})")

@@ -22,9 +22,9 @@ definition; every common message (Odometry has 22 leaves, Marker 43) stays flat.
 MAX_INLINE_DEPTH = 12
 MAX_INLINE_LOOPS = 5
 """Maximum nested loops that are emitted inline: CPython accepts 20, and each is planned up to four times."""
-WIDE_WEIGHT = 500
-"""Leaves above which a message has no generated codec, but that of `cdr.wide.WideMessage`: CPython takes 40 kB to
-compile the code for one string. Messages of public packages have up to 70 fields."""
+MAX_CODEC_LEAVES = 500
+"""Leaves above which a message has no generated codec, but that of `cdr.table_coded`: CPython takes 40 kB to compile
+the code for one string. Messages of public packages have up to 70 fields."""
 
 _Self = TypeVar("_Self", bound="MessageProperties")
 _Result = TypeVar("_Result")
@@ -49,7 +49,7 @@ class MessageProperties:
 
     Args:
         lookup: returns the definition of a message.
-        max_leaves: leaves of all messages together that get a codec of their own; all others are wide.
+        max_leaves: leaves of all messages together that get a codec of their own; all others are coded from a table.
     """
 
     def __init__(self, lookup: Callable[[str], MessageDef | None], max_leaves: float) -> None:
@@ -69,12 +69,12 @@ class MessageProperties:
         return self.inline_size(name) > MAX_INLINE_FIELDS or levels > MAX_INLINE_DEPTH or loops > MAX_INLINE_LOOPS
 
     @cached_per_name
-    def is_wide(self, name: str) -> bool:
+    def is_table_coded(self, name: str) -> bool:
         """Return True if a codec of its own would be out of proportion to the definition."""
         weight = self.inline_size(name)
-        is_wide = weight > min(WIDE_WEIGHT, self._leaves_left)
-        self._leaves_left -= 0 if is_wide else weight
-        return is_wide
+        is_table_coded = weight > min(MAX_CODEC_LEAVES, self._leaves_left)
+        self._leaves_left -= 0 if is_table_coded else weight
+        return is_table_coded
 
     @cached_per_name
     def nesting_depth(self, name: str) -> tuple[int, int]:

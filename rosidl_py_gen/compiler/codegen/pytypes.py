@@ -48,13 +48,13 @@ class ConstantView(NamedTuple):
 
 
 def field_view(
-    item: FieldDef, imports: Imports, classes: dict[str, str], is_fixed: Callable[[str], bool], *, is_table: bool
+    item: FieldDef, imports: Imports, classes: dict[str, str], is_fixed: Callable[[str], bool], *, for_typing: bool
 ) -> FieldView:
     """Return the view of a field.
 
     Args:
         classes: full name of each nested message -> its name in the module.
-        is_table: only type checkers see the field.
+        for_typing: only type checkers see the field.
     """
     kind = item.type
     name = py_name(item.name)
@@ -62,7 +62,7 @@ def field_view(
     ignore = "  # type: ignore[assignment]" if name in ("encode", "decode") else ""
     annotation = _annotation(kind, imports, classes)
     accepted = annotation
-    if is_table:
+    if for_typing:
         return FieldView(name, annotation, accepted, "", _doc(item), ignore)
     if kind.primitive is not None and kind.arity is not Arity.SCALAR:
         accepted = imports.use(SUPPORT, kind.primitive.numpy.rstrip("_").capitalize() + "s", for_typing=True)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _CDR = "rosidl_py_gen.cdr"
 _RCLPY = "rosidl_py_gen.cdr.rclpy_messages.message"
-_WIDE = "rosidl_py_gen.cdr.wide"
+_TABLE_CODED = "rosidl_py_gen.cdr.table_coded"
 _COMMON_ACTION_TYPES = (
     ("CancelGoalService", "action_msgs/srv/CancelGoal"),
     ("GoalStatusMessage", "action_msgs/msg/GoalStatusArray"),
@@ -73,7 +73,7 @@ class MessageView(NamedTuple):
     """A message class.
 
     Attributes:
-        encoder, decoder: None in a wide class, which has no code of its own.
+        encoder, decoder: None in a class that is coded from a table.
         name: names in the class of what the template mentions; `members` is the decorator that makes fields and
             constants of a table, or empty.
         slots, defaults: only for rclpy's API.
@@ -165,7 +165,7 @@ def _nested(messages: Iterable[MessageDef], planner: LayoutPlanner) -> set[str]:
     """Return the message types that the module's code mentions: of its fields, and of messages emitted inline."""
     found = {item.type.base for message in messages for item in message.fields if item.type.is_message}
     in_line: set[str] = set()
-    pending = [str(message.name) for message in messages if not planner.is_wide(str(message.name))]
+    pending = [str(message.name) for message in messages if not planner.is_table_coded(str(message.name))]
     while pending:
         below = {item.type.base for item in planner.message(pending.pop()).fields if item.type.is_message}
         found |= below
@@ -183,19 +183,20 @@ def _message(
     classes: dict[str, str],
 ) -> MessageView:
     full_name = str(message.name)
-    is_table = _is_table(message)
+    has_table_members = _has_table_members(message)
     name = _class_scope_names(imports, message, planner)
     fields: tuple[FieldView, ...] = ()
     constants: tuple[ConstantView, ...] = ()
-    if target.is_typed or not is_table:
+    if target.is_typed or not has_table_members:
         if not planner.rclpy:
             fields = tuple(
-                field_view(item, imports, classes, planner.is_fixed, is_table=is_table) for item in message.fields
+                field_view(item, imports, classes, planner.is_fixed, for_typing=has_table_members)
+                for item in message.fields
             )
         constants = tuple(constant_view(item, imports, planner.rclpy) for item in message.constants)
     api = (RclpyMessageApi if planner.rclpy else MessageApi)(imports)
     encoder = decoder = None
-    if not planner.is_wide(full_name):
+    if not planner.is_table_coded(full_name):
         plan = planner.plan(full_name)
         encoder = encoder_view(plan, api, structs, classes)
         decoder = decoder_view(plan, api, structs, classes)
@@ -209,17 +210,17 @@ def _message(
         constants,
         fields,
         _constructor(fields),
-        (_wide_info if is_table else _type_info)(message, imports, target.hashes(full_name), classes),
+        (_table_type_info if has_table_members else _type_info)(message, imports, target.hashes(full_name), classes),
         encoder,
         decoder,
         planner.is_outlined(full_name),
         name,
         slots,
-        rclpy_defaults(message.fields) if planner.rclpy and not is_table else "",
+        rclpy_defaults(message.fields) if planner.rclpy and not has_table_members else "",
     )
 
 
-def _is_table(message: MessageDef) -> bool:
+def _has_table_members(message: MessageDef) -> bool:
     values = sum(len(item.default) for item in message.fields if isinstance(item.default, tuple))
     return len(message.fields) + len(message.constants) + values > _MAX_EMITTED
 
@@ -241,7 +242,7 @@ def _type_info(message: MessageDef, imports: Imports, digest: str, classes: dict
     return f"{imports.use(_CDR, 'TypeInfo')}(\n{lines})"
 
 
-def _wide_info(message: MessageDef, imports: Imports, digest: str, classes: dict[str, str]) -> str:
+def _table_type_info(message: MessageDef, imports: Imports, digest: str, classes: dict[str, str]) -> str:
     nested = {item.type.base: classes[item.type.base] for item in message.fields if item.type.is_message}
     numbers = {base: str(number) for number, base in enumerate(nested)}
     fields: list[tuple[object, ...]] = []
@@ -252,7 +253,7 @@ def _wide_info(message: MessageDef, imports: Imports, digest: str, classes: dict
     constants = [(item.name, item.type.base, item.value) for item in message.constants]
     table = json.dumps({"fields": fields, "constants": constants}, separators=(",", ":"))
     arguments = ", ".join([f'"{message.name}"', f'"{digest}"', py_string(table), *nested.values()])
-    return f"{imports.use(_WIDE, 'WideInfo')}({arguments})"
+    return f"{imports.use(_TABLE_CODED, 'TableTypeInfo')}({arguments})"
 
 
 def _table_row(name: str, kind: str, cls: str | None) -> str:
@@ -264,23 +265,23 @@ def _table_row(name: str, kind: str, cls: str | None) -> str:
 
 def _class_scope_names(imports: Imports, message: MessageDef, planner: LayoutPlanner) -> dict[str, str]:
     """Import what the template mentions inside a class, and return the names in the class."""
-    is_wide, is_outlined = planner.is_wide(str(message.name)), planner.is_outlined(str(message.name))
+    is_table_coded, is_outlined = planner.is_table_coded(str(message.name)), planner.is_outlined(str(message.name))
     names = {word: imports.use("typing", word) for word in ("ClassVar", "TYPE_CHECKING")}
     names["TypeInfo"] = imports.use(_CDR, "TypeInfo")
-    names["bases"] = imports.use(_WIDE, "WideMessage") if is_wide else ""
+    names["bases"] = imports.use(_TABLE_CODED, "TableCodedMessage") if is_table_coded else ""
     if planner.rclpy:
         names["metaclass"] = imports.use(_RCLPY, "metaclass")
-        names["bases"] += ", " * is_wide + imports.use(_RCLPY, "RclpyMessage")
+        names["bases"] += ", " * is_table_coded + imports.use(_RCLPY, "RclpyMessage")
     else:
         names["bases"] = names["bases"] or imports.use(_CDR, "Message")
     names["members"] = ""
-    if _is_table(message):
+    if _has_table_members(message):
         names["Any"] = imports.use("typing", "Any", for_typing=True)
-        wide = (_RCLPY, "wide_rclpy_message") if planner.rclpy else (_WIDE, "wide_message")
-        names["members"] = imports.use(*wide)
+        decorator = (_RCLPY, "add_rclpy_table_members") if planner.rclpy else (_TABLE_CODED, "add_table_members")
+        names["members"] = imports.use(*decorator)
     elif not planner.rclpy:
         names["dataclass"] = imports.use("dataclasses", "dataclass")
-    if is_wide:
+    if is_table_coded:
         return names
     builtins = ("bool", "bytes", "classmethod") + (("int", "memoryview", "tuple", "bytearray") if is_outlined else ())
     names |= {word: imports.builtin(word) for word in builtins}

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.compiler.compatibility.definition_set import ConstantFact, FieldDefinition, canonical_type
+from rosidl_py_gen.compiler.compatibility.definition_set import ConstantDefinition, FieldDefinition, canonical_type
 from rosidl_py_gen.compiler.compatibility.wire_compatibility import ReadResult, ReadVerdict, WireCompatibility
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class FieldChange(NamedTuple):
         before: the old type, default, unit, place or name; empty if there was none.
         after: the new one.
         place: location of the new definition, or of the old one of a removed field.
-        sort: consequence of the change.
+        consequence: consequence of the change.
     """
 
     what: str
@@ -55,7 +55,7 @@ class FieldChange(NamedTuple):
     before: str
     after: str
     place: str
-    sort: ChangeKind
+    consequence: ChangeKind
 
 
 class ConstantChange(NamedTuple):
@@ -66,7 +66,7 @@ class ConstantChange(NamedTuple):
     before: str
     after: str
     place: str
-    sort: ChangeKind
+    consequence: ChangeKind
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +88,9 @@ class MessageChange:
     through: tuple[str, ...]
     old_data: ReadVerdict
 
-    def sorts(self) -> frozenset[ChangeKind]:
+    def consequences(self) -> frozenset[ChangeKind]:
         """Return the consequences of the changes."""
-        found = {one.sort for one in self.fields} | {one.sort for one in self.constants}
+        found = {one.consequence for one in self.fields} | {one.consequence for one in self.constants}
         if self.old_hash != self.new_hash:
             found.add(ChangeKind.HASH)
         if self.old_data.reading is not ReadResult.SAME:
@@ -113,9 +113,9 @@ class TypeChange:
     messages: tuple[MessageChange, ...]
     used_by: tuple[str, ...]
 
-    def sorts(self) -> frozenset[ChangeKind]:
+    def consequences(self) -> frozenset[ChangeKind]:
         """Return the consequences of the changes."""
-        return frozenset().union(*(one.sorts() for one in self.messages))
+        return frozenset().union(*(one.consequences() for one in self.messages))
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,9 +133,9 @@ class Comparison:
     not_compared: tuple[str, ...]
     same: tuple[str, ...]
 
-    def sorts(self) -> frozenset[ChangeKind]:
+    def consequences(self) -> frozenset[ChangeKind]:
         """Return the consequences of the changes; a removed type breaks data and code."""
-        found = set().union(*(one.sorts() for one in self.changed))
+        found = set().union(*(one.consequences() for one in self.changed))
         if self.added:
             found.add(ChangeKind.ADDITION)
         if self.removed:
@@ -252,8 +252,9 @@ def _field_changes(wire: WireCompatibility, old: MessageDefinition, new: Message
         if before.name != one.name:
             found.append(FieldChange("renamed", one.name, before.name, one.name, one.place, ChangeKind.CODE))
         if canonical_type(before.type) != canonical_type(one.type):
-            sort = ChangeKind.HASH if wire.field(before.type, one.type).reading is ReadResult.SAME else ChangeKind.CODE
-            found.append(FieldChange("type", one.name, str(before.type), str(one.type), one.place, sort))
+            is_same = wire.field(before.type, one.type).reading is ReadResult.SAME
+            consequence = ChangeKind.HASH if is_same else ChangeKind.CODE
+            found.append(FieldChange("type", one.name, str(before.type), str(one.type), one.place, consequence))
         if one.name in moved:
             places = str(_place(old.fields, one.name)), str(_place(new.fields, one.name))
             found.append(FieldChange("moved", one.name, *places, one.place, ChangeKind.HASH))
@@ -313,7 +314,7 @@ def _reordered(old: Sequence[str], new: Sequence[str]) -> set[str]:
 
 
 def _constant_changes(
-    old: tuple[ConstantFact, ...] | None, new: tuple[ConstantFact, ...] | None
+    old: tuple[ConstantDefinition, ...] | None, new: tuple[ConstantDefinition, ...] | None
 ) -> Iterator[ConstantChange]:
     if old is None or new is None:  # unknown
         return

@@ -39,7 +39,7 @@ class FieldDefinition(NamedTuple):
     place: str = ""
 
 
-class ConstantFact(NamedTuple):
+class ConstantDefinition(NamedTuple):
     """A constant; `value` is a Python literal."""
 
     name: str
@@ -53,7 +53,7 @@ class MessageDefinition(NamedTuple):
 
     name: str
     fields: tuple[FieldDefinition, ...]
-    constants: tuple[ConstantFact, ...] | None
+    constants: tuple[ConstantDefinition, ...] | None
 
     def comparison_key(self) -> tuple[object, ...]:
         """Return the values to compare: names, types and defaults of fields, and constants, without locations."""
@@ -169,7 +169,7 @@ def _message(message: MessageDef) -> MessageDefinition:
         for one in message.fields
     )
     constants = tuple(
-        ConstantFact(one.name, str(one.type), repr(one.value), _place(one.location)) for one in message.constants
+        ConstantDefinition(one.name, str(one.type), repr(one.value), _place(one.location)) for one in message.constants
     )
     has_constants = message.source.format != "implicit" or bool(constants)
     return MessageDefinition(str(message.name), fields, constants if has_constants else None)

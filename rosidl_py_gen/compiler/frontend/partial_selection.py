@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
 
 
-def skip_strays(registry: InterfaceRegistry, names: list[RosName], wanted: Container[str]) -> list[RosName]:
+def drop_unused_invalid_files(
+    registry: InterfaceRegistry, names: list[RosName], wanted: Container[str]
+) -> list[RosName]:
     """Drop files that do not compile and that no other file refers to, where no list says which files count.
 
     Their diagnostics become notes of their package. A package of such files only keeps them all.
@@ -38,18 +40,18 @@ def skip_strays(registry: InterfaceRegistry, names: list[RosName], wanted: Conta
     packages = registry.search.packages
     listings = {package: packages[package].listing for package in {name.package for name in names}}
     diagnostics = {problem.path: problem for problem in reversed(registry.diagnostics.items)}
-    strays = {
+    unused = {
         name: diagnostics[path]
         for name in _with_problems(registry, names)
         if (listing := listings[name.package]) and not listing.complete and str(name) not in wanted
         if (path := display_path(packages[name.package].files[name])) in diagnostics
     }
-    users = _users(registry, names if strays else [])
+    users = _users(registry, names if unused else [])
     dropped: dict[RosName, Diagnostic] = {}
-    pending = list(strays)
+    pending = list(unused)
     for name in pending:  # grows inside the loop
-        if name in strays and name not in dropped and users.get(name, {}).keys() <= {name, *dropped}:
-            dropped[name] = strays[name]
+        if name in unused and name not in dropped and users.get(name, {}).keys() <= {name, *dropped}:
+            dropped[name] = unused[name]
             pending += [need for need, found in users.items() if name in found]
     rest = {name.package for name in names if name not in dropped}
     for name, problem in dropped.items():

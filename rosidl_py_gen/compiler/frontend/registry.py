@@ -65,7 +65,7 @@ class InterfaceRegistry:
         self._hashes = TypeHasher(self.field_rows)
         self._missing: set[tuple[str, str]] = set()
 
-    def is_new_missing(self, path: str, package: str) -> bool:
+    def is_first_report(self, path: str, package: str) -> bool:
         """Return True for the first call with a file and a missing package: a file reports each once."""
         is_new = (path, package) not in self._missing
         self._missing.add((path, package))
@@ -161,7 +161,7 @@ class InterfaceRegistry:
         message = self.message(full_name)
         return {item.name: repr(item.value) for item in message.constants} if message else {}
 
-    def fingerprint(self, full_name: str) -> tuple[Description, dict[str, dict[str, str]]]:
+    def description_and_constants(self, full_name: str) -> tuple[Description, dict[str, dict[str, str]]]:
         """Return the full description of a type with defaults, and the constants of all its types."""
         description = build_type_description(full_name, self.field_rows)
         return description, {name: self.constants(name) for name in individual_descriptions(description)}
@@ -316,9 +316,9 @@ def _report_unknown(registry: InterfaceRegistry, message: MessageDef, item: Fiel
     if package is None and registry.has_package(name.package):
         where = ", ".join(registry.search.searched) or "nothing"
         registry.diagnostics.add(at, f'unknown type "{short}" (searched: {where})')
-    elif package is None and registry.is_new_missing(item.location.source.path, name.package):
+    elif package is None and registry.is_first_report(item.location.source.path, name.package):
         subject = f'unknown package "{name.package}" for {short}'
-        is_first = registry.is_new_missing("", name.package)
+        is_first = registry.is_first_report("", name.package)
         text = missing_package(registry.search, name.package, subject, str(name)) if is_first else subject
         registry.diagnostics.add(at, text)
     elif package is not None:

@@ -27,9 +27,9 @@ from rosidl_py_gen import (
     to_json,
 )
 from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.cdr.table_coded import TableCodedMessage
 from rosidl_py_gen.cdr.type_queries import constants, type_description
-from rosidl_py_gen.cdr.wide import WideMessage
-from rosidl_py_gen.compiler.codegen import template_model, weights
+from rosidl_py_gen.compiler.codegen import message_properties, template_model
 from rosidl_py_gen.compiler.frontend import idl_parser
 from rosidl_py_gen.type_loading import class_lookup
 
@@ -74,13 +74,13 @@ def parts_of(cls: Any) -> list[Any]:
     return [found[f"wide_msgs/msg/{name}"] for name in ("Point", "Named", "Nothing")]
 
 
-def test_wide_classes_read_and_write_every_recorded_value(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(weights, "WIDE_WEIGHT", 0)
+def test_table_coded_classes_read_and_write_every_recorded_value(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(message_properties, "MAX_CODEC_LEAVES", 0)
     monkeypatch.setattr(template_model, "_MAX_EMITTED", 0)
     oracle, rows = reference(), vectors_by_type()
     for name in sorted(rows):
         cls: Any = class_lookup._class(library(), split_ros_name(name), lambda library, part: None)
-        assert issubclass(cls, WideMessage)
+        assert issubclass(cls, TableCodedMessage)
         for vector in rows[name]:
             data = vector.cdr
             assert encode(oracle.build(cls, vector.value)) == data
@@ -96,7 +96,7 @@ def test_wide_classes_read_and_write_every_recorded_value(monkeypatch: pytest.Mo
 def test_a_wide_class_is_like_any_other() -> None:
     cls = compile_definition("wide_msgs/msg/Wide", TEXT)
     narrow = compile_definition("wide_msgs/msg/Narrow", "\n".join(line.format(1) for line in FIELDS) + "\n" + NESTED)
-    assert issubclass(cls, WideMessage) and not issubclass(narrow, WideMessage)
+    assert issubclass(cls, TableCodedMessage) and not issubclass(narrow, TableCodedMessage)
     new, other = cls(), narrow()
     for field in narrow._TYPE.fields:
         left, right = getattr(new, field.py_name), getattr(other, field.py_name)
@@ -115,7 +115,7 @@ def test_a_wide_class_is_like_any_other() -> None:
         cls(nothing=1)
 
 
-def test_what_does_not_fit_a_wide_message_is_named() -> None:
+def test_what_does_not_fit_a_table_coded_message_is_named() -> None:
     cls = compile_definition("wide_msgs/msg/Wide", TEXT)
     point, named, _ = parts_of(cls)
     for name, value, reason in (
@@ -141,10 +141,10 @@ def test_what_does_not_fit_a_wide_message_is_named() -> None:
             cls.decode(data[:size])
 
 
-def test_a_wide_message_stands_inside_a_generated_one() -> None:
+def test_a_table_coded_message_stands_inside_a_generated_one() -> None:
     text = f"uint8 before\nWide one\nWide[] many\nuint8[] after\n{LINE}\nMSG: wide_msgs/Wide\n{TEXT}"
     outer: Any = compile_definition("wide_msgs/msg/Outer", text)
-    assert not issubclass(outer, WideMessage)
+    assert not issubclass(outer, TableCodedMessage)
     wide = next(field.cls for field in outer._TYPE.fields if field.ros_name == "one")
     message = outer(before=1, one=filled(wide, parts_of(wide)), many=[wide(c1=n) for n in range(3)], after=[1, 2])
     assert outer.decode(message.encode()) == message
@@ -154,7 +154,7 @@ def test_a_wide_message_stands_inside_a_generated_one() -> None:
         outer.decode(message.encode()[:-20])
 
 
-def test_wide_messages_of_rclpys_flavour_hold_what_rclpys_do(tmp_path: Path) -> None:
+def test_table_coded_messages_of_rclpys_flavour_hold_what_rclpys_do(tmp_path: Path) -> None:
     for name, body in {"Wide": TEXT.split(LINE)[0], **PARTS}.items():
         path = tmp_path / "wide_msgs" / "msg" / f"{name}.msg"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -163,7 +163,7 @@ def test_wide_messages_of_rclpys_flavour_hold_what_rclpys_do(tmp_path: Path) -> 
     ours = compile_definition("wide_msgs/msg/Wide", TEXT)
     with hooked(message_api="rclpy", path=str(tmp_path)):
         cls = rclpy_class("wide_msgs/msg/Wide")
-        assert issubclass(cls, WideMessage)
+        assert issubclass(cls, TableCodedMessage)
         new = cls(b0="given")
         assert (new.l0, new.b0, new.b1, new.c1, cls.A0, cls.B0) == (b"\0", "given", "it is", -3, b"\7", "x")
         assert (

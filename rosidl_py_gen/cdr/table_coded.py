@@ -2,7 +2,8 @@
 
 CPython takes kilobytes and microseconds to compile each line of generated code, which for thousands of fields is a
 multiple of the memory of their definition. The class of such a message therefore contains one string literal, a table
-in JSON, of which `wide_message` makes fields and constants. `WideMessage` encodes and decodes field by field.
+in JSON, of which `add_table_members` makes fields and constants. `TableCodedMessage` encodes and decodes field by
+field.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ _NESTED = re.compile(r"(\d+)(.*)\Z", re.ASCII)
 _PACK = {primitive.code: Struct(f"<{primitive.code}").pack for primitive in PRIMITIVES.values()}
 
 
-class WideInfo(TypeInfo):
+class TableTypeInfo(TypeInfo):
     """Type information made of a table.
 
     Args:
@@ -74,7 +75,7 @@ def _row(name: str, text: str, classes: tuple[type[Message], ...]) -> Any:
     return (sys.intern(name), array, cls) if array else (sys.intern(name), cls)
 
 
-def wide_message(cls: type[M]) -> type[M]:
+def add_table_members(cls: type[M]) -> type[M]:
     """Return the dataclass with the fields and constants of the class's table; `cls` must not be used afterwards."""
     info: Any = cls._TYPE
     annotations = cls.__annotations__
@@ -139,7 +140,7 @@ def _default(item: Field, value: Any) -> Any:
     return field(default_factory=make)
 
 
-class WideMessage(Message):
+class TableCodedMessage(Message):
     """Base of messages with so many fields that generated code for each would be out of proportion."""
 
     __slots__ = ()
