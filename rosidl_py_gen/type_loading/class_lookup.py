@@ -323,7 +323,7 @@ def load_compiler() -> None:
     """Import the compiler, to save time when the first class is compiled. Thread: any."""
     from rosidl_py_gen.compiler.codegen import module_sources, render  # noqa: F401
     from rosidl_py_gen.compiler.frontend import (
-        definition_text,  # noqa: F401
+        registry,  # noqa: F401
         search_path,
     )
 
