@@ -32,7 +32,7 @@ class Line:
         return write
 
 
-def outbox_of(line: Line, depth: int | None = None) -> tuple[SendQueue, list[str]]:
+def send_queue_of(line: Line, depth: int | None = None) -> tuple[SendQueue, list[str]]:
     reports: list[str] = []
     loop_binding: Any = line
     return SendQueue(loop_binding, depth, reports.append), reports
@@ -42,16 +42,16 @@ def test_what_waits_is_sent_in_order_by_the_loop() -> None:
     async def main() -> None:
         line = Line()
         line.loop = asyncio.get_running_loop()
-        outbox, reports = outbox_of(line)
+        send_queue, reports = send_queue_of(line)
         for number in (1, 2, 13, 3):
             line.is_full = number > 1
-            outbox.send(line.write(number))
-        assert line.sent == [1] and len(outbox.waiting) == 3
+            send_queue.send(line.write(number))
+        assert line.sent == [1] and len(send_queue.waiting) == 3
         await asyncio.sleep(0.01)
         line.is_full = False
-        outbox.send(line.write(4))  # goes behind the others, although there would be room
+        send_queue.send(line.write(4))  # goes behind the others, although there would be room
         await asyncio.sleep(0.02)
-        assert line.sent == [1, 2, 3, 4] and reports == ["sending a delayed sample"] and outbox.dropped == 1
+        assert line.sent == [1, 2, 3, 4] and reports == ["sending a delayed sample"] and send_queue.dropped == 1
 
     VirtualTimeLoop().run(main())
 
@@ -59,25 +59,25 @@ def test_what_waits_is_sent_in_order_by_the_loop() -> None:
 def test_a_full_one_drops_the_oldest_and_a_closed_one_all() -> None:
     line = Line()
     line.is_full = True
-    outbox, _ = outbox_of(line, 2)
+    send_queue, _ = send_queue_of(line, 2)
     for number in range(5):
-        outbox.send(line.write(number))
+        send_queue.send(line.write(number))
     line.is_full = False
-    assert outbox.dropped == 3 and outbox.flush() and line.sent == [3, 4]
+    assert send_queue.dropped == 3 and send_queue.flush() and line.sent == [3, 4]
     line.is_full = True
-    outbox.send(line.write(5))
-    outbox.close()
+    send_queue.send(line.write(5))
+    send_queue.close()
     line.is_full = False
-    assert outbox.flush() and line.sent == [3, 4]
+    assert send_queue.flush() and line.sent == [3, 4]
 
 
 def test_what_one_loop_left_behind_another_one_sends_with_the_next() -> None:
     line = Line()
-    outbox, _ = outbox_of(line)
+    send_queue, _ = send_queue_of(line)
 
     async def send(number: int, *, is_full: bool) -> None:
         line.loop, line.is_full = asyncio.get_running_loop(), is_full
-        outbox.send(line.write(number))
+        send_queue.send(line.write(number))
         await asyncio.sleep(0.01)
 
     VirtualTimeLoop().run(send(1, is_full=True))
