@@ -14,7 +14,7 @@ from typing import Any
 
 from rosidl_py_gen import get_action, get_message, get_service
 from rosidl_py_gen.base.resources import interfaces_dir
-from rosidl_py_gen.compiler.frontend.search_path import search_path
+from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import generate
 from rosidl_py_gen.runtime import Context, Node, QoSProfile, ServerGoal, run
 
@@ -30,7 +30,7 @@ Fibonacci = get_action("test_msgs/action/Fibonacci", path=SHARE)
 def generated() -> str:
     """Run the generator and the codec."""
     with tempfile.TemporaryDirectory() as folder:
-        generate(search_path([interfaces_dir()], ament="", bundled=False), ["geometry_msgs"], Path(folder))
+        generate(scan_search_path([interfaces_dir()], ament="", bundled=False), ["geometry_msgs"], Path(folder))
         files = sum(1 for _ in Path(folder).rglob("*.py"))
     cls = get_message("geometry_msgs/msg/PoseStamped")
     pose = cls()
@@ -49,7 +49,7 @@ async def count(goal: ServerGoal[Any]) -> Any:
 async def main() -> None:
     print(platform.machine(), "CPython", platform.python_version(), generated(), sep=", ", flush=True)
     async with Context(discovery="localhost") as context, Node("arm", context=context) as node:
-        print(context.middleware, dict(context.capabilities), flush=True)
+        print(context.middleware, dict(context.library_capabilities), flush=True)
         node.declare_parameter("speed", 1.5)
         node.create_service(SetBool, "arm_set", lambda request: SetBool.Response(success=request.data, message="arm"))
         node.create_action_server(Fibonacci, "arm_count", count)
