@@ -149,7 +149,7 @@ async def test_a_second_server_changes_nothing_while_the_first_lives(world: Worl
 @pytest.mark.every_transport
 async def test_unknown_from_another_server_is_not_the_answer(world: World) -> None:
     async def execute(handle: Any) -> Any:
-        await until(lambda: bool(asked) and stranger._transport_client.all_acknowledged())  # UNKNOWN has arrived
+        await until(lambda: bool(asked) and stranger._transport_server.all_acknowledged())  # UNKNOWN has arrived
         return result(5)
 
     _, client = await pair(world, execute)
