@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import logging
+import sys
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Annotated, Any
@@ -40,10 +41,15 @@ class World:
     def __init__(self, *names: str) -> None:
         self.events: list[ParameterEvent] = []
         self.failures: list[str] = []
-        self.store = ParameterStore(on_event=self.events.append, on_failure=self.failures.append)
+        self.errors: list[type[BaseException] | None] = []
+        self.store = ParameterStore(on_event=self.events.append, on_failure=self.note_failure)
         for name in names:
             self.store.declare(name, parameter_value(1))
         self.events.clear()
+
+    def note_failure(self, what: str) -> None:
+        self.failures.append(what)
+        self.errors.append(sys.exc_info()[0])
 
     def values(self) -> dict[str, object]:
         return {name: value.value for name, value in self.store.values().items()}
@@ -58,6 +64,7 @@ def test_a_callback_that_raises_refuses_with_a_reason(kind: str) -> None:
     assert world.store.set_atomically([p("a", 2)]) == refused
     assert world.store.set_individually([p("a", 2), p("b", 2)]) == [refused, refused]
     assert world.values() == {"a": 1, "b": 1} and world.events == [] and world.failures == [what] * 3
+    assert set(world.errors) == {KeyError}, "what is logged is the error of the callback"
     added.close()
     assert world.store.set_atomically([p("a", 2)]) == OK
 

@@ -10,6 +10,7 @@ from rosidl_py_gen.runtime.parameters.validation import (
     float_range_reason,
     integer_range_reason,
     list_names,
+    range_reason,
     refusal_reason,
 )
 from rosidl_py_gen.runtime.parameters.values import (
@@ -60,6 +61,20 @@ def test_integer_ranges(value: int, allowed: IntRange, reason: str) -> None:
 )
 def test_float_ranges(value: float, allowed: FloatRange, reason: str) -> None:
     assert float_range_reason("p", value, allowed) == reason
+
+
+@pytest.mark.parametrize(
+    ("allowed", "is_valid"),
+    [
+        (IntRange(-(2**63), 2**63 - 1, 0), True),
+        (IntRange(-(2**63) - 1, 0), False),
+        (IntRange(0, 2**63), False),
+        (IntRange(0, 1, -1), False),
+        (FloatRange(-1.0, 1.0, 0.0), True),
+    ],
+)
+def test_ranges_that_can_be_sent(allowed: IntRange | FloatRange, is_valid: bool) -> None:
+    assert (range_reason(allowed) == "") is is_valid
 
 
 INT = ParameterDescriptor("p", ParameterType.INTEGER)
