@@ -1,11 +1,11 @@
 """Compare encode and decode with other Python CDR libraries, in one process, interleaved.
 
-Usage: ``python bench/codec.py [--seconds 0.15] [--markdown] [--generation] [--flavour]``
+Usage: ``python bench/codec.py [--seconds 0.15] [--markdown] [--generation] [--message-api]``
 
 Prints microseconds a message and the peers' times as multiples of ours. The peers are what is installed of rosbags,
-pycdr2 and mcap-ros2-support, or, with ``--flavour``, our classes of rclpy's flavour and our own with ``copy=True``,
-whose arrays can be written to as well; "copy" is ``bytes(payload)`` of the encoded message. Times of one machine say
-little; compare within a run.
+pycdr2 and mcap-ros2-support, or, with ``--message-api``, our classes with rclpy's message API and our native ones with
+``copy=True``, whose arrays can be written to as well; "copy" is ``bytes(payload)`` of the encoded message. Compare
+times within one run only.
 """
 
 from __future__ import annotations
@@ -183,8 +183,8 @@ def rows(peers: list[Peer], seconds: float) -> list[Row]:
     return table
 
 
-def flavours(folder: str) -> list[Peer]:
-    """Our classes of rclpy's flavour, and our own where they copy. Those in the folder are loaded by then."""
+def message_apis(folder: str) -> list[Peer]:
+    """Our classes with rclpy's message API, and our native ones where they copy; those in the folder are loaded."""
 
     def pair(message: Any, payload: bytes) -> tuple[Callable[[], Any], Callable[[], Any]]:
         if folder in sys.path:
@@ -199,7 +199,7 @@ def flavours(folder: str) -> list[Peer]:
         return same.encode, partial(cls.decode, payload)
 
     return [
-        Peer("rclpy flavour", pair),
+        Peer("rclpy API", pair),
         Peer("copy=True", lambda message, payload: (message.encode, partial(type(message).decode, payload, copy=True))),
     ]
 
@@ -259,7 +259,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=0.15, help="time spent on each cell")
     parser.add_argument("--markdown", action="store_true", help="print the table as Markdown")
     parser.add_argument("--generation", action="store_true", help="measure the compiler and imports instead")
-    parser.add_argument("--flavour", action="store_true", help="compare with rclpy's flavour instead")
+    parser.add_argument("--message-api", action="store_true", help="compare with rclpy's message API instead")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -269,7 +269,7 @@ def main() -> None:
         generate(scan_search_path(), PACKAGES, folder)
         sys.path.insert(0, name)
         start = time.perf_counter()
-        peers = flavours(name) if arguments.flavour else available_peers()
+        peers = message_apis(name) if arguments.message_api else available_peers()
         table = rows(peers, arguments.seconds)
         print(f"CPython {sys.version.split()[0]}, numpy {np.__version__}, {time.perf_counter() - start:.0f} s")
         show(table, [peer.name for peer in peers], arguments.markdown)

@@ -49,7 +49,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.ImportHookWarning
 
 
 @pytest.fixture(scope="module", autouse=True)
-def flavour() -> Iterator[None]:
+def message_api() -> Iterator[None]:
     with rclpy_flavour():
         yield
 
@@ -213,7 +213,7 @@ def test_the_generated_functions_stay_when_fields_have_their_names() -> None:
             sys.meta_path.extend(outer.last)
 
 
-# --- both flavours ----------------------------------------------------------------------------------------------------
+# --- both APIs --------------------------------------------------------------------------------------------------------
 
 
 def test_a_message_of_the_other_flavour_may_be_inside() -> None:

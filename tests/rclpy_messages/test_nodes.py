@@ -1,4 +1,4 @@
-"""Topics, services, actions, introspection, transforms and bags with classes of rclpy's flavour, and with both."""
+"""Topics, services, actions, introspection, transforms and bags with classes of rclpy's message API, and with both."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rosidl_py_gen.tf import StaticTransformBroadcaster, TransformBuffer
 if TYPE_CHECKING:
     from support.node_fixtures import World
 
-FLAVOURS = pytest.mark.parametrize("here", ["native", "rclpy"])
+MESSAGE_APIS = pytest.mark.parametrize("here", ["native", "rclpy"])
 THERE = pytest.mark.parametrize("there", ["native", "rclpy"])
 
 
@@ -28,18 +28,18 @@ pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.ImportHookWarning
 
 
 @pytest.fixture(scope="module", autouse=True)
-def flavour() -> Iterator[None]:
+def message_api() -> Iterator[None]:
     with rclpy_flavour():
         yield
 
 
-def cls_of(flavour: str, name: str) -> Any:
-    if flavour == "rclpy":
+def cls_of(message_api: str, name: str) -> Any:
+    if message_api == "rclpy":
         return rclpy_class(name)
     return {"msg": get_message, "srv": get_service, "action": get_action}[name.split("/")[1]](name)
 
 
-@FLAVOURS
+@MESSAGE_APIS
 @THERE
 async def test_topics(memory: World, here: str, there: str) -> None:
     sent, wanted = cls_of(here, "sensor_msgs/msg/LaserScan"), cls_of(there, "sensor_msgs/msg/LaserScan")
@@ -49,7 +49,7 @@ async def test_topics(memory: World, here: str, there: str) -> None:
     await until(lambda: publisher.subscription_count)
     message = sent(ranges=[1.5, 2.5], header=cls_of(there, "std_msgs/msg/Header")(frame_id="laser"))
     publisher.publish(message)
-    publisher.publish(cls_of(there, "sensor_msgs/msg/LaserScan")(ranges=[3]))  # of the other flavour
+    publisher.publish(cls_of(there, "sensor_msgs/msg/LaserScan")(ranges=[3]))  # with the other API
     found = await subscription.receive(timeout_s=5)
     assert type(found) is wanted and type(found.header) is cls_of(there, "std_msgs/msg/Header")
     assert (list(found.ranges), found.header.frame_id) == ([1.5, 2.5], "laser")
@@ -59,7 +59,7 @@ async def test_topics(memory: World, here: str, there: str) -> None:
         publisher.publish(cls_of(here, "std_msgs/msg/String")())
 
 
-@FLAVOURS
+@MESSAGE_APIS
 @THERE
 async def test_services(memory: World, here: str, there: str) -> None:
     served, called = cls_of(here, "std_srvs/srv/SetBool"), cls_of(there, "std_srvs/srv/SetBool")
@@ -67,7 +67,7 @@ async def test_services(memory: World, here: str, there: str) -> None:
 
     def handle(request: Any) -> Any:
         seen.append(request)
-        return called.Response(success=request.data, message="yes")  # of the client's flavour
+        return called.Response(success=request.data, message="yes")  # with the client's API
 
     server = memory.node("n").create_service(served, "set", handle)
     node = memory.node("m")
@@ -81,7 +81,7 @@ async def test_services(memory: World, here: str, there: str) -> None:
     assert event.request[0].data is True and len(event.info.client_gid) == 16
 
 
-@FLAVOURS
+@MESSAGE_APIS
 @THERE
 async def test_actions(memory: World, here: str, there: str) -> None:
     served = cls_of(here, "example_interfaces/action/Fibonacci")
@@ -123,7 +123,7 @@ async def test_transforms(memory: World) -> None:
     assert found.translation.tolist() == [2, 0, 0]
 
 
-@FLAVOURS
+@MESSAGE_APIS
 def test_bags(tmp_path: Path, here: str) -> None:
     scan, status = cls_of(here, "sensor_msgs/msg/LaserScan"), cls_of(here, "diagnostic_msgs/msg/DiagnosticStatus")
     other = cls_of("native" if here == "rclpy" else "rclpy", "sensor_msgs/msg/LaserScan")

@@ -1,4 +1,4 @@
-"""Classes of rclpy's flavour beside our own, for tests that have both."""
+"""Classes of rclpy's message API beside our own, for tests that have both."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _is_of_messages(name: str) -> bool:
 
 
 def rclpy_class(name: str) -> Any:
-    """The class of ``std_msgs/msg/String`` in rclpy's flavour; the hook has to be there when it is asked for first."""
+    """Return the class for a name such as ``std_msgs/msg/String``, with rclpy's API; needs the hook."""
     package, kind, word = name.split("/")
     return getattr(import_module(f"{package}.{kind}"), py_name(word))
 
