@@ -142,7 +142,7 @@ async def test_a_killed_recorder_leaves_a_file_that_info_and_convert_read(
 ) -> None:
     path = tmp_path / "a.mcap"
     process = await tool.start("bag", "record", "/words", "-o", str(path), "--compression", "lz4")
-    await wait_for_lines(process, "nobody publishes /words yet")
+    await wait_for_lines(process, "no publisher of /words yet")
     words = node.create_publisher(String, "words", QoSProfile(depth=100))
     assert await words.wait_for_subscribers(20)
     for number in range(30):
@@ -184,7 +184,7 @@ async def test_a_type_nobody_installed_is_recorded_with_the_definition_of_its_no
 async def test_a_full_disk_ends_recording_with_a_file_that_can_be_read(node: Node, tool: Any, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     process = await tool.start("bag", "record", "/words", "-o", str(path), "--compression", "none")
-    await wait_for_lines(process, "nobody publishes /words yet")
+    await wait_for_lines(process, "no publisher of /words yet")
     resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (12_000_000, 12_000_000))
     words = node.create_publisher(String, "words")
     assert await words.wait_for_subscribers(20)

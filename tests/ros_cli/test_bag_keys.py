@@ -220,7 +220,7 @@ async def test_space_pauses_a_recorder_and_the_terminal_is_as_before(
     ("command", "line"),
     [
         (("play", "{bag}", "--start-paused"), b"paused, until the service /rosbag2_player/resume is called\n"),
-        (("record", "/words", "-o", "{out}"), b"nobody publishes /words yet; waiting for it\n"),
+        (("record", "/words", "-o", "{out}"), b"no publisher of /words yet; waiting for it\n"),
     ],
 )
 async def test_keys_are_left_alone_where_that_is_asked_for(

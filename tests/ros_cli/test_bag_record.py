@@ -224,9 +224,9 @@ async def test_what_nobody_publishes_is_told(node: Node, tool: Any, tmp_path: Pa
     async with recording(tool, tmp_path / "bag", *missing) as process:
         await wait_for_lines(
             process,
-            "nobody publishes /no yet; waiting for it",
-            "nobody publishes events of the service /silent, whose introspection may be off, yet; waiting for it",
-            "nobody publishes anything of the action /act yet; waiting for it",
+            "no publisher of /no yet; waiting for it",
+            "no publisher of events of the service /silent, whose introspection may be off, yet; waiting for it",
+            "no publisher of anything of the action /act yet; waiting for it",
         )
         await wait_for_lines(process, *(f"recording {name} [" for name in ("/count", ADD, *FIB)))
     for kind, name in (("--services", "/silent"), ("--actions", "/act"), ("--topics", "/no")):
@@ -567,6 +567,4 @@ def test_wrong_words_are_told(run_here: Any, tmp_path: Path) -> None:
         found, _, err = run_here("bag", "record", *words)
         assert (found, text in err, "Traceback" in err) == (code, True, False), (words, err)
     assert [*tmp_path.iterdir()] == []
-    assert (
-        "nobody publishes /x" in run_here("bag", "record", "/x", "--no-discovery", "--discovery", "off", "-o", out)[2]
-    )
+    assert "no publisher of /x" in run_here("bag", "record", "/x", "--no-discovery", "--discovery", "off", "-o", out)[2]

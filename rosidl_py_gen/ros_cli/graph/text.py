@@ -37,7 +37,7 @@ def lines(picture: Picture) -> Iterator[tuple[str, str]]:
                     yield f"  {role}{'' if kind == 'topic' else f' {kind}'}", "cyan"
                 for edge in selected:
                     yield f"    {edge.name} [{', '.join(edge.types)}]", ""
-                    others = ", ".join(picture.counterparts(edge)) or "nobody"
+                    others = ", ".join(picture.counterparts(edge)) or "no peer"
                     yield f"      {_ARROWS[role]} {others}", "dim"
 
 

@@ -119,8 +119,8 @@ class Recorder:
                 if named not in self._owners:
                     what = _MISSING[named.kind].format(named.name)
                     if self._options.no_discovery:
-                        raise CommandError(f"nobody publishes {what}, and --no-discovery waits for nobody")
-                    terminal_output.note(f"nobody publishes {what} yet; waiting for it")
+                        raise CommandError(f"no publisher of {what}, and --no-discovery does not wait for one")
+                    terminal_output.note(f"no publisher of {what} yet; waiting for it")
             pause_s = self._options.polling_ms / 1000
             await asyncio.sleep(pause_s)
             self._subscribe_to_new()

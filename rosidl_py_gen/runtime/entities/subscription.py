@@ -4,7 +4,7 @@ Messages are decoded when they are taken from the receive queue, not when they a
 nothing. A sample that cannot be decoded is counted, logged at most once per second, and skipped.
 
 A plain callback is called for each message on the event loop. An async callback is awaited for one message after the
-other, or for `concurrency` messages at once; meanwhile new messages wait in the queue. The first ones that the queue
+other, or for `concurrency` messages at once, while new messages wait in the queue. The first ones that the queue
 drops are logged, unless its depth is 1, which means that only the newest message is needed.
 """
 
