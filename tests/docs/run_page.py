@@ -1,6 +1,7 @@
 """Run all code of one page, in order: python run_page.py PAGE.md, in an empty folder.
 
-A block with a title is a file. Python blocks share their names and one event loop; `run(main)` lets `main` go on in the
+A block with a title is a file. A Python block of a tab "Blocking" or "rclpy" is a program of its own, in a process,
+until the page ends. Other Python blocks share their names and one event loop; `run(main)` lets `main` go on in the
 background, so that a server of one block answers the client of the next. Shell blocks run what they say to
 ``rosidl-py-gen`` and ``rosidl-py``, and to Python and pytest about files of the page. A text block says what the block
 before it prints; behind a shell block it makes the examples named there, and commands that go on `_ENDLESS`, run
@@ -41,6 +42,8 @@ if TYPE_CHECKING:
 
 _COMMANDS = {"rosidl-py-gen": ("-m", "rosidl_py_gen.generator_cli"), "rosidl-py": ("-m", "rosidl_py_gen.ros_cli")}
 _ENDLESS = "# until Ctrl-C"
+_RUNNERS = {"Blocking": (), "rclpy": (*_COMMANDS["rosidl-py"], "run")}
+"""Arguments of Python before the program of a block, by the title of its tab."""
 PATIENCE_S = float(os.environ.get("PAGE_PATIENCE_S", "90"))
 
 
@@ -56,6 +59,7 @@ class Page:
         self.module = types.ModuleType("page")
         sys.modules["page"] = self.module
         self.programs: list[asyncio.Future[Any]] = []
+        self.processes: list[tuple[asyncio.subprocess.Process, asyncio.Future[None], Block]] = []
         self.output = io.StringIO()
         self.world: Any = None
         """For pages in memory."""
@@ -79,6 +83,13 @@ class Page:
             except Exception as error:
                 reason = error if isinstance(error, PageError) else repr(error)
                 raise PageError(f"{self.path.name}:{block.line}: {reason}") from error
+        for process, reader, block in self.processes:
+            with contextlib.suppress(ProcessLookupError):
+                await asyncio.wait([reader], timeout=5)  # a program that spins goes on
+                process.send_signal(signal.SIGINT)
+            await asyncio.wait_for(asyncio.gather(process.wait(), reader), PATIENCE_S)
+            if process.returncode not in (0, -signal.SIGINT):
+                raise PageError(f"{self.path.name}:{block.line}: the program ended with {process.returncode}")
         for program in self.programs:
             program.cancel()
         results = await asyncio.gather(*self.programs, return_exceptions=True)
@@ -93,7 +104,10 @@ class Page:
         elif block.language == "python":
             if not block.hidden:
                 self.output = io.StringIO()
-            await self.execute(block)
+            if block.tab in _RUNNERS:
+                await self.start(block)
+            else:
+                await self.execute(block)
         elif block.language == "sh":
             self.output = io.StringIO()
             for line in block.text.replace("\\\n", "").splitlines():
@@ -112,6 +126,15 @@ class Page:
             if inspect.iscoroutine(result):
                 await asyncio.wait_for(result, PATIENCE_S)
             await asyncio.sleep(0)  # programs begin
+
+    async def start(self, block: Block) -> None:
+        """Run a block as a program beside the page's own."""
+        path = Path(f"program_{block.line}.py")
+        path.write_text(block.text, encoding="utf-8")
+        command = [sys.executable, *_RUNNERS[block.tab], str(path)]
+        environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+        process = await asyncio.create_subprocess_exec(*command, env=environment, stdout=asyncio.subprocess.PIPE)
+        self.processes.append((process, asyncio.ensure_future(self.read(process)), block))
 
     async def write(self, block: Block) -> None:
         """Make the file; tests are run, modules imported."""
@@ -183,8 +206,9 @@ class Page:
     async def read(self, process: asyncio.subprocess.Process) -> None:
         """Its output is the block's."""
         assert process.stdout is not None
+        output = self.output
         async for line in process.stdout:
-            self.output.write(line.decode())
+            output.write(line.decode())
 
     async def expect(self, lines: list[str]) -> None:
         """Wait until the block before has printed these lines first; ``…`` stands for anything, alone for any lines."""

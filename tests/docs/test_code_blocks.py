@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     RunPage = Callable[..., subprocess.CompletedProcess[str]]
 
 WITH_CODE = [page for page in PAGES if blocks(page)]
-OF_NETWORKS = {"README.md", "doctor.md", "network.md", "run.md", "zenoh.md"}
+OF_NETWORKS = {"README.md", "diagnose.md", "from-rclpy.md", "network.md", "no-messages.md", "zenoh.md"}
 
 
 def transport_of(page: Path) -> str:
@@ -29,7 +29,8 @@ def transport_of(page: Path) -> str:
     lines = [line for block in found if block.language == "sh" for line in block.text.splitlines() if line.strip()]
     starts_others = any(re.match(r"python |rosidl-py-gen|.*# until Ctrl-C", line) for line in lines)
     is_test = any(Path(block.title).name.startswith("test_") for block in blocks(page))
-    return "" if starts_others or is_test or page.name in OF_NETWORKS else "memory"
+    are_programs = any(block.tab in ("Blocking", "rclpy") for block in found)
+    return "" if starts_others or is_test or are_programs or page.name in OF_NETWORKS else "memory"
 
 
 @contextlib.contextmanager
@@ -75,6 +76,10 @@ def test_shell_blocks_can_be_parsed(page: Path) -> None:
         ),
         ('```python title="test_one.py"\ndef test_one():\n    assert False\n```', "test_one.py ended with 1"),
         ("<!-- test\nassert False\n-->", "AssertionError"),
+        (
+            '=== "Blocking"\n\n    ```python\n    1 / 0\n    ```\n\n```sh\npython examples/messages.py\n```',
+            "ended with 1",
+        ),
     ],
 )
 def test_a_page_that_is_wrong_fails(

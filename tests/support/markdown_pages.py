@@ -15,6 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 _FENCE = re.compile(r"^(?P<indent> *)```(?P<language>\w*)(?P<info>[^`]*)$")
+_TAB = re.compile(r'^=== "(.*)"$')
 _TITLE = re.compile(r'title="([^"]*)"')
 _CODE = re.compile(r"`[^`\n]*`")
 _LINK = re.compile(r"\[[^\]]*\]\(([^()\s]+)\)")
@@ -23,33 +24,39 @@ _NAMED_TEST = re.compile(r"`((?:…|[\w/]*test_\w+\.py)(?:::test_\w+…?)?)`")
 
 @dataclass(frozen=True)
 class Block:
-    """Fenced block; `line` is the 1-based number of its first line of code."""
+    """Fenced block; `line` is the 1-based number of its first line of code, `tab` the title of the tab around it."""
 
     language: str
     title: str
     text: str
     line: int
     hidden: bool = False
+    tab: str = ""
 
 
 def blocks(page: Path) -> list[Block]:
     """All blocks of a page, in order."""
     found = []
+    tab = ""
     lines = iter(enumerate(page.read_text(encoding="utf-8").splitlines(), 1))
     for number, line in lines:
+        if match := _TAB.match(line):
+            tab = match[1]
+        elif line and not line.startswith(" "):
+            tab = ""
         if line == "<!-- test":
             found.append(Block("python", "", _until(lines, "-->"), number + 1, hidden=True))
         elif match := _FENCE.match(line):
             title = _TITLE.search(match["info"])
             text = _until(lines, match["indent"] + "```")
-            found.append(Block(match["language"], title[1] if title else "", text, number + 1))
+            found.append(Block(match["language"], title[1] if title else "", text, number + 1, tab=tab))
     return found
 
 
 def _until(lines: object, end: str) -> str:
     taken = []
     for _, line in lines:  # type: ignore[attr-defined]
-        if line == end:
+        if line.rstrip() == end:
             return textwrap.dedent("\n".join(taken)) + "\n"
         taken.append(line)
     raise ValueError(f"a block without {end!r}")
