@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import json
 import os
 import re
@@ -57,6 +58,16 @@ class Browser:
             time.sleep(0.05)
         return result
 
+    def resize(self, width: int, height: int, color_scheme: str = "light") -> None:
+        """Show pages as a screen of this size in pixels does that prefers "light" or "dark"."""
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        self._devtools("Emulation.setDeviceMetricsOverride", size)
+        feature = {"name": "prefers-color-scheme", "value": color_scheme}
+        self._devtools("Emulation.setEmulatedMedia", {"features": [feature]})
+
+    def _devtools(self, command: str, parameters: dict[str, object]) -> None:
+        self._ask("POST", "/goog/cdp/execute", {"cmd": command, "params": parameters})
+
     def screenshot(self) -> bytes:
         return base64.b64decode(self._ask("GET", "/screenshot"))
 
@@ -65,17 +76,17 @@ class Browser:
         self._ask("DELETE", "")
 
 
-@pytest.fixture
-def browser(tmp_path: Path) -> Iterator[Browser]:
-    """A fresh one; without Chromium the test is skipped, or fails where ROSIDL_TEST_REQUIRE_PEERS is set."""
+@contextlib.contextmanager
+def open_browser(home: Path) -> Iterator[Browser]:
+    """Start one; without Chromium the test is skipped, or fails where ROSIDL_TEST_REQUIRE_PEERS is set."""
     if not (shutil.which("chromium") and shutil.which("chromedriver")):
         missing_peer("needs Debian's packages chromium and chromium-driver")
-    environment = {**os.environ, "HOME": str(tmp_path)}
+    environment = {**os.environ, "HOME": str(home)}
     driver = subprocess.Popen(["chromedriver", "--port=0"], env=environment, stdout=subprocess.PIPE, text=True)
     try:
         assert driver.stdout is not None
         port = next(found[1] for line in driver.stdout if (found := re.search(r"successfully on port (\d+)", line)))
-        made = Browser(f"http://127.0.0.1:{port}", tmp_path / "profile")
+        made = Browser(f"http://127.0.0.1:{port}", home / "profile")
         try:
             yield made
         finally:
@@ -83,3 +94,10 @@ def browser(tmp_path: Path) -> Iterator[Browser]:
     finally:
         driver.terminate()
         driver.communicate(timeout=10)
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> Iterator[Browser]:
+    """A fresh Chromium."""
+    with open_browser(tmp_path) as made:
+        yield made
